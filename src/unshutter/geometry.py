@@ -1,0 +1,184 @@
+"""The rolling-shutter geometry, written once, for NumPy arrays and torch tensors alike.
+
+Convention (paper, Eq. 1, with the axes and signs of the predecessor's program): time runs along rows.
+With coordinates about the rotation centre, columns to the right and rows down, pixel centres at whole
+numbers, a point of the global-shutter (GS) picture appears in the rolling-shutter (RS) picture at
+
+    col_rs = col_gs * cos(r) - row_gs * sin(r) + t
+    row_rs = col_gs * sin(r) + row_gs * cos(r)
+
+where t (t_x, in pixels) and r (r_z, in radians) are the motion of the RS row that saw it, ``row_rs``.
+All functions broadcast; nothing here knows about files, images or estimators.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from array_api_compat import array_namespace, device
+
+Array = Any
+# (row) -> (t_x, r_z, d r_z / d row), each of the shape of row
+RowMotion = Callable[[Array], tuple[Array, Array, Array]]
+
+
+def rs_to_gs(col: Array, row: Array, tx: Array, rz: Array, center: tuple = (0.0, 0.0)) -> tuple[Array, Array]:
+    """RS positions -> GS positions, closed form (paper, Eq. 1, solved for the GS side).
+
+    Args:
+        col, row: RS positions [px], any shape.
+        tx, rz: motion [px], [rad] of the row that each position lies on; broadcast against col and row.
+        center: (col, row) of the rotation centre [px].
+
+    Returns:
+        (col, row) of the GS positions [px].
+    """
+    xp = array_namespace(rz)
+    cos, sin = xp.cos(rz), xp.sin(rz)
+    x, y = col - center[0] - tx, row - center[1]
+    return x * cos + y * sin + center[0], y * cos - x * sin + center[1]
+
+
+def gs_to_rs_by_row_map(col: Array, row: Array, tx: Array, rz: Array, center: tuple = (0.0, 0.0)):
+    """GS positions -> RS positions when the motion of each GS position is given (paper, Eq. 1 as written).
+
+    This is what the paper's row block needs: its row map says which row's motion to look up. With the
+    motion of the true RS row it equals :func:`gs_to_rs`.
+
+    Args:
+        col, row: GS positions [px], any shape.
+        tx, rz: motion [px], [rad] to apply to each position.
+        center: (col, row) of the rotation centre [px].
+
+    Returns:
+        (col, row) of the RS positions [px].
+    """
+    xp = array_namespace(rz)
+    cos, sin = xp.cos(rz), xp.sin(rz)
+    x, y = col - center[0], row - center[1]
+    return x * cos - y * sin + tx + center[0], x * sin + y * cos + center[1]
+
+
+def gs_to_rs(
+    col: Array, row: Array, row_motion: RowMotion, center: tuple = (0.0, 0.0), steps: int = 6
+) -> tuple[Array, Array]:
+    """GS positions -> RS positions, the exact inverse of :func:`rs_to_gs`.
+
+    Newton's method on the RS row v, which must solve v = row_rs(v): f(v) = v - x sin r(v) - y cos r(v).
+    Starts at the GS row. The residual is below 1e-3 px after ``steps`` iterations for every motion of the
+    predecessor's generator at aspect ratios up to 2:1 (tested). In torch the derivative with respect to
+    the motion and the positions is that of the implicit function, whatever the number of steps: all
+    iterations but the last run on constants.
+
+    Args:
+        col, row: GS positions [px], any shape.
+        row_motion: RS row -> (t_x, r_z, slope of r_z per row); see :func:`row_motion_from_samples` and
+            :func:`row_motion_from_polynomial`.
+        center: (col, row) of the rotation centre [px].
+        steps: Newton steps.
+
+    Returns:
+        (col, row) of the RS positions [px].
+    """
+    x, y = col - center[0], row - center[1]
+    v = _constant(row + 0.0 * col)  # broadcast
+    x_const, y_const = _constant(x), _constant(y)
+    for _ in range(steps - 1):
+        residual, slope = _row_residual(v, x_const, y_const, row_motion, center[1])
+        v = _constant(v - residual / slope)
+    residual, slope = _row_residual(v, x, y, row_motion, center[1])
+    v = v - residual / _constant(slope)
+    tx, rz, _ = row_motion(v)
+    xp = array_namespace(rz)
+    return x * xp.cos(rz) - y * xp.sin(rz) + tx + center[0], v
+
+
+def _row_residual(v: Array, x: Array, y: Array, row_motion: RowMotion, center_row: Any) -> tuple[Array, Array]:
+    _, rz, rz_slope = row_motion(v)
+    xp = array_namespace(rz)
+    cos, sin = xp.cos(rz), xp.sin(rz)
+    residual = v - (x * sin + y * cos + center_row)
+    return residual, 1.0 - (x * cos - y * sin) * rz_slope
+
+
+def _constant(a: Array) -> Array:
+    return a.detach() if hasattr(a, "detach") else a
+
+
+def row_motion_from_samples(tx: Array, rz: Array) -> RowMotion:
+    """Row motion by linear interpolation of one sample per row; constant beyond the first and last row.
+
+    Args:
+        tx, rz: samples at rows 0 ... H - 1 [px], [rad], shape [H].
+    """
+    xp = array_namespace(tx)
+    last = tx.shape[0] - 1
+
+    def look_up(samples: Array, below: Array, above: Array, weight: Array) -> Array:
+        flat = [xp.take(samples, xp.reshape(i, (-1,)), axis=0) for i in (below, above)]
+        low, high = (xp.reshape(f, below.shape) for f in flat)
+        return low + (high - low) * weight
+
+    def row_motion(v: Array) -> tuple[Array, Array, Array]:
+        inside = xp.clip(v, 0, last)
+        below = xp.astype(xp.clip(xp.floor(inside), 0, max(last - 1, 0)), xp.int64)
+        above = xp.clip(below + 1, 0, last)
+        weight = inside - xp.astype(below, v.dtype)
+        moving = xp.astype((v >= 0) & (v <= last), v.dtype)
+        slopes = xp.concat([rz[1:] - rz[:-1], xp.zeros_like(rz[:1])])
+        slope = xp.reshape(xp.take(slopes, xp.reshape(below, (-1,)), axis=0), below.shape) * moving
+        return look_up(tx, below, above, weight), look_up(rz, below, above, weight), slope
+
+    return row_motion
+
+
+def row_motion_from_polynomial(tx_coefficients: Array, rz_coefficients: Array, first: Any, last: Any) -> RowMotion:
+    """Row motion from polynomials in u = (row - first) / (last - first); constant beyond u = 0 and 1.
+
+    Args:
+        tx_coefficients: [K] or [..., K]: coefficients of u^0, u^1, ... [px]; leading dimensions broadcast
+            against the rows that are asked for.
+        rz_coefficients: likewise [rad].
+        first, last: coordinates of the first and the last row.
+    """
+    xp = array_namespace(tx_coefficients)
+
+    def row_motion(v: Array) -> tuple[Array, Array, Array]:
+        u = xp.clip((v - first) / (last - first), 0, 1)
+        moving = xp.astype((v >= first) & (v <= last), v.dtype)
+        degrees = xp.arange(1, rz_coefficients.shape[-1], dtype=v.dtype, device=device(v))
+        slope = polynomial(rz_coefficients[..., 1:] * degrees, u) / (last - first)
+        return polynomial(tx_coefficients, u), polynomial(rz_coefficients, u), slope * moving
+
+    return row_motion
+
+
+def polynomial(coefficients: Array, u: Array) -> Array:
+    """Value of the polynomial with coefficients [..., K] (of u^0, u^1, ...) at u, by Horner's rule.
+
+    ``coefficients[..., k]`` broadcasts against u.
+    """
+    value = coefficients[..., -1] + 0.0 * u
+    for k in range(coefficients.shape[-1] - 2, -1, -1):
+        value = value * u + coefficients[..., k]
+    return value
+
+
+def polynomial_projection(rows: int, degree: int, like: Array) -> Array:
+    """Least-squares fit of a polynomial as a fixed matrix (the paper's trajectory module).
+
+    ``coefficients = values @ projection``: the fit over u = row / (rows - 1).
+
+    Args:
+        rows: number of samples, at least degree + 1.
+        degree: of the polynomial.
+        like: an array whose library, dtype and device the matrix takes.
+
+    Returns:
+        [rows, degree + 1].
+    """
+    xp = array_namespace(like)
+    u = xp.arange(rows, dtype=like.dtype, device=device(like)) / max(rows - 1, 1)
+    powers = xp.stack([u**k for k in range(degree + 1)], axis=-1)  # [rows, degree + 1]
+    return xp.permute_dims(xp.linalg.pinv(powers), (1, 0))
