@@ -148,9 +148,7 @@ class Motion:
     def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
         """GS positions [px] of the readout frame -> RS positions [px] (exact inverse)."""
         col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
-        return geometry.gs_to_rs(
-            col, row, geometry.row_motion_from_samples(self.tx_px, self.rz_rad), self.center
-        )
+        return geometry.gs_to_rs(col, row, geometry.row_motion_from_samples(self.tx_px, self.rz_rad), self.center)
 
     # ---- changed into ----------------------------------------------------------------------------------
 
@@ -165,9 +163,7 @@ class Motion:
         shift = self.center_shift_px + float(tx)
         if not (self.rz_rad - rz).any():  # nothing rotates: the centre does not matter
             shift = 0.0
-        return replace(
-            self, reference=reference, tx_px=self.tx_px - tx, rz_rad=self.rz_rad - rz, center_shift_px=shift
-        )
+        return replace(self, reference=reference, tx_px=self.tx_px - tx, rz_rad=self.rz_rad - rz, center_shift_px=shift)
 
     def resized(self, height: int, width: int) -> Motion:
         """The same motion for the picture scaled to another size: t_x scales with the width, r_z stays.
@@ -244,7 +240,7 @@ class Motion:
         try:
             data = json.loads(text)
             if not isinstance(data, dict) or data.get("format") != FORMAT:
-                raise UnshutterError(f"not a motion file: its \"format\" is not \"{FORMAT}\"")
+                raise UnshutterError(f'not a motion file: its "format" is not "{FORMAT}"')
             confidence = data.get("confidence")
             motion = cls(
                 width=int(data["width"]),

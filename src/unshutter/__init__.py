@@ -1,0 +1,53 @@
+"""unshutter: one rolling-shutter photo in, the photo a global shutter would have taken out.
+
+import unshutter
+unshutter.rectify("street.jpg").save("street.rectified.jpg")
+motion = unshutter.estimate("street.jpg")
+"""
+
+from typing import TYPE_CHECKING
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.version import __version__
+
+if TYPE_CHECKING:
+    from unshutter.estimators import load
+    from unshutter.motion import Motion
+    from unshutter.readout import Readout
+    from unshutter.rectification import Rectified, estimate, rectify
+
+__all__ = [
+    "Motion",
+    "Readout",
+    "Rectified",
+    "UnshutterError",
+    "UsageError",
+    "__version__",
+    "estimate",
+    "load",
+    "rectify",
+]
+
+_HOMES = {
+    "Motion": "motion",
+    "Readout": "readout",
+    "Rectified": "rectification",
+    "estimate": "rectification",
+    "load": "estimators",
+    "rectify": "rectification",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Imports what is asked for when it is asked for, so that ``import unshutter`` stays fast."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'unshutter' has no attribute '{name}'")
+    from importlib import import_module
+
+    value = getattr(import_module(f"unshutter.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,7 @@
+"""``python -m unshutter``."""
+
+import sys
+
+from unshutter.cli import main
+
+sys.exit(main())

@@ -1,0 +1,305 @@
+"""The same job for many files: which files, where the results go, what went wrong, how far it is."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.motion import Motion, Reference
+
+PHOTO_SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".avif"}
+RECTIFIED = ".rectified"
+
+
+@dataclass(frozen=True)
+class RectifyOptions:
+    """What ``unshutter rectify`` was told; see the command's help."""
+
+    estimator: str
+    motion: Path | None
+    reference: Reference | None
+    strength: float
+    edges: str
+    readout: str
+    quality: int | None
+    overwrite: bool
+
+
+def rectify_files(photos: list[Path], output: Path | None, save_motion: Path | None, options: RectifyOptions) -> int:
+    """Rectifies each photo into its own file; returns the exit code."""
+    from unshutter.estimators import load
+    from unshutter.rectification import rectify
+
+    if options.quality is not None and not 1 <= options.quality <= 100:
+        raise UsageError(f"quality must lie between 1 and 100, got {options.quality}")
+    if not 0 <= options.strength <= 1:
+        raise UsageError(f"strength must lie between 0 and 1, got {options.strength:g}")
+    files, many = find_photos(photos)
+    given = Motion.load(options.motion) if options.motion else None
+    estimator = options.estimator if given else load(options.estimator)
+    targets = _targets(files, output, many, lambda photo: f"{photo.stem}{RECTIFIED}{photo.suffix}")
+    motion_targets = _targets(files, save_motion, many, lambda photo: f"{photo.stem}.json") if save_motion else {}
+
+    def one(photo: Path) -> None:
+        target, motion_target = targets[photo], motion_targets.get(photo)
+        _check_target(target, photo, options.overwrite)
+        if motion_target:
+            _check_target(motion_target, photo, options.overwrite)
+        result = rectify(
+            photo,
+            estimator=estimator,
+            motion=given,
+            readout=options.readout,
+            reference=options.reference,
+            strength=options.strength,
+            edges=options.edges,
+        )
+        result.save(target, overwrite=options.overwrite, quality=options.quality)
+        if motion_target:
+            write_text(motion_target, result.motion.to_json() + "\n")
+        note = f" (unchanged: {result.motion.reason})" if result.motion.reason else ""
+        _tell(f"{photo} -> {target}{note}")
+
+    return _each(files, one)
+
+
+def estimate_files(
+    photos: list[Path],
+    output: Path | None,
+    plot: Path | None,
+    estimator_name: str,
+    reference: Reference,
+    readout: str,
+    overwrite: bool,
+) -> int:
+    """Estimates the motion of each photo; returns the exit code."""
+    from unshutter.estimators import load
+    from unshutter.rectification import estimate
+
+    files, many = find_photos(photos)
+    if many and output is None:
+        raise UsageError("several photos need --output FOLDER for their motions")
+    if many and plot:
+        raise UsageError("--plot draws the motion of one photo only")
+    estimator = load(estimator_name)
+    targets = _targets(files, output, many, lambda photo: f"{photo.stem}.json") if output else {}
+
+    def one(photo: Path) -> None:
+        target = targets.get(photo)
+        if target:
+            _check_target(target, photo, overwrite)
+        if plot:
+            _check_target(plot, photo, overwrite)
+        motion = estimate(photo, estimator=estimator, readout=readout, reference=reference)
+        if motion.reason:
+            _tell(f"{photo}: no motion ({motion.reason})")
+        if plot:
+            from unshutter.plot import plot_motion
+
+            plot_motion(motion, plot, title=photo.name)
+        if target:
+            write_text(target, motion.to_json() + "\n")
+        else:
+            print(motion.to_json())
+
+    return _each(files, one)
+
+
+def synthesize_files(
+    photos: list[Path],
+    output: Path,
+    per_photo: int,
+    seed: int,
+    motion: str,
+    trajectory: Path | None,
+    readout_ms: float | None,
+    focal_px: float | None,
+    size: int,
+    canvas: int,
+) -> int:
+    """Makes rolling-shutter pictures from photos; returns the exit code."""
+    from unshutter.synthesis import synthesize_folder
+
+    files, _ = find_photos(photos)
+    bar = _Progress(len(files))
+    failed = synthesize_folder(
+        files,
+        output,
+        per_photo=per_photo,
+        seed=seed,
+        motion=motion,
+        trajectory=trajectory,
+        readout_ms=readout_ms,
+        focal_px=focal_px,
+        size=size,
+        canvas=canvas,
+        progress=bar.advance,
+    )
+    bar.close()
+    for photo, message in failed:
+        _tell(f"{photo}: {message}")
+    return _count(len(failed), len(files))
+
+
+def find_photos(given: Iterable[Path]) -> tuple[list[Path], bool]:
+    """The photos that were meant, folders expanded (one level, sorted); and whether several were meant.
+
+    Pictures that unshutter wrote beside their originals (``*.rectified.*``) are passed over in folders.
+
+    Raises:
+        UnshutterError: a folder without photos.
+        UsageError: nothing given.
+    """
+    files: list[Path] = []
+    many = False
+    for path in given:
+        if path.is_dir():
+            many = True
+            inside = [p for p in sorted(path.iterdir()) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
+            inside = [p for p in inside if not p.stem.endswith(RECTIFIED)]
+            if not inside:
+                raise UnshutterError(f"no photos in folder {path} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})")
+            files += inside
+        else:
+            files.append(path)
+    if not files:
+        raise UsageError("no photo given")
+    unique = list(dict.fromkeys(files))
+    return unique, many or len(unique) > 1
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a text file whole or not at all.
+
+    Raises:
+        UnshutterError: it cannot be written.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        os.replace(temporary, path)
+    except OSError as error:
+        raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+    finally:
+        temporary.unlink(missing_ok=True) if temporary.parent.is_dir() else None
+
+
+def _targets(files: list[Path], output: Path | None, many: bool, name: Callable[[Path], str]) -> dict[Path, Path]:
+    """Where each photo's result goes."""
+    if output is None:
+        targets = {photo: photo.with_name(name(photo)) for photo in files}
+    elif many or output.is_dir():
+        if output.exists() and not output.is_dir():
+            raise UsageError(f"several photos need a folder to go to, but {output} is a file")
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UnshutterError(f"cannot make folder {output}: {error.strerror}") from None
+        targets = {photo: output / name(photo) for photo in files}
+    else:
+        targets = {files[0]: output}
+    taken: dict[Path, Path] = {}
+    for photo, target in targets.items():
+        if target in taken:
+            raise UsageError(f"{photo} and {taken[target]} would both be written to {target}")
+        taken[target] = photo
+    return targets
+
+
+def _check_target(target: Path, photo: Path, overwrite: bool) -> None:
+    """Says no before the work rather than after it."""
+    if target.exists():
+        if photo.exists() and target.samefile(photo):
+            raise UsageError(f"the output {target} is the original itself; choose another name")
+        if target.is_dir():
+            raise UnshutterError(f"cannot write {target}: it is a folder")
+        if not overwrite:
+            raise UnshutterError(f"{target} exists already; use --overwrite to replace it")
+    elif not target.parent.is_dir():
+        raise UnshutterError(f"cannot write {target}: folder {target.parent} does not exist")
+
+
+def _each(files: list[Path], one: Callable[[Path], None]) -> int:
+    """Does ``one`` for each file, goes on past those that fail; returns the exit code."""
+    if len(files) == 1:
+        _with_name(files[0], one)
+        return 0
+    failed = 0
+    for photo in _with_progress(files):
+        try:
+            _with_name(photo, one)
+        except UnshutterError as error:
+            failed += 1
+            _tell(f"unshutter: {error}")
+    return _count(failed, len(files))
+
+
+def _with_name(photo: Path, one: Callable[[Path], None]) -> None:
+    """Errors name their photo; what nobody foresaw becomes one line, too (UNSHUTTER_DEBUG=1 shows it whole)."""
+    try:
+        one(photo)
+    except UnshutterError as error:
+        if str(photo) in str(error):
+            raise
+        raise type(error)(f"{photo}: {error}") from None
+    except MemoryError:
+        raise UnshutterError(f"{photo}: not enough memory") from None
+    except Exception as error:
+        if os.environ.get("UNSHUTTER_DEBUG"):
+            raise
+        line = " ".join(str(error).split())
+        raise UnshutterError(
+            f"{photo}: unexpected {type(error).__name__}: {line} (please report it; UNSHUTTER_DEBUG=1 shows more)"
+        ) from error
+
+
+def _count(failed: int, total: int) -> int:
+    if failed:
+        print(f"unshutter: {failed} of {total} photos failed", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _tell(line: str) -> None:
+    """One line for the user; above the progress bar when there is one."""
+    if _Progress.shown is not None:
+        _Progress.shown.console.print(line, markup=False, highlight=False, soft_wrap=True)
+    else:
+        print(line, file=sys.stderr)
+
+
+class _Progress:
+    """A progress bar on standard error; nothing when that is no terminal."""
+
+    shown = None
+
+    def __init__(self, total: int):
+        if total > 1 and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import Progress
+
+            _Progress.shown = Progress(console=Console(stderr=True))
+            _Progress.shown.start()
+            self._task = _Progress.shown.add_task("photos", total=total)
+
+    def advance(self) -> None:
+        if _Progress.shown is not None:
+            _Progress.shown.advance(self._task)
+
+    def close(self) -> None:
+        if _Progress.shown is not None:
+            _Progress.shown.stop()
+            _Progress.shown = None
+
+
+def _with_progress(files: list[Path]) -> Iterator[Path]:
+    bar = _Progress(len(files))
+    try:
+        for file in files:
+            yield file
+            bar.advance()
+    finally:
+        bar.close()

@@ -1,0 +1,210 @@
+"""The command line: what each command is called, takes and prints. The work is done elsewhere."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, CycloptsError, Parameter
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.version import __version__
+
+ReadoutWord = Literal["auto", "top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
+Reference = Literal["first", "middle", "last"]
+
+app = App(
+    name="unshutter",
+    version=__version__,
+    help="Undoes rolling-shutter distortion (skew, wobble) in a single photo. Originals are never touched.",
+)
+
+
+@app.command
+def rectify(
+    photos: list[Path],
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    estimator: str = "segment-transformer",
+    motion: Path | None = None,
+    save_motion: Path | None = None,
+    reference: Reference | None = None,
+    strength: float = 1.0,
+    edges: Literal["keep", "crop", "fill"] = "keep",
+    readout: ReadoutWord = "auto",
+    quality: int | None = None,
+    overwrite: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Straighten photos: write what a global shutter would have seen.
+
+    Parameters
+    ----------
+    photos
+        Photos, or folders of photos.
+    output
+        File to write (one photo) or folder (several). Default: NAME.rectified.EXT beside each photo.
+    estimator
+        Method that finds the camera's motion; `unshutter estimators` lists them.
+    motion
+        Undo the motion in this JSON file instead of finding it.
+    save_motion
+        Also write the motion: a JSON file (one photo) or a folder (several).
+    reference
+        Row at whose moment the picture is taken. Default: first.
+    strength
+        How much of the motion to undo, 0 to 1.
+    edges
+        Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour.
+    readout
+        Direction in which the sensor was read, if an editor has turned the file.
+    quality
+        Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.
+    overwrite
+        Replace outputs that exist already.
+    """
+    from unshutter import batch
+
+    options = batch.RectifyOptions(estimator, motion, reference, strength, edges, readout, quality, overwrite)
+    return batch.rectify_files(photos, output, save_motion, options)
+
+
+@app.command
+def estimate(
+    photos: list[Path],
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    estimator: str = "segment-transformer",
+    reference: Reference = "first",
+    readout: ReadoutWord = "auto",
+    plot: Path | None = None,
+    overwrite: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Find the camera's motion during each photo, as JSON.
+
+    Parameters
+    ----------
+    photos
+        Photos, or folders of photos.
+    output
+        JSON file (one photo) or folder (several, one JSON file each). Default: standard output (one photo).
+    estimator
+        Method that finds the camera's motion; `unshutter estimators` lists them.
+    reference
+        Row that counts as not moving.
+    readout
+        Direction in which the sensor was read, if an editor has turned the file.
+    plot
+        Also draw the motion of one photo into this PNG file (needs the extra `plot`).
+    overwrite
+        Replace outputs that exist already.
+    """
+    from unshutter import batch
+
+    return batch.estimate_files(photos, output, plot, estimator, reference, readout, overwrite)
+
+
+@app.command
+def estimators() -> int:
+    """List the methods that can find a camera's motion."""
+    from unshutter.estimators import DEFAULT, ESTIMATORS
+
+    for name in ESTIMATORS:
+        print(f"{name} (default)" if name == DEFAULT else name)
+    return 0
+
+
+@app.command
+def synthesize(
+    photos: list[Path],
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    per_photo: int = 1,
+    seed: int = 0,
+    motion: Literal["quadratic", "trajectory"] = "quadratic",
+    trajectory: Path | None = None,
+    readout_ms: float | None = None,
+    focal_px: float | None = None,
+    size: int = 256,
+    canvas: int = 356,
+) -> int:
+    """Make rolling-shutter pictures with known motion from undistorted photos.
+
+    Parameters
+    ----------
+    photos
+        Photos, or folders of photos.
+    output
+        New folder; gets rs/, gs/, motion/ and manifest.json.
+    per_photo
+        Pictures made from each photo.
+    seed
+        Same seed, same pictures.
+    motion
+        quadratic: the random motions of Rengarajan 2017. trajectory: windows of a recorded camera motion.
+    trajectory
+        NPZ file with t_s and gyro_rad_s, or t_s, position_m and quaternion_wxyz.
+    readout_ms
+        Time from the first to the last row, for trajectories.
+    focal_px
+        Focal length in px of the finished picture, for trajectories.
+    size
+        Side of the finished pictures in px.
+    canvas
+        Side of the picture that is distorted before its middle is cut out, in px.
+    """
+    from unshutter import batch
+
+    return batch.synthesize_files(
+        photos, output, per_photo, seed, motion, trajectory, readout_ms, focal_px, size, canvas
+    )
+
+
+@app.command
+def train(*, config: Path, out: Path = Path("runs"), steps: int | None = None, device: str = "auto") -> int:
+    """Train a network as a TOML file says (needs the extra `train`).
+
+    Parameters
+    ----------
+    config
+        TOML file; configs/ in the repository has those of the shipped models.
+    out
+        Folder for checkpoints, log and the exported model. A run that is there is taken up again.
+    steps
+        Stop after this many steps in all instead of the config's.
+    device
+        auto, cpu or cuda.
+    """
+    try:
+        from unshutter.learn.train import run
+    except ImportError as error:
+        raise UnshutterError(f"training needs the extra: pip install 'unshutter[train]' ({error})") from None
+    run(config, out, steps, device)
+    return 0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command line; returns the exit code: 0 done, 1 something failed, 2 wrong usage."""
+    try:
+        result = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        return result if isinstance(result, int) else 0
+    except CycloptsError as error:
+        return _say(f"{' '.join(str(error).split())} (see unshutter --help)", 2)
+    except UsageError as error:
+        return _say(str(error), 2)
+    except UnshutterError as error:
+        return _say(str(error), 1)
+    except BrokenPipeError:  # the reader of our output went away
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except KeyboardInterrupt:
+        return _say("stopped; what was finished is kept", 130)
+
+
+def _say(message: str, code: int) -> int:
+    print(f"unshutter: {message}", file=sys.stderr)
+    return code

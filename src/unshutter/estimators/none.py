@@ -1,0 +1,14 @@
+"""The estimator that leaves photos as they are: the baseline of every table."""
+
+from unshutter.estimators.base import View
+from unshutter.motion import Motion
+
+
+class DoNothing:
+    """Always answers with no motion."""
+
+    name = "none"
+
+    def estimate(self, view: View) -> Motion:
+        """Zero motion."""
+        return view.no_motion(self.name, "asked to do nothing")

@@ -1,0 +1,75 @@
+"""What a training run is told: a frozen value read from a TOML file."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from unshutter.errors import UsageError
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """A training run. ``network`` and ``data`` hold what the model's own recipe understands."""
+
+    model: str  # name of a recipe (recipes.py)
+    steps: int = 1000
+    batch: int = 64  # samples per step and process
+    learning_rate: float = 1e-3
+    warmup: int = 100  # steps of linear warm-up, then cosine to zero
+    weight_decay: float = 0.01
+    clip: float = 20.0  # largest gradient norm
+    average: float = 0.998  # decay of the moving average of the weights, which is what is exported
+    seed: int = 0
+    threads: int = 1  # CPU threads per process
+    log_every: int = 50  # steps
+    validate_every: int = 500  # steps
+    checkpoint_minutes: float = 3.0
+    network: dict[str, Any] = field(default_factory=dict)
+    data: dict[str, Any] = field(default_factory=dict)
+
+
+def load_config(path: Path) -> TrainConfig:
+    """Reads a TOML file.
+
+    Raises:
+        UsageError: it cannot be read, or has a key or type that does not belong there.
+    """
+    try:
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"cannot read {path}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"{path} is not TOML: {error}") from None
+    if "model" not in table:
+        raise UsageError(f"{path} does not say which model to train (model = ...)")
+    return from_table(TrainConfig, table, str(path))
+
+
+def from_table(kind: type[T], table: dict[str, Any], where: str) -> T:
+    """A flat dataclass from a table of the same names; whole numbers may stand for floats.
+
+    Raises:
+        UsageError: unknown name or wrong type.
+    """
+    known: dict[str, Any] = {f.name: f for f in fields(kind)}  # type: ignore[arg-type]
+    values = {}
+    for name, value in table.items():
+        if name not in known:
+            raise UsageError(f"{where}: unknown setting '{name}'; known are {', '.join(known)}")
+        wanted = str(known[name].type).partition("[")[0]
+        if wanted == "float" and type(value) is int:
+            value = float(value)
+        if type(value).__name__ != wanted:
+            raise UsageError(f"{where}: '{name}' must be of type {wanted}, got {value!r}")
+        values[name] = value
+    return kind(**values)
+
+
+def as_table(config: TrainConfig) -> dict[str, Any]:
+    """The configuration as plain values."""
+    return asdict(config)

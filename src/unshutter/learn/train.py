@@ -1,0 +1,233 @@
+"""Training, for every model: one process on a CPU or GPU, or several started by torchrun.
+
+    unshutter train --config configs/segment-transformer.toml --out runs
+    torchrun --nproc-per-node 2 -m unshutter.learn.train --config configs/segment-transformer.toml --out runs
+
+A run lives in OUT/NAME-OF-THE-CONFIG: checkpoint.pt, log.csv and, when finished, model.onnx. Started again
+it goes on where the last checkpoint was, with the same batches: step k draws its batch from seed and k alone.
+Needs torch and NumPy only (and onnx for the export), so that it runs on a bare GPU machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+import torch.distributed as dist
+from torch import nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from unshutter.errors import UsageError
+from unshutter.learn.config import TrainConfig, as_table, load_config
+from unshutter.learn.recipes import Recipe, make_recipe
+
+
+def run(
+    config_path: Path, out: Path, steps: int | None = None, device: str = "auto", minutes: float | None = None
+) -> Path:
+    """Trains to the end, or for so many minutes; takes up a run that is there.
+
+    Args:
+        config_path: TOML file (config.py).
+        out: folder of runs.
+        steps: overrides the configuration's.
+        device: auto, cpu or cuda.
+        minutes: save and stop after this time.
+
+    Returns:
+        The run's folder.
+
+    Raises:
+        UsageError: bad configuration, or the folder holds a run of another one.
+    """
+    config = load_config(config_path)
+    config = replace(config, steps=steps) if steps else config
+    torch.set_num_threads(config.threads)
+    torch.set_float32_matmul_precision("high")
+    processes = _join_processes(device)
+    folder = Path(out) / Path(config_path).stem
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        trainer = Trainer(config, folder, _device(device))
+        finished = trainer.train(minutes)
+        if finished and trainer.rank == 0:
+            trainer.export(folder / "model.onnx")
+    finally:
+        if processes:
+            dist.destroy_process_group()
+    return folder
+
+
+class Trainer:
+    """The state of one run and the loop that advances it."""
+
+    def __init__(self, config: TrainConfig, folder: Path, device: torch.device):
+        self.config, self.folder, self.device = config, folder, device
+        self.rank = dist.get_rank() if dist.is_initialized() else 0
+        self.world = dist.get_world_size() if dist.is_initialized() else 1
+        torch.manual_seed(config.seed)
+        self.recipe: Recipe = make_recipe(config, device)
+        self.network = self.recipe.build().to(device)
+        self.average = AveragedModel(self.network, multi_avg_fn=get_ema_multi_avg_fn(config.average), use_buffers=True)
+        self.optimiser = torch.optim.AdamW(
+            self.network.parameters(), config.learning_rate, (0.9, 0.98), weight_decay=config.weight_decay
+        )
+        self.step, self.seconds = 0, 0.0
+        self._resume()
+        self.stepped: nn.Module = self.network
+        if self.world > 1:
+            self.stepped = nn.parallel.DistributedDataParallel(self.network)
+
+    def train(self, minutes: float | None = None) -> bool:
+        """Runs to the last step or for so many minutes; returns whether the last step was reached."""
+        started, saved = time.monotonic(), time.monotonic()
+        before = self.seconds
+        rows = _Log(self.folder / "log.csv", self.step, quiet=self.rank > 0)
+        while self.step < self.config.steps:
+            log = self._one_step()
+            self.seconds = before + time.monotonic() - started
+            last = self.step == self.config.steps
+            if self.step % self.config.log_every == 0 or last:
+                if self.step % self.config.validate_every == 0 or last:
+                    log |= self.validate()
+                rows.add({"step": self.step, "seconds": round(self.seconds, 1), **log}, self.config.steps)
+            out_of_time = minutes is not None and time.monotonic() - started > 60 * minutes
+            if self.world > 1:  # all processes stop together
+                flag = torch.tensor(float(out_of_time), device=self.device)
+                dist.all_reduce(flag)
+                out_of_time = flag.item() > 0
+            if last or out_of_time or time.monotonic() - saved > 60 * self.config.checkpoint_minutes:
+                self._save()
+                saved = time.monotonic()
+            if out_of_time:
+                break
+        return self.step >= self.config.steps
+
+    def validate(self) -> dict[str, float]:
+        """The recipe's figures for the averaged weights."""
+        self.average.eval()
+        return self.recipe.validate(self.average.module)
+
+    def export(self, path: Path) -> None:
+        """Writes the averaged weights as ONNX."""
+        self.average.eval()
+        self.recipe.export(self.average.module, path)
+
+    def _one_step(self) -> dict[str, float]:
+        self.network.train()
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.config.learning_rate * _schedule(self.step, self.config)
+        # the batch depends on seed, step and process only: a resumed run sees what it would have seen
+        seed = (self.config.seed * 1_000_003 + self.step) * self.world + self.rank
+        generator = torch.Generator(self.device).manual_seed(seed)
+        loss, log = self.recipe.loss(self.stepped, self.step, generator)
+        self.optimiser.zero_grad()
+        loss.backward()
+        norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip)
+        self.optimiser.step()
+        self.average.update_parameters(self.network)
+        self.step += 1
+        return {"loss": loss.item(), **log, "gradient": norm.item()}
+
+    def _save(self) -> None:
+        if self.rank > 0:
+            return
+        state = {
+            "config": as_table(self.config),
+            "step": self.step,
+            "seconds": self.seconds,
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+        }
+        temporary = self.folder / "checkpoint.part"
+        torch.save(state, temporary)
+        os.replace(temporary, self.folder / "checkpoint.pt")
+
+    def _resume(self) -> None:
+        path = self.folder / "checkpoint.pt"
+        if not path.exists():
+            return
+        state = torch.load(path, map_location=self.device, weights_only=True)
+        if {**state["config"], "steps": 0} != {**as_table(self.config), "steps": 0}:
+            raise UsageError(f"{self.folder} holds a run of another configuration; choose another --out")
+        self.network.load_state_dict(state["network"])
+        self.average.load_state_dict(state["average"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step, self.seconds = state["step"], state["seconds"]
+
+
+def _schedule(step: int, config: TrainConfig) -> float:
+    """Linear warm-up, then half a cosine down to zero."""
+    return min(1.0, (step + 1) / max(config.warmup, 1)) * (0.5 + 0.5 * math.cos(math.pi * step / config.steps))
+
+
+class _Log:
+    """log.csv, one row per logged step; rows beyond the checkpoint that a run resumes from are dropped."""
+
+    def __init__(self, path: Path, step: int, quiet: bool):
+        self.path, self.quiet = path, quiet
+        self.rows: list[dict[str, Any]] = []
+        if path.exists():
+            with path.open(newline="") as file:
+                self.rows = [row for row in csv.DictReader(file) if int(row["step"]) <= step]
+
+    def add(self, row: dict[str, Any], steps: int) -> None:
+        if self.quiet:
+            return
+        self.rows.append({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+        names = list(dict.fromkeys(name for r in self.rows for name in r))
+        with self.path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, names, restval="")
+            writer.writeheader()
+            writer.writerows(self.rows)
+        left = row["seconds"] / row["step"] * (steps - row["step"]) / 60
+        figures = "  ".join(f"{k} {v}" for k, v in self.rows[-1].items() if k not in ("step", "seconds"))
+        print(f"{row['step']}/{steps}  {left:.0f} min left  {figures}", flush=True)
+
+
+def _device(word: str) -> torch.device:
+    if word == "auto":
+        word = "cuda" if torch.cuda.is_available() else "cpu"
+    if word == "cuda" and not torch.cuda.is_available():
+        raise UsageError("no CUDA device here; use --device cpu")
+    if word not in ("cpu", "cuda"):
+        raise UsageError(f"unknown device '{word}': choose auto, cpu or cuda")
+    return torch.device(word, int(os.environ.get("LOCAL_RANK", "0")) if word == "cuda" else None)  # type: ignore[arg-type]
+
+
+def _join_processes(device: str) -> bool:
+    """Joins the others when torchrun started us; returns whether it did."""
+    if int(os.environ.get("WORLD_SIZE", "1")) < 2:
+        return False
+    cuda = device != "cpu" and torch.cuda.is_available()
+    if cuda:
+        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
+    dist.init_process_group("nccl" if cuda else "gloo")
+    return True
+
+
+def main() -> None:
+    """The command line of a bare training machine (and of torchrun)."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--config", type=Path, required=True)
+    parser.add_argument("--out", type=Path, default=Path("runs"))
+    parser.add_argument("--steps", type=int)
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--minutes", type=float)
+    given = parser.parse_args()
+    try:
+        run(given.config, given.out, given.steps, given.device, given.minutes)
+    except UsageError as error:
+        parser.exit(2, f"unshutter: {error}\n")
+
+
+if __name__ == "__main__":
+    main()

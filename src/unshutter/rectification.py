@@ -1,0 +1,162 @@
+"""From a photo to its motion, and from both to the picture that a global shutter would have taken."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, overload
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.estimators import DEFAULT, Estimator, View, load
+from unshutter.motion import Motion, Reference
+from unshutter.photo import Photo
+from unshutter.readout import Readout
+
+if TYPE_CHECKING:
+    import numpy as np
+
+SMALLEST_SIDE = 64  # px
+
+
+@dataclass(frozen=True)
+class Rectified:
+    """A rectified photo.
+
+    Attributes:
+        photo: the new pixels with the metadata of the original.
+        motion: what was undone, in the readout frame.
+        original: the photo as it was read.
+    """
+
+    photo: Photo
+    motion: Motion
+    original: Photo
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """[H, W] or [H, W, bands], uint8 or uint16, as stored."""
+        return self.photo.to_array()
+
+    @property
+    def valid(self) -> np.ndarray:
+        """[H, W] bool: where the rolling-shutter photo shows what belongs there (before any crop or fill)."""
+        from unshutter.warp import validity_mask
+
+        return validity_mask(self.motion)
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False, quality: int | None = None) -> None:
+        """Writes the picture; the format is that of the file name's ending.
+
+        Raises:
+            UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
+        """
+        self.photo.save(path, overwrite=overwrite, quality=quality)
+
+
+def estimate(
+    photo: str | os.PathLike[str] | bytes | np.ndarray | Photo,
+    *,
+    estimator: str | Estimator = DEFAULT,
+    readout: str | Readout = "auto",
+    reference: Reference = "first",
+) -> Motion:
+    """Finds how the camera moved while the photo was read out.
+
+    Args:
+        photo: path, encoded file as bytes, pixels [H, W] or [H, W, 1..4] (uint8 or uint16), or a Photo.
+        estimator: name (see ``unshutter.estimators.ESTIMATORS``) or one made by :func:`unshutter.load`.
+        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        reference: row at whose moment the global-shutter picture is taken: first, middle or last.
+
+    Returns:
+        The motion for the photo's full size; zero, with a ``reason``, where the photo does not say enough.
+
+    Raises:
+        UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
+    """
+    opened = _open(photo)
+    _check_size(opened)
+    model = load(estimator) if isinstance(estimator, str) else estimator
+    view = View(opened, Readout.parse(readout))
+    return model.estimate(view).rereferenced(reference)
+
+
+@overload
+def rectify(photo: str | os.PathLike[str] | Photo, **options: Any) -> Rectified: ...
+@overload
+def rectify(photo: bytes, **options: Any) -> bytes: ...
+@overload
+def rectify(photo: np.ndarray, **options: Any) -> np.ndarray: ...
+def rectify(
+    photo: Any,
+    *,
+    estimator: str | Estimator = DEFAULT,
+    motion: Motion | None = None,
+    readout: str | Readout = "auto",
+    reference: Reference | None = None,
+    strength: float = 1.0,
+    edges: str = "keep",
+) -> Any:
+    """Gives the photo back as a global shutter would have taken it.
+
+    Args:
+        photo: path, encoded file as bytes, pixels [H, W] or [H, W, 1..4] (uint8 or uint16), or a Photo.
+        estimator: name, or an estimator made by :func:`unshutter.load`; not used when ``motion`` is given.
+        motion: undo this motion instead of estimating one; it is resized to the photo when its aspect fits.
+        readout: direction in which the stored pixels were read; ``auto``: the motion's, else top-to-bottom.
+        reference: row at whose moment the picture is taken; by default the motion's own, else the first.
+        strength: 0 (nothing) to 1 (the whole motion).
+        edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
+            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
+
+    Returns:
+        What it was given: a path or Photo gives a :class:`Rectified`, bytes give bytes of the same format,
+        an array gives an array of the same type.
+
+    Raises:
+        UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
+    """
+    from unshutter.warp import rectify_image
+
+    if not 0 <= strength <= 1:
+        raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
+    if edges not in ("keep", "crop", "fill"):
+        raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
+    opened = _open(photo)
+    _check_size(opened)
+    if motion is None:
+        found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first")
+    else:
+        found = _fit(motion, opened, readout)
+        found = found.rereferenced(reference) if reference else found
+    found = found.scaled(strength)
+    result = opened.with_image(rectify_image(opened.image, found, edges))
+    if isinstance(photo, bytes):
+        return result.to_bytes()
+    if isinstance(photo, (str, os.PathLike, Photo)):
+        return Rectified(result, found, opened)
+    pixels = result.to_array()
+    return pixels.reshape(*pixels.shape[:2], *photo.shape[2:])
+
+
+def _fit(motion: Motion, photo: Photo, readout: str | Readout) -> Motion:
+    if readout != "auto" and Readout.parse(readout) != motion.readout:
+        raise UsageError(f"the motion was made for readout {motion.readout}, not {Readout.parse(readout)}")
+    return motion.resized(*motion.readout.frame_size(photo.height, photo.width))
+
+
+def _open(photo: Any) -> Photo:
+    if isinstance(photo, Photo):
+        return photo
+    if isinstance(photo, bytes):
+        return Photo.from_bytes(photo)
+    if isinstance(photo, (str, os.PathLike)):
+        return Photo.open(photo)
+    return Photo.from_array(photo)
+
+
+def _check_size(photo: Photo) -> None:
+    if min(photo.height, photo.width) < SMALLEST_SIDE:
+        raise UnshutterError(
+            f"the photo is {photo.width}x{photo.height} px; both sides must be at least {SMALLEST_SIDE} px"
+        )

@@ -1,0 +1,41 @@
+"""Line segments of a picture, found with OpenCV's LSD, in the units that the estimators share.
+
+Units: centred coordinates (columns right, rows down) divided by the number of rows, so that the picture is
+one unit high whatever its size, and its geometry is not squashed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+_SCALE = 0.8  # LSD looks at a copy scaled by this, against the staircase of slanted edges
+# LSD maps a position of its scaled copy back without regard to pixel centres; this is what is missing.
+_PIXEL_SHIFT = 0.5 / _SCALE - 0.5
+
+
+def find_segments(grey: np.ndarray, limit: int | None = None) -> np.ndarray:
+    """Straight segments of a grey picture, longest first.
+
+    Args:
+        grey: [H, W] uint8.
+        limit: keep at most this many.
+
+    Returns:
+        [N, 4] end points (col1, row1, col2, row2) [px], pixel centres at whole numbers, N may be 0.
+    """
+    import cv2
+
+    cv2.setNumThreads(1)  # LSD is serial; OpenCV's idle threads only cost
+    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, _SCALE)
+    found = detector.detect(np.ascontiguousarray(grey))[0]
+    if found is None:
+        return np.zeros((0, 4))
+    segments = found.reshape(-1, 4).astype(np.float64) + _PIXEL_SHIFT
+    length = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+    return segments[np.argsort(-length, kind="stable")][:limit]
+
+
+def in_rows(segments: np.ndarray, height: int, width: int) -> np.ndarray:
+    """[N, 4] pixel positions in a picture of that size -> centred units of rows."""
+    center = np.array([(width - 1) / 2, (height - 1) / 2] * 2)
+    return (segments - center) / height
