@@ -1,0 +1,41 @@
+"""Draws the figures of the docs: ``python docs/figures/draw.py`` (needs the extra ``plot``)."""
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from unshutter import Motion
+
+HERE = Path(__file__).parent
+plt.rcParams["svg.hashsalt"] = "unshutter"  # same drawing, same bytes
+
+
+def conventions() -> None:
+    """A house under a global and a rolling shutter, with the axes and signs of Eq. 1."""
+    size = 256
+    motion = Motion.from_polynomials([0, 60, -20], [0, 0.12], size, size)
+    across, tall = np.meshgrid(np.linspace(60, 195, 6), np.linspace(40, 225, 5))
+    lines = [np.stack([np.full(80, c), np.linspace(40, 225, 80)]) for c in across[0]]
+    lines += [np.stack([np.linspace(60, 195, 80), np.full(80, r)]) for r in tall[:, 0]]
+
+    figure, axes = plt.subplots(1, 3, figsize=(11, 4), width_ratios=[1, 1, 0.8])
+    for axis, title, move in zip(axes, ("global shutter (GS)", "rolling shutter (RS)"), (None, motion), strict=False):
+        for col, row in lines:
+            axis.plot(*(move.gs_to_rs(col, row) if move else (col, row)), color="#1565c0", lw=1.2)
+        axis.plot(127.5, 127.5, "+", color="black")
+        axis.annotate("centre", (127.5, 127.5), xytext=(4, -4), textcoords="offset points", fontsize=8)
+        axis.set(xlim=(0, 255), ylim=(255, 0), title=title, xlabel="column →", aspect="equal")
+        axis.set_ylabel("row ↓  (row 0 is read first)")
+    row = np.arange(size)
+    axes[2].plot(motion.tx_px, row, color="#c62828", label="t  [px], + moves right")
+    axes[2].plot(np.degrees(motion.rz_rad) * 5, row, color="#2e7d32", label="r  [deg × 5], + turns clockwise")
+    axes[2].set(ylim=(255, 0), title="motion of each RS row", ylabel="row ↓")
+    axes[2].legend(fontsize=8, loc="upper right")
+    figure.tight_layout()
+    figure.savefig(HERE / "conventions.svg", metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    plt.switch_backend("svg")
+    conventions()

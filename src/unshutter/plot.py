@@ -1,0 +1,47 @@
+"""Pictures of motions (extra ``plot``)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.motion import Motion
+
+
+def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "") -> None:
+    """Draws t_x [px] and r_z [deg] over the rows, first row on top, into a PNG, SVG or PDF file.
+
+    Raises:
+        UnshutterError: matplotlib is not installed, or the file cannot be written.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise UnshutterError("plots need the extra: pip install 'unshutter[plot]'") from None
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    rows = np.arange(motion.height)
+    for axis, values, label in zip(
+        axes, (motion.tx_px, np.degrees(motion.rz_rad)), ("t_x [px]", "r_z [deg]"), strict=True
+    ):
+        axis.plot(values, rows)
+        axis.axhline(motion.reference_row, color="grey", lw=0.6, ls=":")
+        axis.set_xlabel(label)
+    axes[0].set_ylabel("row")
+    axes[0].invert_yaxis()
+    figure.suptitle(f"{title} ({motion.estimator})" if title else motion.estimator, fontsize=10)
+    path = Path(path)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        figure.savefig(temporary, dpi=150)
+        os.replace(temporary, path)
+    except ValueError as error:  # an ending that matplotlib does not know
+        raise UnshutterError(f"cannot write {path}: {str(error).splitlines()[0]}") from None
+    except OSError as error:
+        raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+    finally:
+        if temporary.exists():
+            temporary.unlink()
