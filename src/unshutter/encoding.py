@@ -1,0 +1,119 @@
+"""Pixels and metadata into files: what a format can hold of a picture, and how it is encoded."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from unshutter import codecs
+from unshutter.codecs import Codec, Coding
+from unshutter.errors import UnshutterError
+
+if TYPE_CHECKING:
+    import pyvips
+
+_CLASSIC_TIFF_BYTES = 3_500_000_000
+# Metadata that go from a photo to its successor, by libvips's names; EXIF is handled by itself.
+_CARRIED = ("icc-profile-data", "xmp-data", "iptc-data", "photoshop-data", "resolution-unit", "image-description")
+_KEEP_EXIF, _KEEP_XMP, _KEEP_IPTC, _KEEP_ICC, _KEEP_OTHER = 1, 2, 4, 8, 16  # libvips's flags
+_KEEP = _KEEP_XMP | _KEEP_IPTC | _KEEP_ICC | _KEEP_OTHER
+
+
+def dress(image: pyvips.Image, header: pyvips.Image, exif: bytes | None, orientation: int) -> pyvips.Image:
+    """The pixels of one image with the metadata of another, and none of their own.
+
+    Args:
+        image: pixels.
+        header: ICC profile, XMP, IPTC, resolution.
+        exif: EXIF blob.
+        orientation: EXIF orientation 1-8.
+    """
+    import pyvips
+
+    image = image.copy(xres=header.xres, yres=header.yres)
+    blob = pyvips.GValue.blob_type
+    for name in image.get_fields():
+        if name.startswith("exif-") or image.get_typeof(name) == blob:
+            image.remove(name)
+    for name in header.get_fields():
+        if name in _CARRIED or name.startswith("png-comment-"):
+            image.set_type(header.get_typeof(name), name, header.get(name))
+    if exif is not None:
+        image.set_type(blob, "exif-data", exif)  # pyright: ignore[reportArgumentType]
+    image.set_type(pyvips.GValue.gint_type, "orientation", orientation)
+    return image
+
+
+def fit(image: pyvips.Image, codec: Codec) -> pyvips.Image:
+    """What of the pixels a format can hold: depth, alpha (else over black), one channel (else three).
+
+    Raises:
+        UnshutterError: too large for the format.
+    """
+    if max(image.width, image.height) > codec.longest_side:
+        raise UnshutterError(
+            f"a picture of {image.width}x{image.height} px does not fit into {codec.name.upper()}, "
+            f"which ends at {codec.longest_side} px: choose another format"
+        )
+    if image.hasalpha() and not codec.alpha:
+        image = image.flatten()
+    if not codec.deep:
+        image = codecs.to_8_bits(image)
+    profile = codecs.field(image, "icc-profile-data")
+    if image.bands > 2 or codec.grey:
+        fits = profile is None or profile[16:20] == (b"RGB " if image.bands > 2 else b"GRAY")
+        return image if fits else _without(image, "icc-profile-data")
+    grey, alpha = image[0], image[1:] if image.bands == 2 else None
+    if profile is not None and profile[16:20] == b"GRAY":  # its tones would be lost with it
+        colour = codecs.standard(grey).icc_transform("srgb", embedded=True, depth=16 if image.format == "ushort" else 8)
+    else:
+        colour = _without(grey.bandjoin([grey, grey]), "icc-profile-data")
+    return codecs.standard(colour if alpha is None else colour.bandjoin(alpha))
+
+
+def _without(image: pyvips.Image, field: str) -> pyvips.Image:
+    image = image.copy()
+    image.remove(field)
+    return image
+
+
+def encode(
+    image: pyvips.Image, codec: Codec, coding: Coding, quality: int | None, path: Path | None = None
+) -> bytes | None:
+    """Encodes pixels that :func:`fit` into a file, or into bytes without ``path``; ``pyvips.Error`` on failure.
+
+    EXIF is written for pictures that have it or that need it to stand upright: libvips would make one up for all.
+    """
+    wears_exif = codecs.field(image, "exif-data") is not None or codecs.field(image, "orientation") != 1
+    keep = _KEEP | _KEEP_EXIF if wears_exif else _KEEP
+    options = _options(image, codec, coding, quality) | {"keep": keep}
+    if path is None:
+        return getattr(image, codec.save + "_buffer")(**options)
+    return getattr(image, codec.save)(os.fsencode(path), **options)
+
+
+def _options(image: pyvips.Image, codec: Codec, coding: Coding, quality: int | None) -> dict[str, Any]:
+    chroma = "on" if coding.subsampled else "off"
+    bits = 16 if image.format == "ushort" else 8
+    if codec.name == "jpeg":
+        return {"Q": quality or coding.quality or 95, "subsample_mode": chroma}
+    if codec.name == "png":
+        return {"filter": "all", "bitdepth": bits, "palette": False}
+    if codec.name == "webp":
+        lossless = coding.lossless and quality is None
+        return {"lossless": True, "exact": True} if lossless else {"Q": quality or 90}
+    if codec.name == "tiff":
+        size = image.width * image.height * image.bands * bits // 8
+        compression = {1: "none", 5: "lzw"}.get(coding.compression or 0, "deflate")
+        options = {"compression": compression, "bigtiff": size > _CLASSIC_TIFF_BYTES}
+        return options if compression == "none" else options | {"predictor": "horizontal"}
+    deep = coding.bits if coding.bits in (10, 12) else 12
+    # effort 2: seven times as fast as the default at two per cent more bytes
+    return {
+        "compression": "av1",
+        "Q": quality or 80,
+        "effort": 2,
+        "bitdepth": deep if bits == 16 else 8,
+        "subsample_mode": chroma,
+    }

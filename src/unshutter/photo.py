@@ -1,0 +1,309 @@
+"""Photo: the one way in which pixels and their metadata come in and go out."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import secrets
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter import codecs, encoding, metadata
+from unshutter.codecs import CODECS, Codec, Coding, Source
+from unshutter.errors import UnshutterError, UsageError
+
+if TYPE_CHECKING:
+    import pyvips
+
+MAX_PIXELS = 1_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A picture as it is stored: never turned upright, with all that its file says about it.
+
+    Pixels are decoded when they are first asked for, once. What is kept on the way out:
+
+    * bits: 16-bit pixels stay so in PNG and TIFF, become 10 (if the photo had 10) or 12 in AVIF, are rounded to 8 in
+      JPEG and WebP;
+    * channels: grey stays grey in JPEG, PNG and TIFF, WebP and AVIF hold it as RGB; alpha stays except in JPEG,
+      where the picture is laid over black;
+    * ICC profile, EXIF (GPS, makers' notes, orientation; the size in it is set to the picture's), XMP, IPTC. New
+      pixels drop the embedded thumbnail. EXIF tags that neither the standard nor libexif knows are lost but in TIFF.
+    * JPEG quality and chroma subsampling like the input's; TIFF compression if none or LZW, else deflate.
+
+    Attributes:
+        format: ``jpeg``, ``png``, ``webp``, ``tiff``, ``avif``, or ``array``.
+        height, width: of the stored pixels [px].
+        bands: channels, alpha included.
+        orientation: EXIF orientation 1-8 of the stored pixels.
+        path: the file that it was read from, if any.
+    """
+
+    format: str
+    height: int
+    width: int
+    bands: int
+    orientation: int
+    path: Path | None
+    _source: Source | None
+    _coding: Coding
+    _header: pyvips.Image  # metadata
+    _exif: bytes | None
+    _pixels: pyvips.Image | None = None
+
+    # ---- in --------------------------------------------------------------------------------------------
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str], max_pixels: int = MAX_PIXELS) -> Photo:
+        """Reads what a file says about its picture; its pixels are decoded later.
+
+        Raises:
+            UnshutterError: missing, unreadable, empty, of no format that is read, damaged, several pictures in one
+                file, CMYK, CIELAB, floating point, or more than ``max_pixels``.
+        """
+        return cls._from_source(Source(Path(path)), max_pixels)
+
+    @classmethod
+    def from_bytes(cls, data: bytes, max_pixels: int = MAX_PIXELS) -> Photo:
+        """Like :meth:`open`, for an encoded file in memory."""
+        return cls._from_source(Source(bytes(data)), max_pixels)
+
+    @classmethod
+    def _from_source(cls, source: Source, max_pixels: int) -> Photo:
+        import pyvips
+
+        codec = codecs.recognise(source)
+        try:
+            header = source.load(codec, access="sequential")
+        except pyvips.Error as error:
+            raise UnshutterError(f"{source} is damaged, incomplete or unusual ({codecs.reason(error)})") from None
+        try:
+            coding, exif = codecs.read_coding(source, codec, header)
+        except OSError as error:
+            raise UnshutterError(f"cannot read {source}: {error.strerror}") from None
+        codecs.check_pixels(source, header, max_pixels)
+        # AVIF's own boxes turn the picture; EXIF has no say in it
+        orientation = coding.orientation if codec.name == "avif" else codecs.field(header, "orientation", 1)
+        sideways = coding.orientation >= 5  # the decoder has turned it
+        return cls(
+            format=codec.name,
+            height=header.width if sideways else header.height,
+            width=header.height if sideways else header.width,
+            bands=header.bands - 2 if coding.grey else header.bands,
+            orientation=orientation if 1 <= orientation <= 8 else 1,
+            path=source.place if isinstance(source.place, Path) else None,
+            _source=source,
+            _coding=coding,
+            _header=header,
+            _exif=exif,
+        )
+
+    @classmethod
+    def from_array(cls, array: np.ndarray) -> Photo:
+        """A photo of pixels [H, W] or [H, W, 1..4] (grey, grey + alpha, RGB, RGB + alpha), uint8 or uint16; copied.
+
+        Raises:
+            UnshutterError: another shape or type, or no pixels.
+        """
+        import pyvips
+
+        array = np.asarray(array)
+        if array.dtype not in (np.uint8, np.uint16):
+            raise UnshutterError(f"a photo needs pixels of type uint8 or uint16, got {array.dtype}")
+        if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
+            raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
+        pixels = array.reshape(*array.shape[:2], -1).copy()
+        image = codecs.standard(pyvips.Image.new_from_array(pixels))
+        return cls("array", image.height, image.width, image.bands, 1, None, None, Coding(), image, None, image)
+
+    def with_image(self, image: pyvips.Image) -> Photo:
+        """New pixels, possibly of another size, under this photo's metadata and format.
+
+        Raises:
+            UnshutterError: not 1 to 4 bands of 8 or 16 bits.
+        """
+        image = codecs.standard(image)
+        exif = None if self._exif is None else metadata.without_thumbnail(self._exif)
+        size = {"height": image.height, "width": image.width, "bands": image.bands}
+        return replace(self, **size, _pixels=image, _exif=exif)
+
+    # ---- what it holds ---------------------------------------------------------------------------------
+
+    @property
+    def has_alpha(self) -> bool:
+        """Whether the last channel is transparency."""
+        return self.bands in (2, 4)
+
+    @cached_property
+    def image(self) -> pyvips.Image:
+        """The stored pixels, for random access: decoded into memory here, or the lazy ones of :meth:`with_image`.
+
+        Raises:
+            UnshutterError: the file is damaged, incomplete, or gone.
+        """
+        if self._pixels is not None:
+            return self._pixels
+        assert self._source is not None
+        return codecs.decode(self._source, CODECS[self.format], self._coding)
+
+    def to_array(self) -> np.ndarray:
+        """The stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
+        import pyvips
+
+        try:
+            return self.image.numpy()
+        except pyvips.Error as error:
+            raise UnshutterError(f"cannot compute the picture: {codecs.reason(error)}") from None
+
+    def focal_px(self) -> float | None:
+        """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
+        return metadata.focal_px(self._exif, self.height, self.width)
+
+    def grey(self, short_side: int | None = None) -> np.ndarray:
+        """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
+
+        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, likewise across, to 0.2 px.
+        A JPEG is decoded at 1/2, 1/4 or 1/8 of its size where that is 1.5 times what is asked for, which is faster.
+
+        Args:
+            short_side: [px] of the copy; never enlarged. None: full size.
+
+        Returns:
+            uint8 [h, w].
+
+        Raises:
+            UnshutterError: the file is damaged, incomplete, or gone; UsageError: short_side below 1.
+        """
+        if short_side is not None and short_side < 1:
+            raise UsageError(f"a grey copy needs a short side of at least 1 px, got {short_side}")
+        scale = 1.0 if short_side is None else min(short_side / min(self.height, self.width), 1.0)
+        height, width = max(round(self.height * scale), 1), max(round(self.width * scale), 1)
+        shrink = self._shrink_on_load(scale)
+        if shrink > 1 and self._source is not None:
+            image = codecs.decode(self._source, CODECS["jpeg"], self._coding, shrink)
+        else:
+            image = self.image
+        hscale, vscale = width * shrink / self.width, height * shrink / self.height
+        return _luminance(image, hscale, vscale, height, width)
+
+    def _shrink_on_load(self, scale: float) -> int:
+        if self.format != "jpeg" or self._pixels is not None:
+            return 1
+        return next(shrink for shrink in (8, 4, 2, 1) if 1.5 * shrink * scale <= 1 or shrink == 1)
+
+    # ---- out -------------------------------------------------------------------------------------------
+
+    def to_bytes(self, format: str | None = None, quality: int | None = None) -> bytes:
+        """The photo as an encoded file.
+
+        Args:
+            format: ``jpeg``, ``png``, ``webp``, ``tiff`` or ``avif``; its own by default (PNG for arrays).
+            quality: 1-100 for JPEG, WebP and AVIF; by default like the input's, else 95, 90 and 80.
+
+        Raises:
+            UsageError: unknown format or quality; UnshutterError: the format cannot hold the picture.
+        """
+        import pyvips
+
+        name = format or ("png" if self.format == "array" else self.format)
+        if name not in CODECS:
+            raise UsageError(f"unknown picture format '{name}': choose one of {', '.join(CODECS)}")
+        codec, image = CODECS[name], self._ready_for(CODECS[name], quality)
+        try:
+            data = encoding.encode(image, codec, self._coding, quality)
+        except pyvips.Error as error:
+            raise UnshutterError(f"cannot encode the picture as {name.upper()}: {codecs.reason(error)}") from None
+        assert data is not None
+        if codec.name == "tiff" and self._exif is not None:
+            stream = io.BytesIO(data)
+            metadata.add_exif_to_tiff(stream, self._exif, image.height, image.width)
+            data = stream.getvalue()
+        return data
+
+    def save(self, path: str | os.PathLike[str], quality: int | None = None, overwrite: bool = False) -> None:
+        """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
+
+        Args:
+            path: the ending names the format: .jpg .jpeg .png .webp .tif .tiff .avif.
+            quality: see :meth:`to_bytes`.
+            overwrite: whether an existing file may be replaced; the photo's own file never is.
+
+        Raises:
+            UsageError: unknown ending or quality; UnshutterError: the file exists, is the photo's own, its folder is
+                missing or cannot be written to, the disc is full, or the photo's own file is damaged.
+        """
+        import pyvips
+
+        target = Path(path)
+        codec = codecs.for_suffix(target)
+        self._check_target(target, overwrite)
+        image = self._ready_for(codec, quality)  # decodes: a damaged photo is found before anything is written
+        whole = Path(os.path.realpath(target))  # through a link, not in its place
+        part = whole.with_name(f".unshutter-{secrets.token_hex(8)}.part")
+        try:
+            part.open("xb").close()
+            encoding.encode(image, codec, self._coding, quality, part)
+            if codec.name == "tiff" and self._exif is not None:
+                with part.open("r+b") as stream:
+                    metadata.add_exif_to_tiff(stream, self._exif, image.height, image.width)
+            self._check_target(target, overwrite)  # another program may have been faster
+            os.replace(part, whole)
+        except pyvips.Error as error:
+            raise UnshutterError(f"cannot write {target}: {codecs.reason(error)}") from None
+        except OSError as error:
+            raise UnshutterError(f"cannot write {target}: {error.strerror}") from None
+        finally:
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)
+
+    def _check_target(self, target: Path, overwrite: bool) -> None:
+        """Raises UnshutterError where the photo may not be written to ``target``."""
+        try:
+            if self.path is not None and target.exists() and self.path.exists() and target.samefile(self.path):
+                raise UnshutterError(f"{target} is the original photo, which is never overwritten: choose another name")
+            if target.is_dir():
+                raise UnshutterError(f"cannot write {target}: it is a folder")
+            if not overwrite and (target.exists() or target.is_symlink()):
+                raise UnshutterError(f"{target} exists already: use --overwrite to replace it")
+            if not Path(os.path.realpath(target)).parent.is_dir():
+                raise UnshutterError(f"cannot write {target}: there is no folder {target.parent}")
+        except (OSError, ValueError) as error:
+            told = error.strerror if isinstance(error, OSError) else error
+            raise UnshutterError(f"cannot write {str(target)!r}: {told}") from None
+
+    def _ready_for(self, codec: Codec, quality: int | None) -> pyvips.Image:
+        if quality is not None and not 1 <= quality <= 100:
+            raise UsageError(f"quality must lie between 1 and 100, got {quality}")
+        return encoding.fit(encoding.dress(self.image, self._header, self._exif, self.orientation), codec)
+
+
+def _luminance(image: pyvips.Image, hscale: float, vscale: float, height: int, width: int) -> np.ndarray:
+    """[height, width] uint8 of an image scaled by the factors; they give that size but for rounding."""
+    import pyvips
+
+    try:
+        if image.hasalpha():
+            image = image.flatten(background=[32896 if image.format == "ushort" else 128])
+        if (hscale, vscale) != (1.0, 1.0):
+            image = image.embed(*(0, 0, _aligned(image.width, hscale), _aligned(image.height, vscale)), extend="copy")
+            image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # hardly rings: no ghosts beside edges
+        image = codecs.to_8_bits(image)
+        if image.bands == 3:
+            weights = pyvips.Image.new_from_array([[0.299, 0.587, 0.114]])
+            image = image.recomb(weights).linear([1.0], [0.5], uchar=True)
+        pixels = image.numpy()[:height, :width]
+    except pyvips.Error as error:
+        raise UnshutterError(f"cannot compute the grey copy: {codecs.reason(error)}") from None
+    missing = (height - pixels.shape[0], width - pixels.shape[1])
+    return np.ascontiguousarray(np.pad(pixels, ((0, missing[0]), (0, missing[1])), mode="edge"))
+
+
+def _aligned(size: int, scale: float) -> int:
+    """A size, a little larger, that scales to whole pixels: what is missing to them, libvips shifts to both sides."""
+    return min(range(size, size + 16), key=lambda padded: abs(padded * scale - round(padded * scale)))
