@@ -1,0 +1,162 @@
+"""Recorded camera rotation: reading gyro and pose logs, and the angles that a camera turned by."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+
+_GAP = 3.0  # times the usual interval: a longer one means that samples are missing
+_MOST_DISORDER = 0.01  # of the samples may come too late
+
+# (axis that points up in the picture, axis that points from the scene to the camera)
+_GYRO_AXES = ("x", "z")
+_POSE_AXES = ("z", "y")
+
+
+@dataclass(frozen=True)
+class RotationLog:
+    """Angular rate of a camera over time, about two axes of the picture.
+
+    Axes. The picture is the readout frame: its top is the line read first. What matters of the log's own
+    right-handed axes is which one points **up** in the picture and which one **back**, from the scene to the
+    camera; turning by a positive angle about ``up`` turns the camera left, so the scene moves right, t_x > 0;
+    about ``back`` it turns the camera counter-clockwise, so the scene turns clockwise, r_z > 0.
+
+    * gyro logs are taken to be a phone's: x to the right edge, y to the top edge, z out of the screen, the
+      sensor's lines along the long side (so up is x or -x, back is z). That holds however the phone is
+      held, landscape or portrait, because the sensor turns with it.
+    * pose logs are taken to have z up and to look along -y (so up is z, back is y), as in TUM-VI.
+    * a camera's own axes (x right, y down, z forward) are up="-y", back="-z".
+
+    Attributes:
+        t_s: [N] times [s], increasing.
+        yaw_rad_s: [N] rate about ``up``.
+        roll_rad_s: [N] rate about ``back``.
+    """
+
+    t_s: np.ndarray
+    yaw_rad_s: np.ndarray
+    roll_rad_s: np.ndarray
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], up: str | None = None, back: str | None = None) -> RotationLog:
+        """Reads an NPZ file.
+
+        Args:
+            path: with ``t_s`` [N] (s) and either ``gyro_rad_s`` [N, 3], rates about the device's axes, or
+                ``quaternion_wxyz`` [N, 4], device to world (``position_m`` is not used).
+            up: axis ``x``, ``-x``, ``y`` ...; by default that of the kind of log.
+            back: likewise.
+
+        Raises:
+            UnshutterError: not such a file; numbers that are not finite; times that do not increase, but for
+                a few samples that came late; UsageError: unknown or equal axes.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                data = {key: np.asarray(file[key], dtype=np.float64) for key in file.files if key in _SHAPES}
+        except OSError as error:
+            raise UnshutterError(f"cannot read trajectory {path}: {error.strerror or 'not an NPZ file'}") from None
+        except (ValueError, AttributeError, EOFError, zipfile.BadZipFile):
+            raise UnshutterError(f"cannot read trajectory {path}: not an NPZ file of numbers") from None
+        try:
+            return cls._from_samples(data, up, back)
+        except UnshutterError as error:
+            raise type(error)(f"trajectory {path}: {error}") from None
+
+    @classmethod
+    def _from_samples(cls, data: dict[str, np.ndarray], up: str | None, back: str | None) -> RotationLog:
+        kind = next((key for key in ("gyro_rad_s", "quaternion_wxyz") if key in data), None)
+        if "t_s" not in data or kind is None:
+            raise UnshutterError("needs t_s and gyro_rad_s, or t_s and quaternion_wxyz")
+        times, samples = data["t_s"], data[kind]
+        if times.ndim != 1 or len(times) < 2 or samples.shape != (len(times), _SHAPES[kind]):
+            raise UnshutterError(f"t_s has shape {times.shape} but {kind} has {samples.shape}")
+        if not (np.isfinite(times).all() and np.isfinite(samples).all()):
+            raise UnshutterError("contains values that are not finite numbers")
+        times, samples = _in_order(times, samples)
+        default = _GYRO_AXES
+        if kind == "quaternion_wxyz":
+            times, samples = _rates(times, samples)
+            default = _POSE_AXES
+        (up_axis, up_sign), (back_axis, back_sign) = (_axis(a) for a in (up or default[0], back or default[1]))
+        if up_axis == back_axis:
+            raise UsageError("the axes that point up and back must differ")
+        return cls(times, up_sign * samples[:, up_axis], back_sign * samples[:, back_axis])
+
+    def draw_start(self, rng: np.random.Generator, duration_s: float) -> float:
+        """A time from which the log goes on without a gap for the duration, all equally likely.
+
+        Raises:
+            UnshutterError: there is none.
+        """
+        gaps = np.flatnonzero(np.diff(self.t_s) > _GAP * np.median(np.diff(self.t_s)))
+        first = self.t_s[np.concatenate([[0], gaps + 1])]
+        last = self.t_s[np.concatenate([gaps, [len(self.t_s) - 1]])]
+        room = np.maximum(last - first - duration_s, 0.0)  # [stretches]
+        if not room.any():
+            raise UnshutterError(
+                f"the trajectory is too short: {duration_s:.3g} s are needed, "
+                f"its longest stretch without a gap has {(last - first).max():.3g} s"
+            )
+        ends = np.cumsum(room)
+        at = rng.uniform(0, ends[-1])
+        stretch = min(int(np.searchsorted(ends, at, side="right")), len(ends) - 1)
+        return float(first[stretch] + at - (ends[stretch] - room[stretch]))
+
+    def angles(self, at_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angles turned since the log's start, about ``up`` and ``back`` [rad], at times within the log.
+
+        The rate is taken as linear between samples and integrated exactly. Each axis is integrated on its
+        own: within a readout the angles are small enough to add.
+        """
+        return _integral(self.t_s, self.yaw_rad_s, at_s), _integral(self.t_s, self.roll_rad_s, at_s)
+
+
+_SHAPES = {"t_s": 1, "gyro_rad_s": 3, "quaternion_wxyz": 4}
+
+
+def _in_order(times: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Samples by time: phones deliver a few late or twice. More than a few means that these are no times."""
+    if (np.diff(times) <= 0).mean() > _MOST_DISORDER:
+        raise UnshutterError("the times t_s do not increase")
+    times, order = np.unique(times, return_index=True)
+    return times, samples[order]
+
+
+def _rates(times: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angular rates [N - 1, 3] about the device's own axes, midway between orientations [N, 4] (wxyz)."""
+    norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
+    if (norms < 0.5).any():
+        raise UnshutterError("quaternion_wxyz contains rows that are no rotation")
+    q = quaternions / norms
+    w, v = q[:, :1], q[:, 1:]
+    # conj(q0) q1: the turn from one sample to the next, seen from the device
+    turn_w = w[:-1] * w[1:] + (v[:-1] * v[1:]).sum(1, keepdims=True)
+    turn_v = w[:-1] * v[1:] - w[1:] * v[:-1] - np.cross(v[:-1], v[1:])
+    turn_v = np.where(turn_w < 0, -turn_v, turn_v)  # q and -q are the same rotation: take the short way
+    sine = np.linalg.norm(turn_v, axis=1, keepdims=True)
+    angle = 2 * np.arctan2(sine, np.abs(turn_w))
+    rate = turn_v * (angle / np.maximum(sine, 1e-12)) / np.diff(times)[:, None]
+    return (times[:-1] + times[1:]) / 2, rate
+
+
+def _integral(t: np.ndarray, rate: np.ndarray, at: np.ndarray) -> np.ndarray:
+    steps = np.diff(t)
+    turned = np.concatenate([[0.0], np.cumsum((rate[:-1] + rate[1:]) / 2 * steps)])
+    before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
+    since = at - t[before]
+    slope = (rate[before + 1] - rate[before]) / steps[before]
+    return turned[before] + since * (rate[before] + slope * since / 2)
+
+
+def _axis(word: str) -> tuple[int, int]:
+    name = word.removeprefix("-")
+    if name not in ("x", "y", "z"):
+        raise UsageError(f"unknown axis '{word}': choose x, y or z, or -x, -y or -z")
+    return "xyz".index(name), -1 if word.startswith("-") else 1

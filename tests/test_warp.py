@@ -1,0 +1,357 @@
+import numpy as np
+import pytest
+import pyvips
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.motion import Motion
+from unshutter.readout import Readout
+from unshutter.row_motions import draw_quadratic
+from unshutter.warp import backward_map, distort_image, largest_valid_rectangle, rectify_image, validity_mask
+
+COLOURS = {(1, "uint8"): "b-w", (2, "uint8"): "b-w", (3, "uint8"): "srgb", (4, "uint8"): "srgb"}
+COLOURS |= {(1, "uint16"): "grey16", (2, "uint16"): "grey16", (3, "uint16"): "rgb16", (4, "uint16"): "rgb16"}
+
+
+def image_of(pixels):
+    pixels = np.atleast_3d(pixels)
+    colours = COLOURS.get((pixels.shape[2], pixels.dtype.name), "multiband")
+    return pyvips.Image.new_from_array(np.ascontiguousarray(pixels)).copy(interpretation=colours)
+
+
+def drawn_scene(height, width, bands=3, dtype: type = np.uint8, finest=24.0):
+    """A smooth picture: waves of at least ``finest`` px in several directions."""
+    rng = np.random.default_rng(7)
+    row, col = np.mgrid[:height, :width]
+    out = np.zeros((height, width, bands))
+    for band in range(bands):
+        for _ in range(6):
+            angle, length, phase = rng.uniform(0, np.pi), rng.uniform(finest, 4 * finest), rng.uniform(0, 6)
+            out[..., band] += np.sin((np.cos(angle) * col + np.sin(angle) * row) * 2 * np.pi / length + phase)
+    top = np.iinfo(dtype).max
+    return np.clip(np.rint((0.5 + out / 13) * top), 0, top).astype(dtype)
+
+
+def shake(height, width, share=1.0, **about):
+    """Motion with t_x up to 6 % of the width and r_z up to 3 degrees, times a share."""
+    tx, rz = (0, 0.09 * width * share, -0.03 * width * share), (0, -0.02 * share, 0.07 * share)
+    return Motion.from_polynomials(tx, rz, height, width, **about)
+
+
+def positions_by_motion(motion):
+    """Exact RS positions of every pixel, stored frame, straight from Motion and Readout."""
+    size = motion.readout.frame_size(motion.height, motion.width)
+    row, col = np.mgrid[: size[0], : size[1]].astype(float)
+    frame = motion.gs_to_rs(*motion.readout.points_to_frame(col, row, *size))
+    return motion.readout.points_to_stored(*frame, *size)
+
+
+def inside(col, row, height, width, margin=0.0):
+    return (col >= margin) & (col <= width - 1 - margin) & (row >= margin) & (row <= height - 1 - margin)
+
+
+def catmull_rom(pixels, col, row):
+    """[H, W, C] at float positions, its border repeated; plain NumPy, float."""
+    pixels = np.pad(pixels.astype(float), ((4, 4), (4, 4), (0, 0)), mode="edge")
+    height, width = pixels.shape[:2]
+    col, row = np.clip(col, -2, width - 7) + 4, np.clip(row, -2, height - 7) + 4
+    left, top = np.floor(col).astype(int), np.floor(row).astype(int)
+
+    def weights(f):
+        return (
+            -0.5 * f + f**2 - 0.5 * f**3,
+            1 - 2.5 * f**2 + 1.5 * f**3,
+            0.5 * f + 2 * f**2 - 1.5 * f**3,
+            -0.5 * f**2 + 0.5 * f**3,
+        )
+
+    out = np.zeros(1)
+    for i, wy in enumerate(weights(row - top)):
+        for j, wx in enumerate(weights(col - left)):
+            out = out + (wy * wx)[..., None] * pixels[top + i - 1, left + j - 1]
+    return out
+
+
+def bilinear(pixels, col, row):
+    """[H, W, C] at float positions, 0 outside; plain NumPy, float."""
+    height, width = pixels.shape[:2]
+    within = inside(col, row, height, width)
+    col, row = np.clip(col, 0, width - 1), np.clip(row, 0, height - 1)
+    left, top = np.minimum(col.astype(int), width - 2), np.minimum(row.astype(int), height - 2)
+    fx, fy = (col - left)[..., None], (row - top)[..., None]
+    p = pixels.astype(float)
+    upper = p[top, left] * (1 - fx) + p[top, left + 1] * fx
+    lower = p[top + 1, left] * (1 - fx) + p[top + 1, left + 1] * fx
+    return (upper * (1 - fy) + lower * fy) * within[..., None]
+
+
+# ---- the map ----------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    height=st.integers(2, 200),
+    width=st.integers(2, 200),
+    readout=st.sampled_from(Readout),
+    tx=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
+    rz=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
+)
+@example(height=129, width=65, readout=Readout.LEFT_TO_RIGHT, tx=(0.1, 0.1), rz=(0.05, 0.05))  # nodes on the border
+def test_map_and_mask_equal_the_exact_inverse_at_every_pixel(height, width, readout, tx, rz):
+    rows, cols = readout.frame_size(height, width)
+    if not 0.5 <= rows / cols <= 2:
+        rows = cols
+        height, width = readout.frame_size(rows, cols)
+    motion = Motion.from_polynomials((0, *(t * rows for t in tx)), (0, *rz), rows, cols, readout=readout)
+    col, row = positions_by_motion(motion)
+    found_col, found_row = backward_map(motion)
+    mask = validity_mask(motion)
+    assert found_col.shape == found_row.shape == mask.shape == (height, width)
+    seen = inside(col, row, height, width)
+    assert np.abs(found_col - col)[seen].max(initial=0) < 0.02
+    assert np.abs(found_row - row)[seen].max(initial=0) < 0.02
+    assert mask[inside(col, row, height, width, 0.0)].all()
+    assert not mask[~inside(col, row, height, width, -0.03)].any()
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_map_of_a_large_picture(jitter):
+    rng = np.random.default_rng(0)
+    smooth = shake(1500, 2000)
+    motion = Motion(2000, smooth.tx_px + rng.normal(0, jitter, 1500) if jitter else smooth.tx_px, smooth.rz_rad)
+    found_col, found_row = backward_map(motion)
+    at = rng.integers(0, (1500, 2000), (20000, 2))
+    col, row = motion.gs_to_rs(at[:, 1], at[:, 0])
+    seen = inside(col, row, 1500, 2000)
+    assert np.abs(found_col[at[:, 0], at[:, 1]] - col)[seen].max() < 0.02
+    assert np.abs(found_row[at[:, 0], at[:, 1]] - row)[seen].max() < 0.02
+
+
+def test_a_motion_that_folds_the_picture_is_refused():
+    rz = np.concatenate([np.zeros(50), np.full(50, 0.1)])
+    with pytest.raises(UnshutterError, match="faster than rows are read"):
+        backward_map(Motion(100, np.zeros(100), rz))
+
+
+# ---- what is drawn ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("readout", Readout)
+def test_signs_on_a_drawn_bar(readout):
+    """t_x > 0 moves what a row saw to the right; a distorted bar stands where t_x says, and upright again after."""
+    frame = np.zeros((80, 100), dtype=np.uint8)
+    frame[:, 30] = 200
+    motion = Motion.from_polynomials([0, 20], [0, 0], 80, 100, readout=readout)
+    rs = distort_image(image_of(readout.turn_back(frame)), motion)
+    in_frame = readout.turn(rs.numpy().reshape(rs.height, rs.width))
+    middle = (in_frame * np.arange(100)).sum(1) / in_frame.sum(1)
+    assert middle == pytest.approx(30 + motion.tx_px, abs=0.05)
+    back = rectify_image(rs, motion)
+    again = readout.turn(back.numpy().reshape(back.height, back.width))
+    assert (again * np.arange(100.0)).sum(1) / again.sum(1) == pytest.approx(np.full(80, 30), abs=0.1)
+
+
+def test_signs_on_a_turned_dot():
+    """r_z > 0 turns the scene clockwise: what is right of the centre moves down."""
+    gs = np.zeros((101, 101), dtype=np.uint8)
+    gs[50, 80] = 250
+    turned = Motion(101, np.zeros(101), np.full(101, np.radians(30)))
+    rs = distort_image(image_of(gs), turned).numpy().reshape(101, 101)
+    row, col = np.unravel_index(rs.argmax(), rs.shape)
+    assert (row, col) == (50 + round(30 * np.sin(np.radians(30))), 50 + round(30 * np.cos(np.radians(30))))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_round_trip_is_within_half_a_decibel_of_the_interpolation_limit(seed):
+    motion = draw_quadratic(np.random.default_rng(seed), 256, 356).crop
+    gs = drawn_scene(256, 256, dtype=np.uint16, finest=10.0)
+    rs = distort_image(image_of(gs), motion)
+    found = rectify_image(rs, motion).numpy()
+
+    row, col = np.mgrid[:256, :256].astype(float)
+    forward, backward = motion.rs_to_gs(col, row), motion.gs_to_rs(col, row)
+    limit = catmull_rom(bilinear(gs, *forward), *backward)
+
+    whole = inside(*forward, 256, 256).astype(float)[..., None]  # no black among the 16 pixels that are mixed
+    usable = (catmull_rom(whole, *backward)[..., 0] > 1 - 1e-9) & inside(*backward, 256, 256, 2)
+    assert usable.mean() > 0.4
+
+    def psnr(a):
+        return 10 * np.log10(65535**2 / np.mean((a.astype(float) - gs)[usable] ** 2))
+
+    assert psnr(limit) > 40
+    assert abs(psnr(found) - psnr(limit)) < 0.5
+    assert psnr(rs.numpy()) < psnr(found) - 15
+
+
+@pytest.mark.parametrize("readout", Readout)
+@pytest.mark.parametrize("edges", ["keep", "crop", "fill"])
+def test_readouts_give_the_same_picture_turned(readout, edges):
+    frame = drawn_scene(120, 160, dtype=np.uint16)
+    upright = rectify_image(image_of(frame), shake(120, 160), edges).numpy()
+    stored = rectify_image(image_of(readout.turn_back(frame)), shake(120, 160, readout=readout), edges).numpy()
+    if edges == "crop":  # of two equally good places the first is taken, and turning may change which
+        assert readout.turn(stored).shape == upright.shape
+        return
+    difference = np.abs(readout.turn(stored).astype(int) - upright)
+    if edges == "keep":  # on the very border rounding decides
+        difference = difference[validity_mask(shake(120, 160))]
+    assert difference.max() <= 257  # one grey level of 8 bits
+
+
+@pytest.mark.parametrize("bands", [1, 2, 3, 4])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_no_displacement_gives_bit_identical_pixels(bands, dtype):
+    pixels = np.random.default_rng(0).integers(0, np.iinfo(dtype).max + 1, (70, 90, bands)).astype(dtype)
+    if bands in (2, 4):
+        pixels[..., -1] = np.iinfo(dtype).max
+    image = image_of(pixels)
+    assert rectify_image(image, Motion.zero(70, 90)) is image
+    assert distort_image(image, Motion.zero(70, 90)) is image
+    barely = Motion(90, np.full(70, 1e-9), np.zeros(70))  # goes the whole way nevertheless
+    for edges in ("keep", "crop", "fill"):
+        result = rectify_image(image, barely, edges)
+        assert np.array_equal(result.numpy().reshape(pixels.shape), pixels)
+        assert (result.format, result.interpretation) == (image.format, image.interpretation)
+    assert np.array_equal(distort_image(image, barely).numpy().reshape(pixels.shape), pixels)
+
+
+def test_pixels_equal_an_independent_bicubic():
+    gs = drawn_scene(200, 150, finest=8.0)
+    motion = shake(200, 150)
+    found = rectify_image(image_of(gs), motion).numpy()
+    expected = np.clip(catmull_rom(gs, *positions_by_motion(motion)), 0, 255)
+    mask = validity_mask(motion)
+    assert np.abs(found - expected)[mask].max() < 2.5  # libvips rounds positions to 1/64 px, weights and pixels
+    assert np.abs(found - expected)[mask].mean() < 0.5
+
+
+def test_metadata_is_carried_over():
+    image = image_of(drawn_scene(64, 64)).copy(xres=3.5)
+    image.set_type(pyvips.GValue.blob_type, "icc-profile-data", b"a profile")  # pyright: ignore[reportArgumentType]
+    image.set_type(pyvips.GValue.gint_type, "orientation", 6)
+    for edges in ("keep", "crop", "fill"):
+        result = rectify_image(image, shake(64, 64), edges)
+        assert result.get("icc-profile-data") == b"a profile"
+        assert (result.get("orientation"), result.xres) == (6, 3.5)
+
+
+# ---- edges ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bands", [1, 2, 3, 4])
+def test_keep_is_black_and_transparent_exactly_where_the_mask_says(bands):
+    pixels = np.full((90, 120, bands), 200, dtype=np.uint8)
+    motion = shake(90, 120)
+    kept = rectify_image(image_of(pixels), motion, "keep").numpy().reshape(pixels.shape)
+    mask = validity_mask(motion)
+    assert 0.5 < mask.mean() < 0.99
+    assert (kept[mask] == 200).all()
+    assert (kept[~mask] == 0).all()
+
+
+def test_fill_repeats_the_border():
+    pixels = drawn_scene(90, 120)
+    motion = shake(90, 120)
+    filled = rectify_image(image_of(pixels), motion, "fill").numpy().astype(int)
+    kept = rectify_image(image_of(pixels), motion, "keep").numpy()
+    mask = validity_mask(motion)
+    assert np.array_equal(filled[mask], kept[mask])
+    col, row = backward_map(motion)
+    nearest = pixels[np.rint(row).clip(0, 89).astype(int), np.rint(col).clip(0, 119).astype(int)]
+    far = ~inside(col, row, 90, 120, -1) & (inside(col, col, 120, 120) | inside(row, row, 90, 90))
+    assert far.any()
+    assert np.abs(filled - nearest)[far].max() <= 25  # within half a pixel along the border
+    beyond_both = (col < -2) & (row < -2) | (col > 121) & (row > 91)
+    assert np.array_equal(filled[beyond_both], nearest[beyond_both])
+
+
+def test_crop_keeps_the_aspect_and_only_valid_pixels():
+    for height, width in ((90, 120), (150, 100), (77, 77)):
+        motion = shake(height, width)
+        cropped = rectify_image(image_of(np.full((height, width), 200, np.uint8)), motion, "crop").numpy()
+        assert (cropped == 200).all()
+        rows, cols = cropped.shape[:2]
+        assert abs(cols * height / width - rows) <= 1
+        assert rows * cols > 0.5 * height * width
+        left, top, w, h = largest_valid_rectangle(validity_mask(motion))
+        assert (w, h) == (cols, rows)
+        kept = rectify_image(image_of(drawn_scene(height, width)), motion).numpy()[top : top + h, left : left + w]
+        assert np.array_equal(rectify_image(image_of(drawn_scene(height, width)), motion, "crop").numpy(), kept)
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 10**6), height=st.integers(1, 12), width=st.integers(1, 12), holes=st.integers(0, 6))
+def test_largest_rectangle_equals_brute_force(seed, height, width, holes):
+    rng = np.random.default_rng(seed)
+    mask = np.ones((height, width), dtype=bool)
+    mask[rng.integers(0, height, holes), rng.integers(0, width, holes)] = False
+    left, top, w, h = largest_valid_rectangle(mask)
+    best = 0
+    for long in range(1, max(height, width) + 1):
+        if width >= height:
+            size = long, max(round(long * height / width), 1)
+        else:
+            size = max(round(long * width / height), 1), long
+        for y in range(height - size[1] + 1):
+            for x in range(width - size[0] + 1):
+                if mask[y : y + size[1], x : x + size[0]].all():
+                    best = max(best, size[0] * size[1])
+    assert w * h == best
+    assert best == 0 or mask[top : top + h, left : left + w].all()
+
+
+def test_largest_rectangle_of_a_large_mask_is_valid_and_hardly_smaller():
+    row, col = np.mgrid[:1500, :2003]
+    mask = (np.hypot(row - 700, col - 1100) < 600) & (col > 700)
+    left, top, w, h = largest_valid_rectangle(mask)
+    assert mask[top : top + h, left : left + w].all()
+    assert w >= 4 * largest_valid_rectangle(mask[::4, ::4])[2] - 16
+
+
+def test_crop_that_leaves_nothing_says_so():
+    image = image_of(np.full((100, 100), 9, np.uint8))
+    with pytest.raises(UnshutterError, match="9 % of the photo: use other edges, keep or fill"):
+        rectify_image(image, Motion(100, np.full(100, 70.0), np.zeros(100)), "crop")
+    with pytest.raises(UnshutterError, match="0 % of the photo"):
+        rectify_image(image, Motion(100, np.full(100, 500.0), np.zeros(100)), "crop")
+
+
+def test_transparent_colours_do_not_bleed():
+    pixels = np.full((40, 60, 4), 255, dtype=np.uint8)
+    pixels[:, :30] = (50, 60, 70, 255)
+    pixels[:, 30:, 3] = 0  # white, but transparent
+    result = rectify_image(image_of(pixels), Motion(60, np.full(40, 3.5), np.zeros(40)), "keep").numpy()
+    seen = result[..., 3] > 0
+    assert np.abs(result[seen][:, :3].astype(int) - (50, 60, 70)).max() <= 1
+    assert 0 < result[20, 26, 3] < 255  # the edge is half covered: column 26 looks at 29.5
+
+
+# ---- small, wrong -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 50), (50, 1), (2, 3)])
+def test_tiny_pictures(height, width):
+    pixels = np.full((height, width), 90, np.uint8)
+    motion = Motion(width, np.linspace(0, 0.3, height), np.linspace(0, 0.001, height), reference="first")
+    motion = motion if height > 1 else Motion(width, np.array([0.3]), np.array([0.0]))
+    for edges in ("keep", "fill"):
+        result = rectify_image(image_of(pixels), motion, edges)
+        assert (result.height, result.width) == (height, width)
+    assert rectify_image(image_of(pixels), motion, "fill").min() == 90
+    assert validity_mask(motion).shape == (height, width)
+
+
+def test_wrong_size_names_both_sizes():
+    image = image_of(np.zeros((90, 120), np.uint8))
+    for warp in (rectify_image, distort_image):
+        with pytest.raises(UnshutterError, match="200x100 px but this one has 120x90 px"):
+            warp(image, shake(100, 200))
+    with pytest.raises(UnshutterError, match="90x120 px"):
+        rectify_image(image, shake(90, 120, readout=Readout.LEFT_TO_RIGHT))
+
+
+def test_unknown_edges():
+    with pytest.raises(UsageError, match="keep, crop or fill"):
+        rectify_image(image_of(np.zeros((90, 120), np.uint8)), shake(90, 120), "mirror")
