@@ -14,13 +14,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """A training run. ``network`` and ``data`` hold what the model's own recipe understands."""
+    """A training run. ``network``, ``data`` and ``loss`` hold what the model's own recipe understands."""
 
     model: str  # name of a recipe (recipes.py)
     steps: int = 1000
     batch: int = 64  # samples per step and process
     learning_rate: float = 1e-3
-    warmup: int = 100  # steps of linear warm-up, then cosine to zero
+    warmup: int = 100  # steps of linear warm-up, then the schedule
+    schedule: str = "cosine"  # cosine to zero | constant | stairs: divided by ten every ``stair`` steps
+    stair: int = 0
+    optimiser: str = "adamw"  # adamw | adam | sgd; the last two take weight_decay as an L2 penalty
+    momentum: float = 0.9  # of SGD, or Adam's first beta
+    beta2: float = 0.98  # Adam's second
     weight_decay: float = 0.01
     clip: float = 20.0  # largest gradient norm
     average: float = 0.998  # decay of the moving average of the weights, which is what is exported
@@ -31,6 +36,7 @@ class TrainConfig:
     checkpoint_minutes: float = 3.0
     network: dict[str, Any] = field(default_factory=dict)
     data: dict[str, Any] = field(default_factory=dict)
+    loss: dict[str, Any] = field(default_factory=dict)
 
 
 def load_config(path: Path) -> TrainConfig:

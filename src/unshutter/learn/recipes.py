@@ -16,6 +16,8 @@ from unshutter.errors import UsageError
 from unshutter.learn.config import TrainConfig
 
 RECIPES = {
+    "kandula2020": "unshutter.learn.kandula_recipe:KandulaRecipe",
+    "rengarajan2017": "unshutter.learn.rengarajan_recipe:RengarajanRecipe",
     "segment-transformer": "unshutter.learn.segment_recipe:SegmentRecipe",
 }
 

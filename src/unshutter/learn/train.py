@@ -76,9 +76,7 @@ class Trainer:
         self.recipe: Recipe = make_recipe(config, device)
         self.network = self.recipe.build().to(device)
         self.average = AveragedModel(self.network, multi_avg_fn=get_ema_multi_avg_fn(config.average), use_buffers=True)
-        self.optimiser = torch.optim.AdamW(
-            self.network.parameters(), config.learning_rate, (0.9, 0.98), weight_decay=config.weight_decay
-        )
+        self.optimiser = _optimiser(self.network, config)
         self.step, self.seconds = 0, 0.0
         self._resume()
         self.stepped: nn.Module = self.network
@@ -156,7 +154,8 @@ class Trainer:
         if not path.exists():
             return
         state = torch.load(path, map_location=self.device, weights_only=True)
-        if {**state["config"], "steps": 0} != {**as_table(self.config), "steps": 0}:
+        defaults = as_table(TrainConfig(self.config.model))  # for settings younger than the checkpoint
+        if {**defaults, **state["config"], "steps": 0} != {**as_table(self.config), "steps": 0}:
             raise UsageError(f"{self.folder} holds a run of another configuration; choose another --out")
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])
@@ -164,9 +163,28 @@ class Trainer:
         self.step, self.seconds = state["step"], state["seconds"]
 
 
+def _optimiser(network: nn.Module, config: TrainConfig) -> torch.optim.Optimizer:
+    weights, rate, decay = network.parameters(), config.learning_rate, config.weight_decay
+    betas = (config.momentum, config.beta2)
+    if config.optimiser == "adamw":
+        return torch.optim.AdamW(weights, rate, betas, weight_decay=decay)
+    if config.optimiser == "adam":
+        return torch.optim.Adam(weights, rate, betas, weight_decay=decay)
+    if config.optimiser == "sgd":
+        return torch.optim.SGD(weights, rate, config.momentum, weight_decay=decay)
+    raise UsageError(f"unknown optimiser '{config.optimiser}': choose adamw, adam or sgd")
+
+
 def _schedule(step: int, config: TrainConfig) -> float:
-    """Linear warm-up, then half a cosine down to zero."""
-    return min(1.0, (step + 1) / max(config.warmup, 1)) * (0.5 + 0.5 * math.cos(math.pi * step / config.steps))
+    """Share of the learning rate: linear warm-up, then as ``config.schedule`` says."""
+    ramp = min(1.0, (step + 1) / max(config.warmup, 1))
+    if config.schedule == "cosine":
+        return ramp * (0.5 + 0.5 * math.cos(math.pi * step / config.steps))
+    if config.schedule == "constant":
+        return ramp
+    if config.schedule == "stairs" and config.stair > 0:
+        return ramp * 0.1 ** (step // config.stair)
+    raise UsageError(f"unknown schedule '{config.schedule}': choose cosine, constant, or stairs with stair > 0 steps")
 
 
 class _Log:

@@ -1,0 +1,94 @@
+"""The losses of kandula2020 (paper, "Loss functions") and of rengarajan2017.
+
+The paper writes squared L2 norms; here every loss is a mean over valid pixels (and channels), so that the
+weights 1, 1, 0.5, 0.5 mean the same at every picture size and batch.
+
+Masks: a pixel of a warped picture is valid where its sampling position lies inside a valid part of the source,
+so that a black pixel of the scene counts. The paper's literal rule (valid is what is not black) is there as
+``mask = "black"``; for the MSE both agree wherever the scene has no black.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from unshutter.errors import UsageError
+
+TX_UNIT = 100.0  # px: with it t_x and r_z [rad] move a picture of 256 px by similar amounts (Rengarajan 2017)
+
+
+@dataclass(frozen=True)
+class LossConfig:
+    """Weights and phases; a weight of 0 leaves its loss out (ablations)."""
+
+    rectified: float = 1.0  # lambda_1
+    regenerated: float = 1.0  # lambda_2
+    rectified_edges: float = 0.5  # lambda_3
+    regenerated_edges: float = 0.5  # lambda_4
+    mask: str = "grid"  # grid | black (the paper's literal rule)
+    regress_steps: int = 800  # first phase: the true motion is regressed for so many steps
+    regress_photos: int = 50  # photos of the first phase
+    # Weight of the regression. It brings the gradients of both phases to one size: Adam divides by the size it
+    # remembers, and when that was ten times too small the second phase's first steps undo the first.
+    regress: float = 30.0
+    regress_only: bool = False  # the paper's own ablation: no second phase, all photos
+
+    def __post_init__(self) -> None:
+        if self.mask not in ("grid", "black"):
+            raise UsageError(f"[loss]: unknown mask '{self.mask}': choose grid or black")
+
+
+def visible_mse(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
+    """Visibility-aware MSE: mean of (warped - mask * target)^2 over the valid pixels.
+
+    Args:
+        warped: [B, C, H, W], 0 where it shows nothing.
+        target: likewise.
+        mask: [B, 1, H, W], 1 where valid, else 0.
+    """
+    return (warped - mask * target).square().sum() / (mask.sum() * warped.shape[1]).clamp(min=1)
+
+
+def edge_loss(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
+    """Mean squared difference of the Sobel edges over the pixels with no invalid neighbour.
+
+    The paper's own form, E(warped) - mask * E(target), also punishes the edge where the warped picture ends,
+    which no scene has; see :func:`literal_edge_loss`.
+    """
+    inner = 1 - F.max_pool2d(F.pad(1 - mask, (1, 1, 1, 1)), 3, stride=1)
+    difference = (sobel(warped) - sobel(target)) * inner
+    return difference.square().sum() / (inner.sum() * difference.shape[1]).clamp(min=1)
+
+
+def literal_edge_loss(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
+    """The paper's edge loss to the letter: (E(warped) - mask * E(target))^2, summed, per valid pixel."""
+    difference = sobel(warped) - mask * sobel(target)
+    return difference.square().sum() / (mask.sum() * difference.shape[1]).clamp(min=1)
+
+
+def not_black(warped: Tensor) -> Tensor:
+    """The paper's literal mask [B, 1, H, W]: 0 where all channels are 0, else 1."""
+    return (warped.detach().sum(1, keepdim=True) != 0).to(warped.dtype)
+
+
+def sobel(picture: Tensor) -> Tensor:
+    """Sobel derivatives along columns, then rows: [B, C, H, W] -> [B, 2 C, H, W].
+
+    Weights 1, 2, 1 and -1, 0, 1 without a factor, borders mirrored: what the paper's framework calls Sobel
+    edges.
+    """
+    p = F.pad(picture, (1, 1, 1, 1), mode="reflect")
+    across = p[..., 2:] - p[..., :-2]
+    down = p[..., 2:, :] - p[..., :-2, :]
+    d_col = across[..., :-2, :] + 2 * across[..., 1:-1, :] + across[..., 2:, :]
+    d_row = down[..., :-2] + 2 * down[..., 1:-1] + down[..., 2:]
+    return torch.cat([d_col, d_row], 1)
+
+
+def motion_mse(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) -> Tensor:
+    """MSE of (t_x / 100 px, r_z / 1 rad) over rows and batch, each [B, rows]."""
+    return 0.5 * (((tx - true_tx) / TX_UNIT).square().mean() + (rz - true_rz).square().mean())

@@ -1,0 +1,374 @@
+"""The paper's system: every block, both phases of its training, its ablations and its export."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from unshutter.errors import UsageError
+from unshutter.learn.config import TrainConfig, as_table, load_config
+from unshutter.learn.kandula2020 import (
+    Kandula2020,
+    Kandula2020Config,
+    Trajectory,
+    from_first_row,
+    rectify,
+    regenerate,
+    rs_positions,
+)
+from unshutter.learn.kandula_recipe import KandulaRecipe, picture_losses
+from unshutter.learn.losses import LossConfig
+from unshutter.learn.pixels import PixelConfig, PixelData
+from unshutter.learn.recipes import make_recipe
+from unshutter.learn.train import _optimiser, _schedule, run
+from unshutter.motion import Motion
+
+torch.set_num_threads(1)
+CPU = torch.device("cpu")
+CONFIGS = Path(__file__).parent.parent / "configs"
+SMALL = Kandula2020Config(size=64, width=4, hidden=16, row_width=4)
+NETWORK = {"size": 64, "width": 4, "hidden": 16, "row_width": 4}
+DATA = {"size": 64, "canvas": 88, "drawn": 5, "held_out": 2, "validation_motions": 1}
+FOUR = ("rectified", "regenerated", "rectified_edges", "regenerated_edges")
+
+
+def small_samples(count: int = 4):
+    config = PixelConfig(**DATA)
+    return PixelData(config, CPU).batch(count, torch.Generator().manual_seed(0))
+
+
+def small_motion(count: int = 2, seed: int = 0) -> torch.Tensor:
+    """[count, 2, 64] cubics of a few px and degrees, zero at the first row."""
+    c = 2 * torch.rand(count, 2, 3, generator=torch.Generator().manual_seed(seed)) - 1
+    u = torch.arange(64) / 63
+    values = torch.einsum("bmk,kr->bmr", c, torch.stack([u, u**2, u**3]))
+    return values * torch.tensor([3.0, 0.05])[:, None]
+
+
+# ---- blocks -----------------------------------------------------------------------------------------------
+
+
+def layers(block: nn.Module, kind: type) -> int:
+    return sum(isinstance(m, kind) for m in block.modules())
+
+
+def test_layers_are_those_of_the_paper():
+    network = Kandula2020(Kandula2020Config())
+    motion = network.motion_block
+    assert layers(motion.base, nn.Conv2d) == layers(motion.base, nn.BatchNorm2d) == 3
+    for branch in (motion.tx, motion.rz):
+        assert layers(branch, nn.Conv2d) == layers(branch, nn.BatchNorm2d) == 3
+        fully_connected = [m for m in branch.modules() if isinstance(m, nn.Linear)]
+        assert len(fully_connected) == 2 and fully_connected[-1].out_features == 256
+    assert layers(network.row_block, nn.Conv2d) == 5
+    assert layers(Kandula2020(Kandula2020Config(row_layers=3)).row_block, nn.Conv2d) == 3
+    assert sum(w.numel() for w in network.parameters()) * 4 < 20e6  # exported at most 20 MB
+
+
+def test_shapes_and_the_row_map_before_training():
+    network = Kandula2020(SMALL)
+    motion, row_map = network(torch.rand(2, 3, 64, 64))
+    assert motion.shape == (2, 2, 64)
+    expected = torch.arange(64.0)[:, None].expand(2, 64, 64)
+    assert torch.equal(row_map, expected)  # A(i, j) = i
+    assert network(torch.rand(2, 3, 64, 64), rows=False)[1] is None
+
+
+@pytest.mark.parametrize(
+    "change", [{"size": 100}, {"first_kernel": 4}, {"pooling": "median"}, {"row_layers": 1}, {"first_stride": 3}]
+)
+def test_impossible_networks_are_refused(change):
+    with pytest.raises(UsageError):
+        Kandula2020Config(**change)
+
+
+def test_trajectory_is_the_least_squares_cubic():
+    noise = torch.randn(3, 2, 40, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    module = Trajectory(40, 3).double()
+    fitted = module(noise)
+    rows = np.arange(40)
+    expected = np.polynomial.Polynomial.fit(rows, noise[1, 0].numpy(), 3)(rows)
+    np.testing.assert_allclose(fitted[1, 0].numpy(), expected, atol=1e-5)
+    torch.testing.assert_close(module(fitted), fitted, atol=1e-5, rtol=0)
+    assert not list(module.parameters())
+    assert torch.autograd.gradcheck(module, noise.requires_grad_())
+
+
+def test_exact_inverse_is_that_of_motion():
+    motion = small_motion()
+    x, y = rs_positions(motion, None)
+    row, col = np.mgrid[0:64, 0:64].astype(float)
+    for i in range(2):
+        expected = Motion(64, *motion[i].double().numpy()).gs_to_rs(col, row)
+        np.testing.assert_allclose(x[i], expected[0], atol=2e-4)
+        np.testing.assert_allclose(y[i], expected[1], atol=2e-4)
+
+
+def test_row_map_of_the_true_rows_is_the_exact_inverse():
+    motion = small_motion()
+    x, y = rs_positions(motion, None)
+    by_map = rs_positions(motion, y)
+    torch.testing.assert_close(by_map[0], x, atol=1e-3, rtol=0)
+    torch.testing.assert_close(by_map[1], y, atol=1e-3, rtol=0)
+
+
+def test_row_map_chooses_the_motion():
+    motion = torch.zeros(1, 2, 64)
+    motion[0, 0] = torch.arange(64.0) ** 2 / 100
+    x, y = rs_positions(motion, torch.full((1, 64, 64), 10.5))
+    col = torch.arange(64.0).expand(64, 64)
+    torch.testing.assert_close(x[0] - col, torch.full((64, 64), (1.0 + 1.21) / 2))  # between rows 10 and 11
+    torch.testing.assert_close(y[0], col.mT)
+
+
+def test_from_first_row_is_rereferenced():
+    motion = small_motion(1) + torch.tensor([4.0, 0.03])[:, None]
+    relative, shift = from_first_row(motion)
+    expected = Motion(64, *motion[0].double().numpy()).rereferenced("first")
+    np.testing.assert_allclose(relative[0, 0], expected.tx_px, atol=1e-5)
+    np.testing.assert_allclose(relative[0, 1], expected.rz_rad, atol=1e-6)
+    assert shift.item() == pytest.approx(expected.center_shift_px)
+    row, col = np.mgrid[0:64, 0:64].astype(float)
+    np.testing.assert_allclose(rs_positions(relative, None, shift)[0][0], expected.gs_to_rs(col, row)[0], atol=1e-3)
+
+
+def test_regeneration_by_the_true_motion_gives_the_rs_picture():
+    samples = small_samples()
+    picture, mask = regenerate(samples.gs, torch.stack(samples.row_motion(), 1))
+    assert mask.mean() > 0.7
+    assert ((picture - samples.rs) * mask).abs().max() < 1e-3
+
+
+def test_rectification_by_the_true_motion_gives_the_gs_picture():
+    samples = small_samples(8)
+    motion = torch.stack(samples.row_motion(), 1)
+    picture, mask = rectify(samples.rs, samples.rs_valid, motion, None)
+    error = (((picture - samples.gs) * mask) ** 2).sum((1, 2, 3))
+    before = (((samples.rs - samples.gs) * mask) ** 2).sum((1, 2, 3))
+    moved = motion.abs().amax((1, 2)) > 1
+    assert moved.sum() >= 4
+    assert (error[moved] < 0.4 * before[moved]).all()  # what remains is the grain that two samplings smooth
+
+
+def test_rectification_gradients_flow_through_motion_and_row_map():
+    size = 8
+    dice = torch.Generator().manual_seed(3)
+    rs = torch.rand(1, 1, size, size, dtype=torch.float64, generator=dice)
+    motion = torch.rand(1, 2, size, dtype=torch.float64, generator=dice) * 0.2 + 0.05
+    row_map = torch.rand(1, size, size, dtype=torch.float64, generator=dice) * 6 + 0.3
+    valid = torch.ones_like(rs)
+    inputs = [motion.requires_grad_(), row_map.requires_grad_()]
+    assert torch.autograd.gradcheck(lambda m, v: rectify(rs, valid, m, v)[0], inputs, eps=1e-7, atol=1e-5)
+    assert torch.autograd.gradcheck(lambda m: regenerate(rs, m)[0], inputs[:1], eps=1e-7, atol=1e-5)
+
+
+# ---- losses -----------------------------------------------------------------------------------------------
+
+
+def test_losses_are_least_at_the_truth():
+    samples = small_samples(8)
+    motion = torch.stack(samples.row_motion(), 1)
+    truth = picture_losses(samples, motion, None, LossConfig())
+    nothing = picture_losses(samples, torch.zeros_like(motion), None, LossConfig())
+    assert tuple(sorted(truth)) == tuple(sorted(FOUR))
+    assert all(truth[name] < 0.5 * nothing[name] for name in ("rectified", "regenerated"))
+    assert all(truth[name] < nothing[name] for name in FOUR)
+
+
+def test_both_masks_agree_where_the_scene_has_no_black():
+    samples = small_samples()
+    samples = replace(samples, rs=0.1 + 0.9 * samples.rs, gs=0.1 + 0.9 * samples.gs)
+    samples = replace(samples, rs_valid=torch.ones_like(samples.rs_valid))
+    motion = small_motion(4)
+    by_grid = picture_losses(samples, motion, None, LossConfig())
+    literal = picture_losses(samples, motion, None, LossConfig(mask="black"))
+    for name in ("rectified", "regenerated"):
+        assert by_grid[name].item() == pytest.approx(literal[name].item(), rel=1e-6)
+
+
+def test_a_black_scene_pixel_is_valid_by_the_grid_only():
+    samples = small_samples(1)
+    half = torch.ones(64)
+    half[:32] = 0
+    rs = (0.1 + 0.9 * samples.rs) * half
+    samples = replace(samples, rs=rs, gs=torch.full_like(rs, 0.5), rs_valid=torch.ones(1, 1, 64, 64))
+    still = torch.zeros(1, 2, 64)
+    by_grid, literal = (picture_losses(samples, still, None, LossConfig(mask=m)) for m in ("grid", "black"))
+    # the literal rule leaves out the black half, where the pictures differ by 0.5
+    right = ((samples.rs[..., 32:] - 0.5) ** 2).mean().item()
+    # (and, to the letter, not the column beside it, into which float32 positions leak a millionth of its light)
+    assert literal["rectified"].item() == pytest.approx(right, rel=0.15)
+    assert by_grid["rectified"].item() == pytest.approx((right + 0.25) / 2, rel=1e-4)
+
+
+def test_all_blocks_learn_from_the_pictures():
+    torch.manual_seed(0)
+    network, samples = Kandula2020(SMALL), small_samples()
+    before = {name: w.clone() for name, w in network.named_parameters()}
+    optimiser = torch.optim.Adam(network.parameters(), 1e-3)
+    for _ in range(2):  # the row block's last layer starts at zero and lets gradients pass from the second step
+        losses = picture_losses(samples, *network(samples.rs), LossConfig())
+        optimiser.zero_grad()
+        torch.stack(list(losses.values())).sum().backward()
+        optimiser.step()
+    assert not [name for name, w in network.named_parameters() if torch.equal(w, before[name])]
+
+
+def test_it_can_learn_a_few_pictures_by_heart():
+    torch.manual_seed(0)
+    network, samples = Kandula2020(SMALL), small_samples()
+    true = torch.stack(samples.row_motion(), 1)
+    optimiser = torch.optim.Adam(network.parameters(), 3e-3)
+
+    def error() -> torch.Tensor:
+        return ((network(samples.rs, rows=False)[0] - true) / torch.tensor([10.0, 0.1])[:, None]).square().mean()
+
+    first = error().item()
+    for _ in range(60):
+        optimiser.zero_grad()
+        error().backward()
+        optimiser.step()
+    assert error().item() < 0.2 * first
+
+
+# ---- training ---------------------------------------------------------------------------------------------
+
+
+def write_config(path: Path, loss: str = "regress_steps = 3\nregress_photos = 2", network: str = "") -> Path:
+    path.write_text(
+        'model = "kandula2020"\nsteps = 6\nbatch = 2\noptimiser = "adam"\nbeta2 = 0.99\nweight_decay = 0.0\n'
+        'schedule = "constant"\nlog_every = 1\nvalidate_every = 3\n'
+        f"[network]\nsize = 64\nwidth = 4\nhidden = 16\nrow_width = 4\n{network}\n"
+        "[data]\nsize = 64\ncanvas = 88\ndrawn = 5\nheld_out = 2\nvalidation_motions = 1\n"
+        f"[loss]\n{loss}\n"
+    )
+    return path
+
+
+def read_log(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "log.csv").read_text().splitlines()))
+
+
+def test_training_runs_both_phases_and_resumes(tmp_path):
+    config = write_config(tmp_path / "small.toml")
+    whole = run(config, tmp_path / "whole", device="cpu")
+    log = read_log(whole)
+    assert [bool(row["rectified"]) for row in log] == [False] * 3 + [True] * 3
+    assert all(float(log[-1][name]) > 0 for name in (*FOUR, "motion", "val_epe_median", "val_epe_exact_inverse"))
+
+    stopped = run(config, tmp_path / "parts", steps=4, device="cpu")
+    run(config, tmp_path / "parts", device="cpu")
+    states = [torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (whole, stopped)]
+    for name, weights in states[0]["network"].items():
+        torch.testing.assert_close(states[1]["network"][name], weights, msg=name)
+
+
+def test_export_is_the_network(tmp_path):
+    import onnxruntime
+
+    torch.manual_seed(0)
+    recipe = KandulaRecipe(TrainConfig("kandula2020", network=NETWORK, data=DATA), CPU)
+    network = recipe.build()
+    nn.init.normal_(network.row_block.layers[-1].weight, std=0.1)
+    network(torch.rand(4, 3, 64, 64))  # batch statistics that are not those of the start
+    network.eval()
+    rs = torch.rand(3, 3, 64, 64)
+    with torch.no_grad():
+        expected = network(rs)
+    recipe.export(network, tmp_path / "model.onnx")
+    session = onnxruntime.InferenceSession(str(tmp_path / "model.onnx"), providers=["CPUExecutionProvider"])
+    assert [o.name for o in session.get_outputs()] == ["motion", "row_map"]
+    for ours, theirs in zip(expected, session.run(None, {"rs": rs.numpy()}), strict=True):
+        np.testing.assert_allclose(theirs, ours.numpy(), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("network", "loss", "logged"),
+    [
+        ("", "regress_only = true", set()),
+        ("", "regress_steps = 0\nregenerated = 0\nregenerated_edges = 0", {"rectified", "rectified_edges"}),
+        ("", "regress_steps = 0\nrectified_edges = 0\nregenerated_edges = 0", {"rectified", "regenerated"}),
+        ("trajectory_degree = -1", "regress_steps = 0", set(FOUR)),
+        ("row_layers = 0", "regress_steps = 0", set(FOUR)),
+        ("row_layers = 3", "regress_steps = 0", set(FOUR)),
+    ],
+)
+def test_ablations_train_and_export(tmp_path, network, loss, logged):
+    config = write_config(tmp_path / "ablation.toml", loss, network)
+    folder = run(config, tmp_path, steps=2, device="cpu")
+    last = read_log(folder)[-1]
+    assert {name for name in FOUR if last.get(name)} == logged
+    assert (folder / "model.onnx").exists()
+
+
+def test_size_of_data_and_network_must_agree():
+    with pytest.raises(UsageError, match="must agree"):
+        KandulaRecipe(TrainConfig("kandula2020", network=NETWORK), CPU)
+
+
+# ---- configurations ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*2*.toml")), ids=lambda p: p.stem)
+def test_shipped_configurations_can_be_built(path):
+    config = load_config(path)
+    config = replace(config, data={**config.data, "folder": "", "validation_folder": "", "drawn": 3, "held_out": 1})
+    recipe = make_recipe(config, CPU)
+    with torch.device("meta"):
+        network = recipe.build() if config.model == "kandula2020" else None
+    if network is not None:
+        assert sum(w.numel() for w in network.parameters()) * 4 < 20e6
+    assert _schedule(0, config) > 0
+
+
+def test_the_paper_run_is_the_paper_run():
+    config = load_config(CONFIGS / "kandula2020.toml")
+    assert (config.optimiser, config.learning_rate, config.momentum, config.beta2) == ("adam", 1e-3, 0.9, 0.99)
+    assert config.data["photos"] == 400
+    assert config.steps * config.batch % 80_000 == 0
+    assert (config.loss["regress_photos"], config.loss["regress_steps"]) == (50, 50 * 200 * 5 // 64)
+    defaults = LossConfig()
+    assert [getattr(defaults, name) for name in FOUR] == [1, 1, 0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("name", "difference"),
+    [
+        ("regressed", {"loss": {"regress_only": True}}),
+        ("no-regeneration", {"loss": {"regenerated": 0, "regenerated_edges": 0}}),
+        ("no-edges", {"loss": {"rectified_edges": 0, "regenerated_edges": 0}}),
+        ("no-trajectory", {"network": {"trajectory_degree": -1}}),
+        ("exact-inverse", {"network": {"row_layers": 0}}),
+        ("row3", {"network": {"row_layers": 3}}),
+    ],
+)
+def test_ablations_differ_in_one_thing(name, difference):
+    base = as_table(load_config(CONFIGS / "kandula2020.toml"))
+    ablation = as_table(load_config(CONFIGS / f"kandula2020-{name}.toml"))
+    for table, values in difference.items():
+        base[table] = {**base[table], **values}
+    assert ablation == base
+
+
+def test_optimisers_and_schedules():
+    config = TrainConfig("any", steps=100, warmup=10, learning_rate=0.5, momentum=0.8, beta2=0.97, weight_decay=0.25)
+    network = nn.Linear(2, 2)
+    adamw, adam, sgd = (_optimiser(network, replace(config, optimiser=name)) for name in ("adamw", "adam", "sgd"))
+    assert (type(adamw), type(adam), type(sgd)) == (torch.optim.AdamW, torch.optim.Adam, torch.optim.SGD)
+    assert adam.defaults["betas"] == (0.8, 0.97) and sgd.defaults["momentum"] == 0.8
+    assert {o.defaults["weight_decay"] for o in (adamw, adam, sgd)} == {0.25}
+    assert TrainConfig("any").optimiser == "adamw" and (TrainConfig("any").momentum, TrainConfig("any").beta2) == (
+        0.9,
+        0.98,
+    )
+    assert _schedule(4, config) == pytest.approx(0.5, abs=0.01) and _schedule(50, config) == pytest.approx(0.5)
+    assert _schedule(99, replace(config, schedule="constant")) == 1
+    stairs = replace(config, schedule="stairs", stair=40)
+    assert [_schedule(s, stairs) for s in (20, 39, 40, 80)] == pytest.approx([1, 1, 0.1, 0.01])
+    for bad in ({"optimiser": "lion"}, {"schedule": "sine"}, {"schedule": "stairs"}):
+        with pytest.raises(UsageError):
+            _optimiser(network, replace(config, **bad)), _schedule(0, replace(config, **bad))
