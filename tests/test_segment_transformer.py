@@ -7,7 +7,7 @@ import torch
 from unshutter import Motion
 from unshutter.learn.config import TrainConfig
 from unshutter.learn.scenes import SceneConfig, Scenes, draw_scenes
-from unshutter.learn.segment_recipe import Exported, SegmentRecipe, motion_epe
+from unshutter.learn.segment_recipe import MirroredStep, SegmentRecipe, motion_epe
 from unshutter.learn.segment_transformer import SegmentTransformer, SegmentTransformerConfig, _legendre_to_powers
 
 SMALL = SegmentTransformerConfig(width=16, layers=1, heads=2)
@@ -51,24 +51,27 @@ def test_masked_segments_do_not_matter(network: SegmentTransformer, scenes: Scen
 
 
 def test_the_exported_form_is_antisymmetric_under_mirroring(network: SegmentTransformer, scenes: Scenes) -> None:
-    exported = Exported(network).eval()
+    step = MirroredStep(network).eval()
     mirrored = scenes.tokens * torch.tensor([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
+    motion = torch.full((4, 2, 3), 0.01)
     torch.testing.assert_close(
-        exported(mirrored, scenes.mask), -exported(scenes.tokens, scenes.mask), atol=1e-6, rtol=1e-4
+        step(mirrored, scenes.mask, -motion), -step(scenes.tokens, scenes.mask, motion), atol=1e-6, rtol=1e-4
     )
 
 
 def test_onnx_gives_what_torch_gives(network: SegmentTransformer, tmp_path: Path) -> None:
     import onnxruntime
 
-    recipe = SegmentRecipe(TrainConfig("segment-transformer"), torch.device("cpu"))
+    recipe = SegmentRecipe(TrainConfig("segment-transformer", network={"width": 16, "layers": 1, "heads": 2}), torch.device("cpu"))
     recipe.export(network, tmp_path / "m.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "m.onnx")
     for batch, count in ((1, 5), (3, 77)):  # any number of segments
         drawn = draw_scenes(batch, SceneConfig(tokens=count), torch.Generator().manual_seed(count))
         (ours,) = session.run(None, {"tokens": drawn.tokens.numpy(), "mask": drawn.mask.numpy()})
-        theirs = Exported(network).eval()(drawn.tokens, drawn.mask).detach().numpy()
-        np.testing.assert_allclose(ours, theirs, atol=1e-4)
+        theirs = torch.zeros(batch, 2, 3)
+        for _ in range(network.config.iterations_in_use):
+            theirs = MirroredStep(network).eval()(drawn.tokens, drawn.mask, theirs)
+        np.testing.assert_allclose(ours, theirs.detach().numpy(), atol=1e-4)
 
 
 def test_legendre_rows_are_the_polynomials_less_their_start() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import torch
@@ -11,6 +10,7 @@ from torch.nn import functional as F
 
 from unshutter import geometry
 from unshutter.learn.config import TrainConfig, from_table
+from unshutter.learn.onnx_loop import export_loop
 from unshutter.learn.scenes import SceneConfig, Scenes, draw_scenes, row_motion
 from unshutter.learn.segment_transformer import SegmentTransformer, SegmentTransformerConfig
 
@@ -61,26 +61,13 @@ class SegmentRecipe:
 
     def export(self, network: nn.Module, path: Path) -> None:
         """ONNX: tokens [batch, segments, 6], mask [batch, segments] -> coefficients [batch, 2, 3]."""
-        inner = Exported(network).eval().cpu()
-        tokens = torch.rand(1, 16, 6) - 0.5
-        mask = torch.ones(1, 16, dtype=torch.bool)
-        sizes = {"tokens": {0: "batch", 1: "segments"}, "mask": {0: "batch", 1: "segments"}}
-        with warnings.catch_warnings():  # the tracer's notes about shapes that stay fixed, as they should
-            warnings.simplefilter("ignore")
-            torch.onnx.export(
-                inner,
-                (tokens, mask),
-                str(path),
-                input_names=["tokens", "mask"],
-                output_names=["coefficients"],
-                dynamic_axes={**sizes, "coefficients": {0: "batch"}},
-                opset_version=18,
-                dynamo=False,
-            )
+        step = MirroredStep(network).eval().cpu()
+        example = (torch.rand(1, 16, 6) - 0.5, torch.ones(1, 16, dtype=torch.bool), torch.zeros(1, 2, 3))
+        export_loop(step, example, path, iterations=self.network_config.iterations_in_use)
 
 
-class Exported(nn.Module):
-    """What is shipped: the last iteration's motion, averaged over the picture and its mirror image.
+class MirroredStep(nn.Module):
+    """One iteration as it is shipped: the correction averaged over the picture and its mirror image.
 
     Mirroring left and right turns (t_x, r_z) into (-t_x, -r_z); the average of both answers is exactly
     antisymmetric, and a little more accurate than either.
@@ -91,11 +78,12 @@ class Exported(nn.Module):
         self.network = network
         self.register_buffer("mirror", torch.tensor([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0]), persistent=False)
 
-    def forward(self, tokens: Tensor, mask: Tensor) -> Tensor:
-        """Tokens [B, N, 6] and mask [B, N] -> coefficients [B, 2, 3]."""
-        both = torch.cat([tokens, tokens * self.mirror])
-        straight, mirrored = self.network(both, torch.cat([mask, mask]))[0][-1].chunk(2)
-        return (straight - mirrored) / 2
+    def forward(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> Tensor:
+        """Tokens [B, N, 6], mask [B, N], motion so far [B, 2, 3] -> motion [B, 2, 3]."""
+        tokens = torch.cat([tokens, tokens * self.mirror])
+        correction, _ = self.network.correct(tokens, torch.cat([mask, mask]), torch.cat([motion, -motion]))  # type: ignore[operator]
+        straight, mirrored = correction.chunk(2)
+        return motion + (straight - mirrored) / 2
 
 
 def motion_epe(motion: Tensor, scenes: Scenes) -> Tensor:

@@ -25,7 +25,8 @@ class SegmentTransformerConfig:
     layers: int = 4
     heads: int = 4
     latents: int = 4
-    iterations: int = 2
+    iterations: int = 2  # in training
+    iterations_in_use: int = 3  # of the exported network
 
 
 class SegmentTransformer(nn.Module):
@@ -52,17 +53,18 @@ class SegmentTransformer(nn.Module):
         nn.init.zeros_(self.head[-1].bias)
         self.register_buffer("basis", _legendre_to_powers(), persistent=False)
 
-    def forward(self, tokens: Tensor, mask: Tensor, iterations: int | None = None) -> tuple[Tensor, Tensor]:
+    def forward(self, tokens: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
         motion = tokens.new_zeros(tokens.shape[0], 2, 3)
         history = []
         camera = tokens.new_zeros(tokens.shape[0], 3)
-        for _ in range(iterations or self.config.iterations):
-            correction, camera = self._correct(tokens, mask, motion.detach())
+        for _ in range(self.config.iterations):
+            correction, camera = self.correct(tokens, mask, motion.detach())
             motion = motion.detach() + correction
             history.append(motion)
         return torch.stack(history), camera
 
-    def _correct(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
+    def correct(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
+        """What is missing from ``motion`` [B, 2, 3], and the camera [B, 3]."""
         x = self.embed(_features(tokens, _moved(tokens, motion)))
         bias = torch.zeros_like(mask, dtype=x.dtype).masked_fill(~mask, -1e4)[:, None, None]  # [B, 1, 1, N]
         for block in self.blocks:

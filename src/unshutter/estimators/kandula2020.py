@@ -1,0 +1,130 @@
+"""kandula2020: the paper's network (ONNX) on a square of 256 px -> row motion, and the row map of its row block.
+
+The square in the middle of the photo is what the network sees. Rows beyond it (tall photos) get the motion that goes
+on with the last slope, columns beyond it (wide photos) the row map's residual at its border.
+Trained by ``unshutter.learn``; not registered while no trained weights are shipped.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from importlib.resources import as_file, files
+
+import numpy as np
+
+from unshutter import geometry
+from unshutter.estimators.base import View
+from unshutter.motion import Motion
+
+SIZE = 256  # px of the square that networks of the paper read
+PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+class Kandula2020:
+    """Runs the exported network.
+
+    Args:
+        weights: path of an exported network; by default the one in the package.
+    """
+
+    name = "kandula2020"
+
+    def __init__(self, weights: str | os.PathLike[str] | None = None):
+        self._session = open_network(self.name, weights)
+
+    def estimate(self, view: View) -> Motion:
+        """Cubic t_x and r_z, first row as the reference."""
+        trajectory, _ = self.answer(view)
+        return self._motion(view, trajectory).rereferenced("first")
+
+    def answer(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
+        """What the network says: trajectory [2, 256] (t_x [px of 256], r_z [rad]) and row map [256, 256], if any."""
+        outputs = self._session.run(None, {"rs": square(view)})
+        return outputs[0][0].astype(np.float64), outputs[1][0].astype(np.float64) if len(outputs) > 1 else None
+
+    def position_map(self, view: View) -> PositionMap:
+        """The paper's rectification: GS (col, row) -> RS (col, row) [px of the full-size readout frame].
+
+        The motion of each GS pixel is looked up at the row that the row map says, enlarged to the photo; it
+        differs from :meth:`Motion.gs_to_rs` of the estimate by the row block's error.
+        """
+        trajectory, row_map = self.answer(view)
+        motion = self._motion(view, trajectory)
+        if row_map is None:
+            return motion.gs_to_rs
+        look_up = geometry.row_motion_from_samples(motion.tx_px, motion.rz_rad)
+        residual = row_map - np.arange(SIZE)[:, None]
+        side, (left, top) = min(view.height, view.width), _corner(view)
+
+        def in_square(position: np.ndarray, start: float) -> np.ndarray:
+            return (position - start + 0.5) * (SIZE / side) - 0.5
+
+        def position(col: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            col, row = np.broadcast_arrays(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
+            seen_by = row + _bilinear(residual, in_square(col, left), in_square(row, top)) * (side / SIZE)
+            tx, rz, _ = look_up(seen_by)
+            return geometry.gs_to_rs_by_row_map(col, row, tx, rz, motion.center)
+
+        return position
+
+    def _motion(self, view: View, trajectory: np.ndarray) -> Motion:
+        return motion_of_square(view, np.arange(SIZE), trajectory, self.name)
+
+
+def open_network(name: str, weights: str | os.PathLike[str] | None):
+    """ONNX session on one thread, of the given file or the package's own."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.log_severity_level = 3
+    with as_file(files("unshutter") / "weights" / f"{name}.onnx") as shipped:
+        return onnxruntime.InferenceSession(str(weights or shipped), options, providers=["CPUExecutionProvider"])
+
+
+def square(view: View) -> np.ndarray:
+    """The largest square in the middle of the readout frame: float32 [1, 3, 256, 256], RGB in 0 ... 1."""
+    import cv2
+
+    pixels = view.readout.turn(view.photo.to_array())
+    pixels = pixels[..., None] if pixels.ndim == 2 else pixels
+    side, (left, top) = min(view.height, view.width), _corner(view)
+    pixels = np.ascontiguousarray(pixels[top : top + side, left : left + side, : 3 if pixels.shape[-1] > 2 else 1])
+    shrinks = side >= SIZE
+    small = cv2.resize(pixels, (SIZE, SIZE), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+    scaled = small.reshape(SIZE, SIZE, -1).astype(np.float32) / np.iinfo(pixels.dtype).max
+    return np.ascontiguousarray(np.broadcast_to(scaled, (SIZE, SIZE, 3)).transpose(2, 0, 1)[None])
+
+
+def motion_of_square(view: View, rows: np.ndarray, samples: np.ndarray, name: str, degree: int | None = None) -> Motion:
+    """Motion of the whole photo from samples [2, N] (t_x [px of 256], r_z [rad]) at rows [N] of its square.
+
+    Args:
+        view: the photo.
+        rows: increasing, of 256.
+        samples: motion at these rows.
+        name: of the estimator.
+        degree: of the polynomial to fit; None: straight lines between the samples.
+    """
+    side = min(view.height, view.width)
+    at = (rows + 0.5) * (side / SIZE) - 0.5 + _corner(view)[1]
+    about = {"readout": view.readout, "estimator": name}
+    return Motion.from_key_rows(at, samples[0] * (side / SIZE), samples[1], view.height, view.width, degree, **about)
+
+
+def _corner(view: View) -> tuple[int, int]:
+    """(left, top) of the square [px]."""
+    side = min(view.height, view.width)
+    return (view.width - side) // 2, (view.height - side) // 2
+
+
+def _bilinear(table: np.ndarray, col: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Values of a table [h, w] at positions, the border's beyond it."""
+    height, width = table.shape
+    x, y = np.clip(col, 0, width - 1), np.clip(row, 0, height - 1)
+    left, top = (np.minimum(np.floor(p).astype(int), last) for p, last in ((x, width - 2), (y, height - 2)))
+    u, v = x - left, y - top
+    above = table[top, left] * (1 - u) + table[top, left + 1] * u
+    below = table[top + 1, left] * (1 - u) + table[top + 1, left + 1] * u
+    return above * (1 - v) + below * v

@@ -1,0 +1,92 @@
+import json
+
+import numpy as np
+import pytest
+
+import unshutter
+from unshutter import Motion, UsageError
+from unshutter.estimators import DEFAULT, ESTIMATORS, View
+from unshutter.metrics import motion_error
+from unshutter.photo import Photo
+from unshutter.segments import find_segments, in_rows
+
+
+def test_segments_of_a_drawn_edge_lie_on_it() -> None:
+    """Dark up to column 99, bright from column 100: the edge is at 99.5, pixel centres at whole numbers."""
+    grey = np.zeros((200, 160), np.uint8)
+    grey[:, 100:] = 255
+    for picture, edge in ((grey, slice(0, 4, 2)), (np.ascontiguousarray(grey.T), slice(1, 4, 2))):
+        (found,) = find_segments(picture)
+        np.testing.assert_allclose(found[edge], 99.5, atol=0.1)
+
+
+def test_segments_come_longest_first_and_in_rows() -> None:
+    grey = np.zeros((200, 300), np.uint8)
+    grey[20:180, 40:60] = 255
+    grey[50:100, 200:280] = 200
+    found = find_segments(grey)
+    lengths = np.hypot(found[:, 2] - found[:, 0], found[:, 3] - found[:, 1])
+    assert (np.diff(lengths) <= 0).all()
+    np.testing.assert_array_equal(find_segments(grey, 2), found[:2])
+    corners = in_rows(np.array([[0.0, 0.0, 299.0, 199.0]]), 200, 300)
+    np.testing.assert_allclose(corners, [[-149.5 / 200, -99.5 / 200, 149.5 / 200, 99.5 / 200]])
+    assert find_segments(np.zeros((64, 64), np.uint8)).shape == (0, 4)
+
+
+def test_the_shipped_model_straightens_a_facade(rolling_facade: np.ndarray, facade_motion: Motion) -> None:
+    found = unshutter.estimate(rolling_facade)
+    height, width = rolling_facade.shape[:2]
+    nothing = motion_error(Motion.zero(height, width), facade_motion).epe
+    assert (found.height, found.width, found.estimator) == (height, width, DEFAULT)
+    assert found.tx_px[0] == found.rz_rad[0] == 0
+    assert motion_error(found, facade_motion).epe < 0.4 * nothing
+
+
+def test_an_undistorted_facade_is_left_nearly_alone(facade: np.ndarray) -> None:
+    found = unshutter.estimate(facade)
+    assert np.abs(found.tx_px).max() * 256 / found.height < 2.5
+    assert np.degrees(np.abs(found.rz_rad).max()) < 1
+
+
+def test_the_size_of_the_photo_does_not_matter_much(rolling_facade: np.ndarray, facade_motion: Motion) -> None:
+    small = np.asarray(rolling_facade.reshape(210, 2, 280, 2, 3).mean((1, 3)), np.uint8)
+    one, two = unshutter.estimate(rolling_facade), unshutter.estimate(small).resized(420, 560)
+    assert motion_error(two, one).epe < 1.5
+
+
+def test_mirroring_mirrors_the_motion(rolling_facade: np.ndarray) -> None:
+    """Up to what the detector finds differently."""
+    found, mirrored = unshutter.estimate(rolling_facade), unshutter.estimate(rolling_facade[:, ::-1].copy())
+    opposite = Motion(found.width, -mirrored.tx_px, -mirrored.rz_rad)
+    assert motion_error(opposite, found).epe < 1.0
+
+
+def test_without_segments_it_says_so_and_does_nothing() -> None:
+    grey = np.full((200, 300), 128, np.uint8)
+    motion = unshutter.estimate(grey)
+    assert motion.is_zero
+    assert "0 straight segments" in motion.reason
+    assert json.loads(motion.to_json())["reason"] == motion.reason
+    np.testing.assert_array_equal(unshutter.rectify(grey), grey)
+
+
+def test_a_panorama_is_declined() -> None:
+    motion = unshutter.estimate(np.zeros((100, 400), np.uint8))
+    assert motion.is_zero
+    assert "2.5 times" in motion.reason
+
+
+@pytest.mark.parametrize("name", list(ESTIMATORS))
+def test_every_estimator_keeps_the_contract(name: str, rolling_facade: np.ndarray) -> None:
+    estimator = unshutter.load(name)
+    assert estimator is unshutter.load(name)  # built once
+    assert estimator.name == name
+    motion = estimator.estimate(View(Photo.from_array(rolling_facade)))
+    assert (motion.height, motion.width) == rolling_facade.shape[:2]
+    assert motion.estimator == name
+    assert motion.reference == "first"
+
+
+def test_unknown_estimators_are_named() -> None:
+    with pytest.raises(UsageError, match="unknown estimator 'magic'"):
+        unshutter.load("magic")
