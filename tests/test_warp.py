@@ -8,6 +8,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.readout import Readout
 from unshutter.row_motions import draw_quadratic
+from unshutter.sampling_map import SamplingGrid, gs_to_rs_map
 from unshutter.warp import backward_map, distort_image, largest_valid_rectangle, rectify_image, validity_mask
 
 COLOURS = {(1, "uint8"): "b-w", (2, "uint8"): "b-w", (3, "uint8"): "srgb", (4, "uint8"): "srgb"}
@@ -126,6 +127,14 @@ def test_map_of_a_large_picture(jitter):
     seen = inside(col, row, 1500, 2000)
     assert np.abs(found_col[at[:, 0], at[:, 1]] - col)[seen].max() < 0.02
     assert np.abs(found_row[at[:, 0], at[:, 1]] - row)[seen].max() < 0.02
+
+
+@pytest.mark.parametrize("readout", Readout)
+def test_a_smooth_motion_needs_few_nodes(readout):
+    """That is what makes the map cheap; a kink at the border would refine the grid to every pixel."""
+    motion = shake(*readout.frame_size(1500, 2000), share=0.5, readout=readout)
+    grid = SamplingGrid.of(gs_to_rs_map(motion), 1500, 2000)
+    assert grid.row_step * grid.col_step >= 16 * 16
 
 
 def test_a_motion_that_folds_the_picture_is_refused():
@@ -326,6 +335,17 @@ def test_transparent_colours_do_not_bleed():
     seen = result[..., 3] > 0
     assert np.abs(result[seen][:, :3].astype(int) - (50, 60, 70)).max() <= 1
     assert 0 < result[20, 26, 3] < 255  # the edge is half covered: column 26 looks at 29.5
+
+
+@pytest.mark.parametrize(("dtype", "colours"), [(np.uint8, "srgb"), (np.uint16, "rgb16"), (np.uint16, "srgb")])
+def test_half_transparent_colours_stay(dtype, colours):
+    """Also of 16-bit pixels that are not marked as such."""
+    unit = 1 if dtype == np.uint8 else 257
+    pixels = np.full((40, 60, 4), (77, 131, 200, 99), dtype) * dtype(unit)
+    motion = Motion(60, np.linspace(0, 3.3, 40), np.zeros(40))
+    result = rectify_image(image_of(pixels).copy(interpretation=colours), motion, "fill")
+    assert (result.format, result.interpretation) == ("uchar" if unit == 1 else "ushort", colours)
+    assert np.abs(result.numpy().astype(int) - pixels).max() <= unit // 257 * 3  # uint8: exact
 
 
 # ---- small, wrong -----------------------------------------------------------------------------------------

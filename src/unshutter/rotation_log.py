@@ -58,7 +58,8 @@ class RotationLog:
                 a few samples that came late; UsageError: unknown or equal axes.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with open(path, "rb") as stream:
+                file = np.load(stream, allow_pickle=False)
                 data = {key: np.asarray(file[key], dtype=np.float64) for key in file.files if key in _SHAPES}
         except OSError as error:
             raise UnshutterError(f"cannot read trajectory {path}: {error.strerror or 'not an NPZ file'}") from None

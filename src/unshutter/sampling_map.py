@@ -86,7 +86,7 @@ class SamplingGrid:
                     continue
             axis, settled = 1 - axis, settled + 1
         # Far outside nothing is looked up, and a map that runs away would leave the range of libvips.
-        far = float(height + width + 4 * _COARSEST_STEP)
+        far = float(height + width)
         np.nan_to_num(nodes, copy=False, nan=-far, posinf=2 * far, neginf=-far)
         return cls(np.clip(nodes, -far, 2 * far, out=nodes), steps[0], steps[1], height, width)
 
