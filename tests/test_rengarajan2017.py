@@ -8,10 +8,13 @@ import torch
 from torch import nn
 
 from unshutter.errors import UsageError
+from unshutter.estimators import View
+from unshutter.estimators.rengarajan2017 import Rengarajan2017
 from unshutter.learn.config import TrainConfig
 from unshutter.learn.rengarajan2017 import KEY_ROWS, Rengarajan2017Config, build, quadratic
 from unshutter.learn.rengarajan_recipe import RengarajanRecipe
 from unshutter.learn.train import run
+from unshutter.photo import Photo
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -95,7 +98,14 @@ def test_training_and_export(tmp_path):
     session = onnxruntime.InferenceSession(str(folder / "model.onnx"), providers=["CPUExecutionProvider"])
     (theirs,) = session.run(["key_rows"], {"rs": rs.numpy()})
     with torch.no_grad():
-        np.testing.assert_allclose(theirs, network.eval()(rs).numpy(), atol=1e-3)  # px
+        ours = network.eval()(rs)
+    np.testing.assert_allclose(theirs, ours.numpy(), atol=1e-3)  # px
+
+    pixels = (rs[0].permute(1, 2, 0).numpy() * 65535).round().astype(np.uint16)
+    found = Rengarajan2017(folder / "model.onnx").estimate(View(Photo.from_array(pixels)))
+    expected = quadratic(ours)[0].numpy()
+    np.testing.assert_allclose(found.tx_px, expected[0] - expected[0, 0], atol=0.01)
+    np.testing.assert_allclose(found.rz_rad, expected[1] - expected[1, 0], atol=1e-4)
 
 
 def test_rowcol_takes_a_step():

@@ -41,7 +41,8 @@ class Kandula2020:
     def answer(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
         """What the network says: trajectory [2, 256] (t_x [px of 256], r_z [rad]) and row map [256, 256], if any."""
         outputs = self._session.run(None, {"rs": square(view)})
-        return outputs[0][0].astype(np.float64), outputs[1][0].astype(np.float64) if len(outputs) > 1 else None
+        trajectory, *row_map = (np.asarray(output, dtype=np.float64)[0] for output in outputs)
+        return trajectory, row_map[0] if row_map else None
 
     def position_map(self, view: View) -> PositionMap:
         """The paper's rectification: GS (col, row) -> RS (col, row) [px of the full-size readout frame].
@@ -109,8 +110,9 @@ def motion_of_square(view: View, rows: np.ndarray, samples: np.ndarray, name: st
     """
     side = min(view.height, view.width)
     at = (rows + 0.5) * (side / SIZE) - 0.5 + _corner(view)[1]
+    tx, rz = samples[0] * (side / SIZE), samples[1]
     about = {"readout": view.readout, "estimator": name}
-    return Motion.from_key_rows(at, samples[0] * (side / SIZE), samples[1], view.height, view.width, degree, **about)
+    return Motion.from_key_rows(at.tolist(), tx.tolist(), rz.tolist(), view.height, view.width, degree, **about)
 
 
 def _corner(view: View) -> tuple[int, int]:

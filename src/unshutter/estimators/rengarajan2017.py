@@ -31,5 +31,6 @@ class Rengarajan2017:
     def estimate(self, view: View) -> Motion:
         """Quadratic t_x and r_z through the key rows, first row as the reference."""
         (answer,) = self._session.run(None, {"rs": square(view)})
-        motion = motion_of_square(view, KEY_ROWS, answer[0].astype(np.float64), self.name, degree=2)
+        key_rows = np.asarray(answer, dtype=np.float64)[0]
+        motion = motion_of_square(view, KEY_ROWS, key_rows, self.name, degree=2)
         return motion.rereferenced("first")
