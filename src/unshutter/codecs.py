@@ -8,14 +8,13 @@ from __future__ import annotations
 import io
 import os
 import re
-import threading
-from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from unshutter import containers, metadata
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.libvips import libvips, refusing
 
 if TYPE_CHECKING:
     import pyvips
@@ -69,7 +68,8 @@ _SIGNATURES = tuple(
         (rb"....ftyp(....)*(hei[cxms]|mif1)", "is a HEIC photo, which is not read yet: convert it to JPEG first"),
     )
 )
-_JPEG_COMPLAINTS = threading.Lock()  # libvips notes them in one place for all threads
+# Warnings about JPEGs in which every pixel is there, and which all viewers show.
+_HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
 _SPILL_BYTES = 1 << 31  # decoded pictures above this go to a temporary file instead of memory
 
 
@@ -111,11 +111,10 @@ class Source:
 
     def load(self, codec: Codec, **options: Any) -> pyvips.Image:
         """The picture, lazily; ``pyvips.Error`` where libvips cannot make sense of it."""
-        import pyvips
-
+        image = libvips().Image
         if isinstance(self.place, Path):  # as bytes: names need not be text
-            return getattr(pyvips.Image, codec.load)(os.fsencode(self.place), revalidate=True, **options)
-        return getattr(pyvips.Image, codec.load + "_buffer")(self.place, **options)
+            return getattr(image, codec.load)(os.fsencode(self.place), **options)
+        return getattr(image, codec.load + "_buffer")(self.place, **options)
 
 
 def for_suffix(path: Path) -> Codec:
@@ -235,32 +234,26 @@ def decode(source: Source, codec: Codec, coding: Coding, shrink: int = 1) -> pyv
     Raises:
         UnshutterError: the data are damaged or end too early.
     """
-    import pyvips
-
     options = {"shrink": shrink} if shrink > 1 else {}
-    with _JPEG_COMPLAINTS if codec.name == "jpeg" else nullcontext():
-        pyvips.Error("")  # takes what libvips has noted so far
+    with refusing(f"{source} is damaged or incomplete"):
+        # To libjpeg damaged data are but a warning; PNG and TIFF warn of much that harms nothing.
+        level = "warning" if codec.name == "jpeg" else "error"
         try:
-            # not "warning": PNG and TIFF warn of much that harms nothing
+            image = _in_memory(source.load(codec, access="sequential", fail_on=level, **options))
+        except libvips().Error as error:
+            if level == "error" or not _HARMLESS.search(error.detail):
+                raise
             image = _in_memory(source.load(codec, access="sequential", fail_on="error", **options))
-            # To libjpeg damaged data are no error, and libvips does not look at the last rows' warnings.
-            noted = pyvips.Error("").detail if codec.name == "jpeg" else ""
-        except pyvips.Error as error:
-            raise UnshutterError(f"{source} is damaged or incomplete ({reason(error)})") from None
-    if "Corrupt JPEG data" in noted:
-        raise UnshutterError(f"{source} is damaged or incomplete ({noted.strip().splitlines()[0]})")
     if coding.grey and image.bands > 2:
         image = image[0] if image.bands == 3 else image[0].bandjoin(image[3])
     return standard(_unturned(image, coding.orientation))
 
 
 def _in_memory(image: pyvips.Image) -> pyvips.Image:
-    import pyvips
-
     size = image.width * image.height * image.bands * (2 if image.format == "ushort" else 1)
     if size <= _SPILL_BYTES:
         return image.copy_memory()
-    spilled = pyvips.Image.new_temp_file("%s.v")
+    spilled = libvips().Image.new_temp_file("%s.v")
     image.write(spilled)
     return spilled
 
@@ -292,15 +285,6 @@ def standard(image: pyvips.Image) -> pyvips.Image:
     deep = image.format == "ushort"
     meaning = ("grey16" if deep else "b-w") if image.bands < 3 else ("rgb16" if deep else "srgb")
     return image if image.interpretation == meaning else image.copy(interpretation=meaning)
-
-
-def reason(error: pyvips.Error) -> str:
-    """The cause in libvips's many lines of complaint: the system's, else the first."""
-    lines = [line.strip() for line in str(error.detail).splitlines() if line.strip()]
-    system = [line.removeprefix("system error: ") for line in lines if line.startswith("system error: ")]
-    told = [line for line in system if not line.startswith("Unknown error")]
-    lines = [line for line in lines if "bad seek" not in line]  # how libheif finds the end of a stream
-    return (told or lines or [error.message])[0]
 
 
 def to_8_bits(image: pyvips.Image) -> pyvips.Image:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from unshutter import codecs
 from unshutter.codecs import Codec, Coding
 from unshutter.errors import UnshutterError
+from unshutter.libvips import libvips
 
 if TYPE_CHECKING:
     import pyvips
@@ -29,19 +30,17 @@ def dress(image: pyvips.Image, header: pyvips.Image, exif: bytes | None, orienta
         exif: EXIF blob.
         orientation: EXIF orientation 1-8.
     """
-    import pyvips
-
     image = image.copy(xres=header.xres, yres=header.yres)
-    blob = pyvips.GValue.blob_type
+    types = libvips().GValue
     for name in image.get_fields():
-        if name.startswith("exif-") or image.get_typeof(name) == blob:
+        if name.startswith("exif-") or image.get_typeof(name) == types.blob_type:
             image.remove(name)
     for name in header.get_fields():
         if name in _CARRIED or name.startswith("png-comment-"):
             image.set_type(header.get_typeof(name), name, header.get(name))
     if exif is not None:
-        image.set_type(blob, "exif-data", exif)  # pyright: ignore[reportArgumentType]
-    image.set_type(pyvips.GValue.gint_type, "orientation", orientation)
+        image.set_type(types.blob_type, "exif-data", exif)  # pyright: ignore[reportArgumentType]
+    image.set_type(types.gint_type, "orientation", orientation)
     return image
 
 
@@ -60,22 +59,15 @@ def fit(image: pyvips.Image, codec: Codec) -> pyvips.Image:
         image = image.flatten()
     if not codec.deep:
         image = codecs.to_8_bits(image)
-    profile = codecs.field(image, "icc-profile-data")
     if image.bands > 2 or codec.grey:
-        fits = profile is None or profile[16:20] == (b"RGB " if image.bands > 2 else b"GRAY")
-        return image if fits else _without(image, "icc-profile-data")
+        return image
     grey, alpha = image[0], image[1:] if image.bands == 2 else None
+    profile = codecs.field(image, "icc-profile-data")
     if profile is not None and profile[16:20] == b"GRAY":  # its tones would be lost with it
         colour = codecs.standard(grey).icc_transform("srgb", embedded=True, depth=16 if image.format == "ushort" else 8)
     else:
-        colour = _without(grey.bandjoin([grey, grey]), "icc-profile-data")
+        colour = grey.bandjoin([grey, grey])
     return codecs.standard(colour if alpha is None else colour.bandjoin(alpha))
-
-
-def _without(image: pyvips.Image, field: str) -> pyvips.Image:
-    image = image.copy()
-    image.remove(field)
-    return image
 
 
 def encode(

@@ -6,7 +6,7 @@ import contextlib
 import io
 import os
 import secrets
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ import numpy as np
 from unshutter import codecs, encoding, metadata
 from unshutter.codecs import CODECS, Codec, Coding, Source
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.libvips import libvips, refusing
 
 if TYPE_CHECKING:
     import pyvips
@@ -51,11 +52,11 @@ class Photo:
     bands: int
     orientation: int
     path: Path | None
-    _source: Source | None
-    _coding: Coding
-    _header: pyvips.Image  # metadata
-    _exif: bytes | None
-    _pixels: pyvips.Image | None = None
+    _source: Source | None = field(repr=False)
+    _coding: Coding = field(repr=False)
+    _header: pyvips.Image = field(repr=False)  # metadata
+    _exif: bytes | None = field(repr=False)
+    _pixels: pyvips.Image | None = field(repr=False, default=None)
 
     # ---- in --------------------------------------------------------------------------------------------
 
@@ -76,13 +77,10 @@ class Photo:
 
     @classmethod
     def _from_source(cls, source: Source, max_pixels: int) -> Photo:
-        import pyvips
-
         codec = codecs.recognise(source)
-        try:
+        with refusing(f"{source} is damaged, incomplete or unusual"):
             header = source.load(codec, access="sequential")
-        except pyvips.Error as error:
-            raise UnshutterError(f"{source} is damaged, incomplete or unusual ({codecs.reason(error)})") from None
+            header.get_fields()  # their names may be damaged, too
         try:
             coding, exif = codecs.read_coding(source, codec, header)
         except OSError as error:
@@ -111,15 +109,13 @@ class Photo:
         Raises:
             UnshutterError: another shape or type, or no pixels.
         """
-        import pyvips
-
         array = np.asarray(array)
         if array.dtype not in (np.uint8, np.uint16):
             raise UnshutterError(f"a photo needs pixels of type uint8 or uint16, got {array.dtype}")
         if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
             raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
         pixels = array.reshape(*array.shape[:2], -1).copy()
-        image = codecs.standard(pyvips.Image.new_from_array(pixels))
+        image = codecs.standard(libvips().Image.new_from_array(pixels))
         return cls("array", image.height, image.width, image.bands, 1, None, None, Coding(), image, None, image)
 
     def with_image(self, image: pyvips.Image) -> Photo:
@@ -154,12 +150,8 @@ class Photo:
 
     def to_array(self) -> np.ndarray:
         """The stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
-        import pyvips
-
-        try:
+        with refusing("cannot compute the picture"):
             return self.image.numpy()
-        except pyvips.Error as error:
-            raise UnshutterError(f"cannot compute the picture: {codecs.reason(error)}") from None
 
     def focal_px(self) -> float | None:
         """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
@@ -209,16 +201,12 @@ class Photo:
         Raises:
             UsageError: unknown format or quality; UnshutterError: the format cannot hold the picture.
         """
-        import pyvips
-
         name = format or ("png" if self.format == "array" else self.format)
         if name not in CODECS:
             raise UsageError(f"unknown picture format '{name}': choose one of {', '.join(CODECS)}")
         codec, image = CODECS[name], self._ready_for(CODECS[name], quality)
-        try:
+        with refusing(f"cannot encode the picture as {name.upper()}"):
             data = encoding.encode(image, codec, self._coding, quality)
-        except pyvips.Error as error:
-            raise UnshutterError(f"cannot encode the picture as {name.upper()}: {codecs.reason(error)}") from None
         assert data is not None
         if codec.name == "tiff" and self._exif is not None:
             stream = io.BytesIO(data)
@@ -238,8 +226,6 @@ class Photo:
             UsageError: unknown ending or quality; UnshutterError: the file exists, is the photo's own, its folder is
                 missing or cannot be written to, the disc is full, or the photo's own file is damaged.
         """
-        import pyvips
-
         target = Path(path)
         codec = codecs.for_suffix(target)
         self._check_target(target, overwrite)
@@ -248,14 +234,13 @@ class Photo:
         part = whole.with_name(f".unshutter-{secrets.token_hex(8)}.part")
         try:
             part.open("xb").close()
-            encoding.encode(image, codec, self._coding, quality, part)
+            with refusing(f"cannot write {target}"):
+                encoding.encode(image, codec, self._coding, quality, part)
             if codec.name == "tiff" and self._exif is not None:
                 with part.open("r+b") as stream:
                     metadata.add_exif_to_tiff(stream, self._exif, image.height, image.width)
             self._check_target(target, overwrite)  # another program may have been faster
             os.replace(part, whole)
-        except pyvips.Error as error:
-            raise UnshutterError(f"cannot write {target}: {codecs.reason(error)}") from None
         except OSError as error:
             raise UnshutterError(f"cannot write {target}: {error.strerror}") from None
         finally:
@@ -285,9 +270,7 @@ class Photo:
 
 def _luminance(image: pyvips.Image, hscale: float, vscale: float, height: int, width: int) -> np.ndarray:
     """[height, width] uint8 of an image scaled by the factors; they give that size but for rounding."""
-    import pyvips
-
-    try:
+    with refusing("cannot compute the grey copy"):
         if image.hasalpha():
             image = image.flatten(background=[32896 if image.format == "ushort" else 128])
         if (hscale, vscale) != (1.0, 1.0):
@@ -295,11 +278,9 @@ def _luminance(image: pyvips.Image, hscale: float, vscale: float, height: int, w
             image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # hardly rings: no ghosts beside edges
         image = codecs.to_8_bits(image)
         if image.bands == 3:
-            weights = pyvips.Image.new_from_array([[0.299, 0.587, 0.114]])
+            weights = libvips().Image.new_from_array([[0.299, 0.587, 0.114]])
             image = image.recomb(weights).linear([1.0], [0.5], uchar=True)
         pixels = image.numpy()[:height, :width]
-    except pyvips.Error as error:
-        raise UnshutterError(f"cannot compute the grey copy: {codecs.reason(error)}") from None
     missing = (height - pixels.shape[0], width - pixels.shape[1])
     return np.ascontiguousarray(np.pad(pixels, ((0, missing[0]), (0, missing[1])), mode="edge"))
 
