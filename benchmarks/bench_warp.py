@@ -6,7 +6,8 @@
 Every job is a fresh Python process that reads a drawn JPEG, does one thing and writes a JPEG. ``identity``
 is the yardstick: decode, bicubic mapim with the identity map, encode, and nothing of unshutter imported.
 The jobs of a round run one after the other, so that a busy machine slows all of them; ratios are taken
-within a round. A first round warms the caches and is not counted.
+within a round. CPU seconds (of all threads) hardly depend on the machine's other work. A first round warms
+the caches and is not counted.
 """
 
 from __future__ import annotations
@@ -61,12 +62,14 @@ def main() -> None:
         rounds = [{name: run(job, photo, result) for name, job in JOBS.items()} for _ in range(options.rounds + 1)][1:]
     about = {"megapixels": options.megapixels, **machine()}
     print(", ".join(f"{key} {value}" for key, value in about.items()))
-    print(f"{'job':<30} {'seconds':>22} {'of identity':>22} {'peak MB':>8}")
+    print(f"{'job':<29} {'seconds':>19} {'of identity':>19} {'CPU seconds':>19} {'of identity':>19} {'peak MB':>8}")
     for name in JOBS:
-        seconds = [r[name]["seconds"] for r in rounds]
-        ratio = [r[name]["seconds"] / r["identity"]["seconds"] for r in rounds]
+        columns = []
+        for figure in ("seconds", "cpu_seconds"):
+            columns.append(spread([r[name][figure] for r in rounds]))
+            columns.append(spread([r[name][figure] / r["identity"][figure] for r in rounds]))
         peak = max(r[name]["peak_mb"] for r in rounds)
-        print(f"{name:<30} {spread(seconds):>22} {spread(ratio):>22} {peak:>8.0f}")
+        print(f"{name:<29} {' '.join(f'{column:>19}' for column in columns)} {peak:>8.0f}")
     if options.json:
         options.json.write_text(json.dumps({**about, "rounds": rounds}, indent=1) + "\n")
 
@@ -86,7 +89,7 @@ def draw_photo(path: Path, megapixels: float) -> Path:
 
 
 def run(job: list[str], photo: Path, result: Path) -> dict[str, float]:
-    """Seconds and peak resident memory [MB] of one process."""
+    """Seconds by the clock and of CPU, and peak resident memory [MB], of one process."""
     start = time.perf_counter()
     process = subprocess.Popen([sys.executable, "-c", "\n".join(job), str(photo), str(result)])
     _, status, usage = os.wait4(process.pid, 0)
@@ -95,7 +98,8 @@ def run(job: list[str], photo: Path, result: Path) -> dict[str, float]:
     if process.returncode:
         sys.exit(f"a job failed: {job}")
     unit = 1e6 if sys.platform == "darwin" else 1e3
-    return {"seconds": seconds, "peak_mb": usage.ru_maxrss / unit}
+    cpu_seconds = usage.ru_utime + usage.ru_stime
+    return {"seconds": seconds, "cpu_seconds": cpu_seconds, "peak_mb": usage.ru_maxrss / unit}
 
 
 def spread(values: list[float]) -> str:

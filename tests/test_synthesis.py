@@ -221,7 +221,7 @@ def test_no_photos(tmp_path):
 
 def test_a_missing_trajectory_writes_nothing(photos, tmp_path):
     options = {"motion": "trajectory", "trajectory": tmp_path / "no.npz", "readout_ms": 30.0, "focal_px": 400.0}
-    with pytest.raises(UnshutterError, match="no.npz") as error:
+    with pytest.raises(UnshutterError, match=r"no\.npz") as error:
         synthesize_folder(photos, tmp_path / "out", **options)
     one_line(error)
     assert not (tmp_path / "out").exists()

@@ -73,16 +73,14 @@ class SamplingGrid:
         """The exact map at as few nodes as linear interpolation allows."""
         steps = [_first_step(height), _first_step(width)]
         at = [np.arange(-(-size // s) + 1) * s for size, s in zip((height, width), steps, strict=True)]
-        nodes = _positions(position, at[0], at[1])
+        nodes = np.empty((len(at[0]), len(at[1]), 2), dtype=np.float32)
+        _compute(position, at[0], at[1], nodes)
         axis, settled = 0, 0
         while settled < 2:
             if steps[axis] > 1:
-                middle = at[axis][:-1] + steps[axis] // 2
-                exact = _positions(position, *((middle, at[1]) if axis == 0 else (at[0], middle)))
-                if _worst_inside(exact, nodes, axis, height, width) > _TOLERANCE:
-                    nodes = _interleave(nodes, exact, axis)
-                    at[axis], steps[axis] = _interleave(at[axis], middle, 0), steps[axis] // 2
-                    settled = 0
+                finer_at, finer = _halved(position, at, nodes, axis)
+                if _worst_inside(finer, axis, height, width) > _TOLERANCE:
+                    nodes, at[axis], steps[axis], settled = finer, finer_at, steps[axis] // 2, 0
                     continue
             axis, settled = 1 - axis, settled + 1
         # Far outside nothing is looked up, and a map that runs away would leave the range of libvips.
@@ -119,6 +117,8 @@ class SamplingGrid:
         middle = np.array([self.width - 1, self.height - 1]) / 2
         reach = middle + _INSIDE_SLACK
         exact = (self.index.linear((1 / reach).tolist(), (-middle / reach).tolist()).abs() <= 1).bandand()
+        if self.row_step == self.col_step == 1:
+            return exact
         nodes = np.all(np.abs(self.nodes - middle) <= reach, axis=-1)  # [rows, cols]
         cells = nodes[1:, 1:] & nodes[1:, :-1] & nodes[:-1, 1:] & nodes[:-1, :-1]
         whole = _vips(cells.astype(np.uint8) * 255).zoom(self.col_step, self.row_step)
@@ -127,7 +127,8 @@ class SamplingGrid:
 
     def reach_beyond(self) -> tuple[int, int]:
         """How far the map reaches outside the picture along columns and rows, with room to interpolate [px]."""
-        beyond = np.maximum(-self.nodes, self.nodes - np.array([self.width - 1, self.height - 1])).max(axis=(0, 1))
+        least, most = self.nodes.min(axis=(0, 1)), self.nodes.max(axis=(0, 1))
+        beyond = np.maximum(-least, most - np.array([self.width - 1, self.height - 1]))
         cols, rows = (int(np.ceil(max(b, 0))) + 2 for b in beyond)
         return cols, rows
 
@@ -166,33 +167,42 @@ def _first_step(size: int) -> int:
     return min(1 << max((size // 8).bit_length() - 1, 0), _COARSEST_STEP)
 
 
-def _positions(position: PositionMap, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
-    """The map at rows x cols, float32 [rows, cols, 2], computed in bands to bound memory."""
-    out = np.empty((len(rows), len(cols), 2), dtype=np.float32)
+def _compute(position: PositionMap, rows: np.ndarray, cols: np.ndarray, out: np.ndarray) -> None:
+    """Writes the map at rows x cols into out [rows, cols, 2]; in bands, to bound memory."""
     band = max(_BAND_POINTS // len(cols), 1)
     for first in range(0, len(rows), band):
         row, col = np.meshgrid(rows[first : first + band].astype(float), cols.astype(float), indexing="ij")
         with np.errstate(all="ignore"):  # far outside, Newton's method may run away
             out[first : first + band, :, 0], out[first : first + band, :, 1] = position(col, row)
-    return out
 
 
-def _worst_inside(exact: np.ndarray, nodes: np.ndarray, axis: int, height: int, width: int) -> float:
-    """Largest interpolation error [px] midway between nodes along an axis, among positions inside."""
-    before, after = (nodes[:-1], nodes[1:]) if axis == 0 else (nodes[:, :-1], nodes[:, 1:])
-    error = np.abs(exact - (before + after) / 2).max(axis=-1)
-    col, row = exact[..., 0], exact[..., 1]
-    inside = (col >= -1) & (col <= width) & (row >= -1) & (row <= height)
-    return float(error[inside].max(initial=0.0))
+def _halved(position: PositionMap, at: list[np.ndarray], nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of the nodes, and nodes, with new ones midway between the old ones along an axis."""
+    finer_at = np.linspace(at[axis][0], at[axis][-1], 2 * len(at[axis]) - 1).astype(int)
+    shape = (len(finer_at), len(at[1]), 2) if axis == 0 else (len(at[0]), len(finer_at), 2)
+    finer = np.empty(shape, dtype=np.float32)
+    if axis == 0:
+        finer[0::2] = nodes
+        _compute(position, finer_at[1::2], at[1], finer[1::2])
+    else:
+        finer[:, 0::2] = nodes
+        _compute(position, at[0], finer_at[1::2], finer[:, 1::2])
+    return finer_at, finer
 
 
-def _interleave(even: np.ndarray, odd: np.ndarray, axis: int) -> np.ndarray:
-    shape = list(even.shape)
-    shape[axis] += odd.shape[axis]
-    out = np.empty(shape, dtype=even.dtype)
-    lines = np.moveaxis(out, axis, 0)
-    lines[0::2], lines[1::2] = np.moveaxis(even, axis, 0), np.moveaxis(odd, axis, 0)
-    return out
+def _worst_inside(finer: np.ndarray, axis: int, height: int, width: int) -> float:
+    """Largest error [px] of interpolating every other node along an axis, among positions inside."""
+    lines = np.moveaxis(finer, axis, 0)
+    before, exact, after = lines[:-1:2], lines[1::2], lines[2::2]
+    band = max(_BAND_POINTS // exact.shape[1], 1)
+    worst = 0.0
+    for first in range(0, len(exact), band):
+        part = slice(first, first + band)
+        error = np.abs(exact[part] - (before[part] + after[part]) / 2).max(axis=-1)
+        col, row = exact[part, :, 0], exact[part, :, 1]
+        inside = (col >= -1) & (col <= width) & (row >= -1) & (row <= height)
+        worst = max(worst, float(error[inside].max(initial=0.0)))
+    return worst
 
 
 def _vips(pixels: np.ndarray) -> pyvips.Image:
