@@ -231,6 +231,7 @@ def test_synthesize_then_rectify_with_the_true_motion(
 
     inside = validity_mask(truth)
     assert np.abs(gs - rectified)[inside].mean() < 0.4 * np.abs(gs - Photo.open(first).to_array())[inside].mean()
+    capsys.readouterr()
     assert main(["synthesize", str(tmp_path / "house.png"), "-o", str(out)]) != 0
     one_line(capsys)
 

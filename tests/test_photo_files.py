@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from drawn_photos import drawn, encoded, one_line, textured
-from unshutter.codecs import CODECS
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
+from unshutter.photo.codecs import CODECS
 
 # ---- what is refused -----------------------------------------------------------------------------------
 

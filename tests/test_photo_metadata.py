@@ -12,9 +12,8 @@ from PIL import Image, ImageCms, PngImagePlugin
 from PIL.TiffImagePlugin import IFDRational
 
 from drawn_photos import drawn, encoded, textured
-from unshutter import containers, metadata
-from unshutter.codecs import CODECS
-from unshutter.photo import Photo
+from unshutter.photo import Photo, containers, metadata
+from unshutter.photo.codecs import CODECS
 
 FORMATS = tuple(CODECS)
 EXIF, GPS, INTEROPERABILITY = 0x8769, 0x8825, 0xA005

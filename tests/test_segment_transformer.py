@@ -62,7 +62,9 @@ def test_the_exported_form_is_antisymmetric_under_mirroring(network: SegmentTran
 def test_onnx_gives_what_torch_gives(network: SegmentTransformer, tmp_path: Path) -> None:
     import onnxruntime
 
-    recipe = SegmentRecipe(TrainConfig("segment-transformer", network={"width": 16, "layers": 1, "heads": 2}), torch.device("cpu"))
+    recipe = SegmentRecipe(
+        TrainConfig("segment-transformer", network={"width": 16, "layers": 1, "heads": 2}), torch.device("cpu")
+    )
     recipe.export(network, tmp_path / "m.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "m.onnx")
     for batch, count in ((1, 5), (3, 77)):  # any number of segments

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.files import check_target
 from unshutter.motion import Motion, Reference
 
 PHOTO_SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".avif"}
@@ -46,9 +47,9 @@ def rectify_files(photos: list[Path], output: Path | None, save_motion: Path | N
 
     def one(photo: Path) -> None:
         target, motion_target = targets[photo], motion_targets.get(photo)
-        _check_target(target, photo, options.overwrite)
+        check_target(target, options.overwrite, photo)
         if motion_target:
-            _check_target(motion_target, photo, options.overwrite)
+            check_target(motion_target, options.overwrite, photo)
         result = rectify(
             photo,
             estimator=estimator,
@@ -60,7 +61,7 @@ def rectify_files(photos: list[Path], output: Path | None, save_motion: Path | N
         )
         result.save(target, overwrite=options.overwrite, quality=options.quality)
         if motion_target:
-            write_text(motion_target, result.motion.to_json() + "\n")
+            result.motion.save(motion_target)
         note = f" (unchanged: {result.motion.reason})" if result.motion.reason else ""
         _tell(f"{photo} -> {target}{note}")
 
@@ -91,9 +92,9 @@ def estimate_files(
     def one(photo: Path) -> None:
         target = targets.get(photo)
         if target:
-            _check_target(target, photo, overwrite)
+            check_target(target, overwrite, photo)
         if plot:
-            _check_target(plot, photo, overwrite)
+            check_target(plot, overwrite, photo)
         motion = estimate(photo, estimator=estimator, readout=readout, reference=reference)
         if motion.reason:
             _tell(f"{photo}: no motion ({motion.reason})")
@@ -102,7 +103,7 @@ def estimate_files(
 
             plot_motion(motion, plot, title=photo.name)
         if target:
-            write_text(target, motion.to_json() + "\n")
+            motion.save(target)
         else:
             print(motion.to_json())
 
@@ -172,22 +173,6 @@ def find_photos(given: Iterable[Path]) -> tuple[list[Path], bool]:
     return unique, many or len(unique) > 1
 
 
-def write_text(path: Path, text: str) -> None:
-    """Writes a text file whole or not at all.
-
-    Raises:
-        UnshutterError: it cannot be written.
-    """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    except OSError as error:
-        raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
-    finally:
-        temporary.unlink(missing_ok=True) if temporary.parent.is_dir() else None
-
-
 def _targets(files: list[Path], output: Path | None, many: bool, name: Callable[[Path], str]) -> dict[Path, Path]:
     """Where each photo's result goes."""
     if output is None:
@@ -208,19 +193,6 @@ def _targets(files: list[Path], output: Path | None, many: bool, name: Callable[
             raise UsageError(f"{photo} and {taken[target]} would both be written to {target}")
         taken[target] = photo
     return targets
-
-
-def _check_target(target: Path, photo: Path, overwrite: bool) -> None:
-    """Says no before the work rather than after it."""
-    if target.exists():
-        if photo.exists() and target.samefile(photo):
-            raise UsageError(f"the output {target} is the original itself; choose another name")
-        if target.is_dir():
-            raise UnshutterError(f"cannot write {target}: it is a folder")
-        if not overwrite:
-            raise UnshutterError(f"{target} exists already; use --overwrite to replace it")
-    elif not target.parent.is_dir():
-        raise UnshutterError(f"cannot write {target}: folder {target.parent} does not exist")
 
 
 def _each(files: list[Path], one: Callable[[Path], None]) -> int:

@@ -13,6 +13,7 @@ import numpy as np
 
 from unshutter import geometry
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.files import written_whole
 from unshutter.readout import Readout
 from unshutter.version import __version__
 
@@ -266,8 +267,13 @@ class Motion:
         return motion
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes :meth:`to_json` to a file."""
-        Path(path).write_text(self.to_json() + "\n", encoding="utf-8")
+        """Writes :meth:`to_json` to a file, replacing what is there.
+
+        Raises:
+            UnshutterError: it cannot be written.
+        """
+        with written_whole(Path(path)) as part:
+            part.write_text(self.to_json() + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Motion:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError
+from unshutter.files import written_whole
 from unshutter.motion import Motion
 
 
@@ -33,15 +34,8 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "") -
     axes[0].set_ylabel("row")
     axes[0].invert_yaxis()
     figure.suptitle(f"{title} ({motion.estimator})" if title else motion.estimator, fontsize=10)
-    path = Path(path)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
-        figure.savefig(temporary, dpi=150)
-        os.replace(temporary, path)
+        with written_whole(Path(path)) as part:
+            figure.savefig(part, dpi=150)
     except ValueError as error:  # an ending that matplotlib does not know
         raise UnshutterError(f"cannot write {path}: {str(error).splitlines()[0]}") from None
-    except OSError as error:
-        raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
-    finally:
-        if temporary.exists():
-            temporary.unlink()

@@ -54,6 +54,7 @@ class SegmentTransformer(nn.Module):
         self.register_buffer("basis", _legendre_to_powers(), persistent=False)
 
     def forward(self, tokens: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        """See the class."""
         motion = tokens.new_zeros(tokens.shape[0], 2, 3)
         history = []
         camera = tokens.new_zeros(tokens.shape[0], 3)

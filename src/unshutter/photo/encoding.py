@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from unshutter import codecs
-from unshutter.codecs import Codec, Coding
 from unshutter.errors import UnshutterError
-from unshutter.libvips import libvips
+from unshutter.photo import codecs
+from unshutter.photo.codecs import Codec, Coding
+from unshutter.photo.libvips import libvips
 
 if TYPE_CHECKING:
     import pyvips

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import os
-import secrets
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter import codecs, encoding, metadata
-from unshutter.codecs import CODECS, Codec, Coding, Source
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.libvips import libvips, refusing
+from unshutter.files import check_target, written_whole
+from unshutter.photo import codecs, encoding, metadata
+from unshutter.photo.codecs import CODECS, Codec, Coding, Source
+from unshutter.photo.libvips import libvips, refusing
 
 if TYPE_CHECKING:
     import pyvips
@@ -161,7 +160,7 @@ class Photo:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
 
         Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, likewise across, to 0.2 px.
-        A JPEG is decoded at 1/2, 1/4 or 1/8 of its size where that is 1.5 times what is asked for, which is faster.
+        Made from the decoded pixels that the warp needs anyway: an estimate is the same whatever it is for.
 
         Args:
             short_side: [px] of the copy; never enlarged. None: full size.
@@ -176,18 +175,7 @@ class Photo:
             raise UsageError(f"a grey copy needs a short side of at least 1 px, got {short_side}")
         scale = 1.0 if short_side is None else min(short_side / min(self.height, self.width), 1.0)
         height, width = max(round(self.height * scale), 1), max(round(self.width * scale), 1)
-        shrink = self._shrink_on_load(scale)
-        if shrink > 1 and self._source is not None:
-            image = codecs.decode(self._source, CODECS["jpeg"], self._coding, shrink)
-        else:
-            image = self.image
-        hscale, vscale = width * shrink / self.width, height * shrink / self.height
-        return _luminance(image, hscale, vscale, height, width)
-
-    def _shrink_on_load(self, scale: float) -> int:
-        if self.format != "jpeg" or self._pixels is not None:
-            return 1
-        return next(shrink for shrink in (8, 4, 2, 1) if 1.5 * shrink * scale <= 1 or shrink == 1)
+        return _luminance(self.image, width / self.width, height / self.height, height, width)
 
     # ---- out -------------------------------------------------------------------------------------------
 
@@ -228,39 +216,15 @@ class Photo:
         """
         target = Path(path)
         codec = codecs.for_suffix(target)
-        self._check_target(target, overwrite)
+        check_target(target, overwrite, self.path)
         image = self._ready_for(codec, quality)  # decodes: a damaged photo is found before anything is written
-        whole = Path(os.path.realpath(target))  # through a link, not in its place
-        part = whole.with_name(f".unshutter-{secrets.token_hex(8)}.part")
-        try:
-            part.open("xb").close()
+        with written_whole(target) as part:
             with refusing(f"cannot write {target}"):
                 encoding.encode(image, codec, self._coding, quality, part)
             if codec.name == "tiff" and self._exif is not None:
                 with part.open("r+b") as stream:
                     metadata.add_exif_to_tiff(stream, self._exif, image.height, image.width)
-            self._check_target(target, overwrite)  # another program may have been faster
-            os.replace(part, whole)
-        except OSError as error:
-            raise UnshutterError(f"cannot write {target}: {error.strerror}") from None
-        finally:
-            with contextlib.suppress(OSError):
-                part.unlink(missing_ok=True)
-
-    def _check_target(self, target: Path, overwrite: bool) -> None:
-        """Raises UnshutterError where the photo may not be written to ``target``."""
-        try:
-            if self.path is not None and target.exists() and self.path.exists() and target.samefile(self.path):
-                raise UnshutterError(f"{target} is the original photo, which is never overwritten: choose another name")
-            if target.is_dir():
-                raise UnshutterError(f"cannot write {target}: it is a folder")
-            if not overwrite and (target.exists() or target.is_symlink()):
-                raise UnshutterError(f"{target} exists already: use --overwrite to replace it")
-            if not Path(os.path.realpath(target)).parent.is_dir():
-                raise UnshutterError(f"cannot write {target}: there is no folder {target.parent}")
-        except (OSError, ValueError) as error:
-            told = error.strerror if isinstance(error, OSError) else error
-            raise UnshutterError(f"cannot write {str(target)!r}: {told}") from None
+            check_target(target, overwrite, self.path)  # another program may have been faster
 
     def _ready_for(self, codec: Codec, quality: int | None) -> pyvips.Image:
         if quality is not None and not 1 <= quality <= 100:

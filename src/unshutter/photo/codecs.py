@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from unshutter import containers, metadata
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.libvips import libvips, refusing
+from unshutter.photo import containers, metadata
+from unshutter.photo.libvips import libvips, refusing
 
 if TYPE_CHECKING:
     import pyvips
@@ -219,14 +219,13 @@ def _sample_kind(vips_format: str) -> str:
 # ---- decoding ------------------------------------------------------------------------------------------
 
 
-def decode(source: Source, codec: Codec, coding: Coding, shrink: int = 1) -> pyvips.Image:
+def decode(source: Source, codec: Codec, coding: Coding) -> pyvips.Image:
     """All stored pixels, decoded now.
 
     Args:
         source: what to decode.
         codec: its format.
         coding: as :func:`read_coding` gave it.
-        shrink: 1, 2, 4 or 8, JPEG only: decode at this fraction of the size, which is faster.
 
     Returns:
         An image in memory (pictures above 2 GiB: in a temporary file).
@@ -234,16 +233,15 @@ def decode(source: Source, codec: Codec, coding: Coding, shrink: int = 1) -> pyv
     Raises:
         UnshutterError: the data are damaged or end too early.
     """
-    options = {"shrink": shrink} if shrink > 1 else {}
     with refusing(f"{source} is damaged or incomplete"):
         # To libjpeg damaged data are but a warning; PNG and TIFF warn of much that harms nothing.
         level = "warning" if codec.name == "jpeg" else "error"
         try:
-            image = _in_memory(source.load(codec, access="sequential", fail_on=level, **options))
+            image = _in_memory(source.load(codec, access="sequential", fail_on=level))
         except libvips().Error as error:
             if level == "error" or not _HARMLESS.search(error.detail):
                 raise
-            image = _in_memory(source.load(codec, access="sequential", fail_on="error", **options))
+            image = _in_memory(source.load(codec, access="sequential", fail_on="error"))
     if coding.grey and image.bands > 2:
         image = image[0] if image.bands == 3 else image[0].bandjoin(image[3])
     return standard(_unturned(image, coding.orientation))

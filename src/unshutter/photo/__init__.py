@@ -1,0 +1,5 @@
+"""Pixels and metadata in and out."""
+
+from unshutter.photo.photo import Photo
+
+__all__ = ["Photo"]
