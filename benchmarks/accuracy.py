@@ -24,8 +24,8 @@ from unshutter.estimators import DEFAULT, View
 from unshutter.metrics import motion_error
 from unshutter.motion import Motion
 from unshutter.photo import Photo
-from unshutter.row_motions import draw_quadratic
-from unshutter.synthesis import synthesize, synthesize_native
+from unshutter.synthesis.pairs import synthesize, synthesize_native
+from unshutter.synthesis.row_motions import draw_quadratic
 
 SUITES = ("256 px", "native size", "undistorted")
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.rotation_log import RotationLog
-from unshutter.row_motions import draw_from_trajectory, draw_quadratic
+from unshutter.synthesis.rotation_log import RotationLog
+from unshutter.synthesis.row_motions import draw_from_trajectory, draw_quadratic
 
 
 def save(path, **arrays):

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from drawn_photos import drawn, encoded, one_line, textured
-from unshutter import synthesis
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.photo import Photo
-from unshutter.row_motions import DrawnMotion, draw_quadratic
-from unshutter.synthesis import synthesize, synthesize_folder, synthesize_native
+from unshutter.synthesis import pairs as synthesis
+from unshutter.synthesis.pairs import synthesize, synthesize_folder, synthesize_native
+from unshutter.synthesis.row_motions import DrawnMotion, draw_quadratic
 
 
 def fixed(tx_at_end, rz_at_end, rows=64, canvas=96):

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.readout import Readout
-from unshutter.row_motions import draw_quadratic
 from unshutter.sampling_map import SamplingGrid, gs_to_rs_map
+from unshutter.synthesis.row_motions import draw_quadratic
 from unshutter.warp import backward_map, distort_image, largest_valid_rectangle, rectify_image, validity_mask
 
 COLOURS = {(1, "uint8"): "b-w", (2, "uint8"): "b-w", (3, "uint8"): "srgb", (4, "uint8"): "srgb"}

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.files import check_target
-from unshutter.motion import Motion, Reference
+from unshutter.photo import Photo
+from unshutter.progress import Progress
 
+if TYPE_CHECKING:
+    from unshutter.motion import Reference
+    from unshutter.warp import Edges
+
+Tell = Callable[[str], None]  # says a line to the user
 PHOTO_SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".avif"}
 RECTIFIED = ".rectified"
 
@@ -24,7 +32,7 @@ class RectifyOptions:
     motion: Path | None
     reference: Reference | None
     strength: float
-    edges: str
+    edges: Edges
     readout: str
     quality: int | None
     overwrite: bool
@@ -32,26 +40,28 @@ class RectifyOptions:
 
 def rectify_files(photos: list[Path], output: Path | None, save_motion: Path | None, options: RectifyOptions) -> int:
     """Rectifies each photo into its own file; returns the exit code."""
-    from unshutter.estimators import load
-    from unshutter.rectification import rectify
-
     if options.quality is not None and not 1 <= options.quality <= 100:
         raise UsageError(f"quality must lie between 1 and 100, got {options.quality}")
     if not 0 <= options.strength <= 1:
         raise UsageError(f"strength must lie between 0 and 1, got {options.strength:g}")
     files, many = find_photos(photos)
+    ahead = _ReadAhead(files)  # decodes while the heavy libraries are imported
+    from unshutter.estimators import load
+    from unshutter.motion import Motion
+    from unshutter.rectification import rectify
+
     given = Motion.load(options.motion) if options.motion else None
     estimator = options.estimator if given else load(options.estimator)
     targets = _targets(files, output, many, lambda photo: f"{photo.stem}{RECTIFIED}{photo.suffix}")
     motion_targets = _targets(files, save_motion, many, lambda photo: f"{photo.stem}.json") if save_motion else {}
 
-    def one(photo: Path) -> None:
+    def one(photo: Path, tell: Tell) -> None:
         target, motion_target = targets[photo], motion_targets.get(photo)
         check_target(target, options.overwrite, photo)
         if motion_target:
             check_target(motion_target, options.overwrite, photo)
         result = rectify(
-            photo,
+            ahead.photo(photo),
             estimator=estimator,
             motion=given,
             readout=options.readout,
@@ -63,7 +73,7 @@ def rectify_files(photos: list[Path], output: Path | None, save_motion: Path | N
         if motion_target:
             result.motion.save(motion_target)
         note = f" (unchanged: {result.motion.reason})" if result.motion.reason else ""
-        _tell(f"{photo} -> {target}{note}")
+        tell(f"{photo} -> {target}{note}")
 
     return _each(files, one)
 
@@ -78,26 +88,27 @@ def estimate_files(
     overwrite: bool,
 ) -> int:
     """Estimates the motion of each photo; returns the exit code."""
-    from unshutter.estimators import load
-    from unshutter.rectification import estimate
-
     files, many = find_photos(photos)
     if many and output is None:
         raise UsageError("several photos need --output FOLDER for their motions")
     if many and plot:
         raise UsageError("--plot draws the motion of one photo only")
+    ahead = _ReadAhead(files)
+    from unshutter.estimators import load
+    from unshutter.rectification import estimate
+
     estimator = load(estimator_name)
     targets = _targets(files, output, many, lambda photo: f"{photo.stem}.json") if output else {}
 
-    def one(photo: Path) -> None:
+    def one(photo: Path, tell: Tell) -> None:
         target = targets.get(photo)
         if target:
             check_target(target, overwrite, photo)
         if plot:
             check_target(plot, overwrite, photo)
-        motion = estimate(photo, estimator=estimator, readout=readout, reference=reference)
+        motion = estimate(ahead.photo(photo), estimator=estimator, readout=readout, reference=reference)
         if motion.reason:
-            _tell(f"{photo}: no motion ({motion.reason})")
+            tell(f"{photo}: no motion ({motion.reason})")
         if plot:
             from unshutter.plot import plot_motion
 
@@ -123,27 +134,56 @@ def synthesize_files(
     canvas: int,
 ) -> int:
     """Makes rolling-shutter pictures from photos; returns the exit code."""
-    from unshutter.synthesis import synthesize_folder
+    from unshutter.synthesis.pairs import synthesize_folder
 
     files, _ = find_photos(photos)
-    bar = _Progress(len(files))
-    failed = synthesize_folder(
-        files,
-        output,
-        per_photo=per_photo,
-        seed=seed,
-        motion=motion,
-        trajectory=trajectory,
-        readout_ms=readout_ms,
-        focal_px=focal_px,
-        size=size,
-        canvas=canvas,
-        progress=bar.advance,
-    )
-    bar.close()
-    for photo, message in failed:
-        _tell(f"{photo}: {message}")
+    with Progress(len(files)) as bar:
+        failed = synthesize_folder(
+            files,
+            output,
+            per_photo=per_photo,
+            seed=seed,
+            motion=motion,
+            trajectory=trajectory,
+            readout_ms=readout_ms,
+            focal_px=focal_px,
+            size=size,
+            canvas=canvas,
+            progress=bar.advance,
+        )
+        for photo, message in failed:
+            bar.tell(f"unshutter: {photo}: {message}")
     return _count(len(failed), len(files))
+
+
+class _ReadAhead:
+    """Reads and decodes the next photo while the one before is worked on; two are held at a time."""
+
+    def __init__(self, files: list[Path]):
+        self._files = iter(files)
+        self._reader = ThreadPoolExecutor(1)
+        self._coming: dict[Path, Future[Photo]] = {}
+        self._start_next()
+
+    def photo(self, path: Path) -> Photo:
+        """The photo, decoded. Paths must come in the order of the list; they may leave some out."""
+        while path not in self._coming:
+            self._start_next()
+        coming = self._coming[path]
+        self._coming.clear()
+        self._start_next()
+        return coming.result()
+
+    def _start_next(self) -> None:
+        path = next(self._files, None)
+        if path is not None:
+            self._coming[path] = self._reader.submit(_decoded, path)
+
+
+def _decoded(path: Path) -> Photo:
+    photo = Photo.open(path)
+    _ = photo.image  # decoded here, kept there
+    return photo
 
 
 def find_photos(given: Iterable[Path]) -> tuple[list[Path], bool]:
@@ -195,18 +235,19 @@ def _targets(files: list[Path], output: Path | None, many: bool, name: Callable[
     return targets
 
 
-def _each(files: list[Path], one: Callable[[Path], None]) -> int:
+def _each(files: list[Path], one: Callable[[Path, Tell], None]) -> int:
     """Does ``one`` for each file, goes on past those that fail; returns the exit code."""
-    if len(files) == 1:
-        _with_name(files[0], one)
-        return 0
     failed = 0
-    for photo in _with_progress(files):
-        try:
-            _with_name(photo, one)
-        except UnshutterError as error:
-            failed += 1
-            _tell(f"unshutter: {error}")
+    with Progress(len(files)) as bar:
+        for photo in files:
+            try:
+                _with_name(photo, lambda photo: one(photo, bar.tell))
+            except UnshutterError as error:
+                if len(files) == 1:
+                    raise
+                failed += 1
+                bar.tell(f"unshutter: {error}")
+            bar.advance()
     return _count(failed, len(files))
 
 
@@ -233,45 +274,3 @@ def _count(failed: int, total: int) -> int:
     if failed:
         print(f"unshutter: {failed} of {total} photos failed", file=sys.stderr)
     return 1 if failed else 0
-
-
-def _tell(line: str) -> None:
-    """One line for the user; above the progress bar when there is one."""
-    if _Progress.shown is not None:
-        _Progress.shown.console.print(line, markup=False, highlight=False, soft_wrap=True)
-    else:
-        print(line, file=sys.stderr)
-
-
-class _Progress:
-    """A progress bar on standard error; nothing when that is no terminal."""
-
-    shown = None
-
-    def __init__(self, total: int):
-        if total > 1 and sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import Progress
-
-            _Progress.shown = Progress(console=Console(stderr=True))
-            _Progress.shown.start()
-            self._task = _Progress.shown.add_task("photos", total=total)
-
-    def advance(self) -> None:
-        if _Progress.shown is not None:
-            _Progress.shown.advance(self._task)
-
-    def close(self) -> None:
-        if _Progress.shown is not None:
-            _Progress.shown.stop()
-            _Progress.shown = None
-
-
-def _with_progress(files: list[Path]) -> Iterator[Path]:
-    bar = _Progress(len(files))
-    try:
-        for file in files:
-            yield file
-            bar.advance()
-    finally:
-        bar.close()

@@ -108,14 +108,14 @@ class Motion:
             degree: fit a polynomial of this degree (the predecessor: 2); None interpolates linearly and
                 carries the first and last slope to the borders.
         """
-        rows = np.asarray(rows, dtype=np.float64)
-        if rows.size < 2 or (np.diff(rows) <= 0).any():
+        known = np.asarray(rows, dtype=np.float64)
+        if known.size < 2 or (np.diff(known) <= 0).any():
             raise UnshutterError("key rows must be at least two, in increasing order")
         every_row = np.arange(height, dtype=np.float64)
         if degree is None:
-            tx, rz = (_interpolate(every_row, rows, np.asarray(a, dtype=np.float64)) for a in (tx_px, rz_rad))
+            tx, rz = (_interpolate(every_row, known, np.asarray(a, dtype=np.float64)) for a in (tx_px, rz_rad))
         else:
-            tx, rz = (np.polynomial.Polynomial.fit(rows, a, degree)(every_row) for a in (tx_px, rz_rad))
+            tx, rz = (np.polynomial.Polynomial.fit(known, a, degree)(every_row) for a in (tx_px, rz_rad))
         return cls(width, tx, rz, **about)
 
     # ---- what it says ----------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import DEFAULT, Estimator, View, load
@@ -14,6 +14,8 @@ from unshutter.readout import Readout
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from unshutter.warp import Edges
 
 SMALLEST_SIDE = 64  # px
 
@@ -81,12 +83,21 @@ def estimate(
     return model.estimate(view).rereferenced(reference)
 
 
+class _Options(TypedDict, total=False):
+    estimator: str | Estimator
+    motion: Motion | None
+    readout: str | Readout
+    reference: Reference | None
+    strength: float
+    edges: Edges
+
+
 @overload
-def rectify(photo: str | os.PathLike[str] | Photo, **options: Any) -> Rectified: ...
+def rectify(photo: str | os.PathLike[str] | Photo, **options: Unpack[_Options]) -> Rectified: ...
 @overload
-def rectify(photo: bytes, **options: Any) -> bytes: ...
+def rectify(photo: bytes, **options: Unpack[_Options]) -> bytes: ...
 @overload
-def rectify(photo: np.ndarray, **options: Any) -> np.ndarray: ...
+def rectify(photo: np.ndarray, **options: Unpack[_Options]) -> np.ndarray: ...
 def rectify(
     photo: Any,
     *,
@@ -95,7 +106,7 @@ def rectify(
     readout: str | Readout = "auto",
     reference: Reference | None = None,
     strength: float = 1.0,
-    edges: str = "keep",
+    edges: Edges = "keep",
 ) -> Any:
     """Gives the photo back as a global shutter would have taken it.
 
@@ -116,11 +127,11 @@ def rectify(
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    from unshutter.warp import rectify_image
+    from unshutter.warp import EDGES, rectify_image
 
     if not 0 <= strength <= 1:
         raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
-    if edges not in ("keep", "crop", "fill"):
+    if edges not in EDGES:
         raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
     opened = _open(photo)
     _check_size(opened)

@@ -10,7 +10,7 @@ pixel centres at whole numbers. A position lies *inside* a picture of W columns 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -21,12 +21,13 @@ from unshutter.sampling_map import SamplingGrid, gs_to_rs_map, rs_to_gs_map
 if TYPE_CHECKING:
     import pyvips
 
-EDGES = ("keep", "crop", "fill")
+Edges = Literal["keep", "crop", "fill"]
+EDGES = get_args(Edges)
 _LEAST_CROP = 0.1  # of the photo's area
 _CROP_SEARCH_CELLS = 1_000_000
 
 
-def rectify_image(image: pyvips.Image, motion: Motion, edges: str = "keep") -> pyvips.Image:
+def rectify_image(image: pyvips.Image, motion: Motion, edges: Edges = "keep") -> pyvips.Image:
     """The global-shutter picture of a rolling-shutter photo, bicubic (Catmull-Rom), lazily.
 
     Args:

@@ -82,7 +82,7 @@ def _trace(step: nn.Module, example: tuple[Tensor, ...]) -> bytes:
         torch.onnx.export(
             step,
             example,
-            buffer,
+            buffer,  # type: ignore[arg-type]  # the tracing exporter takes one; its signature does not say so
             input_names=["tokens", "mask", "motion"],
             output_names=["corrected"],
             dynamic_axes={"tokens": free, "mask": free, "motion": {0: "batch_size"}, "corrected": {0: "batch_size"}},

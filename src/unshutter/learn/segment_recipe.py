@@ -73,6 +73,8 @@ class MirroredStep(nn.Module):
     antisymmetric, and a little more accurate than either.
     """
 
+    mirror: Tensor
+
     def __init__(self, network: nn.Module):
         super().__init__()
         self.network = network

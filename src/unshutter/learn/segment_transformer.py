@@ -46,11 +46,12 @@ class SegmentTransformer(nn.Module):
         self.latents = nn.Parameter(torch.randn(config.latents, d) * 0.5)
         self.pool = _Attention(d, config.heads)
         self.pool_norm = nn.LayerNorm(d)
+        pooled = d * config.latents
         self.head = nn.Sequential(
-            nn.LayerNorm(d * config.latents), nn.Linear(d * config.latents, 2 * d), nn.GELU(), nn.Linear(2 * d, 9)
+            nn.LayerNorm(pooled), nn.Linear(pooled, 2 * d), nn.GELU(), last := nn.Linear(2 * d, 9)
         )
-        nn.init.zeros_(self.head[-1].weight)
-        nn.init.zeros_(self.head[-1].bias)
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
         self.register_buffer("basis", _legendre_to_powers(), persistent=False)
 
     def forward(self, tokens: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:

@@ -9,8 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.files import check_target, written_whole
 from unshutter.photo import codecs, encoding, metadata
@@ -18,6 +16,7 @@ from unshutter.photo.codecs import CODECS, Codec, Coding, Source
 from unshutter.photo.libvips import libvips, refusing
 
 if TYPE_CHECKING:
+    import numpy as np
     import pyvips
 
 MAX_PIXELS = 1_000_000_000
@@ -108,6 +107,8 @@ class Photo:
         Raises:
             UnshutterError: another shape or type, or no pixels.
         """
+        import numpy as np  # not above: reading a file, which starts first, can do without
+
         array = np.asarray(array)
         if array.dtype not in (np.uint8, np.uint16):
             raise UnshutterError(f"a photo needs pixels of type uint8 or uint16, got {array.dtype}")
@@ -234,6 +235,8 @@ class Photo:
 
 def _luminance(image: pyvips.Image, hscale: float, vscale: float, height: int, width: int) -> np.ndarray:
     """[height, width] uint8 of an image scaled by the factors; they give that size but for rounding."""
+    import numpy as np
+
     with refusing("cannot compute the grey copy"):
         if image.hasalpha():
             image = image.flatten(background=[32896 if image.format == "ushort" else 128])

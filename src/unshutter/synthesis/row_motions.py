@@ -14,7 +14,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
-from unshutter.rotation_log import RotationLog
+from unshutter.synthesis.rotation_log import RotationLog
 
 _PREDECESSORS_ROWS = 256  # the pixel ranges of the predecessor's generator are for so many rows
 

@@ -20,8 +20,8 @@ import numpy as np
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.photo import Photo
-from unshutter.rotation_log import RotationLog
-from unshutter.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
+from unshutter.synthesis.rotation_log import RotationLog
+from unshutter.synthesis.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
 from unshutter.version import __version__
 from unshutter.warp import distort_image
 

@@ -1,0 +1,1 @@
+"""Pictures with known motion, for training and measuring."""
