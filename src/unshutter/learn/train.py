@@ -59,6 +59,8 @@ def run(
         finished = trainer.train(minutes)
         if finished and trainer.rank == 0:
             trainer.export(folder / "model.onnx")
+        if processes:
+            dist.barrier()  # leaving while another still works would break its connection
     finally:
         if processes:
             dist.destroy_process_group()
