@@ -6,6 +6,7 @@ one unit high whatever its size, and its geometry is not squashed.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 _SCALE = 0.8  # LSD looks at a copy scaled by this, against the staircase of slanted edges
@@ -23,8 +24,6 @@ def find_segments(grey: np.ndarray, limit: int | None = None) -> np.ndarray:
     Returns:
         [N, 4] end points (col1, row1, col2, row2) [px], pixel centres at whole numbers, N may be 0.
     """
-    import cv2
-
     cv2.setNumThreads(1)  # LSD is serial; OpenCV's idle threads only cost
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, _SCALE)
     found = detector.detect(np.ascontiguousarray(grey))[0]
