@@ -36,6 +36,22 @@ def conventions() -> None:
     figure.savefig(HERE / "conventions.svg", metadata={"Date": None})
 
 
+def before_after() -> None:
+    """The demo photo, what the default estimator makes of it, and the original side by side."""
+    import pyvips
+
+    import unshutter
+    from unshutter.photo import Photo
+
+    examples = HERE.parent.parent / "examples"
+    rectified = unshutter.rectify(examples / "demo.jpg").photo.image
+    original = Photo.open(examples / "original" / "basilica.webp").image
+    size, top, left = 490, (original.height - 490) // 2, (original.width - 490) // 2
+    panels = [Photo.open(examples / "demo.jpg").image, rectified, original.crop(left, top, size, size)]
+    pyvips.Image.arrayjoin(panels, shim=6, background=255).jpegsave(str(HERE / "before_after.jpg"), Q=88)
+
+
 if __name__ == "__main__":
     plt.switch_backend("svg")
     conventions()
+    before_after()
