@@ -32,8 +32,8 @@ class LossConfig:
     mask: str = "grid"  # grid | black (the paper's literal rule)
     regress_steps: int = 800  # first phase: the true motion is regressed for so many steps
     regress_photos: int = 50  # photos of the first phase
-    # Weight of the regression. It brings the gradients of both phases to one size: Adam divides by the size it
-    # remembers, and when that was ten times too small the second phase's first steps undo the first.
+    # Weight of the regression: gradients of both phases of about one size. Adam divides by the size it remembers,
+    # and with a weight of 1 the second phase's first steps are several times too long.
     regress: float = 30.0
     regress_only: bool = False  # the paper's own ablation: no second phase, all photos
 
