@@ -1,4 +1,6 @@
-"""Pictures that the tests draw for themselves."""
+"""Pictures for the tests: drawn, or made from the photo that the repository ships."""
+
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -23,21 +25,48 @@ def draw_facade(height: int = 420, width: int = 560) -> np.ndarray:
     return np.clip(small + noise, 0, 255).astype(np.uint8)
 
 
-@pytest.fixture(scope="session")
-def facade() -> np.ndarray:
-    return draw_facade()
+MARGIN = 90  # px around what is kept: what the motion brings into view
 
 
 @pytest.fixture(scope="session")
-def facade_motion(facade: np.ndarray) -> Motion:
-    return Motion.from_polynomials([0, 50, -90], [0, 0.05], *facade.shape[:2])
+def facade_canvas() -> np.ndarray:
+    return draw_facade(420 + 2 * MARGIN, 560 + 2 * MARGIN)
 
 
 @pytest.fixture(scope="session")
-def rolling_facade(facade: np.ndarray, facade_motion: Motion) -> np.ndarray:
-    """The facade as a rolling shutter would have taken it."""
+def facade(facade_canvas: np.ndarray) -> np.ndarray:
+    """420 x 560 px, undistorted."""
+    return facade_canvas[MARGIN:-MARGIN, MARGIN:-MARGIN].copy()
+
+
+@pytest.fixture(scope="session")
+def facade_motion() -> Motion:
+    return Motion.from_polynomials([0, 50, -90], [0, 0.05], 420, 560)
+
+
+@pytest.fixture(scope="session")
+def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarray:
+    """The facade as a rolling shutter would have taken it: the motion goes on beyond the rows that are kept."""
     from unshutter.photo import Photo
     from unshutter.warp import distort_image
 
-    photo = Photo.from_array(facade)
-    return photo.with_image(distort_image(photo.image, facade_motion)).to_array()
+    rows = np.arange(-MARGIN, 420 + MARGIN)
+    tx, rz = (
+        np.polynomial.Polynomial.fit(np.arange(420), a, 2)(rows) for a in (facade_motion.tx_px, facade_motion.rz_rad)
+    )
+    whole = Motion(facade_canvas.shape[1], tx, rz)
+    photo = Photo.from_array(facade_canvas)
+    distorted = photo.with_image(distort_image(photo.image, whole)).to_array()
+    return distorted[MARGIN:-MARGIN, MARGIN:-MARGIN].copy()
+
+
+@pytest.fixture(scope="session")
+def basilica() -> tuple[np.ndarray, Motion]:
+    """The shipped photo's middle, 490 x 490 px, with a strong motion put in; and that motion."""
+    from unshutter.photo import Photo
+    from unshutter.synthesis.pairs import synthesize_native
+    from unshutter.synthesis.row_motions import draw_quadratic
+
+    original = Photo.open(Path(__file__).parent.parent / "examples" / "original" / "basilica.webp").to_array()
+    rs, _, motion = synthesize_native(original, draw_quadratic(np.random.default_rng(5)))
+    return rs, motion
