@@ -16,7 +16,7 @@ lint: .venv/dev
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
 
 types: .venv/dev
-	$(BIN)/pyright
+	$(BIN)/pyright --pythonpath $(BIN)/python
 
 docs: .venv/dev  ## fails on a broken link
 	$(BIN)/mkdocs build --strict -q
