@@ -11,13 +11,11 @@ Needs torch and NumPy only (and onnx for the export), so that it runs on a bare 
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 import os
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import torch
 import torch.distributed as dist
@@ -26,6 +24,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from unshutter.errors import UsageError
 from unshutter.learn.config import TrainConfig, as_table, load_config
+from unshutter.learn.log import TrainingLog
 from unshutter.learn.recipes import Recipe, make_recipe
 
 
@@ -89,25 +88,26 @@ class Trainer:
         """Runs to the last step or for so many minutes; returns whether the last step was reached."""
         started, saved = time.monotonic(), time.monotonic()
         before = self.seconds
-        rows = _Log(self.folder / "log.csv", self.step, quiet=self.rank > 0)
-        while self.step < self.config.steps:
-            log = self._one_step()
-            self.seconds = before + time.monotonic() - started
-            last = self.step == self.config.steps
-            if self.step % self.config.log_every == 0 or last:
-                if self.step % self.config.validate_every == 0 or last:
-                    log |= self.validate()
-                rows.add({"step": self.step, "seconds": round(self.seconds, 1), **log}, self.config.steps)
-            out_of_time = minutes is not None and time.monotonic() - started > 60 * minutes
-            if self.world > 1:  # all processes stop together
-                flag = torch.tensor(float(out_of_time), device=self.device)
-                dist.all_reduce(flag)
-                out_of_time = flag.item() > 0
-            if last or out_of_time or time.monotonic() - saved > 60 * self.config.checkpoint_minutes:
-                self._save()
-                saved = time.monotonic()
-            if out_of_time:
-                break
+        with TrainingLog(self.folder / "log.csv", self.step, self.config.steps, quiet=self.rank > 0) as rows:
+            while self.step < self.config.steps:
+                log = self._one_step()
+                self.seconds = before + time.monotonic() - started
+                rows.step(self.step)
+                last = self.step == self.config.steps
+                if self.step % self.config.log_every == 0 or last:
+                    if self.step % self.config.validate_every == 0 or last:
+                        log |= self.validate()
+                    rows.add({"step": self.step, "seconds": round(self.seconds, 1), **log})
+                out_of_time = minutes is not None and time.monotonic() - started > 60 * minutes
+                if self.world > 1:  # all processes stop together
+                    flag = torch.tensor(float(out_of_time), device=self.device)
+                    dist.all_reduce(flag)
+                    out_of_time = flag.item() > 0
+                if last or out_of_time or time.monotonic() - saved > 60 * self.config.checkpoint_minutes:
+                    self._save()
+                    saved = time.monotonic()
+                if out_of_time:
+                    break
         return self.step >= self.config.steps
 
     def validate(self) -> dict[str, float]:
@@ -187,30 +187,6 @@ def _schedule(step: int, config: TrainConfig) -> float:
     if config.schedule == "stairs" and config.stair > 0:
         return ramp * 0.1 ** (step // config.stair)
     raise UsageError(f"unknown schedule '{config.schedule}': choose cosine, constant, or stairs with stair > 0 steps")
-
-
-class _Log:
-    """log.csv, one row per logged step; rows beyond the checkpoint that a run resumes from are dropped."""
-
-    def __init__(self, path: Path, step: int, quiet: bool):
-        self.path, self.quiet = path, quiet
-        self.rows: list[dict[str, Any]] = []
-        if path.exists():
-            with path.open(newline="") as file:
-                self.rows = [row for row in csv.DictReader(file) if int(row["step"]) <= step]
-
-    def add(self, row: dict[str, Any], steps: int) -> None:
-        if self.quiet:
-            return
-        self.rows.append({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
-        names = list(dict.fromkeys(name for r in self.rows for name in r))
-        with self.path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, names, restval="")
-            writer.writeheader()
-            writer.writerows(self.rows)
-        left = row["seconds"] / row["step"] * (steps - row["step"]) / 60
-        figures = "  ".join(f"{k} {v}" for k, v in self.rows[-1].items() if k not in ("step", "seconds"))
-        print(f"{row['step']}/{steps}  {left:.0f} min left  {figures}", flush=True)
 
 
 def _device(word: str) -> torch.device:
