@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.files import written_whole
 from unshutter.motion import Motion
 from unshutter.photo import Photo
 from unshutter.synthesis.rotation_log import RotationLog
@@ -215,22 +214,12 @@ class _PairFolder:
         self.taken.add(unique.casefold())
         Photo.from_array(rs).save(self.out / "rs" / f"{unique}.png")
         Photo.from_array(gs).save(self.out / "gs" / f"{unique}.png")
-        self._write(self.out / "motion" / f"{unique}.json", drawn.crop.to_json())
+        drawn.crop.save(self.out / "motion" / f"{unique}.json")
         about = {"name": unique, "photo": str(photo), "photo_sha256": digest, "drawn": drawn.parameters}
         self.pairs.append(about)
 
     def finish(self, parameters: dict) -> None:
         failed = [{"photo": str(photo), "reason": reason} for photo, reason in self.failed]
         about = {"format": FORMAT, "unshutter": __version__, **parameters, "pairs": self.pairs, "failed": failed}
-        self._write(self.out / "manifest.json", json.dumps(about, indent=1))
-
-    def _write(self, path: Path, text: str) -> None:
-        part = path.with_name(f".{path.name}.part")
-        try:
-            part.write_text(text + "\n", encoding="utf-8")
-            os.replace(part, path)
-        except OSError as error:
-            raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
+        with written_whole(self.out / "manifest.json") as part:
+            part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
