@@ -8,7 +8,6 @@ from drawn_photos import drawn, encoded, one_line, textured
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.photo import Photo
-from unshutter.synthesis import pairs as synthesis
 from unshutter.synthesis.pairs import synthesize, synthesize_folder, synthesize_native
 from unshutter.synthesis.row_motions import DrawnMotion, draw_quadratic
 
@@ -244,7 +243,7 @@ def test_a_full_disc_stops_the_run_without_a_manifest(photos, tmp_path, monkeypa
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(synthesis.os, "replace", full)
+    monkeypatch.setattr("os.replace", full)
     with pytest.raises(UnshutterError, match="No space left on device"):
         synthesize_folder(photos, tmp_path / "out", **SMALL)
     left = [p for p in (tmp_path / "out").rglob("*") if p.is_file()]
