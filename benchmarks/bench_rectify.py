@@ -65,6 +65,12 @@ def main() -> None:
         for command in (ours, floor):
             run(command)
         measured = [(run(ours), run(floor)) for _ in range(given.runs)]
+        many = Path(folder) / "many"
+        many.mkdir()
+        for k in range(8):
+            (many / f"{k}.jpg").write_bytes(Path(photo).read_bytes())
+        batch = [sys.executable, "-m", "unshutter", "rectify", str(many), "-o", f"{folder}/out", "--overwrite"]
+        eight = [run(batch)[0] for _ in range(max(given.runs // 2, 2))]
         version = [run([sys.executable, "-m", "unshutter", "--version"])[0] for _ in range(given.runs)]
         bare = [run([sys.executable, "-c", "pass"])[0] for _ in range(given.runs)]
         package = [run([sys.executable, "-c", "import unshutter"])[0] for _ in range(given.runs)]
@@ -77,6 +83,9 @@ def main() -> None:
         seconds, memory = ([m[k][i] for m in measured] for i in (0, 1))
         print(f"| {name} | {spread(seconds)} | {statistics.median(memory):.0f} MB |")
     print(f"| ratio, pair by pair | {spread([a[0] / b[0] for a, b in measured], '')} | |")
+    one = statistics.median(m[0][0] for m in measured)
+    print(f"| a folder of 8 in one command | {spread(eight)} | |")
+    print(f"| each photo of a folder after the first | {(statistics.median(eight) - one) / 7:.2f} s | |")
     print(f"| `unshutter --version` | {spread(version)} | |")
     print(f"| `import unshutter` (a bare Python takes {statistics.median(bare):.2f} s) | {spread(package)} | |")
 
