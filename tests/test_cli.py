@@ -61,6 +61,11 @@ def test_output_motion_and_edges(photo: Path) -> None:
     np.testing.assert_allclose(Photo.open(again).to_array(), cropped.to_array(), atol=1)
 
 
+def test_a_single_photo_into_a_new_folder(photo: Path) -> None:
+    assert main(["rectify", str(photo), "-o", f"{photo.parent}/straight/"]) == 0
+    assert [p.name for p in (photo.parent / "straight").iterdir()] == ["street.rectified.jpg"]
+
+
 def test_strength_zero_changes_nothing(photo: Path) -> None:
     out = photo.parent / "same.png"
     assert main(["rectify", str(photo), "-o", str(out), "--strength", "0"]) == 0

@@ -217,7 +217,7 @@ def _targets(files: list[Path], output: Path | None, many: bool, name: Callable[
     """Where each photo's result goes."""
     if output is None:
         targets = {photo: photo.with_name(name(photo)) for photo in files}
-    elif many or output.is_dir():
+    elif many or output.is_dir() or not output.suffix:  # a name without an ending is meant as a folder
         if output.exists() and not output.is_dir():
             raise UsageError(f"several photos need a folder to go to, but {output} is a file")
         try:
