@@ -124,7 +124,9 @@ def main() -> None:
                 suite: measure(photos, estimator, suite, given.per_photo, given.seed) for suite in SUITES
             }
             print(f"{folder.name} {estimator} done", file=sys.stderr)
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
+    ).stdout.strip()
     print(f"Commit {commit}, {platform.machine()}, Python {platform.python_version()}, seed {given.seed}.")
     print(table(results))
     if given.output:

@@ -75,7 +75,9 @@ def main() -> None:
         bare = [run([sys.executable, "-c", "pass"])[0] for _ in range(given.runs)]
         package = [run([sys.executable, "-c", "import unshutter"])[0] for _ in range(given.runs)]
 
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
+    ).stdout.strip()
     print(f"Commit {commit}, {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, ")
     print(f"{given.megapixels:g} MP JPEG, {given.runs} runs after a warm-up: median (least … most)\n")
     print("| | whole process | peak memory |\n|---|---|---|")
