@@ -7,6 +7,7 @@ inverse of that motion, which is what the original's search over rows approximat
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import torch
@@ -41,7 +42,7 @@ def build(config: Rengarajan2017Config) -> VanillaCNN | RowColCNN:
     return VanillaCNN(config.batch_norm).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
-class _KeyRows(nn.Module):
+class _KeyRows(nn.Module, ABC):
     """What both have in common: the mean picture, and the meaning of the 30 outputs."""
 
     mean: Tensor
@@ -56,9 +57,9 @@ class _KeyRows(nn.Module):
         unit = out.new_tensor([TX_UNIT, 1.0])[:, None]
         return out.view(-1, 2, len(KEY_ROWS)) * unit
 
+    @abstractmethod
     def outputs(self, x: Tensor) -> Tensor:
         """[B, 30]: 15 t_x [100 px], then 15 r_z [rad]."""
-        raise NotImplementedError
 
 
 class VanillaCNN(_KeyRows):
