@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter import geometry
-from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
 
 if TYPE_CHECKING:
@@ -38,8 +36,8 @@ def gs_to_rs_map(motion: Motion) -> PositionMap:
     Raises:
         UnshutterError: the motion turns faster than rows are read.
     """
-    rows = _rows_beyond(motion)
-    return _in_stored_frame(motion, lambda col, row: geometry.gs_to_rs(col, row, rows, motion.center))
+    motion.check_unfolded()
+    return _in_stored_frame(motion, motion.gs_to_rs)
 
 
 def rs_to_gs_map(motion: Motion) -> PositionMap:
@@ -48,8 +46,8 @@ def rs_to_gs_map(motion: Motion) -> PositionMap:
     Raises:
         UnshutterError: the motion turns faster than rows are read.
     """
-    rows = _rows_beyond(motion)
-    return _in_stored_frame(motion, lambda col, row: geometry.rs_to_gs(col, row, *rows(row)[:2], motion.center))
+    motion.check_unfolded()
+    return _in_stored_frame(motion, motion.rs_to_gs)
 
 
 @dataclass(frozen=True)
@@ -135,21 +133,6 @@ class SamplingGrid:
     def moved(self, cols: int, rows: int) -> SamplingGrid:
         """The same map into a picture with so many more pixels at the left and the top."""
         return replace(self, nodes=self.nodes + np.array([cols, rows], dtype=np.float32))
-
-
-def _rows_beyond(motion: Motion) -> geometry.RowMotion:
-    """The row motion, carried on smoothly past the first and last row.
-
-    Inside the photo it is the motion as it stands. Outside, the map is not looked at, but grid cells that
-    straddle the border would interpolate badly across the kink where a motion stays constant.
-    """
-    turning = np.abs(np.diff(motion.rz_rad)).max(initial=0.0)
-    if turning * (motion.width / 2 + np.abs(motion.tx_px).max() + abs(motion.center_shift_px)) >= 1:
-        raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
-    beyond = 2 * _COARSEST_STEP
-    tx, rz = (np.pad(a, beyond, mode="reflect", reflect_type="odd") for a in (motion.tx_px, motion.rz_rad))
-    look_up = geometry.row_motion_from_samples(tx, rz)
-    return lambda row: look_up(row + beyond)
 
 
 def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:

@@ -8,17 +8,14 @@ Trained by ``unshutter.learn``; not registered while no trained weights are ship
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from importlib.resources import as_file, files
 
 import numpy as np
 
-from unshutter import geometry
 from unshutter.estimators.base import View
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMapMotion
 
 SIZE = 256  # px of the square that networks of the paper read
-PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class Kandula2020:
@@ -34,43 +31,29 @@ class Kandula2020:
         self._session = open_network(self.name, weights)
 
     def estimate(self, view: View) -> Motion:
-        """Cubic t_x and r_z, first row as the reference."""
-        trajectory, _ = self.answer(view)
-        return self._motion(view, trajectory).rereferenced("first")
+        """Cubic t_x and r_z with the row map, enlarged to the photo; first row as the reference."""
+        trajectory, row_map = self.answer(view)
+        motion = motion_of_square(view, np.arange(SIZE), trajectory, self.name)
+        if row_map is None:
+            return motion.rereferenced("first")
+        side = min(view.height, view.width)
+        mapped = RowMapMotion(
+            width=motion.width,
+            tx_px=motion.tx_px,
+            rz_rad=motion.rz_rad,
+            readout=view.readout,
+            estimator=self.name,
+            row_residual=(row_map - np.arange(SIZE)[:, None]) * (side / SIZE),
+            corner=_corner(view),
+            side=side,
+        )
+        return mapped.rereferenced("first")
 
     def answer(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
         """What the network says: trajectory [2, 256] (t_x [px of 256], r_z [rad]) and row map [256, 256], if any."""
         outputs = self._session.run(None, {"rs": square(view)})
         trajectory, *row_map = (np.asarray(output, dtype=np.float64)[0] for output in outputs)
         return trajectory, row_map[0] if row_map else None
-
-    def position_map(self, view: View) -> PositionMap:
-        """The paper's rectification: GS (col, row) -> RS (col, row) [px of the full-size readout frame].
-
-        The motion of each GS pixel is looked up at the row that the row map says, enlarged to the photo; it
-        differs from :meth:`Motion.gs_to_rs` of the estimate by the row block's error.
-        """
-        trajectory, row_map = self.answer(view)
-        motion = self._motion(view, trajectory)
-        if row_map is None:
-            return motion.gs_to_rs
-        look_up = geometry.row_motion_from_samples(motion.tx_px, motion.rz_rad)
-        residual = row_map - np.arange(SIZE)[:, None]
-        side, (left, top) = min(view.height, view.width), _corner(view)
-
-        def in_square(position: np.ndarray, start: float) -> np.ndarray:
-            return (position - start + 0.5) * (SIZE / side) - 0.5
-
-        def position(col: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            col, row = np.broadcast_arrays(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
-            seen_by = row + _bilinear(residual, in_square(col, left), in_square(row, top)) * (side / SIZE)
-            tx, rz, _ = look_up(seen_by)
-            return geometry.gs_to_rs_by_row_map(col, row, tx, rz, motion.center)
-
-        return position
-
-    def _motion(self, view: View, trajectory: np.ndarray) -> Motion:
-        return motion_of_square(view, np.arange(SIZE), trajectory, self.name)
 
 
 def open_network(name: str, weights: str | os.PathLike[str] | None):
@@ -119,14 +102,3 @@ def _corner(view: View) -> tuple[int, int]:
     """(left, top) of the square [px]."""
     side = min(view.height, view.width)
     return (view.width - side) // 2, (view.height - side) // 2
-
-
-def _bilinear(table: np.ndarray, col: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """Values of a table [h, w] at positions, the border's beyond it."""
-    height, width = table.shape
-    x, y = np.clip(col, 0, width - 1), np.clip(row, 0, height - 1)
-    left, top = (np.minimum(np.floor(p).astype(int), last) for p, last in ((x, width - 2), (y, height - 2)))
-    u, v = x - left, y - top
-    above = table[top, left] * (1 - u) + table[top, left + 1] * u
-    below = table[top + 1, left] * (1 - u) + table[top + 1, left + 1] * u
-    return above * (1 - v) + below * v

@@ -30,6 +30,7 @@ class TrainConfig:
     clip: float = 20.0  # largest gradient norm
     average: float = 0.998  # decay of the moving average of the weights, which is what is exported
     seed: int = 0
+    bfloat16: bool = False  # convolutions and matrix products in half precision (2.5 times as fast on a CPU with AMX)
     threads: int = 1  # CPU threads per process
     log_every: int = 50  # steps
     validate_every: int = 500  # steps

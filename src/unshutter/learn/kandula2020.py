@@ -114,7 +114,7 @@ class MotionBlock(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """[B, 3, r, r] -> [B, 2, r] t_x [px] and r_z [rad]."""
         features = self.base(x)
-        return torch.stack([_TX_SCALE * self.tx(features), _RZ_SCALE * self.rz(features)], 1)
+        return torch.stack([_TX_SCALE * self.tx(features).float(), _RZ_SCALE * self.rz(features).float()], 1)
 
 
 class Trajectory(nn.Module):
@@ -134,7 +134,8 @@ class Trajectory(nn.Module):
 
     def forward(self, motion: Tensor) -> Tensor:
         """The values of the fitted polynomial at every row."""
-        return motion @ self.smoother
+        with torch.autocast(motion.device.type, enabled=False):
+            return motion.to(self.smoother.dtype) @ self.smoother
 
 
 class RowBlock(nn.Module):
@@ -157,7 +158,7 @@ class RowBlock(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """[B, 3, r, r] -> [B, r, r] row map [px]."""
-        residual = F.interpolate(self.layers(x), size=(self.size, self.size), mode="bilinear")[:, 0]
+        residual = F.interpolate(self.layers(x).float(), size=(self.size, self.size), mode="bilinear")[:, 0]
         return _ROW_SCALE * residual + pixel_grid(self.size, residual)[1]
 
 

@@ -41,7 +41,7 @@ class KandulaRecipe:
     def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
         """First phase: error of the motion, on a few photos. Second phase: the paper's Eq. 2."""
         if self.weights.regress_only or step < self.weights.regress_steps:
-            photos = None if self.weights.regress_only else self.weights.regress_photos
+            photos = None if self.weights.regress_only else self.weights.regress_photos or None
             samples = self.data.batch(self.config.batch, generator, photos)
             motion, _ = network(samples.rs, rows=False)
             error = _motion_error(motion, samples)

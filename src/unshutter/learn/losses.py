@@ -31,7 +31,7 @@ class LossConfig:
     regenerated_edges: float = 0.5  # lambda_4
     mask: str = "grid"  # grid | black (the paper's literal rule)
     regress_steps: int = 800  # first phase: the true motion is regressed for so many steps
-    regress_photos: int = 50  # photos of the first phase
+    regress_photos: int = 50  # photos of the first phase; 0: all
     # Weight of the regression: gradients of both phases of about one size. Adam divides by the size it remembers,
     # and with a weight of 1 the second phase's first steps are several times too long.
     regress: float = 30.0
@@ -60,7 +60,7 @@ def edge_loss(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
     which no scene has; see :func:`literal_edge_loss`.
     """
     inner = 1 - F.max_pool2d(F.pad(1 - mask, (1, 1, 1, 1)), 3, stride=1)
-    difference = (sobel(warped) - sobel(target)) * inner
+    difference = sobel(warped - target) * inner  # Sobel is linear
     return difference.square().sum() / (inner.sum() * difference.shape[1]).clamp(min=1)
 
 

@@ -127,7 +127,8 @@ class Trainer:
         # the batch depends on seed, step and process only: a resumed run sees what it would have seen
         seed = (self.config.seed * 1_000_003 + self.step) * self.world + self.rank
         generator = torch.Generator(self.device).manual_seed(seed)
-        loss, log = self.recipe.loss(self.stepped, self.step, generator)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.bfloat16):
+            loss, log = self.recipe.loss(self.stepped, self.step, generator)
         self.optimiser.zero_grad()
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip)

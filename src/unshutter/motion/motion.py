@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,7 +18,7 @@ from unshutter.readout import Readout
 from unshutter.version import __version__
 
 Reference = Literal["first", "middle", "last"]
-FORMAT = "unshutter-motion/1"
+_BEYOND = 128  # rows past the first and the last on which the motion goes on smoothly
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,13 +143,33 @@ class Motion:
     def rs_to_gs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
         """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
         col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
-        tx, rz, _ = geometry.row_motion_from_samples(self.tx_px, self.rz_rad)(row)
+        tx, rz, _ = self._at(row)
         return geometry.rs_to_gs(col, row, tx, rz, self.center)
 
     def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
         """GS positions [px] of the readout frame -> RS positions [px] (exact inverse)."""
         col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
-        return geometry.gs_to_rs(col, row, geometry.row_motion_from_samples(self.tx_px, self.rz_rad), self.center)
+        return geometry.gs_to_rs(col, row, self._at, self.center)
+
+    def check_unfolded(self) -> None:
+        """Passes where every place of the scene was seen by one row only.
+
+        Raises:
+            UnshutterError: the motion turns faster than rows are read.
+        """
+        turning = np.abs(np.diff(self.rz_rad)).max(initial=0.0)
+        if turning * (self.width / 2 + np.abs(self.tx_px).max() + abs(self.center_shift_px)) >= 1:
+            raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
+
+    @cached_property
+    def _at(self) -> geometry.RowMotion:
+        """The motion of any row; carried on smoothly past the first and the last, where no photo looks.
+
+        (Kinked there, the map would be costly to interpolate in the cells that straddle the border.)
+        """
+        tx, rz = (np.pad(a, _BEYOND, mode="reflect", reflect_type="odd") for a in (self.tx_px, self.rz_rad))
+        look_up = geometry.row_motion_from_samples(tx, rz)
+        return lambda row: look_up(row + _BEYOND)
 
     # ---- changed into ----------------------------------------------------------------------------------
 
@@ -212,59 +232,20 @@ class Motion:
 
     def to_json(self) -> str:
         """The motion as JSON text, format ``unshutter-motion/1`` (docs/conventions)."""
-        data: dict[str, Any] = {
-            "format": FORMAT,
-            "height": self.height,
-            "width": self.width,
-            "readout": str(self.readout),
-            "reference": self.reference,
-            "reference_row": self.reference_row,
-            "tx_px": self.tx_px.tolist(),
-            "rz_rad": self.rz_rad.tolist(),
-            "estimator": self.estimator,
-            "confidence": self.confidence,
-            "unshutter": self.version,
-        }
-        if self.center_shift_px:
-            data["center_shift_px"] = self.center_shift_px
-        if self.reason:
-            data["reason"] = self.reason
-        return json.dumps(data)
+        from unshutter.motion.motion_file import to_json
 
-    @classmethod
-    def from_json(cls, text: str) -> Motion:
+        return to_json(self)
+
+    @staticmethod
+    def from_json(text: str) -> Motion:
         """Reads what :meth:`to_json` wrote.
 
         Raises:
             UnshutterError: the text is no motion of this format, or its numbers do not fit together.
         """
-        try:
-            data = json.loads(text)
-            if not isinstance(data, dict) or data.get("format") != FORMAT:
-                raise UnshutterError(f'not a motion file: its "format" is not "{FORMAT}"')
-            confidence = data.get("confidence")
-            motion = cls(
-                width=int(data["width"]),
-                tx_px=np.array(data["tx_px"], dtype=np.float64),
-                rz_rad=np.array(data["rz_rad"], dtype=np.float64),
-                reference=data.get("reference", "first"),
-                readout=Readout.parse(data.get("readout", "auto")),
-                estimator=str(data.get("estimator", "given")),
-                confidence=None if confidence is None else float(confidence),
-                center_shift_px=float(data.get("center_shift_px", 0.0)),
-                reason=str(data.get("reason", "")),
-                version=str(data.get("unshutter", "")),
-            )
-            height = int(data["height"])
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise UnshutterError(f"not a motion file: {error}") from None
-        except KeyError as error:
-            raise UnshutterError(f"not a motion file: {error} is missing") from None
-        except (TypeError, ValueError, OverflowError) as error:
-            raise UnshutterError(f"not a usable motion file: {error}") from None
-        if height != motion.height:
-            raise UnshutterError(f"the motion file says height {height} but has {motion.height} rows")
-        return motion
+        from unshutter.motion.motion_file import from_json
+
+        return from_json(text)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes :meth:`to_json` to a file, replacing what is there.
@@ -275,8 +256,8 @@ class Motion:
         with written_whole(Path(path)) as part:
             part.write_text(self.to_json() + "\n", encoding="utf-8")
 
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Motion:
+    @staticmethod
+    def load(path: str | os.PathLike[str]) -> Motion:
         """Reads a motion file.
 
         Raises:
@@ -288,7 +269,7 @@ class Motion:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
             raise UnshutterError(f"cannot read motion file {path}: {reason}") from None
         try:
-            return cls.from_json(text)
+            return Motion.from_json(text)
         except UnshutterError as error:
             raise UnshutterError(f"{path}: {error}") from None
 

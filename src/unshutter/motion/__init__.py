@@ -1,0 +1,10 @@
+"""How the camera moved while the rows of one photo were read out.
+
+``Motion`` holds t_x and r_z of every row and maps positions by the paper's Eq. 1. Methods that answer with more than
+that have a kind of their own, which maps positions by what they say: ``RowMapMotion`` (the paper's row block).
+"""
+
+from unshutter.motion.motion import Motion, Reference
+from unshutter.motion.row_map import RowMapMotion
+
+__all__ = ["Motion", "Reference", "RowMapMotion"]

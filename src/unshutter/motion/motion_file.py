@@ -1,0 +1,71 @@
+"""The file form of a Motion: JSON, format ``unshutter-motion/1`` (docs/conventions)."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.motion.motion import Motion
+from unshutter.readout import Readout
+
+FORMAT = "unshutter-motion/1"
+
+
+def to_json(motion: Motion) -> str:
+    """The motion as JSON text."""
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "height": motion.height,
+        "width": motion.width,
+        "readout": str(motion.readout),
+        "reference": motion.reference,
+        "reference_row": motion.reference_row,
+        "tx_px": motion.tx_px.tolist(),
+        "rz_rad": motion.rz_rad.tolist(),
+        "estimator": motion.estimator,
+        "confidence": motion.confidence,
+        "unshutter": motion.version,
+    }
+    if motion.center_shift_px:
+        data["center_shift_px"] = motion.center_shift_px
+    if motion.reason:
+        data["reason"] = motion.reason
+    return json.dumps(data)
+
+
+def from_json(text: str) -> Motion:
+    """Reads what :func:`to_json` wrote.
+
+    Raises:
+        UnshutterError: the text is no motion of this format, or its numbers do not fit together.
+    """
+    try:
+        data = json.loads(text)
+        if not isinstance(data, dict) or data.get("format") != FORMAT:
+            raise UnshutterError(f'not a motion file: its "format" is not "{FORMAT}"')
+        confidence = data.get("confidence")
+        motion = Motion(
+            width=int(data["width"]),
+            tx_px=np.array(data["tx_px"], dtype=np.float64),
+            rz_rad=np.array(data["rz_rad"], dtype=np.float64),
+            reference=data.get("reference", "first"),
+            readout=Readout.parse(data.get("readout", "auto")),
+            estimator=str(data.get("estimator", "given")),
+            confidence=None if confidence is None else float(confidence),
+            center_shift_px=float(data.get("center_shift_px", 0.0)),
+            reason=str(data.get("reason", "")),
+            version=str(data.get("unshutter", "")),
+        )
+        height = int(data["height"])
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise UnshutterError(f"not a motion file: {error}") from None
+    except KeyError as error:
+        raise UnshutterError(f"not a motion file: {error} is missing") from None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise UnshutterError(f"not a usable motion file: {error}") from None
+    if height != motion.height:
+        raise UnshutterError(f"the motion file says height {height} but has {motion.height} rows")
+    return motion
