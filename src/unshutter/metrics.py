@@ -1,4 +1,7 @@
-"""How far an estimated motion is from the true one (docs/conventions; protocol in docs/results)."""
+"""How far an estimate is from the truth: positions (EPE and its companions) and pictures (PSNR, SSIM).
+
+What is measured on which pixels, and how the suites are made: docs/results.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,25 @@ import numpy as np
 
 from unshutter.motion import Motion
 
-_UNIT = 256  # errors are given in px of a picture of so many rows
+UNIT_ROWS = 256  # errors are given in px of a picture of so many rows
+
+# SSIM as in Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 13(4), 2004: Gaussian window, K1, K2
+_SSIM_SIGMA = 1.5
+_SSIM_RADIUS = 5
+_K1, _K2 = 0.01, 0.03
 
 
 @dataclass(frozen=True)
 class MotionError:
     """Distance of an estimate from the truth, both with the first row as the reference.
 
+    Positions come from ``gs_to_rs`` of whatever kind of motion it is: what is compared is where the pictures look,
+    not only t_x and r_z. An estimate that runs away (no finite position) counts as one picture diagonal off.
+
     Attributes:
         epe: mean distance [px at 256 rows] of the RS positions over GS pixels seen in the RS picture.
-        curvature_epe: the same when the linear coefficient of t_x is replaced by the best one: what would be
-            left were the shear known.
+        curvature_epe: the same when the best multiple of the RS row is added to the estimate's columns: what would
+            be left were the shear known. For row motions that replaces the linear coefficient of t_x.
         tx_rmse: root mean square over rows of the error in t_x [px at 256 rows].
         rz_rmse: likewise of r_z [deg].
     """
@@ -38,13 +49,15 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
     """
     estimate, truth = estimate.rereferenced("first"), truth.rereferenced("first")
     height, width = truth.height, truth.width
-    scale = _UNIT / height
+    scale = UNIT_ROWS / height
     col, row = np.meshgrid(_spread(width, points), _spread(height, points))
     true_col, true_row = truth.gs_to_rs(col, row)
     inside = (true_col >= 0) & (true_col <= width - 1) & (true_row >= 0) & (true_row <= height - 1)
-    found_col, found_row = estimate.gs_to_rs(col, row)
+    with np.errstate(all="ignore"):  # a motion that folds the picture has no solution everywhere
+        found_col, found_row = estimate.gs_to_rs(col, row)
     d_col, d_row = (found_col - true_col)[inside], (found_row - true_row)[inside]
-    when = np.clip(found_row[inside], 0, height - 1) / max(height - 1, 1)
+    d_col, d_row = _at_most(np.hypot(height, width), d_col, d_row)
+    when = np.clip((true_row[inside] + d_row), 0, height - 1) / max(height - 1, 1)
     return MotionError(
         epe=float(np.hypot(d_col, d_row).mean()) * scale,
         curvature_epe=_best_shear(d_col, d_row, when) * scale,
@@ -53,9 +66,71 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
     )
 
 
+def psnr(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
+    """Peak signal-to-noise ratio [dB] of 8-bit pictures over the pixels of a mask, all channels together.
+
+    Args:
+        picture, truth: uint8 [H, W] or [H, W, bands].
+        mask: bool [H, W].
+
+    Returns:
+        Infinity for equal pictures, NaN where the mask is empty.
+    """
+    if not mask.any():
+        return float("nan")
+    off = picture[mask].astype(np.float64) - truth[mask]
+    error = float(np.mean(off**2))
+    return float("inf") if error == 0 else 10 * float(np.log10(255**2 / error))
+
+
+def ssim(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
+    """Structural similarity (Wang et al. 2004; Gaussian window of 11 px, sigma 1.5) of 8-bit pictures.
+
+    The mean over channels and over the pixels whose whole window lies in the mask and in the picture.
+
+    Args:
+        picture, truth: uint8 [H, W] or [H, W, bands].
+        mask: bool [H, W].
+
+    Returns:
+        NaN where no window lies in the mask.
+    """
+    import cv2
+
+    window = np.ones((2 * _SSIM_RADIUS + 1,) * 2, np.uint8)
+    whole = cv2.erode(mask.astype(np.uint8), window, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    if not whole.any():
+        return float("nan")
+    a, b = (p.reshape(*p.shape[:2], -1).astype(np.float64) for p in (picture, truth))
+    channels = [_ssim_map(a[..., k], b[..., k])[whole].mean() for k in range(a.shape[-1])]
+    return float(np.mean(channels))
+
+
+def _ssim_map(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """SSIM index [H, W] of two channels [H, W]; within five pixels of the border it is not meant to be used."""
+    import cv2
+
+    def mean(x: np.ndarray) -> np.ndarray:
+        return cv2.GaussianBlur(x, (2 * _SSIM_RADIUS + 1,) * 2, _SSIM_SIGMA)
+
+    c1, c2 = (_K1 * 255) ** 2, (_K2 * 255) ** 2
+    mean_a, mean_b = mean(a), mean(b)
+    var_a, var_b = mean(a * a) - mean_a**2, mean(b * b) - mean_b**2
+    covariance = mean(a * b) - mean_a * mean_b
+    return ((2 * mean_a * mean_b + c1) * (2 * covariance + c2)) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
+
+
 def _spread(size: int, points: int) -> np.ndarray:
     count = min(size, points)
     return (np.arange(count) + 0.5) * size / count - 0.5
+
+
+def _at_most(limit: float, d_col: np.ndarray, d_row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets shortened to a length; those that are not finite become that long along the columns."""
+    lost = ~(np.isfinite(d_col) & np.isfinite(d_row))
+    d_col, d_row = np.where(lost, limit, d_col), np.where(lost, 0.0, d_row)
+    shrink = np.minimum(1.0, limit / np.maximum(np.hypot(d_col, d_row), 1e-12))
+    return d_col * shrink, d_row * shrink
 
 
 def _best_shear(d_col: np.ndarray, d_row: np.ndarray, when: np.ndarray) -> float:
