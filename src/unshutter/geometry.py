@@ -32,7 +32,7 @@ def rs_to_gs(col: Array, row: Array, tx: Array, rz: Array, center: tuple = (0.0,
     Returns:
         (col, row) of the GS positions [px].
     """
-    xp = _namespace(rz)
+    xp = namespace(rz)
     cos, sin = xp.cos(rz), xp.sin(rz)
     x, y = col - center[0] - tx, row - center[1]
     return x * cos + y * sin + center[0], y * cos - x * sin + center[1]
@@ -52,7 +52,7 @@ def gs_to_rs_by_row_map(col: Array, row: Array, tx: Array, rz: Array, center: tu
     Returns:
         (col, row) of the RS positions [px].
     """
-    xp = _namespace(rz)
+    xp = namespace(rz)
     cos, sin = xp.cos(rz), xp.sin(rz)
     x, y = col - center[0], row - center[1]
     return x * cos - y * sin + tx + center[0], x * sin + y * cos + center[1]
@@ -80,27 +80,27 @@ def gs_to_rs(
         (col, row) of the RS positions [px].
     """
     x, y = col - center[0], row - center[1]
-    v = _constant(row + 0.0 * col)  # broadcast
-    x_const, y_const = _constant(x), _constant(y)
+    v = constant(row + 0.0 * col)  # broadcast
+    x_const, y_const = constant(x), constant(y)
     for _ in range(steps - 1):
         residual, slope = _row_residual(v, x_const, y_const, row_motion, center[1])
-        v = _constant(v - residual / slope)
+        v = constant(v - residual / slope)
     residual, slope = _row_residual(v, x, y, row_motion, center[1])
-    v = v - residual / _constant(slope)
+    v = v - residual / constant(slope)
     tx, rz, _ = row_motion(v)
-    xp = _namespace(rz)
+    xp = namespace(rz)
     return x * xp.cos(rz) - y * xp.sin(rz) + tx + center[0], v
 
 
 def _row_residual(v: Array, x: Array, y: Array, row_motion: RowMotion, center_row: Any) -> tuple[Array, Array]:
     _, rz, rz_slope = row_motion(v)
-    xp = _namespace(rz)
+    xp = namespace(rz)
     cos, sin = xp.cos(rz), xp.sin(rz)
     residual = v - (x * sin + y * cos + center_row)
     return residual, 1.0 - (x * cos - y * sin) * rz_slope
 
 
-def _namespace(a: Array) -> Any:
+def namespace(a: Array) -> Any:
     """The array API functions for an array. NumPy 2 speaks it itself; wrapping NumPy would cost 60 ms to import."""
     own = getattr(a, "__array_namespace__", None)
     if own is not None:
@@ -110,7 +110,8 @@ def _namespace(a: Array) -> Any:
     return array_namespace(a)
 
 
-def _constant(a: Array) -> Array:
+def constant(a: Array) -> Array:
+    """The array without its gradient (torch); NumPy arrays as they are."""
     return a.detach() if hasattr(a, "detach") else a
 
 
@@ -120,7 +121,7 @@ def row_motion_from_samples(tx: Array, rz: Array) -> RowMotion:
     Args:
         tx, rz: samples at rows 0 ... H - 1 [px], [rad], shape [H].
     """
-    xp = _namespace(tx)
+    xp = namespace(tx)
     last = tx.shape[0] - 1
 
     def look_up(samples: Array, below: Array, above: Array, weight: Array) -> Array:
@@ -150,7 +151,7 @@ def row_motion_from_polynomial(tx_coefficients: Array, rz_coefficients: Array, f
         rz_coefficients: likewise [rad].
         first, last: coordinates of the first and the last row.
     """
-    xp = _namespace(tx_coefficients)
+    xp = namespace(tx_coefficients)
 
     def row_motion(v: Array) -> tuple[Array, Array, Array]:
         u = xp.clip((v - first) / (last - first), 0, 1)
@@ -186,7 +187,7 @@ def polynomial_projection(rows: int, degree: int, like: Array) -> Array:
     Returns:
         [rows, degree + 1].
     """
-    xp = _namespace(like)
+    xp = namespace(like)
     u = xp.arange(rows, dtype=like.dtype, device=like.device) / max(rows - 1, 1)
     powers = xp.stack([u**k for k in range(degree + 1)], axis=-1)  # [rows, degree + 1]
     return xp.permute_dims(xp.linalg.pinv(powers), (1, 0))

@@ -18,7 +18,7 @@ from unshutter.readout import Readout
 from unshutter.version import __version__
 
 Reference = Literal["first", "middle", "last"]
-_BEYOND = 128  # rows past the first and the last on which the motion goes on smoothly
+BEYOND = 128  # rows past the first and the last on which the motion goes on smoothly
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,9 +167,9 @@ class Motion:
 
         (Kinked there, the map would be costly to interpolate in the cells that straddle the border.)
         """
-        tx, rz = (np.pad(a, _BEYOND, mode="reflect", reflect_type="odd") for a in (self.tx_px, self.rz_rad))
+        tx, rz = (np.pad(a, BEYOND, mode="reflect", reflect_type="odd") for a in (self.tx_px, self.rz_rad))
         look_up = geometry.row_motion_from_samples(tx, rz)
-        return lambda row: look_up(row + _BEYOND)
+        return lambda row: look_up(row + BEYOND)
 
     # ---- changed into ----------------------------------------------------------------------------------
 
@@ -194,11 +194,7 @@ class Motion:
         Raises:
             UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not stay one).
         """
-        if abs((width / self.width) / (height / self.height) - 1) > 0.02 + 1 / min(height, self.height):
-            raise UnshutterError(
-                f"cannot fit a motion of {self.width}x{self.height} px to {width}x{height} px: "
-                "the aspect ratio differs, it belongs to another photo or readout direction"
-            )
+        self._check_aspect(height, width)
         if (height, width) == (self.height, self.width):
             return self
         at = (np.arange(height) + 0.5) * (self.height / height) - 0.5
@@ -221,12 +217,23 @@ class Motion:
 
     def smoothed(self, degree: int) -> Motion:
         """Least-squares polynomials of the given degree over the rows (the paper's trajectory module: 3)."""
+        tx, rz = self._smooth(np.stack([self.tx_px, self.rz_rad]), degree)
+        return replace(self, tx_px=tx, rz_rad=rz)
+
+    def _check_aspect(self, height: int, width: int) -> None:
+        if abs((width / self.width) / (height / self.height) - 1) > 0.02 + 1 / min(height, self.height):
+            raise UnshutterError(
+                f"cannot fit a motion of {self.width}x{self.height} px to {width}x{height} px: "
+                "the aspect ratio differs, it belongs to another photo or readout direction"
+            )
+
+    def _smooth(self, samples: np.ndarray, degree: int) -> np.ndarray:
+        """Samples [K, H] replaced by their least-squares polynomials over the rows."""
         if not 0 <= degree < self.height:
             raise UsageError(f"a polynomial over {self.height} rows needs a degree from 0 to {self.height - 1}")
-        projection = geometry.polynomial_projection(self.height, degree, like=self.tx_px)
+        coefficients = samples @ geometry.polynomial_projection(self.height, degree, like=samples)
         u = np.arange(self.height) / max(self.height - 1, 1)
-        tx, rz = (geometry.polynomial(a @ projection, u) for a in (self.tx_px, self.rz_rad))
-        return replace(self, tx_px=tx, rz_rad=rz)
+        return np.stack([geometry.polynomial(c, u) for c in coefficients])
 
     # ---- file form -------------------------------------------------------------------------------------
 

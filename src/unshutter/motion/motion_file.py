@@ -9,6 +9,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion.motion import Motion
+from unshutter.motion.rotations import RotationMotion
 from unshutter.readout import Readout
 
 FORMAT = "unshutter-motion/1"
@@ -29,6 +30,9 @@ def to_json(motion: Motion) -> str:
         "confidence": motion.confidence,
         "unshutter": motion.version,
     }
+    if isinstance(motion, RotationMotion):  # what maps positions; t_x and r_z are worked out from it
+        data["rotations_rad"] = motion.rotations.tolist()
+        data["focal_px"] = motion.focal_px
     if motion.center_shift_px:
         data["center_shift_px"] = motion.center_shift_px
     if motion.reason:
@@ -47,18 +51,23 @@ def from_json(text: str) -> Motion:
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             raise UnshutterError(f'not a motion file: its "format" is not "{FORMAT}"')
         confidence = data.get("confidence")
-        motion = Motion(
-            width=int(data["width"]),
-            tx_px=np.array(data["tx_px"], dtype=np.float64),
-            rz_rad=np.array(data["rz_rad"], dtype=np.float64),
-            reference=data.get("reference", "first"),
-            readout=Readout.parse(data.get("readout", "auto")),
-            estimator=str(data.get("estimator", "given")),
-            confidence=None if confidence is None else float(confidence),
-            center_shift_px=float(data.get("center_shift_px", 0.0)),
-            reason=str(data.get("reason", "")),
-            version=str(data.get("unshutter", "")),
-        )
+        about: dict[str, Any] = {
+            "width": int(data["width"]),
+            "reference": data.get("reference", "first"),
+            "readout": Readout.parse(data.get("readout", "auto")),
+            "estimator": str(data.get("estimator", "given")),
+            "confidence": None if confidence is None else float(confidence),
+            "reason": str(data.get("reason", "")),
+            "version": str(data.get("unshutter", "")),
+        }
+        tx, rz = (np.array(data[key], dtype=np.float64) for key in ("tx_px", "rz_rad"))
+        if "rotations_rad" in data:
+            rotations = np.array(data["rotations_rad"], dtype=np.float64)
+            motion = RotationMotion(rotations=rotations, focal_px=float(data["focal_px"]), **about)
+            if not (_same(tx, motion.tx_px) and _same(rz, motion.rz_rad)):
+                raise UnshutterError("the motion file contradicts itself: t_x and r_z are not those of its rotations")
+        else:
+            motion = Motion(tx_px=tx, rz_rad=rz, center_shift_px=float(data.get("center_shift_px", 0.0)), **about)
         height = int(data["height"])
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise UnshutterError(f"not a motion file: {error}") from None
@@ -69,3 +78,7 @@ def from_json(text: str) -> Motion:
     if height != motion.height:
         raise UnshutterError(f"the motion file says height {height} but has {motion.height} rows")
     return motion
+
+
+def _same(written: np.ndarray, worked_out: np.ndarray) -> bool:
+    return written.shape == worked_out.shape and bool(np.allclose(written, worked_out, rtol=1e-6, atol=1e-6))
