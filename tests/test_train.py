@@ -12,6 +12,7 @@ import torch
 from unshutter import UsageError
 from unshutter.learn.config import TrainConfig, load_config
 from unshutter.learn.train import run
+from unshutter.photo import Photo
 
 TINY = """
 model = "segment-transformer"
@@ -130,6 +131,76 @@ def test_unknown_names_inside_the_tables(tmp_path: Path) -> None:
         run(path, tmp_path)
     with pytest.raises(UsageError, match="cannot read"):
         load_config(tmp_path / "none.toml")
+
+
+def test_a_base_says_what_the_file_does_not(config: Path, tmp_path: Path) -> None:
+    (tmp_path / "more.toml").write_text('base = "tiny.toml"\nsteps = 7\n[network]\nlayers = 2\n')
+    (tmp_path / "other.toml").write_text('model = "segment-transformer"\nbatch = 3\n[network]\nwidth = 8\nlayers = 9\n')
+    more = load_config(tmp_path / "more.toml")
+    assert (more.steps, more.batch) == (7, 4)
+    assert more.network == {"width": 16, "layers": 2, "heads": 2}
+    other = load_config(tmp_path / "more.toml", tmp_path / "other.toml")
+    assert (other.steps, other.batch, other.network) == (7, 3, {"width": 8, "layers": 2})
+    (tmp_path / "loop.toml").write_text('base = "loop.toml"')
+    with pytest.raises(UsageError, match="too many files"):
+        load_config(tmp_path / "loop.toml")
+    (tmp_path / "odd.toml").write_text("base = 3")
+    with pytest.raises(UsageError, match="name of a TOML file"):
+        load_config(tmp_path / "odd.toml")
+
+
+def test_a_run_starts_from_a_kept_checkpoint(config: Path, tmp_path: Path) -> None:
+    config.write_text(TINY.replace("steps = 6", "steps = 6\nkeep_at = 4"))
+    kept = run(config, tmp_path / "runs") / "checkpoint-4.pt"
+    assert torch.load(kept, weights_only=True)["step"] == 4
+    second = tmp_path / "second.toml"
+    second.write_text('base = "tiny.toml"\nlearning_rate = 0.0\nsteps = 1')
+    begun = weights(run(second, tmp_path / "runs", start=kept))
+    given = torch.load(kept, weights_only=True)["average"]
+    for name in given:
+        if name.startswith("module.") and given[name].is_floating_point():
+            torch.testing.assert_close(begun[name], given[name])
+    wider = tmp_path / "wider.toml"
+    wider.write_text('base = "tiny.toml"\n[network]\nwidth = 24\nheads = 2')
+    with pytest.raises(UsageError, match="cannot start from"):
+        run(wider, tmp_path / "runs", start=tmp_path / "none.pt")
+
+
+def test_half_precision_learns_nearly_the_same(config: Path, tmp_path: Path) -> None:
+    whole = log(run(config, tmp_path / "runs"))
+    config.write_text("bfloat16 = true\n" + TINY)
+    half = log(run(config, tmp_path / "half"))
+    assert float(half[-1]["loss"]) == pytest.approx(float(whole[-1]["loss"]), rel=0.2)
+    assert half[-1]["gradient"] != whole[-1]["gradient"]  # it is another arithmetic
+
+
+def test_photos_may_move_between_two_starts(tmp_path: Path) -> None:
+    from unshutter.learn.pixels import draw_picture
+
+    text = """
+model = "kandula2020"
+steps = 1
+batch = 2
+[network]
+width = 4
+hidden = 8
+row_width = 4
+[data]
+folder = "nowhere"
+held_out = 1
+"""
+    path = tmp_path / "photos.toml"
+    path.write_text(text)
+    for place in ("here", "there"):
+        folder = tmp_path / place
+        folder.mkdir()
+        for i in range(2):
+            Photo.from_array(draw_picture(356, i).transpose(1, 2, 0)).save(folder / f"{i}.png")
+    with pytest.raises(UsageError, match="nowhere"):
+        run(path, tmp_path / "runs")
+    run(path, tmp_path / "runs", photos=tmp_path / "here")
+    again = run(path, tmp_path / "runs", steps=2, photos=tmp_path / "there")
+    assert log(again)[-1]["step"] == "2"
 
 
 def test_the_shipped_configurations_are_readable() -> None:

@@ -80,6 +80,7 @@ def estimate(
     estimator: str = "segment-transformer",
     reference: Reference = "first",
     readout: ReadoutWord = "auto",
+    readout_ms: float | None = None,
     plot: Path | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
@@ -97,6 +98,8 @@ def estimate(
         Row that counts as not moving.
     readout
         Direction in which the sensor was read, if an editor has turned the file.
+    readout_ms
+        Time from the first to the last row; adds the camera's speed to the JSON and the plot.
     plot
         Also draw the motion of one photo into this PNG file (needs the extra `plot`).
     overwrite
@@ -104,7 +107,87 @@ def estimate(
     """
     from unshutter import batch
 
-    return batch.estimate_files(photos, output, plot, estimator, reference, readout, overwrite)
+    return batch.estimate_files(photos, output, plot, estimator, reference, readout, overwrite, readout_ms)
+
+
+@app.command(name="map")
+def write_map(
+    source: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    inverse: Annotated[bool, Parameter(negative="")] = False,
+    size: str | None = None,
+    estimator: str = "segment-transformer",
+    readout: ReadoutWord = "auto",
+    reference: Reference | None = None,
+    overwrite: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Write a photo's correction as a map for other programs: OpenCV (.npz) or an ST map (.exr, .tif).
+
+    Parameters
+    ----------
+    source
+        Photo, or the motion file (.json) of one.
+    output
+        Map to write: .npz (map_x, map_y for cv2.remap), .exr (needs the extra `exr`) or .tif (ST map).
+    inverse
+        The map that distorts: from the straightened picture back to the photo.
+    size
+        WxH of the map, for a scaled copy of the photo. Default: the photo's own.
+    estimator
+        Method that finds the camera's motion; `unshutter estimators` lists them.
+    readout
+        Direction in which the sensor was read, if an editor has turned the file.
+    reference
+        Row at whose moment the picture is taken. Default: the motion file's, else first.
+    overwrite
+        Replace a map that exists already.
+    """
+    from unshutter.maps import map_file
+
+    options = {"inverse": inverse, "size": size, "estimator": estimator, "readout": readout}
+    motion = map_file(source, output, **options, reference=reference, overwrite=overwrite)
+    note = f" (changes nothing: {motion.reason})" if motion.reason else ""
+    print(f"{source} -> {output}{note}", file=sys.stderr)
+    return 0
+
+
+@app.command
+def points(
+    motion: Path,
+    table: Path,
+    /,
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    inverse: Annotated[bool, Parameter(negative="")] = False,
+    first_pixel: Literal["0", "0.5"] = "0",
+    overwrite: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Move points of a photo to where they are in the straightened picture, or back.
+
+    Parameters
+    ----------
+    motion
+        Motion file (.json) of the photo.
+    table
+        CSV file with columns x and y, in px of the stored photo; other columns are kept.
+    output
+        CSV file to write.
+    inverse
+        From the straightened picture to the photo.
+    first_pixel
+        Coordinate of the first pixel's centre: 0 (OpenCV) or 0.5 (COLMAP).
+    overwrite
+        Replace a file that exists already.
+    """
+    from unshutter.motion import Motion
+    from unshutter.points import move_file
+
+    total, unseen = move_file(Motion.load(motion), table, output, inverse, float(first_pixel), overwrite)
+    note = f", {unseen} of them outside the photo" if unseen else ""
+    print(f"{table} -> {output}: {total} points{note}", file=sys.stderr)
+    return 0
 
 
 @app.command
@@ -165,7 +248,16 @@ def synthesize(
 
 
 @app.command
-def train(*, config: Path, out: Path = Path("runs"), steps: int | None = None, device: str = "auto") -> int:
+def train(
+    *,
+    config: Path,
+    out: Path = Path("runs"),
+    steps: int | None = None,
+    device: str = "auto",
+    photos: Path | None = None,
+    base: Path | None = None,
+    start: Path | None = None,
+) -> int:
     """Train a network as a TOML file says (needs the extra `train`).
 
     Parameters
@@ -178,12 +270,18 @@ def train(*, config: Path, out: Path = Path("runs"), steps: int | None = None, d
         Stop after this many steps in all instead of the config's.
     device
         auto, cpu or cuda.
+    photos
+        Folder of photos, for networks that read pixels; instead of the config's.
+    base
+        Another TOML file for what the config does not say itself.
+    start
+        Checkpoint of another run whose weights this one begins with.
     """
     try:
         from unshutter.learn.train import run
     except ImportError as error:
         raise UnshutterError(f"training needs the extra: pip install 'unshutter[train]' ({error})") from None
-    run(config, out, steps, device)
+    run(config, out, steps, device, base=base, photos=photos, start=start)
     return 0
 
 
@@ -201,6 +299,8 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output went away
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except MemoryError:
+        return _say("not enough memory", 1)
     except KeyboardInterrupt:
         return _say("stopped; what was finished is kept", 130)
 

@@ -35,26 +35,45 @@ class TrainConfig:
     log_every: int = 50  # steps
     validate_every: int = 500  # steps
     checkpoint_minutes: float = 3.0
+    keep_at: int = 0  # the checkpoint of this step is kept as checkpoint-STEP.pt, for other runs to start from
     network: dict[str, Any] = field(default_factory=dict)
     data: dict[str, Any] = field(default_factory=dict)
     loss: dict[str, Any] = field(default_factory=dict)
 
 
-def load_config(path: Path) -> TrainConfig:
-    """Reads a TOML file.
+def load_config(path: Path, base: Path | None = None) -> TrainConfig:
+    """Reads a TOML file. Its key ``base`` names another, beside it, for all that it does not say itself.
+
+    Args:
+        path: of the file.
+        base: instead of the one that the file names.
 
     Raises:
         UsageError: it cannot be read, or has a key or type that does not belong there.
     """
+    table = _read(Path(path), base)
+    if "model" not in table:
+        raise UsageError(f"{path} does not say which model to train (model = ...)")
+    return from_table(TrainConfig, table, str(path))
+
+
+def _read(path: Path, base: Path | None, depth: int = 0) -> dict[str, Any]:
+    if depth > 4:
+        raise UsageError(f"{path}: too many files, each the base of another")
     try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UsageError(f"{path} is not TOML: {error}") from None
-    if "model" not in table:
-        raise UsageError(f"{path} does not say which model to train (model = ...)")
-    return from_table(TrainConfig, table, str(path))
+    named = table.pop("base", None)
+    if base is None and named is None:
+        return table
+    if base is None and not isinstance(named, str):
+        raise UsageError(f"{path}: 'base' must be the name of a TOML file, got {named!r}")
+    below = _read(base or path.parent / str(named), None, depth + 1)
+    inner = {name: {**below.get(name, {}), **value} for name, value in table.items() if isinstance(value, dict)}
+    return {**below, **table, **inner}
 
 
 def from_table(kind: type[T], table: dict[str, Any], where: str) -> T:

@@ -54,8 +54,8 @@ class _KeyRows(nn.Module, ABC):
     def forward(self, rs: Tensor) -> Tensor:
         """RS pictures [B, 3, 256, 256] in 0 ... 1 -> [B, 2, 15]: t_x [px] and r_z [rad] at the key rows."""
         out = self.outputs(rs - self.mean)
-        unit = out.new_tensor([TX_UNIT, 1.0])[:, None]
-        return out.view(-1, 2, len(KEY_ROWS)) * unit
+        unit = torch.tensor([TX_UNIT, 1.0], device=out.device)[:, None]
+        return out.float().view(-1, 2, len(KEY_ROWS)) * unit
 
     @abstractmethod
     def outputs(self, x: Tensor) -> Tensor:

@@ -13,9 +13,11 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import pickle
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import torch
 import torch.distributed as dist
@@ -29,7 +31,15 @@ from unshutter.learn.recipes import Recipe, make_recipe
 
 
 def run(
-    config_path: Path, out: Path, steps: int | None = None, device: str = "auto", minutes: float | None = None
+    config_path: Path,
+    out: Path,
+    steps: int | None = None,
+    device: str = "auto",
+    minutes: float | None = None,
+    *,
+    base: Path | None = None,
+    photos: Path | None = None,
+    start: Path | None = None,
 ) -> Path:
     """Trains to the end, or for so many minutes; takes up a run that is there.
 
@@ -39,6 +49,9 @@ def run(
         steps: overrides the configuration's.
         device: auto, cpu or cuda.
         minutes: save and stop after this time.
+        base: another file for what the configuration does not say itself.
+        photos: overrides the configuration's ``[data] folder``.
+        start: checkpoint whose weights, where they fit, a new run begins with.
 
     Returns:
         The run's folder.
@@ -46,7 +59,8 @@ def run(
     Raises:
         UsageError: bad configuration, or the folder holds a run of another one.
     """
-    config = load_config(config_path)
+    config = load_config(config_path, base)
+    config = replace(config, data={**config.data, "folder": str(photos)}) if photos else config
     config = replace(config, steps=steps) if steps else config
     torch.set_num_threads(config.threads)
     torch.set_float32_matmul_precision("high")
@@ -54,7 +68,7 @@ def run(
     folder = Path(out) / Path(config_path).stem
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        trainer = Trainer(config, folder, _device(device))
+        trainer = Trainer(config, folder, _device(device), start)
         finished = trainer.train(minutes)
         if finished and trainer.rank == 0:
             trainer.export(folder / "model.onnx")
@@ -69,13 +83,15 @@ def run(
 class Trainer:
     """The state of one run and the loop that advances it."""
 
-    def __init__(self, config: TrainConfig, folder: Path, device: torch.device):
+    def __init__(self, config: TrainConfig, folder: Path, device: torch.device, start: Path | None = None):
         self.config, self.folder, self.device = config, folder, device
         self.rank = dist.get_rank() if dist.is_initialized() else 0
         self.world = dist.get_world_size() if dist.is_initialized() else 1
         torch.manual_seed(config.seed)
         self.recipe: Recipe = make_recipe(config, device)
         self.network = self.recipe.build().to(device)
+        if start is not None:
+            begin_with(self.network, start)
         self.average = AveragedModel(self.network, multi_avg_fn=get_ema_multi_avg_fn(config.average), use_buffers=True)
         self.optimiser = _optimiser(self.network, config)
         self.step, self.seconds = 0, 0.0
@@ -106,6 +122,8 @@ class Trainer:
                 if last or out_of_time or time.monotonic() - saved > 60 * self.config.checkpoint_minutes:
                     self._save()
                     saved = time.monotonic()
+                if self.step == self.config.keep_at:
+                    self._save(f"checkpoint-{self.step}.pt")
                 if out_of_time:
                     break
         return self.step >= self.config.steps
@@ -137,7 +155,7 @@ class Trainer:
         self.step += 1
         return {"loss": loss.item(), **log, "gradient": norm.item()}
 
-    def _save(self) -> None:
+    def _save(self, name: str = "checkpoint.pt") -> None:
         if self.rank > 0:
             return
         state = {
@@ -150,20 +168,44 @@ class Trainer:
         }
         temporary = self.folder / "checkpoint.part"
         torch.save(state, temporary)
-        os.replace(temporary, self.folder / "checkpoint.pt")
+        os.replace(temporary, self.folder / name)
 
     def _resume(self) -> None:
         path = self.folder / "checkpoint.pt"
         if not path.exists():
             return
         state = torch.load(path, map_location=self.device, weights_only=True)
-        defaults = as_table(TrainConfig(self.config.model))  # for settings younger than the checkpoint
-        if {**defaults, **state["config"], "steps": 0} != {**as_table(self.config), "steps": 0}:
+        if _identity(state["config"]) != _identity(as_table(self.config)):
             raise UsageError(f"{self.folder} holds a run of another configuration; choose another --out")
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.step, self.seconds = state["step"], state["seconds"]
+
+
+def begin_with(network: nn.Module, checkpoint: Path) -> None:
+    """Sets the weights that a checkpoint has in the same shape to its averaged ones; the others stay.
+
+    Raises:
+        UsageError: no such checkpoint, or none of its weights fits.
+    """
+    try:
+        state = torch.load(checkpoint, map_location="cpu", weights_only=True)["average"]
+    except (OSError, KeyError, RuntimeError, pickle.UnpicklingError):
+        raise UsageError(f"cannot start from {checkpoint}: it is no checkpoint of a run") from None
+    own = network.state_dict()
+    known = {name.removeprefix("module."): value for name, value in state.items()}
+    fitting = {name: value for name, value in known.items() if name in own and own[name].shape == value.shape}
+    if not fitting:
+        raise UsageError(f"cannot start from {checkpoint}: it is of another network")
+    network.load_state_dict(fitting, strict=False)
+
+
+def _identity(table: dict[str, Any]) -> dict[str, Any]:
+    """What makes a run this one: not its length, nor where its photos lie."""
+    whole = {**as_table(TrainConfig(table["model"])), **table}  # settings younger than the checkpoint
+    whole["data"] = {name: value for name, value in whole["data"].items() if name != "folder"}
+    return {name: value for name, value in whole.items() if name not in ("steps", "keep_at")}
 
 
 def _optimiser(network: nn.Module, config: TrainConfig) -> torch.optim.Optimizer:
@@ -219,9 +261,11 @@ def main() -> None:
     parser.add_argument("--steps", type=int)
     parser.add_argument("--device", default="auto")
     parser.add_argument("--minutes", type=float)
+    for name in ("base", "photos", "start"):
+        parser.add_argument(f"--{name}", type=Path)
     given = parser.parse_args()
     try:
-        run(given.config, given.out, given.steps, given.device, given.minutes)
+        run(**{"config_path": given.__dict__.pop("config"), **vars(given)})
     except UsageError as error:
         parser.exit(2, f"unshutter: {error}\n")
 
