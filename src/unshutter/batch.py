@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.files import check_target
+from unshutter.files import check_target, written_whole
 from unshutter.photo import Photo
 from unshutter.progress import Progress
 
@@ -86,6 +86,7 @@ def estimate_files(
     reference: Reference,
     readout: str,
     overwrite: bool,
+    readout_ms: float | None = None,
 ) -> int:
     """Estimates the motion of each photo; returns the exit code."""
     files, many = find_photos(photos)
@@ -96,7 +97,10 @@ def estimate_files(
     ahead = _ReadAhead(files)
     from unshutter.estimators import load
     from unshutter.rectification import estimate
+    from unshutter.speed import check_readout_ms, json_with_speed
 
+    if readout_ms is not None:
+        check_readout_ms(readout_ms)
     estimator = load(estimator_name)
     targets = _targets(files, output, many, lambda photo: f"{photo.stem}.json") if output else {}
 
@@ -112,11 +116,13 @@ def estimate_files(
         if plot:
             from unshutter.plot import plot_motion
 
-            plot_motion(motion, plot, title=photo.name)
+            plot_motion(motion, plot, title=photo.name, readout_ms=readout_ms)
+        text = motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)
         if target:
-            motion.save(target)
+            with written_whole(target) as part:
+                part.write_text(text + "\n", encoding="utf-8")
         else:
-            print(motion.to_json())
+            print(text)
 
     return _each(files, one)
 

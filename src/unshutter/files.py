@@ -24,7 +24,7 @@ def check_target(target: Path, overwrite: bool, original: Path | None = None) ->
     """
     try:
         if original is not None and target.exists() and original.exists() and target.samefile(original):
-            raise UnshutterError(f"{target} is the original photo, which is never overwritten: choose another name")
+            raise UnshutterError(f"{target} is the original, which is never overwritten: choose another name")
         if target.is_dir():
             raise UnshutterError(f"cannot write {target}: it is a folder")
         if not overwrite and (target.exists() or target.is_symlink()):

@@ -10,10 +10,13 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.files import written_whole
 from unshutter.motion import Motion
+from unshutter.speed import Speed
 
 
-def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "") -> None:
+def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", readout_ms: float | None = None) -> None:
     """Draws t_x [px] and r_z [deg] over the rows, first row on top, into a PNG, SVG or PDF file.
+
+    With the time of the readout, the speed, too: across and along the rows [px/s], and angular [deg/s].
 
     Raises:
         UnshutterError: matplotlib is not installed, or the file cannot be written.
@@ -22,12 +25,17 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "") -
         from matplotlib.figure import Figure
     except ImportError:
         raise UnshutterError("plots need the extra: pip install 'unshutter[plot]'") from None
-    figure = Figure(figsize=(7, 4), layout="constrained")
-    axes = figure.subplots(1, 2, sharey=True)
+    curves = {"t_x [px]": motion.tx_px, "r_z [deg]": np.degrees(motion.rz_rad)}
+    if readout_ms is not None:
+        speed = Speed.of(motion, readout_ms)
+        curves |= {
+            "velocity: columns, rows [px/s]": speed.velocity_px_s,
+            "angular velocity [deg/s]": speed.angular_deg_s,
+        }
+    figure = Figure(figsize=(3.5 * len(curves), 4), layout="constrained")
+    axes = figure.subplots(1, len(curves), sharey=True)
     rows = np.arange(motion.height)
-    for axis, values, label in zip(
-        axes, (motion.tx_px, np.degrees(motion.rz_rad)), ("t_x [px]", "r_z [deg]"), strict=True
-    ):
+    for axis, (label, values) in zip(axes, curves.items(), strict=True):
         axis.plot(values, rows)
         axis.axhline(motion.reference_row, color="grey", lw=0.6, ls=":")
         axis.set_xlabel(label)

@@ -138,7 +138,7 @@ def rectify(
     if motion is None:
         found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first")
     else:
-        found = _fit(motion, opened, readout)
+        found = fitted(motion, opened.height, opened.width, readout)
         found = found.rereferenced(reference) if reference else found
     found = found.scaled(strength)
     result = opened.with_image(rectify_image(opened.image, found, edges))
@@ -150,10 +150,15 @@ def rectify(
     return pixels.reshape(*pixels.shape[:2], *photo.shape[2:])
 
 
-def _fit(motion: Motion, photo: Photo, readout: str | Readout) -> Motion:
+def fitted(motion: Motion, height: int, width: int, readout: str | Readout = "auto") -> Motion:
+    """A given motion for a stored picture of height x width.
+
+    Raises:
+        UsageError: another readout direction than the motion's; UnshutterError: another aspect.
+    """
     if readout != "auto" and Readout.parse(readout) != motion.readout:
         raise UsageError(f"the motion was made for readout {motion.readout}, not {Readout.parse(readout)}")
-    return motion.resized(*motion.readout.frame_size(photo.height, photo.width))
+    return motion.resized(*motion.readout.frame_size(height, width))
 
 
 def _open(photo: Any) -> Photo:
