@@ -1,0 +1,64 @@
+"""``unshutter estimate``: the motions of many photos."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from unshutter.batch.inputs import find_photos, plan_targets
+from unshutter.batch.read_ahead import ReadAhead
+from unshutter.batch.report import Tell, each_photo
+from unshutter.errors import UsageError
+from unshutter.files import check_target, written_whole
+
+if TYPE_CHECKING:
+    from unshutter.motion import Reference
+
+
+def estimate_files(
+    photos: list[Path],
+    output: Path | None,
+    plot: Path | None,
+    estimator_name: str,
+    reference: Reference,
+    readout: str,
+    overwrite: bool,
+    readout_ms: float | None = None,
+) -> int:
+    """Estimates the motion of each photo; returns the exit code."""
+    files, many = find_photos(photos)
+    if many and output is None:
+        raise UsageError("several photos need --output FOLDER for their motions")
+    if many and plot:
+        raise UsageError("--plot draws the motion of one photo only")
+    ahead = ReadAhead(files)
+    from unshutter.estimators import load
+    from unshutter.rectification import estimate
+    from unshutter.speed import check_readout_ms, json_with_speed
+
+    if readout_ms is not None:
+        check_readout_ms(readout_ms)
+    estimator = load(estimator_name)
+    targets = plan_targets(files, output, many, lambda photo: f"{photo.stem}.json") if output else {}
+
+    def one(photo: Path, tell: Tell) -> None:
+        target = targets.get(photo)
+        if target:
+            check_target(target, overwrite, photo)
+        if plot:
+            check_target(plot, overwrite, photo)
+        motion = estimate(ahead.photo(photo), estimator=estimator, readout=readout, reference=reference)
+        if motion.reason:
+            tell(f"{photo}: no motion ({motion.reason})")
+        if plot:
+            from unshutter.plot import plot_motion
+
+            plot_motion(motion, plot, title=photo.name, readout_ms=readout_ms)
+        text = motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)
+        if target:
+            with written_whole(target) as part:
+                part.write_text(text + "\n", encoding="utf-8")
+        else:
+            print(text)
+
+    return each_photo(files, one)
