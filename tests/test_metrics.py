@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import skimage.metrics as skimage
-from drawn_photos import textured
 
+from drawn_photos import textured
 from unshutter import Motion
 from unshutter.metrics import motion_error, psnr, ssim
 from unshutter.motion import RowMapMotion

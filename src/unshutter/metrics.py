@@ -98,7 +98,7 @@ def ssim(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
     import cv2
 
     window = np.ones((2 * _SSIM_RADIUS + 1,) * 2, np.uint8)
-    whole = cv2.erode(mask.astype(np.uint8), window, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    whole = cv2.erode(mask.astype(np.uint8), window, borderType=cv2.BORDER_CONSTANT, borderValue=[0]) > 0
     if not whole.any():
         return float("nan")
     a, b = (p.reshape(*p.shape[:2], -1).astype(np.float64) for p in (picture, truth))

@@ -9,14 +9,14 @@ from typing import Any
 class Progress:
     """A progress bar on standard error; nothing when that is no terminal or there is but one photo."""
 
-    def __init__(self, total: int):
+    def __init__(self, total: int, what: str = "photos"):
         self._bar: Any = None
         if total > 1 and sys.stderr.isatty():
             import rich.console
             import rich.progress
 
             self._bar = rich.progress.Progress(console=rich.console.Console(stderr=True))
-            self._task = self._bar.add_task("photos", total=total)
+            self._task = self._bar.add_task(what, total=total)
             self._bar.start()
 
     def __enter__(self) -> Progress:

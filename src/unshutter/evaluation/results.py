@@ -1,0 +1,149 @@
+"""The results of a run: what was asked, by what it was measured, one record a picture and estimator; JSON and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import platform
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.evaluation.case import Case, Example, Record
+from unshutter.evaluation.protocols import PROTOCOLS, Request
+from unshutter.evaluation.store import code_digest
+from unshutter.motion import Motion
+from unshutter.version import __version__
+
+FORMAT = "unshutter-evaluation/1"
+_LIBRARIES = ("numpy", "opencv-python-headless", "onnxruntime", "pyvips")
+_EXAMPLES = (0.3, 0.55, 0.8, 0.95)  # of the pictures, ordered by how much they are distorted
+_CURVE_ROWS = 33
+
+
+@dataclass(frozen=True)
+class Results:
+    """All that tables and plots are made from.
+
+    Attributes:
+        request: what was asked.
+        estimators: their names, in the order of the tables.
+        rivals: what else was judged: ceilings that know the truth.
+        records: one for each picture and estimator.
+        about: versions of what measured.
+        curves: example -> name -> {"row" [0 ... 1], "tx" [px at 256 rows], "rz" [deg]}.
+    """
+
+    request: Request
+    estimators: list[str]
+    rivals: list[str]
+    records: list[Record]
+    about: dict[str, str] = field(default_factory=dict)
+    curves: dict[str, dict[str, dict[str, list[float]]]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, request: Request, estimators: list[str], rivals: list[str], records: list[Record]) -> Results:
+        """Results measured here and now."""
+        about = {"unshutter": __version__, "code": code_digest(), "machine": platform.machine()}
+        about |= {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
+        return cls(request, estimators, rivals, records, about)
+
+    @property
+    def names(self) -> list[str]:
+        """Estimators and rivals."""
+        return [*self.estimators, *self.rivals]
+
+    @property
+    def command(self) -> str:
+        """The command that gives these figures again."""
+        r = self.request
+        words = ["unshutter evaluate --protocol", r.protocol, "--data", *(str(folder) for folder in r.data)]
+        words += ["--trajectory", str(r.trajectory)] if r.trajectory else []
+        words += ["--photos", str(r.photos)] if r.photos else []
+        words += ["--per-photo", str(r.per_photo)] if PROTOCOLS[r.protocol].kind == "motion" else []
+        return " ".join([*words, "--seed", str(r.seed), "--estimators", ",".join(self.estimators)])
+
+    def with_examples(self, examples: list[Example]) -> Results:
+        """With the curves of some pictures to look at."""
+        return replace(self, curves={e.title: {n: _curve(m) for n, m in e.curves.items()} for e in examples})
+
+    def to_json(self) -> str:
+        """As text, format ``unshutter-evaluation/1``."""
+        data = {"format": FORMAT, "command": self.command, **asdict(self)}
+        return json.dumps(data, default=str, allow_nan=False)
+
+    @classmethod
+    def load(cls, path: Path) -> Results:
+        """Reads what :meth:`to_json` wrote.
+
+        Raises:
+            UnshutterError: the file cannot be read or holds no results.
+        """
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            request: dict[str, Any] = data["request"]
+            request["data"] = tuple(Path(p) for p in request["data"])
+            request["trajectory"] = Path(request["trajectory"]) if request["trajectory"] else None
+            known = {key: data[key] for key in ("estimators", "rivals", "records", "about", "curves")}
+            return cls(Request(**request), **known)
+        except OSError as error:
+            raise UnshutterError(f"cannot read results {path}: {error.strerror}") from None
+        except (ValueError, KeyError, TypeError):
+            raise UnshutterError(f"{path} holds no results of unshutter evaluate") from None
+
+    def to_csv(self) -> str:
+        """One line a record."""
+        columns = list(dict.fromkeys(key for record in self.records for key in record))
+        stream = io.StringIO()
+        writer = csv.DictWriter(stream, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({k: _rounded(v) for k, v in record.items()} for record in self.records)
+        return stream.getvalue()
+
+    def values(self, key: str, **wanted: str) -> np.ndarray:
+        """One figure of the records that say what is wanted (suite, group, estimator), where there is one."""
+        return values(self.chosen(**wanted), key)
+
+    def chosen(self, **wanted: str) -> list[Record]:
+        """The records that say what is wanted."""
+        return [r for r in self.records if all(r[k] == v for k, v in wanted.items())]
+
+    def distinct(self, key: str) -> list[str]:
+        """All there are of "suite" or "group", in the order of the records."""
+        return list(dict.fromkeys(r[key] for r in self.records))
+
+
+def values(records: Iterable[Record], key: str) -> np.ndarray:
+    """One figure of each record that has it."""
+    return np.array([r[key] for r in records if r.get(key) is not None], dtype=np.float64)
+
+
+def examples_of(cases: list[Case], records: list[Record]) -> list[Case]:
+    """A few cases to look at, from little to much distorted (in the order given, where that is not known)."""
+    amount = {}
+    for record in records:
+        amount.setdefault(
+            (record["suite"], record["group"], record["photo"], record["draw"]), record.get("epe_nothing")
+        )
+    if len(amount) != len(cases) or None in amount.values():
+        return cases[: len(_EXAMPLES)]
+    order = np.argsort(list(amount.values()), kind="stable")
+    return list(dict.fromkeys(cases[order[int(share * (len(order) - 1))]] for share in _EXAMPLES))
+
+
+def _curve(motion: Motion) -> dict[str, list[float]]:
+    rows = np.linspace(0, motion.height - 1, _CURVE_ROWS)
+    known = np.arange(motion.height)
+    tx, rz = np.interp(rows, known, motion.tx_px) * 256 / motion.height, np.interp(rows, known, motion.rz_rad)
+    share = np.linspace(0, 1, _CURVE_ROWS)
+    return {"row": share.tolist(), "tx": tx.round(3).tolist(), "rz": np.degrees(rz).round(4).tolist()}
+
+
+def _rounded(value: Any) -> Any:
+    return round(value, 5) if isinstance(value, float) else value

@@ -1,0 +1,101 @@
+"""What a run has measured so far, on disc: a killed run goes on where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import unshutter
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.evaluation.case import Record
+
+_NAME = "records.jsonl"
+
+
+class Store:
+    """Records in a file of one JSON line for each case and estimator, after a line that says what the run is.
+
+    Args:
+        folder: made where it is missing.
+        settings: everything that the figures depend on but the code, whose digest is added.
+        overwrite: whether records of other settings or other code may be thrown away.
+
+    Raises:
+        UsageError: the folder holds another run; UnshutterError: it cannot be written to.
+    """
+
+    def __init__(self, folder: Path, settings: dict[str, Any], overwrite: bool):
+        self._path = folder / _NAME
+        self._done: dict[tuple[str, str], list[Record]] = {}
+        head = {"settings": settings, "code": code_digest()}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if not self._taken_up(head, overwrite):
+                self._path.write_text(json.dumps(head) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise UnshutterError(f"cannot write to folder {folder}: {error.strerror}") from None
+
+    def missing(self, key: str, names: list[str]) -> list[str]:
+        """Which of the estimators have no records of a case yet."""
+        return [name for name in names if (key, name) not in self._done]
+
+    def add(self, key: str, names: list[str], records: list[Record]) -> None:
+        """Keeps the records of a case, on disc at once.
+
+        Raises:
+            UnshutterError: the disc is full.
+        """
+        lines = []
+        for name in names:
+            own = [record for record in records if record["estimator"] == name]
+            self._done[key, name] = own
+            lines.append(json.dumps({"key": key, "estimator": name, "records": own}) + "\n")
+        try:
+            with self._path.open("a", encoding="utf-8") as stream:
+                stream.write("".join(lines))
+        except OSError as error:
+            raise UnshutterError(f"cannot write {self._path}: {error.strerror}") from None
+
+    def records(self, keys: list[str], names: list[str]) -> list[Record]:
+        """The records of these cases and estimators, in this order."""
+        return [r for key in keys for name in names for r in self._done.get((key, name), [])]
+
+    def _taken_up(self, head: dict, overwrite: bool) -> bool:
+        """Reads what is there; False where the run starts afresh."""
+        if not self._path.exists():
+            return False
+        lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
+        if (found := _parsed(lines[0]) if lines else None) != head:
+            if found is not None and not overwrite:
+                other = "settings" if found.get("settings") != head["settings"] else "code"
+                raise UsageError(
+                    f"{self._path.parent} holds a run with other {other}: choose another --output, or --overwrite it"
+                )
+            return False
+        whole = [record for line in lines[1:] if (record := _parsed(line))]
+        self._done = {(record["key"], record["estimator"]): record["records"] for record in whole}
+        if len(whole) < len(lines) - 1:  # the run was killed while it wrote
+            rest = [json.dumps(record) for record in (head, *whole)]
+            self._path.write_text("\n".join(rest) + "\n", encoding="utf-8")
+        return True
+
+
+@cache
+def code_digest() -> str:
+    """Of the package's code and weights: records of other code are not mixed with new ones."""
+    digest = hashlib.sha256()
+    root = Path(unshutter.__file__).parent
+    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".onnx")):
+        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _parsed(line: str) -> dict | None:
+    try:
+        value = json.loads(line)
+    except ValueError:
+        return None
+    return value if isinstance(value, dict) else None
