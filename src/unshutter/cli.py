@@ -14,6 +14,7 @@ from unshutter.version import __version__
 
 ReadoutWord = Literal["auto", "top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
 Reference = Literal["first", "middle", "last"]
+Protocol = Literal["synthetic", "native", "trajectory", "undistorted", "robustness", "pairs", "video"]
 
 app = App(
     name="unshutter",
@@ -245,6 +246,51 @@ def synthesize(
     return batch.synthesize_files(
         photos, output, per_photo, seed, motion, trajectory, readout_ms, focal_px, size, canvas
     )
+
+
+@app.command
+def evaluate(
+    *,
+    data: Annotated[list[Path], Parameter(consume_multiple=True, negative="")],
+    estimators: str = "all",
+    protocol: Protocol = "synthetic",
+    output: Annotated[Path, Parameter(name=["--output", "-o"])] = Path("evaluation"),
+    photos: int | None = None,
+    per_photo: int = 2,
+    seed: int = 0,
+    trajectory: Path | None = None,
+    jobs: int | None = None,
+    overwrite: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Measure methods side by side on the same pictures (needs the extra `plot`).
+
+    Parameters
+    ----------
+    data
+        Folders, each a group in the tables: of undistorted photos; for pairs and video of rs_0.png, gs_0_middle.png ...
+    estimators
+        Names with commas between them, or all.
+    protocol
+        What is measured; docs/use.md says how.
+    output
+        Folder for tables, figures of every picture, plots and contact sheets. A run that was stopped there goes on.
+    photos
+        At most so many photos of each folder, chosen by the seed. Default: all.
+    per_photo
+        Random motions for each photo.
+    seed
+        Same seed, same figures.
+    trajectory
+        NPZ file of a recorded motion, or a folder of them, for the protocol of that name.
+    jobs
+        Processes. Default: one for each processor.
+    overwrite
+        Throw away a run with other settings that is in the folder.
+    """
+    from unshutter.evaluation.run import Request, evaluate
+
+    request = Request(protocol, tuple(data), photos, per_photo, seed, trajectory)
+    return 1 if evaluate(request, estimators, output, jobs, overwrite) else 0
 
 
 @app.command
