@@ -136,6 +136,24 @@ def test_a_photo_gives_the_map_of_its_estimate(tmp_path: Path, rolling_facade: n
     assert photo.read_bytes() == before
 
 
+def test_maps_are_for_stored_pixels_whatever_the_orientation(tmp_path: Path, rolling_facade: np.ndarray) -> None:
+    """As docs/compositing says: read without turning, and the map fits."""
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(rolling_facade).save(tmp_path / "portrait.png", exif=exif)
+    assert main(["map", str(tmp_path / "portrait.png"), "-o", str(tmp_path / "m.npz")]) == 0
+    photo = cv2.imread(str(tmp_path / "portrait.png"), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    assert photo is not None and photo.shape == rolling_facade.shape
+    with np.load(tmp_path / "m.npz") as maps:
+        found = cv2.remap(photo, maps["map_x"], maps["map_y"], cv2.INTER_CUBIC)[..., ::-1]
+    expected = unshutter.rectify(tmp_path / "portrait.png")
+    difference = np.abs(found.astype(int) - expected.pixels)[core(expected.valid)]
+    assert difference.mean() < 2  # drawn edges are hard, and the two cubics differ there
+    assert np.abs(photo[..., ::-1].astype(int) - expected.pixels)[core(expected.valid)].mean() > 3 * difference.mean()
+
+
 @pytest.mark.parametrize("readout", ["top-to-bottom", "right-to-left"])
 def test_size_scales_the_map(tmp_path: Path, readout: str) -> None:
     motion = stored(tmp_path, shake(readout))

@@ -1,0 +1,178 @@
+"""What rolling shutter does to COLMAP, and what is left of it after `unshutter rectify`: measured where truth is known.
+
+    pip install '.[colmap]'
+    python examples/colmap/compare.py -o colmap_out
+
+draws a street corner, photographs it with a rolling shutter from an arc (scene.py), and reconstructs the same walk
+from four folders of pictures: global_shutter (what the best could be), rolling_shutter, rectified (motions estimated
+by unshutter) and true_motion (rectified with the motions that were put in: what a perfect estimate would give).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+from scene import Camera, Frame, draw_scene, photograph, walk
+
+import unshutter
+from unshutter.photo import Photo
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one reconstruction came to.
+
+    Attributes:
+        pictures: how many there were.
+        registered: how many COLMAP found a place for.
+        points: 3-D points.
+        track: pictures per point, mean.
+        reprojection_px: mean reprojection error [px].
+        place_cm: root mean square distance of the registered cameras from their true places, after the similarity
+            that aligns them best [cm]; None with fewer than three.
+        direction_deg: median angle between true and found camera rotations, after the same [deg].
+    """
+
+    pictures: int
+    registered: int
+    points: int
+    track: float
+    reprojection_px: float
+    place_cm: float | None
+    direction_deg: float | None
+
+
+def write_pictures(folder: Path, frames: list[Frame], camera: Camera, seed: int, estimator: str) -> list[str]:
+    """Fills one folder per kind of picture, and masks/ beside each where pixels are missing; returns the kinds."""
+    scene = draw_scene(seed)
+    for k, frame in enumerate(frames):
+        name = f"{k:02d}.png"
+        for kind in ("global_shutter", "rolling_shutter"):
+            place = folder / kind / "images" / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            Photo.from_array(photograph(scene, camera, frame, kind == "rolling_shutter")).save(place, overwrite=True)
+        photo = folder / "rolling_shutter" / "images" / name
+        for kind, how in {
+            "rectified": {"estimator": estimator, "reference": "middle"},
+            "true_motion": {"motion": frame.motion},
+        }.items():
+            result = unshutter.rectify(photo, **how)
+            for part in ("images", "masks"):
+                (folder / kind / part).mkdir(parents=True, exist_ok=True)
+            result.save(folder / kind / "images" / name, overwrite=True)
+            # no features at the border of what the photo did not see: it is not part of the scene
+            seen = cv2.erode(result.valid.astype(np.uint8) * 255, np.ones((9, 9)))
+            cv2.imwrite(str(folder / kind / "masks" / f"{name}.png"), seen)
+    return ["global_shutter", "rolling_shutter", "rectified", "true_motion"]
+
+
+def reconstruct(folder: Path, camera: Camera) -> pycolmap.Reconstruction | None:
+    """COLMAP's sparse reconstruction of a folder's pictures, with the camera's calibration given and kept."""
+    pycolmap.logging.minloglevel = pycolmap.logging.ERROR.value
+    pycolmap.set_random_seed(0)
+    database, images = folder / "database.db", folder / "images"
+    database.unlink(missing_ok=True)
+    reader = pycolmap.ImageReaderOptions()
+    # COLMAP counts from the corner of the first pixel: its middle is at 0.5
+    reader.camera_params = f"{camera.focal_px},{camera.focal_px},{camera.width / 2},{camera.height / 2}"
+    if (folder / "masks").is_dir():
+        reader.mask_path = str(folder / "masks")
+    pycolmap.extract_features(
+        database,
+        images,
+        camera_mode=pycolmap.CameraMode.SINGLE,
+        camera_model="PINHOLE",
+        reader_options=reader,
+        sift_options={"max_num_features": 2500},
+        device=pycolmap.Device.cpu,
+    )
+    pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+    options = pycolmap.IncrementalPipelineOptions()
+    options.ba_refine_focal_length = options.ba_refine_principal_point = options.ba_refine_extra_params = False
+    options.num_threads = 1  # the same answer every time
+    (folder / "sparse").mkdir(exist_ok=True)
+    models = pycolmap.incremental_mapping(database, images, folder / "sparse", options)
+    return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+
+
+def measure(model: pycolmap.Reconstruction | None, frames: list[Frame]) -> Outcome:
+    """Compares a reconstruction with the truth."""
+    if model is None:
+        return Outcome(len(frames), 0, 0, 0.0, float("nan"), None, None)
+    found = [image for image in model.images.values() if image.has_pose]
+    truth = [frames[int(Path(image.name).stem)] for image in found]
+    place = direction = None
+    if len(found) >= 3:
+        centers = np.array([image.projection_center() for image in found])
+        scale, turn, shift = align(centers, np.array([frame.place for frame in truth]))
+        off = scale * centers @ turn.T + shift - [frame.place for frame in truth]
+        place = 100 * float(np.sqrt((off**2).sum(axis=1).mean()))
+        rotations = [image.cam_from_world().rotation.matrix() @ turn.T for image in found]
+        direction = float(np.median([angle(r @ f.rotation.T) for r, f in zip(rotations, truth, strict=True)]))
+    return Outcome(
+        len(frames),
+        len(found),
+        model.num_points3D(),
+        model.compute_mean_track_length(),
+        model.compute_mean_reprojection_error(),
+        place,
+        direction,
+    )
+
+
+def angle(rotation: np.ndarray) -> float:
+    """By how much a rotation [3, 3] turns [deg]."""
+    return float(np.degrees(np.arccos(np.clip((np.trace(rotation) - 1) / 2, -1, 1))))
+
+
+def align(source: np.ndarray, target: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Scale, rotation [3, 3] and shift [3] that bring source [N, 3] closest to target (Umeyama 1991)."""
+    middle = source.mean(axis=0), target.mean(axis=0)
+    a, b = source - middle[0], target - middle[1]
+    u, strength, vt = np.linalg.svd(b.T @ a)
+    sign = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])  # a rotation, not a reflection
+    turn = u * sign @ vt
+    scale = float((strength * sign).sum() / (a**2).sum())
+    return scale, turn, middle[1] - scale * turn @ middle[0]
+
+
+def main() -> None:
+    """Draws, reconstructs, prints a table and writes results.json."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for pictures and reconstructions")
+    parser.add_argument("--frames", type=int, default=20)
+    parser.add_argument(
+        "--turn",
+        type=float,
+        nargs=3,
+        default=(1.5, 3.0, 2.0),
+        metavar=("X", "Y", "Z"),
+        help="largest turn during the readout: up and down, left and right, roll [deg]",
+    )
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--estimator", default="segment-transformer")
+    chosen = parser.parse_args()
+    camera = Camera()
+    frames = walk(camera, chosen.frames, tuple(chosen.turn), chosen.seed)
+    results = {}
+    print(
+        "| pictures | registered | points | pictures per point | reprojection [px] | places [cm] | directions [deg] |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    for kind in write_pictures(chosen.output, frames, camera, chosen.seed, chosen.estimator):
+        out = measure(reconstruct(chosen.output / kind, camera), frames)
+        results[kind] = asdict(out)
+        place, direction = ("–" if v is None else f"{v:.2f}" for v in (out.place_cm, out.direction_deg))
+        print(f"| {kind} | {out.registered} of {out.pictures} | {out.points} | {out.track:.2f} "
+              f"| {out.reprojection_px:.3f} | {place} | {direction} |", flush=True)  # fmt: skip
+    (chosen.output / "results.json").write_text(json.dumps(results, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
