@@ -195,7 +195,7 @@ def test_wrong_usage_exits_with_2(arguments: list[str], capsys: pytest.CaptureFi
     one_line(capsys)
 
 
-# ---- estimate, estimators, synthesize -----------------------------------------------------------------------
+# ---- estimate, models, synthesize ---------------------------------------------------------------------------
 
 
 def test_estimate_prints_json(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -216,7 +216,7 @@ def test_estimate_many_into_a_folder_and_a_plot(photo: Path) -> None:
 
 
 def test_estimators_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["estimators"]) == 0
+    assert main(["models"]) == 0
     assert "segment-transformer (default)" in capsys.readouterr().out.splitlines()
 
 

@@ -48,7 +48,7 @@ def rectify(
     output
         File to write (one photo) or folder (several). Default: NAME.rectified.EXT beside each photo.
     estimator
-        Method that finds the camera's motion; `unshutter estimators` lists them.
+        Method that finds the camera's motion; `unshutter models` lists them.
     motion
         Undo the motion in this JSON file instead of finding it.
     save_motion
@@ -94,7 +94,7 @@ def estimate(
     output
         JSON file (one photo) or folder (several, one JSON file each). Default: standard output (one photo).
     estimator
-        Method that finds the camera's motion; `unshutter estimators` lists them.
+        Method that finds the camera's motion; `unshutter models` lists them.
     reference
         Row that counts as not moving.
     readout
@@ -137,7 +137,7 @@ def write_map(
     size
         WxH of the map, for a scaled copy of the photo. Default: the photo's own.
     estimator
-        Method that finds the camera's motion; `unshutter estimators` lists them.
+        Method that finds the camera's motion; `unshutter models` lists them.
     readout
         Direction in which the sensor was read, if an editor has turned the file.
     reference
@@ -188,16 +188,6 @@ def points(
     total, unseen = move_file(Motion.load(motion), table, output, inverse, float(first_pixel), overwrite)
     note = f", {unseen} of them outside the photo" if unseen else ""
     print(f"{table} -> {output}: {total} points{note}", file=sys.stderr)
-    return 0
-
-
-@app.command
-def estimators() -> int:
-    """List the methods that can find a camera's motion."""
-    from unshutter.estimators import DEFAULT, ESTIMATORS
-
-    for name in ESTIMATORS:
-        print(f"{name} (default)" if name == DEFAULT else name)
     return 0
 
 
