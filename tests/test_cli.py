@@ -217,7 +217,7 @@ def test_estimate_many_into_a_folder_and_a_plot(photo: Path) -> None:
 
 def test_estimators_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["models"]) == 0
-    assert "segment-transformer (default)" in capsys.readouterr().out.splitlines()
+    assert "segment-transformer (default): " in capsys.readouterr().out
 
 
 def test_synthesize_then_rectify_with_the_true_motion(
