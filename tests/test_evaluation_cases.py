@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 import skimage.metrics as skimage
-from drawn_photos import textured
 
+from drawn_photos import textured
 from unshutter import Motion
 from unshutter.estimators import View, load
 from unshutter.evaluation.case import in_8_bits

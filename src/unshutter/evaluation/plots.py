@@ -122,8 +122,8 @@ def _dots(results: Results):
     figure, axes = _figure(len(_panels(results)), 0.32 * len(results.names) + 1)
     for axis, (title, wanted) in zip(axes.flat, _panels(results), strict=True):
         for place, name in enumerate(results.names):
-            records = [r for r in results.chosen(estimator=name, **wanted) if r[key] is not None]
-            gains = [r[key] - r[f"{key}_input"] for r in records]
+            both = [(r[key], r[f"{key}_input"]) for r in results.chosen(estimator=name, **wanted)]
+            gains = [value - nothing for value, nothing in both if value is not None and nothing is not None]
             axis.plot(gains, [place] * len(gains), ".", color="tab:blue", ms=5, alpha=0.6)
             if gains:
                 axis.plot([np.mean(gains)] * 2, [place - 0.35, place + 0.35], color="black", lw=1.5)

@@ -60,21 +60,23 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
     with Progress(len(cases), "pictures") as bar:
         for _ in range(sum(not missing for _, missing in tasks)):
             bar.advance()
-        failed = 0
+        failed: dict[str, str] = {}  # case -> what is wrong with its picture
         for (case, missing), records in _judged([task for task in tasks if task[1]], jobs or os.cpu_count() or 1):
             if isinstance(records, str):  # a picture that cannot be used: the others are judged all the same
-                bar.tell(f"unshutter: {records}")
-                failed += 1
+                if records not in failed.values():
+                    bar.tell(f"unshutter: {records}")
+                failed[case.key] = records
             else:
                 store.add(case.key, missing, records)
             bar.advance()
+    cases = [case for case in cases if case.key not in failed]
     records = store.records([case.key for case in cases], [*names, *rivals])
     if not records:
         raise UnshutterError("nothing could be measured")
     results = Results.of(request, names, rivals, records)
     examples = [case.show(names, _loaded) for case in examples_of(cases, records)]
     write_report(results.with_examples(examples), examples, output)
-    return failed
+    return len(failed)
 
 
 def _chosen(estimators: str) -> list[str]:
