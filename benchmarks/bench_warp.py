@@ -24,10 +24,15 @@ import time
 from pathlib import Path
 
 READ = "import sys, pyvips; image = pyvips.Image.new_from_file(sys.argv[1])"
+WARP = """
+from unshutter.photo import Photo
+photo = Photo.open(sys.argv[1])
+photo.with_pixels(rectify_pixels(photo.pixels, motion, '{edges}')).save(sys.argv[2], quality=92, overwrite=True)
+"""
 WRITE = "out.jpegsave(sys.argv[2], Q=92)"
 SHAKE = """
 from unshutter.motion import Motion
-from unshutter.warp import rectify_image
+from unshutter.warp import rectify_pixels
 unit = image.width / 100
 motion = Motion.from_polynomials([0, 3 * unit, -2 * unit], [0, 0.02, -0.01], image.height, image.width)
 """
@@ -43,10 +48,10 @@ out = image.mapim(index, interpolate=pyvips.Interpolate.new("bicubic"))
 JOBS = {
     "identity": [READ, IDENTITY, WRITE],
     "decode and encode only": [READ, "out = image", WRITE],
-    "rectify, edges keep": [READ, SHAKE, "out = rectify_image(image, motion, 'keep')", WRITE],
-    "rectify, edges crop": [READ, SHAKE, "out = rectify_image(image, motion, 'crop')", WRITE],
-    "rectify, edges fill": [READ, SHAKE, "out = rectify_image(image, motion, 'fill')", WRITE],
-    "rectify, jitter on every row": [READ, SHAKE, JITTER, "out = rectify_image(image, motion, 'keep')", WRITE],
+    "rectify, edges keep": [READ, SHAKE, WARP.format(edges="keep")],
+    "rectify, edges crop": [READ, SHAKE, WARP.format(edges="crop")],
+    "rectify, edges fill": [READ, SHAKE, WARP.format(edges="fill")],
+    "rectify, jitter on every row": [READ, SHAKE, JITTER, WARP.format(edges="keep")],
 }
 
 

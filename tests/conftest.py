@@ -48,7 +48,7 @@ def facade_motion() -> Motion:
 def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarray:
     """The facade as a rolling shutter would have taken it: the motion goes on beyond the rows that are kept."""
     from unshutter.photo import Photo
-    from unshutter.warp import distort_image
+    from unshutter.warp import distort_pixels
 
     rows = np.arange(-MARGIN, 420 + MARGIN)
     tx, rz = (
@@ -56,7 +56,7 @@ def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarr
     )
     whole = Motion(facade_canvas.shape[1], tx, rz)
     photo = Photo.from_array(facade_canvas)
-    distorted = photo.with_image(distort_image(photo.image, whole)).to_array()
+    distorted = distort_pixels(photo.pixels, whole)
     return distorted[MARGIN:-MARGIN, MARGIN:-MARGIN].copy()
 
 

@@ -51,9 +51,8 @@ class PixelMap:
         """
         size = motion.readout.frame_size(motion.height, motion.width)
         grid = SamplingGrid.of(rs_to_gs_map(motion) if inverse else gs_to_rs_map(motion), *size)
-        index = grid.index.numpy().reshape(*size, 2)
-        col, row = (np.ascontiguousarray(index[..., k]) for k in (0, 1))
-        return cls(col, row, grid.inside.numpy().reshape(size) > 0)
+        col, row = grid.everywhere()
+        return cls(col, row, grid.inside(col, row))
 
     def st(self) -> np.ndarray:
         """The ST map: float32 [H, W, 3], first row on top: s, t, and 1 where valid, else 0."""

@@ -127,7 +127,7 @@ def rectify(
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    from unshutter.warp import EDGES, rectify_image
+    from unshutter.warp import EDGES, rectify_pixels
 
     if not 0 <= strength <= 1:
         raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
@@ -135,13 +135,14 @@ def rectify(
         raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
     opened = _open(photo)
     _check_size(opened)
+    opened.start_decoding()
     if motion is None:
         found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first")
     else:
         found = fitted(motion, opened.height, opened.width, readout)
         found = found.rereferenced(reference) if reference else found
     found = found.scaled(strength)
-    result = opened.with_image(rectify_image(opened.image, found, edges))
+    result = opened.with_pixels(rectify_pixels(opened.pixels, found, edges))
     if isinstance(photo, bytes):
         return result.to_bytes()
     if isinstance(photo, (str, os.PathLike, Photo)):

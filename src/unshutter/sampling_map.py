@@ -1,25 +1,21 @@
 """Where each output pixel looks in the input picture: the exact map of a Motion, thinned to a grid.
 
 The map is smooth, so it is computed exactly (float64) at the nodes of a coarse grid that is refined until
-linear interpolation between nodes is good to 0.01 px; libvips fills in the pixels between nodes when a
-tile is asked for, so that memory does not grow with the picture.
+linear interpolation between nodes is good to 0.01 px; the pixels between nodes are filled in for one tile at
+a time, so that memory does not grow with the picture.
 
 Convention: positions are (col, row) of **stored** pixels (readout.py), pixel centres at whole numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from unshutter.motion import Motion
-
-if TYPE_CHECKING:
-    import pyvips
 
 # (col, row) of output pixels -> (col, row) of the input positions they show
 PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -27,6 +23,7 @@ PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 _COARSEST_STEP = 64  # px between nodes to start from; a power of two
 _TOLERANCE = 0.004  # px at the middle of a cell's sides; at its centre the two directions add up
 _INSIDE_SLACK = 0.01  # px, what the map is good to
+_TILE = (128, 1024)  # rows and columns: what is mixed for it stays in the processor's cache
 _BAND_POINTS = 1 << 18  # positions computed at a time
 
 
@@ -48,6 +45,48 @@ def rs_to_gs_map(motion: Motion) -> PositionMap:
     """
     motion.check_unfolded()
     return _in_stored_frame(motion, motion.rs_to_gs)
+
+
+class Tile(NamedTuple):
+    """Pixels of the output: rows top <= row < bottom, columns left <= col < right."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    def tiles(self) -> Iterator[Tile]:
+        """The same pixels in tiles of a size to work on at a time."""
+        for top in range(self.top, self.bottom, _TILE[0]):
+            for left in range(self.left, self.right, _TILE[1]):
+                yield Tile(top, min(top + _TILE[0], self.bottom), left, min(left + _TILE[1], self.right))
+
+    def within(self, window: Tile) -> tuple[slice, slice]:
+        """Where its pixels are in an array that begins where ``window`` does."""
+        rows = slice(self.top - window.top, self.bottom - window.top)
+        return rows, slice(self.left - window.left, self.right - window.left)
+
+    def halves(self) -> tuple[Tile, Tile]:
+        """The tile cut across its longer side."""
+        if self.bottom - self.top > self.right - self.left:
+            middle = (self.top + self.bottom) // 2
+            return self._replace(bottom=middle), self._replace(top=middle)
+        middle = (self.left + self.right) // 2
+        return self._replace(right=middle), self._replace(left=middle)
+
+
+class Extent(NamedTuple):
+    """Least and greatest column and row [px] of positions."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    @classmethod
+    def of(cls, col: np.ndarray, row: np.ndarray) -> Extent:
+        """Of positions themselves."""
+        return cls(float(col.min()), float(row.min()), float(col.max()), float(row.max()))
 
 
 @dataclass(frozen=True)
@@ -81,58 +120,60 @@ class SamplingGrid:
                     nodes, at[axis], steps[axis], settled = finer, finer_at, steps[axis] // 2, 0
                     continue
             axis, settled = 1 - axis, settled + 1
-        # Far outside nothing is looked up, and a map that runs away would leave the range of libvips.
+        # Far outside nothing is looked up, and a map that runs away would leave the range of numbers.
         far = float(height + width)
         np.nan_to_num(nodes, copy=False, nan=-far, posinf=2 * far, neginf=-far)
         return cls(np.clip(nodes, -far, 2 * far, out=nodes), steps[0], steps[1], height, width)
 
-    @cached_property
-    def index(self) -> pyvips.Image:
-        """The map at every pixel, two float bands (col, row), computed tile by tile as it is asked for.
+    @property
+    def whole(self) -> Tile:
+        """The whole output."""
+        return Tile(0, self.height, 0, self.width)
 
-        Value and slope of each cell are repeated along the row (zoom) and put together: three times
-        faster than ``affine``, which would interpolate two bands pixel by pixel.
-        """
-        lines = self._nodes_on_every_row()
-        if self.col_step == 1:
-            return _vips(lines).crop(0, 0, self.width, self.height)
-        across = np.tile(np.arange(self.col_step, dtype=np.float32) / self.col_step, lines.shape[1] - 1)
-        across = _vips(np.stack([across, across], axis=-1)[None]).replicate(1, len(lines))
-        value, slope = _vips(lines[:, :-1]).zoom(self.col_step, 1), _vips(np.diff(lines, axis=1)).zoom(self.col_step, 1)
-        return (value + slope * across).crop(0, 0, self.width, self.height)
+    def everywhere(self) -> tuple[np.ndarray, np.ndarray]:
+        """The map at every pixel of the output: col and row, each float32 [H, W]."""
+        col, row = (np.empty((self.height, self.width), np.float32) for _ in range(2))
+        for tile in self.whole.tiles():
+            col[tile.within(self.whole)], row[tile.within(self.whole)] = self.positions(tile)
+        return col, row
 
-    def _nodes_on_every_row(self) -> np.ndarray:  # float32 [height or more, cols, 2]
-        if self.row_step == 1:
-            return self.nodes
-        at = np.arange(self.height) / self.row_step
-        above = np.minimum(at.astype(int), len(self.nodes) - 2)
-        weight = (at - above).astype(np.float32)[:, None, None]
-        return self.nodes[above] + (self.nodes[above + 1] - self.nodes[above]) * weight
+    def positions(self, tile: Tile) -> tuple[np.ndarray, np.ndarray]:
+        """The map at every pixel of a tile: col and row, each float32 [rows, cols], new."""
+        nodes, top, left = self._nodes_about(tile)
+        rows, cols = (tile.bottom - tile.top, tile.right - tile.left)
+        at = np.arange(top, top + rows) / self.row_step
+        above = np.minimum(at.astype(int), len(nodes) - 2)
+        weight = (at - above).astype(np.float32)[:, None]
+        planes = np.ascontiguousarray(np.moveaxis(nodes, 2, 0))  # [2, node rows, node cols]
+        lines = planes[:, above] + (planes[:, above + 1] - planes[:, above]) * weight  # [2, rows, node cols]
+        across = np.arange(self.col_step, dtype=np.float32) / self.col_step
+        dense = np.diff(lines, axis=2)[..., None] * across  # [2, rows, cells, px of a cell]
+        dense += lines[:, :, :-1, None]
+        col, row = dense.reshape(2, rows, -1)[:, :, left : left + cols]
+        return col, row
 
-    @cached_property
-    def inside(self) -> pyvips.Image:
-        """255 where the position lies inside the picture, else 0, computed tile by tile."""
-        middle = np.array([self.width - 1, self.height - 1]) / 2
-        reach = middle + _INSIDE_SLACK
-        exact = (self.index.linear((1 / reach).tolist(), (-middle / reach).tolist()).abs() <= 1).bandand()
-        if self.row_step == self.col_step == 1:
-            return exact
-        nodes = np.all(np.abs(self.nodes - middle) <= reach, axis=-1)  # [rows, cols]
-        cells = nodes[1:, 1:] & nodes[1:, :-1] & nodes[:-1, 1:] & nodes[:-1, :-1]
-        whole = _vips(cells.astype(np.uint8) * 255).zoom(self.col_step, self.row_step)
-        whole = whole.crop(0, 0, self.width, self.height)  # most of the picture needs no look at each pixel
-        return whole.ifthenelse(255, exact)
+    def extent(self, tile: Tile) -> Extent:
+        """Bounds of the positions of a tile, from the nodes about it: cheaper than from the positions, and wider."""
+        nodes, _, _ = self._nodes_about(tile)
+        (left, top), (right, bottom) = nodes.min(axis=(0, 1)).tolist(), nodes.max(axis=(0, 1)).tolist()
+        return Extent(left, top, right, bottom)
 
-    def reach_beyond(self) -> tuple[int, int]:
-        """How far the map reaches outside the picture along columns and rows, with room to interpolate [px]."""
-        least, most = self.nodes.min(axis=(0, 1)), self.nodes.max(axis=(0, 1))
-        beyond = np.maximum(-least, most - np.array([self.width - 1, self.height - 1]))
-        cols, rows = (int(np.ceil(max(b, 0))) + 2 for b in beyond)
-        return cols, rows
+    def contains(self, extent: Extent) -> bool:
+        """Whether all positions within the bounds lie inside the picture."""
+        least, most = min(extent.left, extent.top), max(extent.right - self.width, extent.bottom - self.height)
+        return least >= -_INSIDE_SLACK and most <= _INSIDE_SLACK - 1
 
-    def moved(self, cols: int, rows: int) -> SamplingGrid:
-        """The same map into a picture with so many more pixels at the left and the top."""
-        return replace(self, nodes=self.nodes + np.array([cols, rows], dtype=np.float32))
+    def inside(self, col: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """bool: which positions lie inside the picture."""
+        within_width = (col >= -_INSIDE_SLACK) & (col <= self.width - 1 + _INSIDE_SLACK)
+        return within_width & (row >= -_INSIDE_SLACK) & (row <= self.height - 1 + _INSIDE_SLACK)
+
+    def _nodes_about(self, tile: Tile) -> tuple[np.ndarray, int, int]:
+        """The nodes of the cells that a tile touches; row and column of its first pixel from the first of them."""
+        first_row, first_col = tile.top // self.row_step, tile.left // self.col_step
+        last_row, last_col = -(-tile.bottom // self.row_step), -(-tile.right // self.col_step)
+        nodes = self.nodes[first_row : last_row + 1, first_col : last_col + 1]
+        return nodes, tile.top - first_row * self.row_step, tile.left - first_col * self.col_step
 
 
 def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:
@@ -186,9 +227,3 @@ def _worst_inside(finer: np.ndarray, axis: int, height: int, width: int) -> floa
         inside = (col >= -1) & (col <= width) & (row >= -1) & (row <= height)
         worst = max(worst, float(error[inside].max(initial=0.0)))
     return worst
-
-
-def _vips(pixels: np.ndarray) -> pyvips.Image:
-    import pyvips
-
-    return pyvips.Image.new_from_array(np.ascontiguousarray(pixels))

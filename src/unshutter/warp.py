@@ -1,7 +1,7 @@
 """From a Motion to pixels: the sampling map, the warp in both directions, and the picture's edges.
 
-Nothing is computed before the result is written or looked at: libvips then works tile by tile, so that
-memory does not grow with the picture.
+The output is made tile by tile, several at a time: beside the picture before and after, memory does not grow
+with its size.
 
 Convention: everything here takes and gives **stored** pixels (readout.py); positions are (col, row),
 pixel centres at whole numbers. A position lies *inside* a picture of W columns and H rows when
@@ -10,37 +10,41 @@ pixel centres at whole numbers. A position lies *inside* a picture of W columns 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Literal, get_args
 
+import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.large_arrays import new_array
 from unshutter.motion import Motion
-from unshutter.sampling_map import SamplingGrid, gs_to_rs_map, rs_to_gs_map
-
-if TYPE_CHECKING:
-    import pyvips
+from unshutter.sampling_map import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
 
 Edges = Literal["keep", "crop", "fill"]
 EDGES = get_args(Edges)
 _LEAST_CROP = 0.1  # of the photo's area
 _CROP_SEARCH_CELLS = 1_000_000
+_MOST_THREADS = 16
+_LONGEST_SOURCE = 32_000  # px; cv2.remap has 16 bits for a position
+_REACH = 3  # px that interpolation looks beyond a position
 
 
-def rectify_image(image: pyvips.Image, motion: Motion, edges: Edges = "keep") -> pyvips.Image:
-    """The global-shutter picture of a rolling-shutter photo, bicubic (Catmull-Rom), lazily.
+def rectify_pixels(pixels: np.ndarray, motion: Motion, edges: Edges = "keep") -> np.ndarray:
+    """The global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
 
     Args:
-        image: stored pixels, any bands and bit depth, opened for random access; with alpha, colours are
-            interpolated premultiplied. Metadata is carried over.
+        pixels: [H, W] or [H, W, 1..4] stored pixels, uint8 or uint16; the last of 2 or 4 bands is alpha, and
+            colours are then interpolated premultiplied.
         motion: the photo's motion, for exactly its size.
         edges: for pixels whose RS position lies outside the photo: ``keep`` makes them black (and alpha
             0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
             repeats the nearest border pixel.
 
     Returns:
-        An image of the same size (smaller for ``crop``), format, bands and interpretation; ``image``
-        itself when the motion is zero.
+        New pixels of the same type and bands, and size (smaller for ``crop``); ``pixels`` itself when the motion is
+        zero.
 
     Raises:
         UnshutterError: the motion is of another size, turns faster than rows are read, or ``crop`` would
@@ -49,42 +53,41 @@ def rectify_image(image: pyvips.Image, motion: Motion, edges: Edges = "keep") ->
     """
     if edges not in EDGES:
         raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
-    _check_size(image, motion)
+    _check_size(pixels, motion)
     if motion.is_zero:
-        return image
-    grid = SamplingGrid.of(gs_to_rs_map(motion), image.height, image.width)
-    if edges == "keep":
-        return grid.inside.ifthenelse(_sample(image, grid.index, "bicubic"), 0)
-    if edges == "fill":
-        cols, rows = grid.reach_beyond()
-        wide = image.embed(cols, rows, image.width + 2 * cols, image.height + 2 * rows, extend="copy")
-        return _sample(wide, grid.moved(cols, rows).index, "bicubic")
-    left, top, width, height = largest_valid_rectangle(_mask(grid))
-    if width * height < _LEAST_CROP * image.width * image.height:
-        raise UnshutterError(
-            f"cropping would leave {100 * width * height / (image.width * image.height):.0f} % of the photo: "
-            "use other edges, keep or fill"
-        )
-    return _sample(image, grid.index, "bicubic").crop(left, top, width, height)
+        return pixels
+    height, width = pixels.shape[:2]
+    grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
+    window = grid.whole
+    if edges == "crop":
+        left, top, w, h = largest_valid_rectangle(_mask(grid))
+        if w * h < _LEAST_CROP * width * height:
+            raise UnshutterError(
+                f"cropping would leave {100 * w * h / (width * height):.0f} % of the photo: "
+                "use other edges, keep or fill"
+            )
+        window = Tile(top, top + h, left, left + w)
+    return _warped(pixels, grid, window, cv2.INTER_CUBIC, blacken=edges == "keep")
 
 
-def distort_image(image: pyvips.Image, motion: Motion) -> pyvips.Image:
-    """The rolling-shutter picture of a global-shutter one, bilinear, lazily: the synthesis of training pairs.
+def distort_pixels(pixels: np.ndarray, motion: Motion) -> np.ndarray:
+    """The rolling-shutter picture of a global-shutter one, bilinear: the synthesis of training pairs.
 
     Each RS pixel shows the GS picture at its GS position (closed form); outside it is black, alpha 0.
 
     Args:
-        image: stored pixels, any bands and bit depth.
-        motion: for exactly the image's size.
+        pixels: as for :func:`rectify_pixels`.
+        motion: for exactly the picture's size.
 
     Raises:
         UnshutterError: the motion is of another size or turns faster than rows are read.
     """
-    _check_size(image, motion)
+    _check_size(pixels, motion)
     if motion.is_zero:
-        return image
-    grid = SamplingGrid.of(rs_to_gs_map(motion), image.height, image.width)
-    return grid.inside.ifthenelse(_sample(image, grid.index, "bilinear"), 0)
+        return pixels
+    height, width = pixels.shape[:2]
+    grid = SamplingGrid.of(rs_to_gs_map(motion), height, width)
+    return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, blacken=True)
 
 
 def backward_map(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
@@ -94,8 +97,7 @@ def backward_map(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         (col, row), each float32 [H, W] in stored orientation [px], exact to 0.01 px inside the photo.
     """
     size = motion.readout.frame_size(motion.height, motion.width)
-    index = SamplingGrid.of(gs_to_rs_map(motion), *size).index.numpy().reshape(*size, 2)
-    return np.ascontiguousarray(index[..., 0]), np.ascontiguousarray(index[..., 1])
+    return SamplingGrid.of(gs_to_rs_map(motion), *size).everywhere()
 
 
 def validity_mask(motion: Motion) -> np.ndarray:
@@ -149,31 +151,78 @@ def largest_valid_rectangle(mask: np.ndarray) -> tuple[int, int, int, int]:
     return left, top, w, h
 
 
-def _check_size(image: pyvips.Image, motion: Motion) -> None:
+def _check_size(pixels: np.ndarray, motion: Motion) -> None:
     height, width = motion.readout.frame_size(motion.height, motion.width)
-    if (image.height, image.width) != (height, width):
+    if pixels.shape[:2] != (height, width):
         raise UnshutterError(
-            f"the motion is for a picture of {width}x{height} px but this one has {image.width}x{image.height} px: "
+            f"the motion is for a picture of {width}x{height} px but this one has "
+            f"{pixels.shape[1]}x{pixels.shape[0]} px: "
             "resize the motion, or choose the readout direction it was found with"
         )
 
 
 def _mask(grid: SamplingGrid) -> np.ndarray:
-    return grid.inside.numpy().reshape(grid.height, grid.width) > 0
+    mask = np.empty((grid.height, grid.width), dtype=bool)
+    for tile in grid.whole.tiles():
+        mask[tile.within(grid.whole)] = grid.inside(*grid.positions(tile))
+    return mask
 
 
-def _sample(image: pyvips.Image, index: pyvips.Image, interpolation: str) -> pyvips.Image:
-    """The picture at the positions of a map; both directions of the warp end here."""
-    import pyvips
+def _warped(pixels: np.ndarray, grid: SamplingGrid, window: Tile, interpolation: int, blacken: bool) -> np.ndarray:
+    """A window of the output; both directions of the warp end here.
 
-    alpha = bool(image.hasalpha())
-    # Not left to mapim: it takes the alpha of 16-bit pixels that are not marked so for 8-bit, and truncates.
-    top = {"max_alpha": 65535} if image.format == "ushort" else {}
-    source = image.premultiply(**top) if alpha else image
-    # extend="copy": the border's pixels take no black into their interpolation
-    out = source.mapim(index, interpolate=pyvips.Interpolate.new(interpolation), extend="copy", premultiplied=alpha)
-    if alpha:
-        out = out.unpremultiply(**top)
-        out = out if image.format in ("float", "double") else out.rint()
-        out = out.cast(image.format).copy(interpretation=image.interpretation)
-    return out
+    Args:
+        blacken: make what lies outside the picture 0; otherwise the border is repeated.
+    """
+    cv2.setNumThreads(1)  # the threads are here
+    result = new_array((window.bottom - window.top, window.right - window.left, *pixels.shape[2:]), pixels.dtype)
+    pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
+
+    def make(tile: Tile) -> None:
+        extent, (col, row) = grid.extent(tile), grid.positions(tile)
+        if _too_long(extent):
+            extent = Extent.of(col, row)
+            if _too_long(extent):
+                for half in tile.halves():
+                    make(half)
+                return
+        outside = ~grid.inside(col, row) if blacken and not grid.contains(extent) else None
+        source, left, top = _cut(pixels, extent)
+        col -= left
+        row -= top
+        made = out[tile.within(window)]
+        _sample(source, col, row, interpolation, made)
+        if outside is not None:
+            made[outside] = 0
+
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, _MOST_THREADS)) as threads:
+        for _ in threads.map(make, window.tiles()):
+            pass  # errors come out here
+    return result
+
+
+def _too_long(extent: Extent) -> bool:
+    return max(extent.right - extent.left, extent.bottom - extent.top) > _LONGEST_SOURCE
+
+
+def _cut(pixels: np.ndarray, extent: Extent) -> tuple[np.ndarray, int, int]:
+    """The part of the picture that interpolation within the extent mixes, its left and its top."""
+    height, width = pixels.shape[:2]
+    left, right = (min(max(int(c), 0), width - 1) for c in (extent.left - _REACH, extent.right + _REACH))
+    top, bottom = (min(max(int(r), 0), height - 1) for r in (extent.top - _REACH, extent.bottom + _REACH))
+    return pixels[top : bottom + 1, left : right + 1], left, top
+
+
+def _sample(image: np.ndarray, col: np.ndarray, row: np.ndarray, interpolation: int, out: np.ndarray) -> None:
+    """Writes the image at positions, its border repeated, into out [rows, cols, bands]."""
+    if image.shape[2] in (1, 3):
+        cv2.remap(image, col, row, interpolation, dst=out, borderMode=cv2.BORDER_REPLICATE)
+        return
+    top = np.iinfo(image.dtype).max
+    premultiplied = image.astype(np.float32)
+    premultiplied[..., :-1] *= premultiplied[..., -1:] / top
+    sampled = cv2.remap(premultiplied, col, row, interpolation, borderMode=cv2.BORDER_REPLICATE)
+    alpha = sampled[..., -1:]
+    with np.errstate(divide="ignore"):
+        sampled[..., :-1] *= np.where(alpha >= 0.5, top / alpha, 0)
+    out[:] = np.rint(sampled.clip(0, top))

@@ -108,13 +108,13 @@ def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
     A motion that cannot be undone leaves the photo as it is, as it does for users.
     """
-    from unshutter.warp import rectify_image, validity_mask
+    from unshutter.warp import rectify_pixels, validity_mask
 
     whole = np.ones((photo.height, photo.width), bool)
     if motion.is_zero:
         return in_8_bits(photo), whole
     try:
-        return in_8_bits(photo.with_image(rectify_image(photo.image, motion))), validity_mask(motion)
+        return in_8_bits(photo.with_pixels(rectify_pixels(photo.pixels, motion))), validity_mask(motion)
     except UnshutterError:
         return in_8_bits(photo), whole
 

@@ -6,8 +6,10 @@ A new format is one entry in ``CODECS``, its signature, and its options in encod
 from __future__ import annotations
 
 import io
+import math
 import os
 import re
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -17,6 +19,7 @@ from unshutter.photo import containers, metadata
 from unshutter.photo.libvips import libvips, refusing
 
 if TYPE_CHECKING:
+    import numpy as np
     import pyvips
 
 
@@ -70,7 +73,6 @@ _SIGNATURES = tuple(
 )
 # Warnings about JPEGs in which every pixel is there, and which all viewers show.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
-_SPILL_BYTES = 1 << 31  # decoded pictures above this go to a temporary file instead of memory
 
 
 @dataclass(frozen=True)
@@ -219,57 +221,70 @@ def _sample_kind(vips_format: str) -> str:
 # ---- decoding ------------------------------------------------------------------------------------------
 
 
-def decode(source: Source, codec: Codec, coding: Coding) -> pyvips.Image:
+def decode(source: Source, codec: Codec, coding: Coding, shrink: int = 1) -> np.ndarray:
     """All stored pixels, decoded now.
 
     Args:
         source: what to decode.
         codec: its format.
         coding: as :func:`read_coding` gave it.
+        shrink: 1, or for JPEG 2, 4 or 8: every so many rows and columns become one, rounded up, which is faster.
 
     Returns:
-        An image in memory (pictures above 2 GiB: in a temporary file).
+        [H, W, bands] uint8 or uint16, not to be written to (very large pictures lie in a temporary file).
 
     Raises:
         UnshutterError: the data are damaged or end too early.
     """
+    smaller = {"shrink": shrink} if shrink > 1 else {}
     with refusing(f"{source} is damaged or incomplete"):
         # To libjpeg damaged data are but a warning; PNG and TIFF warn of much that harms nothing.
         level = "warning" if codec.name == "jpeg" else "error"
         try:
-            image = _in_memory(source.load(codec, access="sequential", fail_on=level))
+            pixels = computed(source.load(codec, access="sequential", fail_on=level, **smaller))
         except libvips().Error as error:
             if level == "error" or not _HARMLESS.search(error.detail):
                 raise
-            image = _in_memory(source.load(codec, access="sequential", fail_on="error"))
-    if coding.grey and image.bands > 2:
-        image = image[0] if image.bands == 3 else image[0].bandjoin(image[3])
-    return standard(_unturned(image, coding.orientation))
+            pixels = computed(source.load(codec, access="sequential", fail_on="error", **smaller))
+    if coding.grey and pixels.shape[2] > 2:
+        pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
+    return _unturned(pixels, coding.orientation)
 
 
-def _in_memory(image: pyvips.Image) -> pyvips.Image:
-    size = image.width * image.height * image.bands * (2 if image.format == "ushort" else 1)
-    if size <= _SPILL_BYTES:
-        return image.copy_memory()
-    spilled = libvips().Image.new_temp_file("%s.v")
-    image.write(spilled)
-    return spilled
+def computed(image: pyvips.Image) -> np.ndarray:
+    """[H, W, bands] of an image, computed now; not to be written to. ``pyvips.Error`` where that fails."""
+    import numpy as np  # not above: reading a file, which starts first, can do without
+
+    from unshutter.large_arrays import SPILL_BYTES
+
+    shape = image.height, image.width, image.bands
+    dtype = {"uchar": np.dtype(np.uint8), "ushort": np.dtype(np.uint16)}[str(image.format)]
+    if math.prod(shape) * dtype.itemsize <= SPILL_BYTES:
+        data = image.write_to_memory()  # the long part
+        pixels = np.frombuffer(data, dtype).reshape(shape)
+        pixels.setflags(write=False)
+        return pixels
+    with tempfile.NamedTemporaryFile(prefix="unshutter-") as file:
+        image.rawsave(file.name)
+        return np.memmap(file.name, dtype=dtype, mode="r", shape=shape)
 
 
-def _unturned(image: pyvips.Image, orientation: int) -> pyvips.Image:
+def as_image(pixels: np.ndarray) -> pyvips.Image:
+    """Pixels [H, W, bands] as libvips sees them, nothing copied, with the colour meaning of :func:`standard`."""
+    import numpy as np
+
+    height, width, bands = pixels.shape
+    kind = {"uint8": "uchar", "uint16": "ushort"}[pixels.dtype.name]
+    return standard(libvips().Image.new_from_memory(np.ascontiguousarray(pixels), width, height, bands, kind))
+
+
+def _unturned(pixels: np.ndarray, orientation: int) -> np.ndarray:
     """The stored pixels of a picture that was turned by its orientation."""
-    undo = {
-        2: ("fliphor",),
-        3: ("rot180",),
-        4: ("flipver",),
-        5: ("rot90", "fliphor"),
-        6: ("rot270",),
-        7: ("rot270", "fliphor"),
-        8: ("rot90",),
-    }
-    for step in undo.get(orientation, ()):
-        image = getattr(image, step)()
-    return image.copy_memory() if orientation in undo else image
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels.swapaxes(0, 1) if orientation >= 5 else pixels
 
 
 def standard(image: pyvips.Image) -> pyvips.Image:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +28,8 @@ MAX_PIXELS = 1_000_000_000
 class Photo:
     """A picture as it is stored: never turned upright, with all that its file says about it.
 
-    Pixels are decoded when they are first asked for, once. What is kept on the way out:
+    Pixels are decoded when they are first asked for, or before (:meth:`start_decoding`), once. What is kept on the
+    way out:
 
     * bits: 16-bit pixels stay so in PNG and TIFF, become 10 (if the photo had 10) or 12 in AVIF, are rounded to 8 in
       JPEG and WebP;
@@ -54,7 +57,7 @@ class Photo:
     _coding: Coding = field(repr=False)
     _header: pyvips.Image = field(repr=False)  # metadata
     _exif: bytes | None = field(repr=False)
-    _pixels: pyvips.Image | None = field(repr=False, default=None)
+    _given: np.ndarray | None = field(repr=False, default=None)  # pixels that are not the source's
 
     # ---- in --------------------------------------------------------------------------------------------
 
@@ -107,27 +110,22 @@ class Photo:
         Raises:
             UnshutterError: another shape or type, or no pixels.
         """
-        import numpy as np  # not above: reading a file, which starts first, can do without
+        pixels = _with_bands(array).copy()
+        pixels.setflags(write=False)
+        height, width, bands = pixels.shape
+        header = codecs.as_image(pixels)
+        return cls("array", height, width, bands, 1, None, None, Coding(), header, None, pixels)
 
-        array = np.asarray(array)
-        if array.dtype not in (np.uint8, np.uint16):
-            raise UnshutterError(f"a photo needs pixels of type uint8 or uint16, got {array.dtype}")
-        if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
-            raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
-        pixels = array.reshape(*array.shape[:2], -1).copy()
-        image = codecs.standard(libvips().Image.new_from_array(pixels))
-        return cls("array", image.height, image.width, image.bands, 1, None, None, Coding(), image, None, image)
-
-    def with_image(self, image: pyvips.Image) -> Photo:
-        """New pixels, possibly of another size, under this photo's metadata and format.
+    def with_pixels(self, pixels: np.ndarray) -> Photo:
+        """New pixels, possibly of another size, under this photo's metadata and format; not copied.
 
         Raises:
-            UnshutterError: not 1 to 4 bands of 8 or 16 bits.
+            UnshutterError: see :meth:`from_array`.
         """
-        image = codecs.standard(image)
+        pixels = _with_bands(pixels)
         exif = None if self._exif is None else metadata.without_thumbnail(self._exif)
-        size = {"height": image.height, "width": image.width, "bands": image.bands}
-        return replace(self, **size, _pixels=image, _exif=exif)
+        height, width, bands = pixels.shape
+        return replace(self, height=height, width=width, bands=bands, _given=pixels, _exif=exif)
 
     # ---- what it holds ---------------------------------------------------------------------------------
 
@@ -136,22 +134,41 @@ class Photo:
         """Whether the last channel is transparency."""
         return self.bands in (2, 4)
 
+    def start_decoding(self, executor: Executor | None = None) -> None:
+        """Decodes the stored pixels in a thread of the executor (by default one of its own) while others work."""
+        if self._given is not None or self.__dict__.keys() & {"_decoding", "pixels"}:
+            return
+        thread = executor or ThreadPoolExecutor(1)
+        self.__dict__["_decoding"] = thread.submit(self._decode)
+        if executor is None:
+            thread.shutdown(wait=False)
+
     @cached_property
-    def image(self) -> pyvips.Image:
-        """The stored pixels, for random access: decoded into memory here, or the lazy ones of :meth:`with_image`.
+    def pixels(self) -> np.ndarray:
+        """The stored pixels [H, W, bands], uint8 or uint16, not to be written to.
 
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone.
         """
-        if self._pixels is not None:
-            return self._pixels
+        if self._given is not None:
+            return self._given
+        if (decoding := self.__dict__.pop("_decoding", None)) is not None:
+            with suppress(UnshutterError):  # decoded again for its message: libvips mixes those of two threads
+                return decoding.result()
+        return self._decode()
+
+    def _decode(self, shrink: int = 1) -> np.ndarray:
         assert self._source is not None
-        return codecs.decode(self._source, CODECS[self.format], self._coding)
+        return codecs.decode(self._source, CODECS[self.format], self._coding, shrink)
+
+    @property
+    def image(self) -> pyvips.Image:
+        """The stored pixels as libvips sees them."""
+        return codecs.as_image(self.pixels)
 
     def to_array(self) -> np.ndarray:
-        """The stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
-        with refusing("cannot compute the picture"):
-            return self.image.numpy()
+        """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
+        return self.pixels[..., 0].copy() if self.bands == 1 else self.pixels.copy()
 
     def focal_px(self) -> float | None:
         """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
@@ -161,7 +178,8 @@ class Photo:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
 
         Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, likewise across, to 0.2 px.
-        Made from the decoded pixels that the warp needs anyway: an estimate is the same whatever it is for.
+        JPEGs at least twice as large are decoded at a half, a quarter or an eighth of their size for it, whether
+        or not their pixels are known already: an estimate is the same whatever it is for.
 
         Args:
             short_side: [px] of the copy; never enlarged. None: full size.
@@ -176,7 +194,19 @@ class Photo:
             raise UsageError(f"a grey copy needs a short side of at least 1 px, got {short_side}")
         scale = 1.0 if short_side is None else min(short_side / min(self.height, self.width), 1.0)
         height, width = max(round(self.height * scale), 1), max(round(self.width * scale), 1)
-        return _luminance(self.image, width / self.width, height / self.height, height, width)
+        hscale, vscale = width / self.width, height / self.height
+        shrink = self._shrink_on_load(max(hscale, vscale))
+        if shrink > 1:
+            with suppress(UnshutterError):  # what is wrong with the file, decoding it whole says
+                small = codecs.as_image(self._decode(shrink))
+                return _luminance(small, hscale * shrink, vscale * shrink, height, width)
+        return _luminance(self.image, hscale, vscale, height, width)
+
+    def _shrink_on_load(self, scale: float) -> int:
+        """How many times smaller the decoder may make the picture that is to be scaled by so much."""
+        if self.format != "jpeg" or self._given is not None:
+            return 1
+        return next((shrink for shrink in (8, 4, 2) if shrink * scale <= 1), 1)
 
     # ---- out -------------------------------------------------------------------------------------------
 
@@ -231,6 +261,18 @@ class Photo:
         if quality is not None and not 1 <= quality <= 100:
             raise UsageError(f"quality must lie between 1 and 100, got {quality}")
         return encoding.fit(encoding.dress(self.image, self._header, self._exif, self.orientation), codec)
+
+
+def _with_bands(array: np.ndarray) -> np.ndarray:
+    """[H, W, bands] of what a photo can be made of."""
+    import numpy as np  # not above: reading a file, which starts first, can do without
+
+    array = np.asarray(array)
+    if array.dtype not in (np.uint8, np.uint16):
+        raise UnshutterError(f"a photo needs pixels of type uint8 or uint16, got {array.dtype}")
+    if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
+        raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
+    return array.reshape(*array.shape[:2], -1)
 
 
 def _luminance(image: pyvips.Image, hscale: float, vscale: float, height: int, width: int) -> np.ndarray:

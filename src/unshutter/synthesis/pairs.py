@@ -22,7 +22,7 @@ from unshutter.photo import Photo
 from unshutter.synthesis.rotation_log import RotationLog
 from unshutter.synthesis.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
 from unshutter.version import __version__
-from unshutter.warp import distort_image
+from unshutter.warp import distort_pixels
 
 FORMAT = "unshutter-synthesis/1"
 _SMALLEST_SIDE = 64  # px of a photo
@@ -65,8 +65,7 @@ def synthesize_native(photo: np.ndarray, drawn: DrawnMotion) -> tuple[np.ndarray
 
 
 def _distort(canvas: np.ndarray, drawn: DrawnMotion) -> tuple[np.ndarray, np.ndarray]:
-    source = Photo.from_array(canvas)
-    distorted = source.with_image(distort_image(source.image, drawn.canvas)).to_array().reshape(canvas.shape)
+    distorted = distort_pixels(np.atleast_3d(canvas), drawn.canvas).reshape(canvas.shape)
     rs, gs = (_middle_square(a, drawn.crop.height) for a in (distorted, canvas))
     return np.ascontiguousarray(rs), np.ascontiguousarray(gs)
 
