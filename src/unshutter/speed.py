@@ -43,7 +43,7 @@ class Speed:
         check_readout_ms(readout_ms)
         if motion.height < 2:
             raise UnshutterError("a speed needs a motion of at least two rows")
-        turning, velocity = (_of_rotations if isinstance(motion, RotationMotion) else _of_positions)(motion)
+        turning, velocity = _of_rotations(motion) if isinstance(motion, RotationMotion) else _of_positions(motion)
         per_second = 1000 * (motion.height - 1) / readout_ms  # rows
         return cls(readout_ms, np.degrees(turning) * per_second, velocity * per_second)
 
