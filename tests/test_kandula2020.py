@@ -473,3 +473,19 @@ def test_the_estimator_takes_any_photo(exported, shape):
     photo = Photo.from_array(np.full(shape, 40_000, np.uint16))
     found = Estimator(exported[1]).estimate(View(photo, Readout.LEFT_TO_RIGHT))
     assert (found.height, found.width) == (shape[1], shape[0]) and found.readout == Readout.LEFT_TO_RIGHT
+
+
+def test_weights_of_ones_own(exported, tmp_path, monkeypatch):
+    from unshutter.estimators import ESTIMATORS, load
+
+    monkeypatch.setitem(ESTIMATORS, "kandula2020", "unshutter.estimators.kandula2020:Kandula2020")
+    assert load(f"kandula2020@{exported[1]}").name == "kandula2020"
+    with pytest.raises(UnshutterError, match="no such file"):
+        load("kandula2020@none.onnx")
+    (tmp_path / "text.onnx").write_text("no network")
+    with pytest.raises(UnshutterError, match="cannot use the weights"):
+        load(f"kandula2020@{tmp_path / 'text.onnx'}")
+    with pytest.raises(UsageError, match="no weights"):
+        load(f"none@{exported[1]}")
+    with pytest.raises(UsageError, match="unknown estimator"):
+        load(f"nobody@{exported[1]}")

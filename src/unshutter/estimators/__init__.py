@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from functools import lru_cache
 from importlib import import_module
+from inspect import signature
+from pathlib import Path
 
-from unshutter.errors import UsageError
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.base import Estimator, View
 
 # name -> module:class, imported only when asked for
@@ -24,13 +26,34 @@ DEFAULT = "segment-transformer"
 def load(name: str = DEFAULT) -> Estimator:
     """The estimator of that name, ready to be used for any number of photos; built once per process.
 
+    Args:
+        name: one of ``ESTIMATORS``; NAME@FILE runs it with the weights (ONNX) in a file, say of a network of your own.
+
+    Raises:
+        UsageError: no estimator has this name, or it takes no weights.
+        UnshutterError: the weights cannot be used.
+    """
+    check_name(name)
+    name, _, weights = name.partition("@")
+    module, _, class_name = ESTIMATORS[name].partition(":")
+    kind = getattr(import_module(module), class_name)
+    if not weights:
+        return kind()
+    if "weights" not in signature(kind).parameters:
+        raise UsageError(f"estimator '{name}' has no weights that could be others: leave out @{weights}")
+    if not Path(weights).is_file():
+        raise UnshutterError(f"cannot read weights {weights}: no such file")
+    return kind(weights)
+
+
+def check_name(name: str) -> None:
+    """Passes for the name of an estimator, or NAME@FILE.
+
     Raises:
         UsageError: no estimator has this name.
     """
-    if name not in ESTIMATORS:
+    if name.partition("@")[0] not in ESTIMATORS:
         raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(ESTIMATORS)}")
-    module, _, class_name = ESTIMATORS[name].partition(":")
-    return getattr(import_module(module), class_name)()
 
 
-__all__ = ["DEFAULT", "ESTIMATORS", "Estimator", "View", "load"]
+__all__ = ["DEFAULT", "ESTIMATORS", "Estimator", "View", "check_name", "load"]

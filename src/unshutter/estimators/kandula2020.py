@@ -12,6 +12,7 @@ from importlib.resources import as_file, files
 
 import numpy as np
 
+from unshutter.errors import UnshutterError
 from unshutter.estimators.base import View
 from unshutter.motion import Motion, RowMapMotion
 
@@ -57,14 +58,24 @@ class Kandula2020:
 
 
 def open_network(name: str, weights: str | os.PathLike[str] | None):
-    """ONNX session on one thread, of the given file or the package's own."""
+    """ONNX session on one thread, of the given file or the package's own.
+
+    Raises:
+        UnshutterError: the file holds no network of this kind.
+    """
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.log_severity_level = 3
     with as_file(files("unshutter") / "weights" / f"{name}.onnx") as shipped:
-        return onnxruntime.InferenceSession(str(weights or shipped), options, providers=["CPUExecutionProvider"])
+        try:
+            session = onnxruntime.InferenceSession(str(weights or shipped), options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's own kinds have no common parent
+            raise UnshutterError(f"cannot use the weights {weights or shipped}: {str(error).splitlines()[0]}") from None
+    if [i.name for i in session.get_inputs()] != ["rs"]:
+        raise UnshutterError(f"cannot use the weights {weights or shipped}: they are not of {name}")
+    return session
 
 
 def square(view: View) -> np.ndarray:

@@ -13,7 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.estimators import ESTIMATORS, Estimator, load
+from unshutter.estimators import ESTIMATORS, Estimator, check_name, load
 from unshutter.evaluation.case import Case, Record
 from unshutter.evaluation.plots import check_matplotlib
 from unshutter.evaluation.protocols import PROTOCOLS, Request
@@ -82,8 +82,7 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
 def _chosen(estimators: str) -> list[str]:
     names = list(ESTIMATORS) if estimators == "all" else [name.strip() for name in estimators.split(",")]
     for name in names:
-        if name not in ESTIMATORS:
-            raise UsageError(f"unknown estimator '{name}': choose of {', '.join(ESTIMATORS)}, or all")
+        check_name(name)
     return list(dict.fromkeys(names))
 
 
