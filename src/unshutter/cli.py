@@ -25,28 +25,37 @@ app = App(
 
 @app.command
 def rectify(
-    photos: list[Path],
+    photos: list[str],
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: Annotated[str | None, Parameter(name=["--output", "-o"])] = None,
     estimator: str = "segment-transformer",
     motion: Path | None = None,
-    save_motion: Path | None = None,
+    save_motion: str | None = None,
     reference: Reference | None = None,
     strength: float = 1.0,
     edges: Literal["keep", "crop", "fill"] = "keep",
     readout: ReadoutWord = "auto",
     quality: int | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    dry_run: Annotated[bool, Parameter(negative="")] = False,
+    json_log: Path | None = None,
+    max_pixels: int | None = None,
 ) -> int:
     """Straighten photos: write what a global shutter would have seen.
+
+    Several photos into a folder: what is finished there is not done again unless the photo or the options changed,
+    and a run that was stopped goes on when the same command is given again.
 
     Parameters
     ----------
     photos
-        Photos, or folders of photos.
+        Photos, or folders with photos in them and in folders below. With the extra `dask` also fsspec URLs (s3://...).
     output
-        File to write (one photo) or folder (several). Default: NAME.rectified.EXT beside each photo.
+        File to write (one photo) or folder (several), which takes on the structure of the given ones.
+        Default: NAME.rectified.EXT beside each photo.
     estimator
         Method that finds the camera's motion; `unshutter models` lists them.
     motion
@@ -64,12 +73,23 @@ def rectify(
     quality
         Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.
     overwrite
-        Replace outputs that exist already.
+        Replace outputs that exist already, finished ones too.
+    jobs
+        Work in so many processes, each on one processor. Default: in this one.
+    scheduler
+        Address (tcp://HOST:PORT) of a Dask scheduler whose workers do the work (needs the extra `dask`).
+    dry_run
+        Only say what would be done.
+    json_log
+        Add what happens to this file, one JSON object a line.
+    max_pixels
+        Refuse photos with more pixels. Default: 1 000 000 000.
     """
     from unshutter import batch
 
     options = batch.RectifyOptions(estimator, motion, reference, strength, edges, readout, quality, overwrite)
-    return batch.rectify_files(photos, output, save_motion, options)
+    how = batch.BatchOptions(jobs, scheduler, dry_run, json_log, max_pixels)
+    return batch.rectify_files(photos, output, save_motion, options, how)
 
 
 @app.command
@@ -84,13 +104,14 @@ def estimate(
     readout_ms: float | None = None,
     plot: Path | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
+    max_pixels: int | None = None,
 ) -> int:
     """Find the camera's motion during each photo, as JSON.
 
     Parameters
     ----------
     photos
-        Photos, or folders of photos.
+        Photos, or folders with photos in them and in folders below.
     output
         JSON file (one photo) or folder (several, one JSON file each). Default: standard output (one photo).
     estimator
@@ -105,10 +126,12 @@ def estimate(
         Also draw the motion of one photo into this PNG file (needs the extra `plot`).
     overwrite
         Replace outputs that exist already.
+    max_pixels
+        Refuse photos with more pixels. Default: 1 000 000 000.
     """
     from unshutter import batch
 
-    return batch.estimate_files(photos, output, plot, estimator, reference, readout, overwrite, readout_ms)
+    return batch.estimate_files(photos, output, plot, estimator, reference, readout, overwrite, readout_ms, max_pixels)
 
 
 @app.command(name="map")

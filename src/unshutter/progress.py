@@ -12,11 +12,8 @@ class Progress:
     def __init__(self, total: int, what: str = "photos"):
         self._bar: Any = None
         if total > 1 and sys.stderr.isatty():
-            import rich.console
-            import rich.progress
-
-            self._bar = rich.progress.Progress(console=rich.console.Console(stderr=True))
-            self._task = self._bar.add_task(what, total=total)
+            self._bar = _bar()
+            self._task = self._bar.add_task(what, total=total, rate="")
             self._bar.start()
 
     def __enter__(self) -> Progress:
@@ -30,6 +27,7 @@ class Progress:
         """One more is done."""
         if self._bar is not None:
             self._bar.advance(self._task)
+            self._bar.update(self._task, rate=rate(self._bar.tasks[self._task].speed))
 
     def tell(self, line: str) -> None:
         """One line for the user, above the bar when there is one."""
@@ -37,3 +35,19 @@ class Progress:
             self._bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
         else:
             print(line, file=sys.stderr)
+
+
+def rate(per_second: float | None) -> str:
+    """A speed as one says it: ``2.5/s``, or ``4.0 s each``."""
+    if not per_second:
+        return ""
+    return f"{per_second:.1f}/s" if per_second >= 1 else f"{1 / per_second:.1f} s each"
+
+
+def _bar() -> Any:
+    """How far, how fast, how long yet."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    name, speed = TextColumn("{task.description}"), TextColumn("{task.fields[rate]}")
+    return Progress(name, BarColumn(), MofNCompleteColumn(), speed, TimeRemainingColumn(), console=Console(stderr=True))

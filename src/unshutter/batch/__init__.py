@@ -2,12 +2,14 @@
 
 from unshutter.batch.estimating import estimate_files
 from unshutter.batch.inputs import PHOTO_SUFFIXES, RECTIFIED, find_photos
-from unshutter.batch.rectifying import RectifyOptions, rectify_files
+from unshutter.batch.rectifying import BatchOptions, rectify_files
 from unshutter.batch.synthesizing import synthesize_files
+from unshutter.batch.work import RectifyOptions
 
 __all__ = [
     "PHOTO_SUFFIXES",
     "RECTIFIED",
+    "BatchOptions",
     "RectifyOptions",
     "estimate_files",
     "find_photos",

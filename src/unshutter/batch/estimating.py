@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.batch.inputs import find_photos, plan_targets
+from unshutter.batch.inputs import find_photos, is_folder, plan_targets
+from unshutter.batch.places import Place, check_place, make_folder, save_text
 from unshutter.batch.read_ahead import ReadAhead
 from unshutter.batch.report import Tell, each_photo
 from unshutter.errors import UsageError
-from unshutter.files import check_target, written_whole
+from unshutter.photo.photo import MAX_PIXELS
 
 if TYPE_CHECKING:
     from unshutter.motion import Reference
@@ -24,14 +25,15 @@ def estimate_files(
     readout: str,
     overwrite: bool,
     readout_ms: float | None = None,
+    max_pixels: int | None = None,
 ) -> int:
     """Estimates the motion of each photo; returns the exit code."""
-    files, many = find_photos(photos)
-    if many and output is None:
+    inputs = find_photos(photos, leave_out=output)
+    if inputs.many and output is None:
         raise UsageError("several photos need --output FOLDER for their motions")
-    if many and plot:
+    if inputs.many and plot:
         raise UsageError("--plot draws the motion of one photo only")
-    ahead = ReadAhead(files)
+    ahead = ReadAhead(list(inputs.photos), max_pixels or MAX_PIXELS)
     from unshutter.estimators import load
     from unshutter.rectification import estimate
     from unshutter.speed import check_readout_ms, json_with_speed
@@ -39,14 +41,14 @@ def estimate_files(
     if readout_ms is not None:
         check_readout_ms(readout_ms)
     estimator = load(estimator_name)
-    targets = plan_targets(files, output, many, lambda photo: f"{photo.stem}.json") if output else {}
+    targets = plan_targets(inputs, output, lambda photo: f"{photo.stem}.json") if output else {}
 
-    def one(photo: Path, tell: Tell) -> None:
+    def one(photo: Place, tell: Tell) -> None:
         target = targets.get(photo)
-        if target:
-            check_target(target, overwrite, photo)
-        if plot:
-            check_target(plot, overwrite, photo)
+        if target and output and is_folder(output, inputs.many):
+            make_folder(target.parent)
+        for wanted in filter(None, (target, plot)):
+            check_place(wanted, overwrite, photo)
         motion = estimate(ahead.photo(photo), estimator=estimator, readout=readout, reference=reference)
         if motion.reason:
             tell(f"{photo}: no motion ({motion.reason})")
@@ -56,9 +58,8 @@ def estimate_files(
             plot_motion(motion, plot, title=photo.name, readout_ms=readout_ms)
         text = motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)
         if target:
-            with written_whole(target) as part:
-                part.write_text(text + "\n", encoding="utf-8")
+            save_text(text + "\n", target)
         else:
             print(text)
 
-    return each_photo(files, one)
+    return each_photo(inputs, one)

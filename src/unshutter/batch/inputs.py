@@ -2,57 +2,118 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
-from pathlib import Path
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
 
+from unshutter.batch.places import Place, Remote, place
 from unshutter.errors import UnshutterError, UsageError
 
 PHOTO_SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".avif"}
 RECTIFIED = ".rectified"
 
 
-def find_photos(given: Iterable[Path]) -> tuple[list[Path], bool]:
-    """The photos that were meant, folders expanded (one level, sorted); and whether several were meant.
+@dataclass
+class Inputs:
+    """The photos that were meant.
 
-    Pictures that unshutter wrote beside their originals (``*.rectified.*``) are passed over in folders.
+    Attributes:
+        photos: each with its folder inside the given one (``.`` for photos named one by one).
+        many: whether several were meant.
+        unreadable: folders that could not be looked into, and why.
+    """
+
+    photos: dict[Place, PurePosixPath] = field(default_factory=dict)
+    many: bool = False
+    unreadable: list[tuple[str, str]] = field(default_factory=list)
+
+
+def find_photos(given: Iterable[str | os.PathLike[str]], leave_out: Place | None = None) -> Inputs:
+    """The photos that were meant, folders expanded with all that is below them, sorted.
+
+    In folders are passed over: hidden files and folders, links to folders, pictures that unshutter wrote beside
+    their originals (``*.rectified.*``), and the folder that results go to.
+
+    Args:
+        given: photos and folders; paths or fsspec URLs.
+        leave_out: folder that results go to.
 
     Raises:
         UnshutterError: a folder without photos.
         UsageError: nothing given.
     """
-    files: list[Path] = []
-    many = False
-    for path in given:
-        if path.is_dir():
-            many = True
-            inside = [p for p in sorted(path.iterdir()) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
-            inside = [p for p in inside if not p.stem.endswith(RECTIFIED)]
-            if not inside:
-                raise UnshutterError(f"no photos in folder {path} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})")
-            files += inside
-        else:
-            files.append(path)
-    if not files:
+    inputs = Inputs()
+    for source in map(place, given):
+        if not (source.is_dir() if isinstance(source, Path) else not source.suffix and source.is_dir()):
+            inputs.photos.setdefault(source, PurePosixPath())
+            continue
+        inputs.many = True
+        inside = _in_folder(source, leave_out, inputs.unreadable)
+        meant = [relative for relative in inside if _is_meant(relative)]
+        if not meant:
+            raise UnshutterError(f"no photos in folder {source} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})")
+        for relative in meant:
+            inputs.photos.setdefault(source / relative, relative.parent)
+    if not inputs.photos:
         raise UsageError("no photo given")
-    unique = list(dict.fromkeys(files))
-    return unique, many or len(unique) > 1
+    inputs.many = inputs.many or len(inputs.photos) > 1
+    return inputs
 
 
-def plan_targets(files: list[Path], output: Path | None, many: bool, name: Callable[[Path], str]) -> dict[Path, Path]:
-    """Where each photo's result goes."""
-    if output is None:
-        targets = {photo: photo.with_name(name(photo)) for photo in files}
-    elif many or output.is_dir() or not output.suffix:  # a name without an ending is meant as a folder
-        if output.exists() and not output.is_dir():
-            raise UsageError(f"several photos need a folder to go to, but {output} is a file")
-        try:
-            output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UnshutterError(f"cannot make folder {output}: {error.strerror}") from None
-        targets = {photo: output / name(photo) for photo in files}
-    else:
-        targets = {files[0]: output}
-    taken: dict[Path, Path] = {}
+def _is_meant(relative: PurePosixPath) -> bool:
+    hidden = any(part.startswith(".") for part in relative.parts)
+    return relative.suffix.lower() in PHOTO_SUFFIXES and not hidden and not relative.stem.endswith(RECTIFIED)
+
+
+def _in_folder(folder: Place, leave_out: Place | None, unreadable: list[tuple[str, str]]) -> list[PurePosixPath]:
+    """All files below a folder, relative to it, in order."""
+    if isinstance(folder, Remote):
+        below = f"{leave_out}/".removeprefix(f"{folder}/") if isinstance(leave_out, Remote) else ""
+        names = [name for name in folder.files() if not below or not name.startswith(below)]
+        return [PurePosixPath(name) for name in names]
+    found: list[PurePosixPath] = []
+    results = os.path.realpath(leave_out) if isinstance(leave_out, Path) else None
+    if results == os.path.realpath(folder):
+        results = None  # beside the originals: known by their names
+
+    def note(error: OSError) -> None:
+        unreadable.append((str(error.filename), error.strerror or str(error)))
+
+    for top, folders, files in os.walk(folder, onerror=note):
+        folders[:] = sorted(f for f in folders if not f.startswith(".") and os.path.realpath(Path(top, f)) != results)
+        relative = PurePosixPath(Path(top).relative_to(folder).as_posix())
+        found += [relative / name for name in sorted(files) if Path(top, name).is_file()]
+    return found
+
+
+def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[[Place], str]) -> dict[Place, Place]:
+    """Where each photo's result goes: a file, or a folder that takes on the structure of the given ones.
+
+    Raises:
+        UsageError: two photos would share a result, or a folder is wanted where there is a file.
+    """
+    goal = place(output)
+    if not is_folder(goal, inputs.many):
+        return {next(iter(inputs.photos)): goal}
+    if isinstance(goal, Path) and goal.exists() and not goal.is_dir():
+        raise UsageError(f"several photos need a folder to go to, but {goal} is a file")
+    targets = {photo: goal / inside / name(photo) for photo, inside in inputs.photos.items()}
+    return _all_different(targets)
+
+
+def beside(inputs: Inputs, name: Callable[[Place], str]) -> dict[Place, Place]:
+    """Results beside their photos."""
+    return _all_different({photo: photo.with_name(name(photo)) for photo in inputs.photos})
+
+
+def is_folder(goal: Place, many: bool) -> bool:
+    """Whether results go into it rather than become it; a name without an ending is meant as a folder."""
+    return many or not goal.suffix or (isinstance(goal, Path) and goal.is_dir())
+
+
+def _all_different(targets: dict[Place, Place]) -> dict[Place, Place]:
+    taken: dict[Place, Place] = {}
     for photo, target in targets.items():
         if target in taken:
             raise UsageError(f"{photo} and {taken[target]} would both be written to {target}")

@@ -3,36 +3,42 @@
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 
+from unshutter.batch.places import Place, open_photo
 from unshutter.photo import Photo
 
 
 class ReadAhead:
     """Reads and decodes the next photo while the one before is worked on; two are held at a time."""
 
-    def __init__(self, files: list[Path]):
+    def __init__(self, files: list[Place], max_pixels: int):
+        self._max_pixels = max_pixels
         self._files = iter(files)
+        self._left = set(files)
         self._reader = ThreadPoolExecutor(1)
-        self._coming: dict[Path, Future[Photo]] = {}
+        self._coming: dict[Place, Future[Photo]] = {}
         self._start_next()
 
-    def photo(self, path: Path) -> Photo:
-        """The photo, decoded. Paths must come in the order of the list; they may leave some out."""
-        while path not in self._coming:
-            self._start_next()
-        coming = self._coming[path]
-        self._coming.clear()
+    def photo(self, path: Place) -> Photo:
+        """The photo, decoded. Those that come in the order of the list are read ahead; it may leave some out."""
+        if path not in self._coming:
+            if path not in self._left:
+                return _decoded(path, self._max_pixels)
+            self._coming.clear()
+            self._start_next(path)
+        coming = self._coming.pop(path)
         self._start_next()
         return coming.result()
 
-    def _start_next(self) -> None:
-        path = next(self._files, None)
-        if path is not None:
-            self._coming[path] = self._reader.submit(_decoded, path)
+    def _start_next(self, wanted: Place | None = None) -> None:
+        for path in self._files:
+            self._left.discard(path)
+            if wanted in (None, path):
+                self._coming[path] = self._reader.submit(_decoded, path, self._max_pixels)
+                break
 
 
-def _decoded(path: Path) -> Photo:
-    photo = Photo.open(path)
+def _decoded(path: Place, max_pixels: int) -> Photo:
+    photo = open_photo(path, max_pixels)
     _ = photo.image  # decoded here, kept there
     return photo

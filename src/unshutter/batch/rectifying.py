@@ -2,70 +2,190 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from unshutter.batch.inputs import RECTIFIED, find_photos, plan_targets
+from unshutter.batch.inputs import RECTIFIED, Inputs, beside, find_photos, is_folder, plan_targets
+from unshutter.batch.manifest import Manifest
+from unshutter.batch.places import Place, absolute, check_place, make_folder, place
 from unshutter.batch.read_ahead import ReadAhead
-from unshutter.batch.report import Tell, each_photo
-from unshutter.errors import UsageError
-from unshutter.files import check_target
-
-if TYPE_CHECKING:
-    from unshutter.motion import Reference
-    from unshutter.warp import Edges
+from unshutter.batch.report import Report
+from unshutter.batch.run import Batch
+from unshutter.batch.work import Job, RectifyOptions, do_job
+from unshutter.batch.workers import Workers, cluster, processes, this_process
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.files import remove_leftovers
+from unshutter.photo.photo import MAX_PIXELS
 
 
 @dataclass(frozen=True)
-class RectifyOptions:
-    """What ``unshutter rectify`` was told; see the command's help."""
+class BatchOptions:
+    """How a batch is run, which changes nothing about its results; see the help of ``unshutter rectify``."""
 
-    estimator: str
-    motion: Path | None
-    reference: Reference | None
-    strength: float
-    edges: Edges
-    readout: str
-    quality: int | None
-    overwrite: bool
+    jobs: int | None = None
+    scheduler: str | None = None
+    dry_run: bool = False
+    json_log: Path | None = None
+    max_pixels: int | None = None
 
 
-def rectify_files(photos: list[Path], output: Path | None, save_motion: Path | None, options: RectifyOptions) -> int:
+@dataclass
+class _Plan:
+    """The jobs of a batch by what is to be done about them."""
+
+    to_do: list[Job] = field(default_factory=list)
+    finished: list[Job] = field(default_factory=list)
+    refused: list[tuple[Job, str]] = field(default_factory=list)
+
+
+def rectify_files(
+    photos: Sequence[str | os.PathLike[str]],
+    output: str | None,
+    save_motion: str | None,
+    options: RectifyOptions,
+    how: BatchOptions | None = None,
+) -> int:
     """Rectifies each photo into its own file; returns the exit code."""
+    how = how or BatchOptions()
+    _check(options, how)
+    goal = place(output) if output is not None else None
+    inputs = find_photos(photos, leave_out=goal)
+    jobs = _jobs(inputs, output, save_motion, options, how)
+    motion = _motion_text(options.motion)
+    # results beside their photos, and that of a single photo, are known by their names alone
+    manifest = Manifest(goal, _digest(options, motion)) if goal is not None and inputs.many else None
+    plan = _plan(jobs, manifest, options.overwrite)
+    if how.dry_run:
+        return _say_what_would_be_done(plan, inputs)
+    here = how.jobs is None and how.scheduler is None
+    ahead = ReadAhead([job.source for job in plan.to_do], how.max_pixels or MAX_PIXELS) if here else None
+    if motion is None and plan.to_do:
+        from unshutter.estimators import load  # not above: the first photo is decoded meanwhile
+
+        load(options.estimator)
+    with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), how.json_log) as report:
+        _report_what_is_known(plan, inputs, report)
+        _prepare_folders(jobs, inputs, output, save_motion)
+        with _workers(how) as workers:
+            given = {"opened": ahead.photo} if ahead else {}
+            work = partial(do_job, options=options, motion=motion, **given)
+            Batch(work, workers, manifest, report).run(plan.to_do)
+    return report.exit_code()
+
+
+def _check(options: RectifyOptions, how: BatchOptions) -> None:
     if options.quality is not None and not 1 <= options.quality <= 100:
         raise UsageError(f"quality must lie between 1 and 100, got {options.quality}")
     if not 0 <= options.strength <= 1:
         raise UsageError(f"strength must lie between 0 and 1, got {options.strength:g}")
-    files, many = find_photos(photos)
-    ahead = ReadAhead(files)  # decodes while the heavy libraries are imported
-    from unshutter.estimators import load
-    from unshutter.motion import Motion
-    from unshutter.rectification import rectify
+    if how.jobs is not None and how.jobs < 1:
+        raise UsageError(f"--jobs must be at least 1, got {how.jobs}")
+    if how.max_pixels is not None and how.max_pixels < 1:
+        raise UsageError(f"--max-pixels must be at least 1, got {how.max_pixels}")
+    if how.jobs is not None and how.scheduler is not None:
+        raise UsageError("--jobs is for this machine, --scheduler for a cluster: choose one of them")
 
-    given = Motion.load(options.motion) if options.motion else None
-    estimator = options.estimator if given else load(options.estimator)
-    targets = plan_targets(files, output, many, lambda photo: f"{photo.stem}{RECTIFIED}{photo.suffix}")
-    motion_targets = plan_targets(files, save_motion, many, lambda photo: f"{photo.stem}.json") if save_motion else {}
 
-    def one(photo: Path, tell: Tell) -> None:
-        target, motion_target = targets[photo], motion_targets.get(photo)
-        check_target(target, options.overwrite, photo)
-        if motion_target:
-            check_target(motion_target, options.overwrite, photo)
-        result = rectify(
-            ahead.photo(photo),
-            estimator=estimator,
-            motion=given,
-            readout=options.readout,
-            reference=options.reference,
-            strength=options.strength,
-            edges=options.edges,
+def _jobs(
+    inputs: Inputs, output: str | None, save_motion: str | None, options: RectifyOptions, how: BatchOptions
+) -> list[Job]:
+    def rectified(photo: Place) -> str:
+        return f"{photo.stem}{RECTIFIED}{photo.suffix}"
+
+    targets = plan_targets(inputs, output, rectified) if output is not None else beside(inputs, rectified)
+    motions = plan_targets(inputs, save_motion, lambda photo: f"{photo.stem}.json") if save_motion else {}
+    where = absolute if how.scheduler is not None else lambda given: given  # other machines have other ways
+    return [
+        Job(
+            source=where(photo),
+            target=where(target),
+            motion_target=where(motions[photo]) if motions else None,
+            overwrite=options.overwrite,
+            max_pixels=how.max_pixels or MAX_PIXELS,
         )
-        result.save(target, overwrite=options.overwrite, quality=options.quality)
-        if motion_target:
-            result.motion.save(motion_target)
-        note = f" (unchanged: {result.motion.reason})" if result.motion.reason else ""
-        tell(f"{photo} -> {target}{note}")
+        for photo, target in targets.items()
+    ]
 
-    return each_photo(files, one)
+
+def _motion_text(path: Path | None) -> str | None:
+    if path is None:
+        return None
+    from unshutter.motion import Motion
+
+    return Motion.load(path).to_json()
+
+
+def _digest(options: RectifyOptions, motion: str | None) -> str:
+    """Changes when results would."""
+    about = {**asdict(options), "motion": motion, "overwrite": None}
+    return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _plan(jobs: list[Job], manifest: Manifest | None, overwrite: bool) -> _Plan:
+    if manifest is None:
+        return _Plan(jobs)
+    plan = _Plan()
+    for job in jobs:
+        verdict = manifest.verdict(job)
+        if verdict == "another's" and not overwrite:
+            reason = f"{job.target} is the result of another photo: choose another folder, or use --overwrite"
+            plan.refused.append((job, f"{job.source}: {reason}"))
+        elif verdict == "finished" and not overwrite:
+            plan.finished.append(job)
+        else:
+            plan.to_do.append(replace(job, overwrite=True) if verdict == "ours" else job)
+    return plan
+
+
+def _say_what_would_be_done(plan: _Plan, inputs: Inputs) -> int:
+    refused = [reason for _, reason in plan.refused]
+    refused += [f"cannot read folder {folder}: {reason}" for folder, reason in inputs.unreadable]
+    count = 0
+    for job in plan.to_do:
+        try:
+            if not isinstance(job.target, Path) or job.target.parent.is_dir():
+                check_place(job.target, job.overwrite, job.source)
+        except UnshutterError as error:
+            refused.append(f"{job.source}: {error}")
+        else:
+            count += 1
+            print(f"{job.source} -> {job.target}")
+    for reason in refused:
+        print(f"unshutter: {reason}", file=sys.stderr)
+    line = f"{count} photos to do, {len(plan.finished)} finished already, {len(refused)} refused"
+    print(f"unshutter: {line}; nothing was written", file=sys.stderr)
+    return 1 if refused else 0
+
+
+def _report_what_is_known(plan: _Plan, inputs: Inputs, report: Report) -> None:
+    for folder, reason in inputs.unreadable:
+        report.failed(folder, f"cannot read folder {folder}: {reason}")
+    for job in plan.finished:
+        report.skipped(job.source, job.target)
+    for job, reason in plan.refused:
+        report.failed(job.source, reason)
+
+
+def _prepare_folders(jobs: list[Job], inputs: Inputs, output: str | None, save_motion: str | None) -> None:
+    """Makes the folders that results go to, and clears them of what killed runs left."""
+    targets = [job.target for job in jobs]
+    motions = [job.motion_target for job in jobs if job.motion_target is not None]
+    for goal, places in ((output, targets), (save_motion, motions)):
+        for folder in dict.fromkeys(where.parent for where in places):
+            if goal is not None and is_folder(place(goal), inputs.many):
+                make_folder(folder)
+            if isinstance(folder, Path) and inputs.many:
+                remove_leftovers(folder)
+
+
+def _workers(how: BatchOptions) -> AbstractContextManager[Workers]:
+    if how.scheduler is not None:
+        return cluster(how.scheduler)
+    return processes(how.jobs) if how.jobs is not None else this_process()

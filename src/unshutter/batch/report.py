@@ -1,22 +1,125 @@
-"""One after the other, past those that fail: messages, count, exit code."""
+"""What the user learns of a batch: messages, progress, the JSON log, the count, the exit code."""
 
 from __future__ import annotations
 
+import json
 import os
 import sys
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any, TextIO
 
+from unshutter.batch.inputs import Inputs
+from unshutter.batch.places import Place
 from unshutter.errors import UnshutterError
-from unshutter.progress import Progress
+from unshutter.progress import Progress, rate
 
 Tell = Callable[[str], None]  # says a line to the user
 
 
-def each_photo(files: list[Path], one: Callable[[Path, Tell], None]) -> int:
-    """Does ``one`` for each file, goes on past those that fail; returns the exit code."""
-    failed = 0
+class Report:
+    """Counts how photos fared and tells of it.
+
+    Args:
+        total: photos in all.
+        to_do: those of them that there is work to do for.
+        log: JSON log to add to, one event a line.
+
+    Raises:
+        UnshutterError: the log cannot be written, or there is a file that is no such log.
+    """
+
+    def __init__(self, total: int, to_do: int, log: Path | None = None):
+        self.total = total
+        self.counts = {"done": 0, "skipped": 0, "failed": 0}
+        self._start = time.monotonic()
+        self._log = _open_log(log) if log is not None else None
+        self._bar = Progress(to_do)
+
+    def __enter__(self) -> Report:
+        self._bar.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._bar.__exit__(*error)
+        summary = {**self.counts, "photos": self.total, "stopped": error[0] is not None}
+        self._note("end", **summary, seconds=round(time.monotonic() - self._start, 3))
+        if self._log is not None:
+            self._log.close()
+
+    def done(self, photo: Place, target: Place, note: str, seconds: float) -> None:
+        """A photo was rectified."""
+        self._count("done", photo, target=str(target), seconds=round(seconds, 3), **({"note": note} if note else {}))
+        self.tell(f"{photo} -> {target}{f' ({note})' if note else ''}")
+        self._bar.advance()
+
+    def skipped(self, photo: Place, target: Place) -> None:
+        """A photo's result was there when the batch began, or another run was faster."""
+        self._count("skipped", photo, target=str(target))
+
+    def failed(self, photo: str | Place, error: str) -> None:
+        """A photo came to nothing."""
+        self._count("failed", photo, error=error)
+        self.tell(f"unshutter: {error}")
+        self._bar.advance()
+
+    def tell(self, line: str) -> None:
+        """One line for the user."""
+        self._bar.tell(line)
+
+    def _count(self, fate: str, photo: str | Place, **about: Any) -> None:
+        self.counts[fate] += 1
+        self._note(fate, photo=str(photo), **about)
+
+    def _note(self, event: str, **about: Any) -> None:
+        if self._log is None:
+            return
+        at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        try:
+            self._log.write(json.dumps({"event": event, "at": at, **about}) + "\n")
+            self._log.flush()
+        except OSError as error:
+            log, self._log = self._log, None
+            with suppress(OSError):
+                log.close()
+            raise UnshutterError(f"cannot write {log.name}: {error.strerror}") from None
+
+    def exit_code(self) -> int:
+        """The code that the command ends with; says how it went."""
+        seconds, done, skipped = time.monotonic() - self._start, self.counts["done"], self.counts["skipped"]
+        if self.total > 1:
+            speed = f" ({rate(done / seconds)})" if done else ""
+            before = f", {skipped} finished already" if skipped else ""
+            self.tell(f"unshutter: {done} of {self.total} photos done in {_spoken(seconds)}{speed}{before}")
+        return exit_code(self.counts["failed"], self.total)
+
+
+def _spoken(seconds: float) -> str:
+    hours, rest = divmod(round(seconds), 3600)
+    return f"{hours} h {rest // 60} min" if hours else f"{rest // 60} min {rest % 60} s" if rest >= 60 else f"{rest} s"
+
+
+def _open_log(path: Path) -> TextIO:
+    """A log to add to; another file of that name, such as a photo, is left alone."""
+    try:
+        if path.exists() and path.stat().st_size:
+            with path.open("rb") as stream:
+                if not stream.read(9).startswith(b'{"event":'):
+                    raise UnshutterError(f"{path} is no log of unshutter's: choose another name for --json-log")
+        return path.open("a", encoding="utf-8")
+    except OSError as error:
+        raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+
+
+def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
+    """Does ``one`` for each photo, goes on past those that fail; returns the exit code."""
+    files = list(inputs.photos)
+    failed = len(inputs.unreadable)
     with Progress(len(files)) as bar:
+        for folder, reason in inputs.unreadable:
+            bar.tell(f"unshutter: cannot read folder {folder}: {reason}")
         for photo in files:
             try:
                 naming_the_photo(photo, lambda photo: one(photo, bar.tell))
@@ -26,10 +129,10 @@ def each_photo(files: list[Path], one: Callable[[Path, Tell], None]) -> int:
                 failed += 1
                 bar.tell(f"unshutter: {error}")
             bar.advance()
-    return exit_code(failed, len(files))
+    return exit_code(failed, len(files) + len(inputs.unreadable))
 
 
-def naming_the_photo(photo: Path, one: Callable[[Path], None]) -> None:
+def naming_the_photo(photo: Place, one: Callable[[Place], None]) -> None:
     """Errors name their photo; what nobody foresaw becomes one line, too (UNSHUTTER_DEBUG=1 shows it whole)."""
     try:
         one(photo)

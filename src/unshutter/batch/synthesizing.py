@@ -24,7 +24,7 @@ def synthesize_files(
     """Makes rolling-shutter pictures from photos; returns the exit code."""
     from unshutter.synthesis.pairs import synthesize_folder
 
-    files, _ = find_photos(photos)
+    files = [photo for photo in find_photos(photos, leave_out=output).photos if isinstance(photo, Path)]
     with Progress(len(files)) as bar:
         failed = synthesize_folder(
             files,

@@ -1,0 +1,139 @@
+"""The loop of a batch: jobs to workers, outcomes to the manifest and the report."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from dataclasses import replace
+
+from unshutter.batch.manifest import Manifest
+from unshutter.batch.places import Place, check_place, remove
+from unshutter.batch.report import Report, naming_the_photo
+from unshutter.batch.work import Job, Outcome
+from unshutter.batch.workers import Workers
+from unshutter.errors import UnshutterError, UsageError
+
+Work = Callable[[Job], Outcome]
+
+
+class Batch:
+    """Jobs on their way to workers.
+
+    Args:
+        work: does a job; it and the jobs are pickled where workers are other processes.
+        workers: who does it.
+        manifest: of the output folder; None for results that no run will look for again.
+        report: what the user learns.
+    """
+
+    def __init__(self, work: Work, workers: Workers, manifest: Manifest | None, report: Report):
+        self._work = work
+        self._workers = workers
+        self._manifest = manifest
+        self._report = report
+        self._running: dict[Future[Outcome], Job] = {}
+        self._receipts: list[Place] = []
+
+    def run(self, jobs: Iterable[Job]) -> None:
+        """Does all of them.
+
+        Raises:
+            UnshutterError: nothing more can be done, as when the manifest cannot be written.
+        """
+        waiting, later = deque(jobs), deque()
+        try:
+            while waiting or later or self._running:
+                while (waiting or later) and len(self._running) < self._workers.at_once:
+                    job = waiting.popleft() if waiting else later.popleft()
+                    if waiting and self._another_has_begun(job):
+                        later.append(job)  # until then it is finished, or that run is known to be dead
+                    else:
+                        self._start(job)
+                self._collect()
+        except KeyboardInterrupt:
+            self._stop()
+            raise
+        finally:
+            if self._manifest is not None:
+                self._manifest.close()
+                for receipt in self._receipts:
+                    remove(receipt)
+
+    def _another_has_begun(self, job: Job) -> bool:
+        if self._manifest is None:
+            return False
+        self._manifest.refresh()
+        return self._manifest.begun_by_another(job)
+
+    def _start(self, job: Job) -> None:
+        if self._manifest is not None and self._manifest.finished_by_another(job):
+            self._report.skipped(job.source, job.target)
+            return
+        try:
+            naming_the_photo(job.source, lambda source: check_place(job.target, job.overwrite, source))
+        except UnshutterError as error:
+            self._report_on(job, Outcome(str(error), isinstance(error, UsageError)))
+            return
+        if self._manifest is not None:
+            self._manifest.begin(job)
+        if self._workers.elsewhere and self._manifest is not None:
+            # from here on, what lies at the target can only come from the job itself, done once before
+            job = replace(job, overwrite=True, receipt=self._manifest.receipt(job))
+        self._running[self._workers.executor.submit(self._work, job)] = job
+
+    def _collect(self) -> None:
+        """Waits for at least one job; nothing to wait for, no wait."""
+        crashed: list[Job] = []
+        for future in wait(self._running, return_when=FIRST_COMPLETED).done:
+            job = self._running.pop(future)
+            error = future.exception()
+            if isinstance(error, BrokenExecutor):
+                crashed.append(job)
+            elif isinstance(error, CancelledError):
+                raise UnshutterError("lost touch with the workers: run the same command again to go on") from None
+            elif error is not None:
+                line = f"{job.source}: {type(error).__name__}: {' '.join(str(error).split())}"
+                self._finish(job, Outcome(line))
+            else:
+                self._finish(job, future.result())
+        if crashed:
+            crashed += self._running.values()  # all that a broken executor had
+            self._running.clear()
+            self._one_by_one(crashed)
+
+    def _one_by_one(self, jobs: list[Job]) -> None:
+        """Finds out which of the jobs costs its worker the life."""
+        self._workers.executor = self._workers.renew()
+        for job in jobs:
+            try:
+                outcome = self._workers.executor.submit(self._work, replace(job, overwrite=True)).result()
+            except BrokenExecutor:
+                self._workers.executor = self._workers.renew()
+                outcome = Outcome(f"{job.source}: its worker died: not enough memory, or a fault in a decoder")
+            self._finish(job, outcome)
+
+    def _finish(self, job: Job, outcome: Outcome) -> None:
+        if self._manifest is not None:
+            self._manifest.end(job, outcome)
+            if job.receipt is not None:
+                self._receipts.append(job.receipt)
+        self._report_on(job, outcome)
+
+    def _report_on(self, job: Job, outcome: Outcome) -> None:
+        if not outcome.error:
+            self._report.done(job.source, job.target, outcome.note, outcome.seconds)
+        elif self._report.total == 1:
+            raise (UsageError if outcome.usage else UnshutterError)(outcome.error)
+        else:
+            self._report.failed(job.source, outcome.error)
+
+    def _stop(self) -> None:
+        """Drops what has not begun, lets the rest come to its end."""
+        for future in list(self._running):
+            if future.cancel():
+                del self._running[future]
+        if self._running:
+            self._report.tell("unshutter: finishing the photos that are at work (Ctrl-C again to drop them)")
+        while self._running:
+            self._collect()

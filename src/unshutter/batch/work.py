@@ -1,0 +1,159 @@
+"""What a worker does with one photo, in this process, in another, or on another machine."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from unshutter.batch.places import Place, Remote, check_place, fingerprint, open_photo, save_picture, save_text
+from unshutter.batch.report import naming_the_photo
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.photo import Photo
+
+if TYPE_CHECKING:
+    from unshutter.motion import Motion, Reference
+    from unshutter.warp import Edges
+
+
+@dataclass(frozen=True)
+class RectifyOptions:
+    """What ``unshutter rectify`` was told about each photo; see the command's help."""
+
+    estimator: str
+    motion: Path | None
+    reference: Reference | None
+    strength: float
+    edges: Edges
+    readout: str
+    quality: int | None
+    overwrite: bool
+
+
+@dataclass(frozen=True)
+class Job:
+    """One photo and where its result goes.
+
+    Attributes:
+        source: the photo.
+        target: its rectified picture.
+        motion_target: its motion file, if one is wanted.
+        overwrite: whether the target may replace what is there.
+        max_pixels: of a photo that is read.
+        receipt: a small file that says how it went, for a worker that does the job a second time because the
+            first one was killed before anyone heard of it.
+    """
+
+    source: Place
+    target: Place
+    motion_target: Place | None
+    overwrite: bool
+    max_pixels: int
+    receipt: Place | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a job went.
+
+    Attributes:
+        error: one line; empty where all went well.
+        usage: the error is about the request rather than the photo.
+        note: something that the user should know.
+        seconds: that it took.
+        source_is: fingerprint of the photo that was read.
+        target_is, motion_is: fingerprints of what was written.
+    """
+
+    error: str = ""
+    usage: bool = False
+    note: str = ""
+    seconds: float = 0.0
+    source_is: str | None = None
+    target_is: str | None = None
+    motion_is: str | None = None
+
+
+def do_job(
+    job: Job, options: RectifyOptions, motion: str | None = None, opened: Callable[[Place], Photo] | None = None
+) -> Outcome:
+    """Does the job; what goes wrong is in the outcome.
+
+    Args:
+        job: what to do.
+        options: for all jobs of a batch.
+        motion: text of the motion file that ``options`` name: other machines may not have it.
+        opened: gives photos that have been read ahead.
+    """
+    earlier = _receipt(job)
+    if earlier is not None:
+        return earlier
+    start = time.perf_counter()
+    outcomes: list[Outcome] = []
+    try:
+        naming_the_photo(job.source, lambda _: outcomes.append(_do(job, options, motion, opened)))
+    except UnshutterError as error:
+        return Outcome(str(error), isinstance(error, UsageError), seconds=time.perf_counter() - start)
+    outcome = Outcome(**{**asdict(outcomes[0]), "seconds": time.perf_counter() - start})
+    if job.receipt is not None:
+        with suppress(UnshutterError):  # without it the job may be done twice, no worse
+            save_text(json.dumps(asdict(outcome)), job.receipt)
+    return outcome
+
+
+def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[[Place], Photo] | None) -> Outcome:
+    from unshutter.estimators import load
+    from unshutter.rectification import rectify
+
+    check_place(job.target, job.overwrite, job.source)
+    if job.motion_target is not None:
+        check_place(job.motion_target, job.overwrite, job.source)
+    source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
+    photo = opened(job.source) if opened else open_photo(job.source, job.max_pixels)
+    result = rectify(
+        photo,
+        estimator=options.estimator if motion else load(options.estimator),
+        motion=_parsed(motion) if motion else None,
+        readout=options.readout,
+        reference=options.reference,
+        strength=options.strength,
+        edges=options.edges,
+    )
+    if job.motion_target is not None:
+        save_text(result.motion.to_json() + "\n", job.motion_target)
+    save_picture(result, job.target, job.overwrite, options.quality)
+    return Outcome(
+        note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",
+        source_is=source_is,
+        target_is=fingerprint(job.target),
+        motion_is=fingerprint(job.motion_target) if job.motion_target is not None else None,
+    )
+
+
+@lru_cache(maxsize=1)
+def _parsed(text: str) -> Motion:
+    """The motion that all photos of a batch are given, read once per process."""
+    from unshutter.motion import Motion
+
+    return Motion.from_json(text)
+
+
+def _receipt(job: Job) -> Outcome | None:
+    """How it went when another worker did the same job."""
+    if job.receipt is None:
+        return None
+    try:
+        if isinstance(job.receipt, Remote):
+            if job.receipt.fingerprint() is None:
+                return None
+            text = job.receipt.read().decode()
+        else:
+            text = Path(job.receipt).read_text(encoding="utf-8")
+        return Outcome(**json.loads(text))
+    except (OSError, UnshutterError, ValueError, TypeError):
+        return None

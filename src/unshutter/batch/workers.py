@@ -1,0 +1,118 @@
+"""Who does the work: this process, processes on this machine, or a Dask cluster.
+
+Each is a ``concurrent.futures.Executor``.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from unshutter.errors import UnshutterError
+
+
+@dataclass
+class Workers:
+    """An executor and how to use it.
+
+    Attributes:
+        executor: that jobs are given to.
+        at_once: jobs that it is given before the first has ended: enough that nobody waits.
+        renew: gives a new executor after a worker died and took the old one with it.
+        elsewhere: whether jobs may be done twice, when a worker dies that nobody has heard from.
+    """
+
+    executor: Executor
+    at_once: int
+    renew: Callable[[], Executor]
+    elsewhere: bool = False
+
+
+class InThisProcess(Executor):
+    """Does each job when it is given, before anything else."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """The future is there when the job is done."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+@contextmanager
+def this_process() -> Iterator[Workers]:
+    """One photo after the other; libvips works on each with all processors."""
+    yield Workers(InThisProcess(), 1, InThisProcess)
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Workers]:
+    """So many processes, each of which uses one processor."""
+    from multiprocessing import get_context
+
+    def pool() -> ProcessPoolExecutor:
+        # spawned: a fork would copy libvips's and OpenCV's locks without the threads that hold them
+        made = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_settle)
+        pools.append(made)
+        return made
+
+    pools: list[ProcessPoolExecutor] = []
+    try:
+        yield Workers(pool(), 2 * count, pool)
+    finally:
+        for each in pools:
+            each.shutdown(wait=True, cancel_futures=True)
+
+
+def _settle() -> None:
+    """Makes a worker process use one processor, leave Ctrl-C to its parent, and end when its parent does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"
+    import cv2
+
+    cv2.setNumThreads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A killed parent cannot tell its workers, and they would wait for work for ever."""
+    from multiprocessing import parent_process
+    from multiprocessing.connection import wait
+
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Workers]:
+    """The workers of a Dask scheduler, which need unshutter and the same view of the files.
+
+    Raises:
+        UnshutterError: the extra is missing, or nobody answers at the address.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise UnshutterError(f"--scheduler needs the extra: pip install 'unshutter[dask]' ({error})") from None
+    try:
+        client = Client(address, timeout=10, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UnshutterError(f"cannot reach the Dask scheduler {address}: {' '.join(str(error).split())}") from None
+    with client:
+
+        def executor() -> Executor:
+            return client.get_executor(pure=False)
+
+        threads: Any = client.nthreads()
+        yield Workers(executor(), max(4 * sum(threads.values()), 32), executor, elsewhere=True)
