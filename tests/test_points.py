@@ -124,6 +124,7 @@ def test_points_outside_the_photo_are_counted(tmp_path: Path) -> None:
         (b"x,y\n1,two\n", "line 2: y is 'two', not a number"),
         (b"x,y\n1,nan\n", "line 2: y is 'nan', not a number"),
         (b"1,2\n,2\n", "line 2: x is '', not a number"),
+        (b'x,y\n1,"two\nlines"\n', "line 3: y is 'two\\nlines', not a number"),
         (b"x,y\n\xff\xfe,1\n", "not a CSV text file"),
         (b"x,y\n\x00,1\n", "line 2"),
         (b"\x89PNG\r\n\x1a\n\x00\x00", "not a CSV text file"),

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,41 +62,34 @@ class PointTable:
         Raises:
             UnshutterError: it cannot be read, or a line that is no point (which is named).
         """
-        try:
-            with path.open(newline="", encoding="utf-8-sig") as stream:
-                lines = [(number, fields) for number, fields in _lines(csv.reader(stream)) if any(fields)]
-        except OSError as error:
-            raise UnshutterError(f"cannot read points {path}: {error.strerror}") from None
-        except (UnicodeDecodeError, csv.Error):
-            raise UnshutterError(f"cannot read points {path}: not a CSV text file") from None
+        lines = _filled_lines(path)
         if not lines:
             raise UnshutterError(f"{path} holds no points: it is empty")
         first = lines[0][1]
-        if len(first) >= 2 and all(_number(field) is not None for field in first[:2]):
-            table = cls(None, [fields for _, fields in lines], 0, 1)
-        else:
+        header, x, y = None, 0, 1
+        if len(first) < 2 or None in (_number(first[0]), _number(first[1])):
             names = [field.strip().lower() for field in first]
             if names.count("x") != 1 or names.count("y") != 1:
                 raise UnshutterError(
                     f"{path}: the first line must name the columns x and y once each, separated by commas, "
-                    "or hold two numbers"
+                    "or begin with two numbers"
                 )
-            table = cls(first, [fields for _, fields in lines[1:]], names.index("x"), names.index("y"))
+            header, x, y = first, names.index("x"), names.index("y")
             lines = lines[1:]
         for number, fields in lines:
             if len(fields) != len(first):
-                raise UnshutterError(
-                    f"{path}, line {number}: {len(fields)} columns where the first line has {len(first)}"
-                )
-            for name, column in (("x", table.x), ("y", table.y)):
-                if _number(fields[column]) is None:
-                    raise UnshutterError(f"{path}, line {number}: {name} is '{fields[column][:40]}', not a number")
-        return table
+                told = f"{len(fields)} columns where the first line has {len(first)}"
+                raise UnshutterError(f"{path}, line {number}: {told}")
+            for name, field in (("x", fields[x]), ("y", fields[y])):
+                if _number(field) is None:
+                    raise UnshutterError(f"{path}, line {number}: {name} is {field[:40]!r}, not a number")
+        return cls(header, [fields for _, fields in lines], x, y)
 
     @property
     def positions(self) -> tuple[np.ndarray, np.ndarray]:
         """(x, y) of every point, float64 [N]."""
-        return tuple(np.array([float(fields[k]) for fields in self.rows]) for k in (self.x, self.y))  # type: ignore
+        x, y = (np.array([float(fields[k]) for fields in self.rows]) for k in (self.x, self.y))
+        return x, y
 
     def moved_to(self, x: np.ndarray, y: np.ndarray) -> PointTable:
         """The same table with other positions, written with four decimals."""
@@ -142,9 +134,16 @@ def move_file(
     return len(col), int(np.sum(~(seen[0] & seen[1])))
 
 
-def _lines(reader) -> Iterator[tuple[int, list[str]]]:
-    for fields in reader:
-        yield reader.line_num, fields
+def _filled_lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Number and fields of every line of a CSV file that is not empty."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream)
+            return [(reader.line_num, fields) for fields in reader if any(fields)]
+    except OSError as error:
+        raise UnshutterError(f"cannot read points {path}: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise UnshutterError(f"cannot read points {path}: not a CSV text file") from None
 
 
 def _number(field: str) -> float | None:
