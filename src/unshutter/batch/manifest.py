@@ -87,9 +87,13 @@ class Manifest:
         entry = self._entries.get(self._key(job.target), {})
         return entry.get("state") == "begun" and entry.get("run") != self.run
 
+    def is_contested(self, job: Job) -> bool:
+        """Whether another run, too, has begun this result since this one started."""
+        return self._key(job.target) in self._news
+
     def finished_by_another(self, job: Job) -> bool:
         """Whether another run has finished this result since this one started."""
-        return self._key(job.target) in self._news and self.verdict(job) == "finished"
+        return self.is_contested(job) and self.verdict(job) == "finished"
 
     def refresh(self) -> None:
         """Takes in what other runs have added. Not seen: runs that write to objects.

@@ -33,6 +33,7 @@ class Batch:
         self._manifest = manifest
         self._report = report
         self._running: dict[Future[Outcome], Job] = {}
+        self._later: deque[Job] = deque()  # until another run has finished them, or is known to be dead
         self._receipts: list[Place] = []
 
     def run(self, jobs: Iterable[Job]) -> None:
@@ -41,13 +42,13 @@ class Batch:
         Raises:
             UnshutterError: nothing more can be done, as when the manifest cannot be written.
         """
-        waiting, later = deque(jobs), deque()
+        waiting = deque(jobs)
         try:
-            while waiting or later or self._running:
-                while (waiting or later) and len(self._running) < self._workers.at_once:
-                    job = waiting.popleft() if waiting else later.popleft()
+            while waiting or self._later or self._running:
+                while (waiting or self._later) and len(self._running) < self._workers.at_once:
+                    job = waiting.popleft() if waiting else self._later.popleft()
                     if waiting and self._another_has_begun(job):
-                        later.append(job)  # until then it is finished, or that run is known to be dead
+                        self._later.append(job)
                     else:
                         self._start(job)
                 self._collect()
@@ -73,7 +74,8 @@ class Batch:
         try:
             naming_the_photo(job.source, lambda source: check_place(job.target, job.overwrite, source))
         except UnshutterError as error:
-            self._report_on(job, Outcome(str(error), isinstance(error, UsageError)))
+            if not self._put_off(job):
+                self._report_on(job, Outcome(str(error), isinstance(error, UsageError)))
             return
         if self._manifest is not None:
             self._manifest.begin(job)
@@ -113,7 +115,19 @@ class Batch:
                 outcome = Outcome(f"{job.source}: its worker died: not enough memory, or a fault in a decoder")
             self._finish(job, outcome)
 
+    def _put_off(self, job: Job) -> bool:
+        """After a failure: whether it is because another run does the same at the same moment; then once more."""
+        if self._manifest is None or job.overwrite:
+            return False
+        self._manifest.refresh()
+        if self._manifest.is_contested(job):
+            self._later.append(replace(job, overwrite=True))
+            return True
+        return False
+
     def _finish(self, job: Job, outcome: Outcome) -> None:
+        if outcome.error and self._put_off(job):
+            return
         if self._manifest is not None:
             self._manifest.end(job, outcome)
             if job.receipt is not None:
