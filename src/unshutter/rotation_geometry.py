@@ -118,7 +118,7 @@ def rotated_gs_to_rs(
     residual, slope = _row_residual(v, col, row, row_rotation, focal_px, center)
     v = v - residual / constant(slope)
     rotation, _ = row_rotation(v)
-    return rotate_position(col, row, rotation, focal_px, center)[0], v
+    return rotate_position(col, row, rotation, focal_px, center)[0] + 0.0 * v, v  # both NaN or none
 
 
 def _row_residual(
@@ -159,7 +159,7 @@ def row_rotation_from_samples(rotations: Array) -> RowRotation:
         return xp.reshape(flat, (*index.shape, *samples.shape[1:]))
 
     def row_rotation(v: Array) -> tuple[Array, Array]:
-        inside = xp.clip(v, 0, last)
+        inside = xp.clip(xp.where(xp.isnan(v), xp.zeros_like(v), v), 0, last)
         below = xp.astype(xp.clip(xp.floor(inside), 0, max(last - 1, 0)), xp.int64)
         turn = take(turns, below)
         on_the_way = rotation_matrix(turn * (inside - xp.astype(below, v.dtype))[..., None])

@@ -17,6 +17,9 @@ from unshutter.estimators.base import Estimator, View
 # name -> module:class, imported only when asked for
 ESTIMATORS = {
     "segment-transformer": "unshutter.estimators.segment_transformer:SegmentTransformer",
+    "rengarajan2016": "unshutter.estimators.rengarajan2016:Rengarajan2016",
+    "purkait2017": "unshutter.estimators.purkait2017:Purkait2017",
+    "lao2018": "unshutter.estimators.lao2018:Lao2018",
     "none": "unshutter.estimators.none:DoNothing",
 }
 DEFAULT = "segment-transformer"

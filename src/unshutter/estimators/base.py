@@ -7,17 +7,25 @@ from typing import Protocol
 
 import numpy as np
 
-from unshutter.motion import Motion
+from unshutter.errors import UnshutterError
+from unshutter.motion import Motion, RotationMotion
 from unshutter.photo import Photo
 from unshutter.readout import Readout, scene_up
 
 
 @dataclass(frozen=True)
 class View:
-    """A photo as an estimator sees it: in its readout frame, first line on top (readout.py)."""
+    """A photo as an estimator sees it: in its readout frame, first line on top (readout.py).
+
+    Attributes:
+        photo: as it was read.
+        readout: direction in which the stored pixels were read.
+        given_focal_px: focal length that the user knows [px of the full-size picture]; None: EXIF's or a guess.
+    """
 
     photo: Photo
     readout: Readout = Readout.TOP_TO_BOTTOM
+    given_focal_px: float | None = None
 
     @property
     def height(self) -> int:
@@ -38,13 +46,31 @@ class View:
         """[h, w] uint8 grey copy whose short side is about ``short_side`` px; never enlarged."""
         return self.readout.turn(self.photo.grey(short_side))
 
-    def focal_px(self) -> float | None:
-        """Focal length [px of the full-size picture] from EXIF, or None."""
-        return self.photo.focal_px()
+    def focal_px(self) -> float:
+        """Focal length [px of the full-size picture]: the given one, else EXIF's, else 0.85 (width + height)."""
+        return self.given_focal_px or self.photo.focal_px() or 0.85 * (self.width + self.height)
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""
         return Motion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=reason)
+
+    def rotations(self, rotations: np.ndarray, estimator: str) -> Motion:
+        """The answer of an estimator that found rotations about three axes, first row as the reference.
+
+        Args:
+            rotations: [height, 3] (r_x, r_y, r_z) of every row [rad].
+            estimator: its name.
+
+        Returns:
+            The motion; none, with the reason, where it would fold the picture over itself.
+        """
+        about = {"width": self.width, "readout": self.readout, "estimator": estimator}
+        try:
+            motion = RotationMotion(rotations=rotations, focal_px=self.focal_px(), **about).rereferenced("first")
+            motion.check_unfolded()
+        except UnshutterError as error:
+            return self.no_motion(estimator, f"what fits the lines is no motion of a camera: {error}")
+        return motion
 
 
 class Estimator(Protocol):

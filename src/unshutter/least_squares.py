@@ -1,0 +1,78 @@
+"""Robust non-linear least squares for a handful of unknowns (Levenberg-Marquardt with reweighting)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+Residuals = Callable[[np.ndarray], np.ndarray]
+# residuals -> (cost of each, weight of each: derivative of the cost with respect to the squared residual)
+Loss = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def squared(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """r^2: nothing is an outlier."""
+    return r * r, np.ones_like(r)
+
+
+def cauchy(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """log(1 + r^2): outliers pull less the farther they are."""
+    return np.log1p(r * r), 1 / (1 + r * r)
+
+
+def geman_mcclure(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """r^2 / (1 + r^2): outliers stop pulling."""
+    return r * r / (1 + r * r), 1 / (1 + r * r) ** 2
+
+
+def minimise(
+    residuals: Residuals, start: np.ndarray, loss: Loss = squared, steps: int = 50, tolerance: float = 1e-10
+) -> tuple[np.ndarray, float]:
+    """Unknowns that make the sum of the residuals' costs least, near a start; never worse than the start.
+
+    Args:
+        residuals: unknowns [P] -> residuals [N], each divided by what it is expected to be. Where they are not
+            finite a step is not taken.
+        start: [P], of unknowns of the order of 1 or less.
+        loss: cost of a residual.
+        steps: at most.
+        tolerance: stop when a step gains less than this share of the cost, and moves less than this.
+
+    Returns:
+        Unknowns [P], and their cost.
+    """
+    x = np.array(start, dtype=np.float64)
+    r = residuals(x)
+    cost = float(loss(r)[0].sum())
+    damping = 1e-3
+    for _ in range(steps):
+        weights = loss(r)[1]
+        jacobian = _jacobian(residuals, x)
+        normal = (jacobian.T * weights) @ jacobian
+        gradient = jacobian.T @ (weights * r)
+        while damping < 1e12:
+            diagonal = damping * np.maximum(np.diag(normal), 1e-9 * max(float(np.trace(normal)), 1e-300))
+            step = -np.linalg.solve(normal + np.diag(diagonal), gradient)
+            tried = residuals(x + step)
+            tried_cost = float(loss(tried)[0].sum())
+            if tried_cost < cost:
+                break
+            damping *= 10
+        else:
+            break
+        gain, cost = cost - tried_cost, tried_cost
+        x, r, damping = x + step, tried, max(damping / 10, 1e-12)
+        if gain <= tolerance * cost and np.abs(step).max() < np.sqrt(tolerance):
+            break
+    return x, cost
+
+
+def _jacobian(residuals: Residuals, x: np.ndarray) -> np.ndarray:
+    """Central differences [N, P]."""
+    columns = []
+    for k in range(len(x)):
+        step = np.zeros_like(x)
+        step[k] = 1e-6 * max(1.0, abs(x[k]))
+        columns.append((residuals(x + step) - residuals(x - step)) / (2 * step[k]))
+    return np.stack(columns, axis=1)
