@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -342,6 +344,17 @@ def test_pictures_that_are_cut_up_come_out_the_same(edges, monkeypatch):
     assert isinstance(parts, np.memmap)
     assert np.abs(whole.astype(int) - parts).max() <= 4  # float32 rounds positions otherwise, to 1/32 px in the end
     assert (whole != parts).mean() < 0.02
+
+
+def test_threads_are_those_that_libvips_may_use(monkeypatch):
+    pixels, motion = drawn_scene(300, 260), shake(300, 260)
+    several = rectify_pixels(pixels, motion)
+    monkeypatch.setenv("VIPS_CONCURRENCY", "1")
+    np.testing.assert_array_equal(rectify_pixels(pixels, motion), several)
+    assert warp._thread_count() == 1
+    for odd in ("", "0", "many"):
+        monkeypatch.setenv("VIPS_CONCURRENCY", odd)
+        assert warp._thread_count() == min(os.cpu_count() or 1, 16)
 
 
 def test_a_picture_wider_than_remap_takes():

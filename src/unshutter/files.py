@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import secrets
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -57,7 +56,7 @@ def written_whole(target: Path) -> Iterator[Path]:
         UnshutterError: the system refuses.
     """
     whole = Path(os.path.realpath(target))
-    part = whole.with_name(f".unshutter-{secrets.token_hex(8)}.part{whole.suffix}")
+    part = whole.with_name(f".unshutter-{os.urandom(8).hex()}.part{whole.suffix}")
     held = None
     try:
         held = _make_and_hold(part)

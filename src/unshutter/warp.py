@@ -195,10 +195,16 @@ def _warped(pixels: np.ndarray, grid: SamplingGrid, window: Tile, interpolation:
         if outside is not None:
             made[outside] = 0
 
-    with ThreadPoolExecutor(min(os.cpu_count() or 1, _MOST_THREADS)) as threads:
+    with ThreadPoolExecutor(_thread_count()) as threads:
         for _ in threads.map(make, window.tiles()):
             pass  # errors come out here
     return result
+
+
+def _thread_count() -> int:
+    """As many as libvips takes: one per processor, or what VIPS_CONCURRENCY says."""
+    told = os.environ.get("VIPS_CONCURRENCY", "")
+    return min(int(told) if told.isdigit() and int(told) else os.cpu_count() or 1, _MOST_THREADS)
 
 
 def _too_long(extent: Extent) -> bool:

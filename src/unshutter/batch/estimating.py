@@ -33,7 +33,7 @@ def estimate_files(
         raise UsageError("several photos need --output FOLDER for their motions")
     if inputs.many and plot:
         raise UsageError("--plot draws the motion of one photo only")
-    ahead = ReadAhead(list(inputs.photos), max_pixels or MAX_PIXELS)
+    ahead = ReadAhead(list(inputs.photos), max_pixels or MAX_PIXELS, whole=False)
     from unshutter.estimators import load
     from unshutter.rectification import estimate
     from unshutter.speed import check_readout_ms, json_with_speed

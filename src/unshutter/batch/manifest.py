@@ -13,7 +13,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import secrets
 import time
 from pathlib import Path
 from typing import Any, Literal
@@ -41,7 +40,7 @@ class Manifest:
     """
 
     def __init__(self, folder: Place, options: str):
-        self.run = secrets.token_hex(6)
+        self.run = os.urandom(6).hex()
         self._folder = folder
         self._options = options
         self._entries: dict[str, dict[str, Any]] = {}

@@ -1,4 +1,4 @@
-"""The next photo is read and decoded while the one before is worked on."""
+"""The next photo is opened and decoded while the one before is worked on."""
 
 from __future__ import annotations
 
@@ -9,10 +9,16 @@ from unshutter.photo import Photo
 
 
 class ReadAhead:
-    """Reads and decodes the next photo while the one before is worked on; two are held at a time."""
+    """Opens and decodes the next photo while the one before is worked on; two are held at a time.
 
-    def __init__(self, files: list[Place], max_pixels: int):
-        self._max_pixels = max_pixels
+    Args:
+        files: the photos.
+        max_pixels: see ``Photo.open``.
+        whole: all their pixels will be wanted; otherwise only a grey copy.
+    """
+
+    def __init__(self, files: list[Place], max_pixels: int, whole: bool = True):
+        self._max_pixels, self._whole = max_pixels, whole
         self._files = iter(files)
         self._left = set(files)
         self._reader = ThreadPoolExecutor(1)
@@ -20,10 +26,13 @@ class ReadAhead:
         self._start_next()
 
     def photo(self, path: Place) -> Photo:
-        """The photo, decoded. Those that come in the order of the list are read ahead; it may leave some out."""
+        """The photo, open, its pixels on the way.
+
+        Those that come in the order of the list are read ahead; it may leave some out.
+        """
         if path not in self._coming:
             if path not in self._left:
-                return _decoded(path, self._max_pixels)
+                return self._opened(path)
             self._coming.clear()
             self._start_next(path)
         coming = self._coming.pop(path)
@@ -34,11 +43,10 @@ class ReadAhead:
         for path in self._files:
             self._left.discard(path)
             if wanted in (None, path):
-                self._coming[path] = self._reader.submit(_decoded, path, self._max_pixels)
+                self._coming[path] = self._reader.submit(self._opened, path)
                 break
 
-
-def _decoded(path: Place, max_pixels: int) -> Photo:
-    photo = open_photo(path, max_pixels)
-    _ = photo.image  # decoded here, kept there
-    return photo
+    def _opened(self, path: Place) -> Photo:
+        photo = open_photo(path, self._max_pixels)
+        photo.start_decoding(self._reader, self._whole)
+        return photo

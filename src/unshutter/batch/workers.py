@@ -9,12 +9,15 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 
 @dataclass
@@ -56,6 +59,7 @@ def this_process() -> Iterator[Workers]:
 @contextmanager
 def processes(count: int) -> Iterator[Workers]:
     """So many processes, each of which uses one processor."""
+    from concurrent.futures import ProcessPoolExecutor  # not above: a single photo starts faster without
     from multiprocessing import get_context
 
     def pool() -> ProcessPoolExecutor:

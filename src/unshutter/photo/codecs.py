@@ -6,20 +6,17 @@ A new format is one entry in ``CODECS``, its signature, and its options in encod
 from __future__ import annotations
 
 import io
-import math
 import os
 import re
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import containers, metadata
-from unshutter.photo.libvips import libvips, refusing
+from unshutter.photo.libvips import libvips
 
 if TYPE_CHECKING:
-    import numpy as np
     import pyvips
 
 
@@ -71,8 +68,6 @@ _SIGNATURES = tuple(
         (rb"....ftyp(....)*(hei[cxms]|mif1)", "is a HEIC photo, which is not read yet: convert it to JPEG first"),
     )
 )
-# Warnings about JPEGs in which every pixel is there, and which all viewers show.
-_HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
 
 
 @dataclass(frozen=True)
@@ -216,75 +211,6 @@ def check_pixels(source: Source, header: pyvips.Image, max_pixels: int) -> None:
 def _sample_kind(vips_format: str) -> str:
     kinds = {"float": "32-bit float", "double": "64-bit float", "uint": "32-bit", "int": "32-bit signed"}
     return kinds.get(vips_format, {"char": "8-bit signed", "short": "16-bit signed"}.get(vips_format, vips_format))
-
-
-# ---- decoding ------------------------------------------------------------------------------------------
-
-
-def decode(source: Source, codec: Codec, coding: Coding, shrink: int = 1) -> np.ndarray:
-    """All stored pixels, decoded now.
-
-    Args:
-        source: what to decode.
-        codec: its format.
-        coding: as :func:`read_coding` gave it.
-        shrink: 1, or for JPEG 2, 4 or 8: every so many rows and columns become one, rounded up, which is faster.
-
-    Returns:
-        [H, W, bands] uint8 or uint16, not to be written to (very large pictures lie in a temporary file).
-
-    Raises:
-        UnshutterError: the data are damaged or end too early.
-    """
-    smaller = {"shrink": shrink} if shrink > 1 else {}
-    with refusing(f"{source} is damaged or incomplete"):
-        # To libjpeg damaged data are but a warning; PNG and TIFF warn of much that harms nothing.
-        level = "warning" if codec.name == "jpeg" else "error"
-        try:
-            pixels = computed(source.load(codec, access="sequential", fail_on=level, **smaller))
-        except libvips().Error as error:
-            if level == "error" or not _HARMLESS.search(error.detail):
-                raise
-            pixels = computed(source.load(codec, access="sequential", fail_on="error", **smaller))
-    if coding.grey and pixels.shape[2] > 2:
-        pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
-    return _unturned(pixels, coding.orientation)
-
-
-def computed(image: pyvips.Image) -> np.ndarray:
-    """[H, W, bands] of an image, computed now; not to be written to. ``pyvips.Error`` where that fails."""
-    import numpy as np  # not above: reading a file, which starts first, can do without
-
-    from unshutter.large_arrays import SPILL_BYTES
-
-    shape = image.height, image.width, image.bands
-    dtype = {"uchar": np.dtype(np.uint8), "ushort": np.dtype(np.uint16)}[str(image.format)]
-    if math.prod(shape) * dtype.itemsize <= SPILL_BYTES:
-        data = image.write_to_memory()  # the long part
-        pixels = np.frombuffer(data, dtype).reshape(shape)
-        pixels.setflags(write=False)
-        return pixels
-    with tempfile.NamedTemporaryFile(prefix="unshutter-") as file:
-        image.rawsave(file.name)
-        return np.memmap(file.name, dtype=dtype, mode="r", shape=shape)
-
-
-def as_image(pixels: np.ndarray) -> pyvips.Image:
-    """Pixels [H, W, bands] as libvips sees them, nothing copied, with the colour meaning of :func:`standard`."""
-    import numpy as np
-
-    height, width, bands = pixels.shape
-    kind = {"uint8": "uchar", "uint16": "ushort"}[pixels.dtype.name]
-    return standard(libvips().Image.new_from_memory(np.ascontiguousarray(pixels), width, height, bands, kind))
-
-
-def _unturned(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """The stored pixels of a picture that was turned by its orientation."""
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    return pixels.swapaxes(0, 1) if orientation >= 5 else pixels
 
 
 def standard(image: pyvips.Image) -> pyvips.Image:

@@ -5,17 +5,16 @@ from __future__ import annotations
 import io
 import os
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.files import check_target, written_whole
-from unshutter.photo import codecs, encoding, metadata
+from unshutter.photo import codecs, decoding, encoding, metadata
 from unshutter.photo.codecs import CODECS, Codec, Coding, Source
-from unshutter.photo.libvips import libvips, refusing
+from unshutter.photo.decoding import Decoder
+from unshutter.photo.libvips import refusing
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,7 +52,7 @@ class Photo:
     bands: int
     orientation: int
     path: Path | None
-    _source: Source | None = field(repr=False)
+    _decoder: Decoder | None = field(repr=False)
     _coding: Coding = field(repr=False)
     _header: pyvips.Image = field(repr=False)  # metadata
     _exif: bytes | None = field(repr=False)
@@ -89,15 +88,16 @@ class Photo:
         codecs.check_pixels(source, header, max_pixels)
         # AVIF's own boxes turn the picture; EXIF has no say in it
         orientation = coding.orientation if codec.name == "avif" else codecs.field(header, "orientation", 1)
-        sideways = coding.orientation >= 5  # the decoder has turned it
+        size = (header.height, header.width)
+        height, width = size[::-1] if coding.orientation >= 5 else size  # the decoder has turned it
         return cls(
             format=codec.name,
-            height=header.width if sideways else header.height,
-            width=header.height if sideways else header.width,
+            height=height,
+            width=width,
             bands=header.bands - 2 if coding.grey else header.bands,
             orientation=orientation if 1 <= orientation <= 8 else 1,
             path=source.place if isinstance(source.place, Path) else None,
-            _source=source,
+            _decoder=Decoder(source, codec, coding, height, width),
             _coding=coding,
             _header=header,
             _exif=exif,
@@ -113,7 +113,7 @@ class Photo:
         pixels = _with_bands(array).copy()
         pixels.setflags(write=False)
         height, width, bands = pixels.shape
-        header = codecs.as_image(pixels)
+        header = decoding.as_image(pixels)
         return cls("array", height, width, bands, 1, None, None, Coding(), header, None, pixels)
 
     def with_pixels(self, pixels: np.ndarray) -> Photo:
@@ -125,7 +125,7 @@ class Photo:
         pixels = _with_bands(pixels)
         exif = None if self._exif is None else metadata.without_thumbnail(self._exif)
         height, width, bands = pixels.shape
-        return replace(self, height=height, width=width, bands=bands, _given=pixels, _exif=exif)
+        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None, _exif=exif)
 
     # ---- what it holds ---------------------------------------------------------------------------------
 
@@ -134,37 +134,35 @@ class Photo:
         """Whether the last channel is transparency."""
         return self.bands in (2, 4)
 
-    def start_decoding(self, executor: Executor | None = None) -> None:
-        """Decodes the stored pixels in a thread of the executor (by default one of its own) while others work."""
-        if self._given is not None or self.__dict__.keys() & {"_decoding", "pixels"}:
-            return
-        thread = executor or ThreadPoolExecutor(1)
-        self.__dict__["_decoding"] = thread.submit(self._decode)
-        if executor is None:
-            thread.shutdown(wait=False)
+    def start_decoding(self, executor: Executor | None = None, whole: bool = True) -> None:
+        """Decodes in a thread of the executor (by default one of its own) while others work.
 
-    @cached_property
+        Args:
+            executor: where to.
+            whole: all pixels will be wanted; otherwise only a grey copy.
+        """
+        if self._decoder is not None:
+            thread = executor or ThreadPoolExecutor(1)
+            self._decoder.start(thread, whole)
+            if executor is None:
+                thread.shutdown(wait=False)
+
+    @property
     def pixels(self) -> np.ndarray:
         """The stored pixels [H, W, bands], uint8 or uint16, not to be written to.
 
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone.
         """
-        if self._given is not None:
-            return self._given
-        if (decoding := self.__dict__.pop("_decoding", None)) is not None:
-            with suppress(UnshutterError):  # decoded again for its message: libvips mixes those of two threads
-                return decoding.result()
-        return self._decode()
-
-    def _decode(self, shrink: int = 1) -> np.ndarray:
-        assert self._source is not None
-        return codecs.decode(self._source, CODECS[self.format], self._coding, shrink)
+        if self._decoder is not None:
+            return self._decoder.pixels
+        assert self._given is not None
+        return self._given
 
     @property
     def image(self) -> pyvips.Image:
         """The stored pixels as libvips sees them."""
-        return codecs.as_image(self.pixels)
+        return decoding.as_image(self.pixels)
 
     def to_array(self) -> np.ndarray:
         """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
@@ -192,21 +190,9 @@ class Photo:
         """
         if short_side is not None and short_side < 1:
             raise UsageError(f"a grey copy needs a short side of at least 1 px, got {short_side}")
-        scale = 1.0 if short_side is None else min(short_side / min(self.height, self.width), 1.0)
-        height, width = max(round(self.height * scale), 1), max(round(self.width * scale), 1)
-        hscale, vscale = width / self.width, height / self.height
-        shrink = self._shrink_on_load(max(hscale, vscale))
-        if shrink > 1:
-            with suppress(UnshutterError):  # what is wrong with the file, decoding it whole says
-                small = codecs.as_image(self._decode(shrink))
-                return _luminance(small, hscale * shrink, vscale * shrink, height, width)
-        return _luminance(self.image, hscale, vscale, height, width)
-
-    def _shrink_on_load(self, scale: float) -> int:
-        """How many times smaller the decoder may make the picture that is to be scaled by so much."""
-        if self.format != "jpeg" or self._given is not None:
-            return 1
-        return next((shrink for shrink in (8, 4, 2) if shrink * scale <= 1), 1)
+        if self._decoder is not None:
+            return self._decoder.grey(short_side)
+        return decoding.grey_copy(self.image, *decoding.grey_size(self.height, self.width, short_side))
 
     # ---- out -------------------------------------------------------------------------------------------
 
@@ -273,27 +259,3 @@ def _with_bands(array: np.ndarray) -> np.ndarray:
     if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
         raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
     return array.reshape(*array.shape[:2], -1)
-
-
-def _luminance(image: pyvips.Image, hscale: float, vscale: float, height: int, width: int) -> np.ndarray:
-    """[height, width] uint8 of an image scaled by the factors; they give that size but for rounding."""
-    import numpy as np
-
-    with refusing("cannot compute the grey copy"):
-        if image.hasalpha():
-            image = image.flatten(background=[32896 if image.format == "ushort" else 128])
-        if (hscale, vscale) != (1.0, 1.0):
-            image = image.embed(*(0, 0, _aligned(image.width, hscale), _aligned(image.height, vscale)), extend="copy")
-            image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # hardly rings: no ghosts beside edges
-        image = codecs.to_8_bits(image)
-        if image.bands == 3:
-            weights = libvips().Image.new_from_array([[0.299, 0.587, 0.114]])
-            image = image.recomb(weights).linear([1.0], [0.5], uchar=True)
-        pixels = image.numpy()[:height, :width]
-    missing = (height - pixels.shape[0], width - pixels.shape[1])
-    return np.ascontiguousarray(np.pad(pixels, ((0, missing[0]), (0, missing[1])), mode="edge"))
-
-
-def _aligned(size: int, scale: float) -> int:
-    """A size, a little larger, that scales to whole pixels: what is missing to them, libvips shifts to both sides."""
-    return min(range(size, size + 16), key=lambda padded: abs(padded * scale - round(padded * scale)))

@@ -1,0 +1,183 @@
+"""From encoded data to pixels and grey copies: each decoded when it is first asked for, or ahead of that."""
+
+from __future__ import annotations
+
+import math
+import re
+from concurrent.futures import Executor, Future
+from contextlib import suppress
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from unshutter.errors import UnshutterError
+from unshutter.photo.codecs import Codec, Coding, Source, standard, to_8_bits
+from unshutter.photo.libvips import libvips, refusing
+
+if TYPE_CHECKING:
+    import numpy as np  # not imported above: reading a file, which starts first, can do without
+    import pyvips
+
+USUAL_GREY = 512  # short side [px] of the grey copy that is made ahead, which most estimators ask for
+# Warnings about JPEGs in which every pixel is there, and which all viewers show.
+_HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
+
+
+class Decoder:
+    """What encoded data hold; ``height`` and ``width`` are those of the stored pixels [px]."""
+
+    def __init__(self, source: Source, codec: Codec, coding: Coding, height: int, width: int):
+        self._source, self._codec, self._coding = source, codec, coding
+        self._height, self._width = height, width
+        self._begun: set[str] = set()
+        self._grey_ahead: Future[np.ndarray] | None = None
+        self._pixels_ahead: Future[np.ndarray] | None = None
+
+    def start(self, executor: Executor, whole: bool) -> None:
+        """Begins with the usual grey copy, then the pixels, if they are wanted ``whole`` or the grey copy needs them.
+
+        What goes wrong is told where the results are asked for.
+        """
+        small_first = self._shrink(USUAL_GREY) > 1
+        if small_first and "grey" not in self._begun:
+            self._begun.add("grey")
+            self._grey_ahead = executor.submit(self._grey, USUAL_GREY)
+        if (whole or not small_first) and "pixels" not in self._begun:
+            self._begun.add("pixels")
+            self._pixels_ahead = executor.submit(self._decode)
+
+    @cached_property
+    def pixels(self) -> np.ndarray:
+        """See ``Photo.pixels``."""
+        self._begun |= {"grey", "pixels"}
+        ahead, self._pixels_ahead = self._pixels_ahead, None
+        if ahead is not None:
+            with suppress(UnshutterError):  # decoded again for its message: libvips mixes those of two threads
+                return ahead.result()
+        return self._decode()
+
+    def grey(self, short_side: int | None) -> np.ndarray:
+        """See ``Photo.grey``."""
+        if self._shrink(short_side) > 1:
+            ahead, self._grey_ahead = self._grey_ahead, None  # given away once: it may be written to
+            with suppress(UnshutterError):  # what is wrong with the data, decoding the pixels says
+                return ahead.result() if ahead and short_side == USUAL_GREY else self._grey(short_side)
+        return grey_copy(as_image(self.pixels), *grey_size(self._height, self._width, short_side))
+
+    def _grey(self, short_side: int | None) -> np.ndarray:
+        shrink = self._shrink(short_side)
+        small = as_image(self._decode(shrink))
+        height, width = grey_size(self._height, self._width, short_side)
+        return grey_copy(small, height, width, shrink * height / self._height, shrink * width / self._width)
+
+    def _shrink(self, short_side: int | None) -> int:
+        """How many times smaller the data may be decoded for such a grey copy."""
+        height, width = grey_size(self._height, self._width, short_side)
+        scale = max(height / self._height, width / self._width)
+        return next((n for n in (8, 4, 2) if self._codec.name == "jpeg" and n * scale <= 1), 1)
+
+    def _decode(self, shrink: int = 1) -> np.ndarray:
+        return decode(self._source, self._codec, self._coding, shrink)
+
+
+def decode(source: Source, codec: Codec, coding: Coding, shrink: int = 1) -> np.ndarray:
+    """All stored pixels, decoded now.
+
+    Args:
+        source: what to decode.
+        codec: its format.
+        coding: as :func:`read_coding` gave it.
+        shrink: 1, or for JPEG 2, 4 or 8: every so many rows and columns become one, rounded up, which is faster.
+
+    Returns:
+        [H, W, bands] uint8 or uint16, not to be written to (very large pictures lie in a temporary file).
+
+    Raises:
+        UnshutterError: the data are damaged or end too early.
+    """
+    smaller = {"shrink": shrink} if shrink > 1 else {}
+    with refusing(f"{source} is damaged or incomplete"):
+        # To libjpeg damaged data are but a warning; PNG and TIFF warn of much that harms nothing.
+        level = "warning" if codec.name == "jpeg" else "error"
+        try:
+            pixels = computed(source.load(codec, access="sequential", fail_on=level, **smaller))
+        except libvips().Error as error:
+            if level == "error" or not _HARMLESS.search(error.detail):
+                raise
+            pixels = computed(source.load(codec, access="sequential", fail_on="error", **smaller))
+    if coding.grey and pixels.shape[2] > 2:
+        pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
+    return _unturned(pixels, coding.orientation)
+
+
+def computed(image: pyvips.Image) -> np.ndarray:
+    """[H, W, bands] of an image, computed now; not to be written to. ``pyvips.Error`` where that fails."""
+    import numpy as np
+
+    from unshutter.large_arrays import SPILL_BYTES
+
+    shape = image.height, image.width, image.bands
+    dtype = {"uchar": np.dtype(np.uint8), "ushort": np.dtype(np.uint16)}[str(image.format)]
+    if math.prod(shape) * dtype.itemsize <= SPILL_BYTES:
+        data = image.write_to_memory()  # the long part
+        pixels = np.frombuffer(data, dtype).reshape(shape)
+        pixels.setflags(write=False)
+        return pixels
+    import tempfile
+
+    with tempfile.NamedTemporaryFile(prefix="unshutter-") as file:
+        image.rawsave(file.name)
+        return np.memmap(file.name, dtype=dtype, mode="r", shape=shape)
+
+
+def as_image(pixels: np.ndarray) -> pyvips.Image:
+    """Pixels [H, W, bands] as libvips sees them, nothing copied, with the colour meaning of :func:`standard`."""
+    import numpy as np
+
+    height, width, bands = pixels.shape
+    kind = {"uint8": "uchar", "uint16": "ushort"}[pixels.dtype.name]
+    return standard(libvips().Image.new_from_memory(np.ascontiguousarray(pixels), width, height, bands, kind))
+
+
+def _unturned(pixels: np.ndarray, orientation: int) -> np.ndarray:
+    """The stored pixels of a picture that was turned by its orientation."""
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels.swapaxes(0, 1) if orientation >= 5 else pixels
+
+
+# ---- grey copies ---------------------------------------------------------------------------------------
+
+
+def grey_size(height: int, width: int, short_side: int | None) -> tuple[int, int]:
+    """Height and width of the grey copy of a picture."""
+    scale = 1.0 if short_side is None else min(short_side / min(height, width), 1.0)
+    return max(round(height * scale), 1), max(round(width * scale), 1)
+
+
+def grey_copy(
+    image: pyvips.Image, height: int, width: int, vscale: float | None = None, hscale: float | None = None
+) -> np.ndarray:
+    """[height, width] uint8 luminance of an image scaled by the factors; by default those that give that size."""
+    import numpy as np
+
+    vscale, hscale = vscale or height / image.height, hscale or width / image.width
+    with refusing("cannot compute the grey copy"):
+        if image.hasalpha():
+            image = image.flatten(background=[32896 if image.format == "ushort" else 128])
+        if (hscale, vscale) != (1.0, 1.0):
+            image = image.embed(*(0, 0, _aligned(image.width, hscale), _aligned(image.height, vscale)), extend="copy")
+            image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # hardly rings: no ghosts beside edges
+        image = to_8_bits(image)
+        if image.bands == 3:
+            weights = libvips().Image.new_from_array([[0.299, 0.587, 0.114]])
+            image = image.recomb(weights).linear([1.0], [0.5], uchar=True)
+        pixels = image.numpy()[:height, :width]
+    missing = (height - pixels.shape[0], width - pixels.shape[1])
+    return np.ascontiguousarray(np.pad(pixels, ((0, missing[0]), (0, missing[1])), mode="edge"))
+
+
+def _aligned(size: int, scale: float) -> int:
+    """A size, a little larger, that scales to whole pixels: what is missing to them, libvips shifts to both sides."""
+    return min(range(size, size + 16), key=lambda padded: abs(padded * scale - round(padded * scale)))
