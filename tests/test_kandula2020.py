@@ -184,6 +184,18 @@ def test_losses_are_least_at_the_truth():
     assert all(truth[name] < nothing[name] for name in FOUR)
 
 
+def test_losses_of_parts_are_nearly_those_of_the_whole():
+    samples = small_samples(8)
+    motion = 0.7 * torch.stack(samples.row_motion(), 1)
+    whole = picture_losses(samples, motion, None, LossConfig())
+    parts = picture_losses(samples, motion, None, LossConfig(at_a_time=3))
+    by_hand = [picture_losses(samples[a:b], motion[a:b], None, LossConfig()) for a, b in ((0, 3), (3, 6), (6, 8))]
+    for name, value in parts.items():
+        expected = sum(w * p[name] for w, p in zip((3 / 8, 3 / 8, 2 / 8), by_hand, strict=True))
+        torch.testing.assert_close(value, expected)
+        assert value.item() == pytest.approx(whole[name].item(), rel=0.1)  # their valid pixels differ in number
+
+
 def test_both_masks_agree_where_the_scene_has_no_black():
     samples = small_samples()
     samples = replace(samples, rs=0.1 + 0.9 * samples.rs, gs=0.1 + 0.9 * samples.gs)

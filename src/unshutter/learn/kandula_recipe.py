@@ -106,8 +106,20 @@ def picture_losses(samples: Samples, motion: Tensor, row_map: Tensor | None, con
         samples: pictures [B, 3, r, r].
         motion: [B, 2, r] trajectory.
         row_map: [B, r, r], or None for the exact inverse.
-        config: weights and mask.
+        config: weights and mask. With ``at_a_time`` each loss is the mean of those of parts of the batch.
     """
+    count = len(samples.rs)
+    part = config.at_a_time or count
+    losses: dict[str, Tensor] = {}
+    for first in range(0, count, part):
+        some = slice(first, min(first + part, count))
+        found = _losses_of(samples[some], motion[some], None if row_map is None else row_map[some], config)
+        for name, value in found.items():
+            losses[name] = losses.get(name, 0.0) + value * ((some.stop - some.start) / count)
+    return losses
+
+
+def _losses_of(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:
     literal = config.mask == "black"
     edges = literal_edge_loss if literal else edge_loss
     losses = {}

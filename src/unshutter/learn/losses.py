@@ -35,6 +35,7 @@ class LossConfig:
     # Weight of the regression: gradients of both phases of about one size. Adam divides by the size it remembers,
     # and with a weight of 1 the second phase's first steps are several times too long.
     regress: float = 30.0
+    at_a_time: int = 0  # pictures whose losses are computed together; few fit into a CPU's cache; 0: all
     regress_only: bool = False  # the paper's own ablation: no second phase, all photos
 
     def __post_init__(self) -> None:

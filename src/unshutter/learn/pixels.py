@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +62,10 @@ class Samples:
     rs_valid: Tensor
     tx_coefficients: Tensor
     rz_coefficients: Tensor
+
+    def __getitem__(self, some: slice) -> Samples:
+        """A part of the batch."""
+        return Samples(*(getattr(self, f.name)[some] for f in fields(self)))
 
     @property
     def size(self) -> int:
