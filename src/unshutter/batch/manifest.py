@@ -119,7 +119,7 @@ class Manifest:
         for line in journal.splitlines():
             try:
                 record = json.loads(line)
-            except ValueError:  # cut short by the end of its run
+            except (ValueError, RecursionError):  # cut short by the end of its run, or damaged
                 continue
             if not (isinstance(record, dict) and isinstance(record.get("target"), str)):
                 continue

@@ -69,7 +69,7 @@ def from_json(text: str) -> Motion:
         else:
             motion = Motion(tx_px=tx, rz_rad=rz, center_shift_px=float(data.get("center_shift_px", 0.0)), **about)
         height = int(data["height"])
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise UnshutterError(f"not a motion file: {error}") from None
     except KeyError as error:
         raise UnshutterError(f"not a motion file: {error} is missing") from None
