@@ -38,6 +38,7 @@ def rectify(
     strength: float = 1.0,
     edges: Literal["keep", "crop", "fill"] = "keep",
     readout: ReadoutWord = "auto",
+    focal_px: float | None = None,
     quality: int | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
     jobs: int | None = None,
@@ -72,6 +73,8 @@ def rectify(
         Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour.
     readout
         Direction in which the sensor was read, if an editor has turned the file.
+    focal_px
+        Focal length in px of the photo, for methods that use it. Default: from EXIF, else 0.85 (width + height).
     quality
         Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.
     overwrite
@@ -89,7 +92,7 @@ def rectify(
     """
     from unshutter import batch
 
-    options = batch.RectifyOptions(estimator, motion, reference, strength, edges, readout, quality, overwrite)
+    options = batch.RectifyOptions(estimator, motion, reference, strength, edges, readout, quality, overwrite, focal_px)
     how = batch.BatchOptions(jobs, scheduler, dry_run, json_log, max_pixels)
     return batch.rectify_files(photos, output, save_motion, options, how)
 
@@ -103,6 +106,7 @@ def estimate(
     estimator: str = "segment-transformer",
     reference: Reference = "first",
     readout: ReadoutWord = "auto",
+    focal_px: float | None = None,
     readout_ms: float | None = None,
     plot: Path | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
@@ -122,6 +126,8 @@ def estimate(
         Row that counts as not moving.
     readout
         Direction in which the sensor was read, if an editor has turned the file.
+    focal_px
+        Focal length in px of the photo, for methods that use it. Default: from EXIF, else 0.85 (width + height).
     readout_ms
         Time from the first to the last row; adds the camera's speed to the JSON and the plot.
     plot
@@ -133,7 +139,9 @@ def estimate(
     """
     from unshutter import batch
 
-    return batch.estimate_files(photos, output, plot, estimator, reference, readout, overwrite, readout_ms, max_pixels)
+    return batch.estimate_files(
+        photos, output, plot, estimator, reference, readout, overwrite, readout_ms, max_pixels, focal_px
+    )
 
 
 @app.command(name="map")

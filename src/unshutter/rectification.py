@@ -61,6 +61,7 @@ def estimate(
     estimator: str | Estimator = DEFAULT,
     readout: str | Readout = "auto",
     reference: Reference = "first",
+    focal_px: float | None = None,
 ) -> Motion:
     """Finds how the camera moved while the photo was read out.
 
@@ -69,6 +70,7 @@ def estimate(
         estimator: name (see ``unshutter.estimators.ESTIMATORS``) or one made by :func:`unshutter.load`.
         readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
         reference: row at whose moment the global-shutter picture is taken: first, middle or last.
+        focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
 
     Returns:
         The motion for the photo's full size; zero, with a ``reason``, where the photo does not say enough.
@@ -79,7 +81,7 @@ def estimate(
     opened = _open(photo)
     _check_size(opened)
     model = load(estimator) if isinstance(estimator, str) else estimator
-    view = View(opened, Readout.parse(readout))
+    view = View(opened, Readout.parse(readout), focal_px)
     return model.estimate(view).rereferenced(reference)
 
 
@@ -87,6 +89,7 @@ class _Options(TypedDict, total=False):
     estimator: str | Estimator
     motion: Motion | None
     readout: str | Readout
+    focal_px: float | None
     reference: Reference | None
     strength: float
     edges: Edges
@@ -105,6 +108,7 @@ def rectify(
     motion: Motion | None = None,
     readout: str | Readout = "auto",
     reference: Reference | None = None,
+    focal_px: float | None = None,
     strength: float = 1.0,
     edges: Edges = "keep",
 ) -> Any:
@@ -116,6 +120,7 @@ def rectify(
         motion: undo this motion instead of estimating one; it is resized to the photo when its aspect fits.
         readout: direction in which the stored pixels were read; ``auto``: the motion's, else top-to-bottom.
         reference: row at whose moment the picture is taken; by default the motion's own, else the first.
+        focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
             ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
@@ -137,7 +142,8 @@ def rectify(
     _check_size(opened)
     opened.start_decoding()
     if motion is None:
-        found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first")
+        about = {"readout": readout, "reference": reference or "first", "focal_px": focal_px}
+        found = estimate(opened, estimator=estimator, **about)
     else:
         found = fitted(motion, opened.height, opened.width, readout)
         found = found.rereferenced(reference) if reference else found

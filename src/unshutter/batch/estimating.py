@@ -26,6 +26,7 @@ def estimate_files(
     overwrite: bool,
     readout_ms: float | None = None,
     max_pixels: int | None = None,
+    focal_px: float | None = None,
 ) -> int:
     """Estimates the motion of each photo; returns the exit code."""
     inputs = find_photos(photos, leave_out=output)
@@ -49,7 +50,8 @@ def estimate_files(
             make_folder(target.parent)
         for wanted in filter(None, (target, plot)):
             check_place(wanted, overwrite, photo)
-        motion = estimate(ahead.photo(photo), estimator=estimator, readout=readout, reference=reference)
+        options = {"readout": readout, "reference": reference, "focal_px": focal_px}
+        motion = estimate(ahead.photo(photo), estimator=estimator, **options)
         if motion.reason:
             tell(f"{photo}: no motion ({motion.reason})")
         if plot:

@@ -33,6 +33,7 @@ class RectifyOptions:
     readout: str
     quality: int | None
     overwrite: bool
+    focal_px: float | None = None
 
 
 @dataclass(frozen=True)
@@ -123,6 +124,7 @@ def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[
         reference=options.reference,
         strength=options.strength,
         edges=options.edges,
+        focal_px=options.focal_px,
     )
     if job.motion_target is not None:
         save_text(result.motion.to_json() + "\n", job.motion_target)

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RotationMotion
 from unshutter.photo import Photo
 from unshutter.readout import Readout, scene_up
@@ -21,11 +21,18 @@ class View:
         photo: as it was read.
         readout: direction in which the stored pixels were read.
         given_focal_px: focal length that the user knows [px of the full-size picture]; None: EXIF's or a guess.
+
+    Raises:
+        UsageError: a focal length that is not positive.
     """
 
     photo: Photo
     readout: Readout = Readout.TOP_TO_BOTTOM
     given_focal_px: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.given_focal_px is not None and not 0 < self.given_focal_px < float("inf"):
+            raise UsageError(f"the focal length must be positive, got {self.given_focal_px:g} px")
 
     @property
     def height(self) -> int:
