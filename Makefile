@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install -q -c constraints.txt
 
-.PHONY: demo test lint types docs bench clean
+.PHONY: demo test lint types docs bench results clean
 
 demo: .venv/core  ## rectify the photo that the repository ships
 	$(BIN)/unshutter rectify examples/demo.jpg -o examples/demo.rectified.jpg --overwrite --edges crop
@@ -23,6 +23,10 @@ docs: .venv/dev  ## fails on a broken link
 
 bench: .venv/dev
 	$(BIN)/python benchmarks/bench_rectify.py
+	$(BIN)/python benchmarks/bench_estimators.py
+
+results: .venv/dev  ## measures all methods (within an hour) and writes docs/results: make results DATA=../shared/data
+	$(BIN)/python benchmarks/results.py $(DATA)
 
 .venv/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "unshutter needs Python 3.11 or newer: make PYTHON=/path/to/python3.11 ...")'

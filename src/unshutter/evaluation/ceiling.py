@@ -10,7 +10,7 @@ import numpy as np
 
 from unshutter.motion import Motion, Reference
 
-_SHORT_SIDES = (48, 96, 192, 384, 768)  # of the pyramid [px]; the pair's own size at most
+_SHORT_SIDES = (48, 96, 192, 384)  # of the pyramid [px]; 768 gains less than 0.05 dB
 _SHEARS = np.linspace(-0.12, 0.12, 13)  # tried first [rows over the whole readout]
 _STEPS = 12  # at each level
 _NODES = 33  # across and down; the map between them is interpolated

@@ -1,0 +1,133 @@
+"""The pages of docs/results, from the JSON of ``unshutter evaluate``: nothing in them is typed but reading.md.
+
+Called by results.py. A page for each run, an index with the overview, contact sheets of the repository's own photo.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from unshutter.errors import UnshutterError
+from unshutter.evaluation.plots import draw_plots
+from unshutter.evaluation.report import page
+from unshutter.evaluation.results import Results
+from unshutter.evaluation.tables import marked, overview
+
+READING = "reading.md"  # written by hand, kept
+SHEETS = "examples"  # the only run whose pictures may be shown: the photo is in the public domain
+# runs without a page of their own, or with another title
+TITLES = {"others": "Photos that are not of buildings"}
+ABOUT = {
+    "others": "Sample photos of scikit-image as they are: every motion found is wrong.",
+}
+# of the paper's comparison, with the reason should one be missing
+PAPER = ["kandula2020", "rengarajan2017", "rengarajan2016", "purkait2017", "lao2018"]
+
+
+def write_pages(build: Path, docs: Path) -> None:
+    """Writes docs/results anew.
+
+    Args:
+        build: folder of the runs.
+        docs: its files but reading.md are replaced.
+    """
+    try:
+        runs = {path.parent.name: Results.load(path) for path in sorted(build.glob("*/results.json"))}
+    except UnshutterError as error:
+        sys.exit(f"results: {error}")
+    if not runs:
+        sys.exit(f"results: nothing measured yet in {build}: make results DATA=...")
+    docs.mkdir(parents=True, exist_ok=True)
+    for old in docs.iterdir():
+        if old.name != READING and old.suffix in (".md", ".svg", ".jpg"):
+            old.unlink()
+    order = [name for name in ("synthetic", "native", "trajectory", "undistorted", "others") if name in runs]
+    order += [name for name in ("robustness", "pairs", "video") if name in runs]
+    for name in order:
+        (docs / f"{name}.md").write_text(_page(name, runs[name], docs))
+    (docs / "index.md").write_text(_index({name: runs[name] for name in order}, runs.get(SHEETS), build, docs))
+    print(f"wrote {docs}/index.md and {len(order)} pages")
+
+
+def _page(name: str, results: Results, docs: Path) -> str:
+    text = page(results, draw_plots(results, docs, f"{name}-"), [])
+    if name in TITLES:
+        _, _, rest = text.split("\n\n", 2)
+        text = f"# {TITLES[name]}\n\n{ABOUT[name]}\n\n{rest}"
+    return text + "\n[All results](index.md)\n"
+
+
+def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs: Path) -> str:
+    parts = ["# Results", _intro(runs)]
+    wide = {"robustness": ["robustness"], "": [name for name in runs if name != "robustness"]}
+    parts += ["## Overview", _legend(), _overview({n: runs[n] for n in wide[""]})]
+    if "robustness" in runs:
+        parts += ["What photos suffer: median EPE.", _overview({"robustness": runs["robustness"]})]
+    missing = [n for n in PAPER if not any(e.startswith(n) for results in runs.values() for e in results.estimators)]
+    if missing:
+        parts.append(f"Without a row, because this version has no such estimator: {', '.join(missing)}.")
+    if (docs / READING).exists():
+        parts.append((docs / READING).read_text().strip())
+    if examples:
+        parts.append(_sheets(examples, build, docs))
+    parts.append("## Run time and memory")
+    parts += [path.read_text().strip() for path in (build / "estimators.md", build / "rectify.md") if path.exists()]
+    return "\n\n".join(parts) + "\n"
+
+
+def _intro(runs: dict[str, Results]) -> str:
+    about = next(iter(runs.values())).about
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
+    ).stdout.strip()
+    versions = ", ".join(f"{name} {version}" for name, version in about.items() if name not in ("code", "machine"))
+    return (
+        "Every figure here is measured by `make results DATA=...` and written by it; nothing is typed. The photos are "
+        "ones that nothing was trained on and are not part of the repository.\n\n"
+        f"Commit {commit} (code {about.get('code', '?')}), {about.get('machine', '?')}, {versions}."
+    )
+
+
+def _legend() -> str:
+    return (
+        "Median EPE (mean distance of pixels from where they belong) in pixels of 256 rows, less is better; for real "
+        "pairs the mean gain in PSNR; for video |R_F|, our reading of it. Best figure of each column in bold. Each "
+        "heading leads to the full tables, with the command that gives them."
+    )
+
+
+def _overview(runs: dict[str, Results]) -> str:
+    """Rows of estimators, a column for each suite of each run."""
+    columns = [(name, *suite) for name, results in runs.items() for suite in overview(results)]
+    names = list(dict.fromkeys(n for results in runs.values() for n in results.estimators))
+    heads = [
+        f"[{name}: {suite}]({name}.md)" if suite != name else f"[{name}]({name}.md)" for name, suite, *_ in columns
+    ]
+    lines = ["| estimator | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
+    for estimator in names:
+        cells = []
+        for _, _, figures, column in columns:
+            rivals = [figures[n] for n in names if n in figures]
+            cells.append(marked(figures[estimator], rivals, column) if estimator in figures else "–")
+        lines.append(f"| {estimator} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _sheets(examples: Results, build: Path, docs: Path) -> str:
+    parts = [
+        "## In pictures",
+        "The photo is Berthold Werner's of the Constantine Basilica in Trier, in the public domain; the motions are "
+        "drawn. Above each picture the method and its EPE.",
+        f"```sh\n{examples.command}\n```",
+    ]
+    for sheet in sorted((build / SHEETS).glob("sheet_*.jpg")):
+        shutil.copy(sheet, docs / f"example-{sheet.name}")
+        parts.append(f"![Input, what each method made of it, and the truth](example-{sheet.name})")
+    curves = [file for file, _ in draw_plots(examples, docs, "example-") if file.endswith("curves.svg")]
+    parts += [f"![Motions found and true, of the pictures above]({file})" for file in curves]
+    for name in ("epe", "size"):
+        (docs / f"example-{name}.svg").unlink(missing_ok=True)
+    return "\n\n".join(parts)

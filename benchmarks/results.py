@@ -1,0 +1,113 @@
+"""Measures everything that docs/results says, and writes it: ``make results DATA=../shared/data``.
+
+    python benchmarks/results.py DATA [--estimators all] [--jobs 2] [--most N]
+    python benchmarks/results.py --pages-only          # writes the pages again from build/results
+
+DATA is a folder with test/yorkurban, test/eurasiancities, test/urban100, val, real/{bsrsc,fastec,carla} and
+trajectories, none of which are part of the repository. Every run is an ``unshutter evaluate`` into build/results, and
+goes on where it was stopped; one that was made by other code is made anew. How many photos each takes is chosen so
+that all together stay within an hour on two cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from result_pages import write_pages
+
+ROOT = Path(__file__).parent.parent
+BUILD = Path("build/results")
+DOCS = Path("docs/results")
+TEST = ["test/yorkurban", "test/eurasiancities", "test/urban100"]
+REAL = ["real/bsrsc", "real/fastec", "real/carla"]
+# name of the run -> (protocol, folders of DATA, options)
+RUNS = {
+    "synthetic": ("synthetic", [*TEST, "val"], {"--photos": 40, "--per-photo": 2}),
+    "native": ("native", [*TEST, "val"], {"--photos": 25, "--per-photo": 1}),
+    "trajectory": ("trajectory", [*TEST, "val"], {"--photos": 15, "--per-photo": 1}),
+    "undistorted": ("undistorted", [*TEST, "val"], {"--photos": 25}),
+    "robustness": ("robustness", TEST, {"--photos": 10, "--per-photo": 1}),
+    "pairs": ("pairs", REAL, {}),
+    "video": ("video", REAL, {}),
+}
+# photos of scikit-image without buildings: any motion found is wrong, as in all undistorted photos
+OTHERS = ["astronaut", "rocket", "camera", "gravel", "page", "grass", "chelsea", "coffee"]
+BENCHES = {
+    "estimators": ["bench_estimators.py", "--rounds", "3"],
+    "rectify": ["bench_rectify.py", "--runs", "5"],
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, nargs="?", help="folder of the photos and logs")
+    parser.add_argument("--estimators", default="all")
+    parser.add_argument("--jobs", type=int)
+    parser.add_argument("--most", type=int, help="at most so many photos of each folder: for a quick look")
+    parser.add_argument("--docs", type=Path, default=DOCS)
+    parser.add_argument("--pages-only", action="store_true")
+    given = parser.parse_args()
+    if not given.pages_only:
+        _check(given.data)
+        for name, words in _commands(given.data, given.most):
+            words += ["--estimators", given.estimators, "--output", str(BUILD / name), "--overwrite"]
+            _run([sys.executable, "-m", "unshutter", *words, *(["--jobs", str(given.jobs)] if given.jobs else [])])
+        for name, words in BENCHES.items():
+            rounds = [] if name == "rectify" else ["--estimators", given.estimators]
+            text = _run([sys.executable, f"{ROOT}/benchmarks/{words[0]}", *words[1:], *rounds], keep=True)
+            (BUILD / f"{name}.md").write_text(f"```sh\npython benchmarks/{' '.join(words)}\n```\n\n{text}")
+    write_pages(BUILD, given.docs)
+
+
+def _check(data: Path | None) -> None:
+    if data is None:
+        sys.exit("results: say where the photos are: make results DATA=../shared/data")
+    missing = [name for name in (*TEST, "val", *REAL, "trajectories") if not (data / name).is_dir()]
+    if missing:
+        sys.exit(f"results: no folder {data / missing[0]}: DATA must hold {', '.join([*TEST, 'val', *REAL])}")
+
+
+def _commands(data: Path, most: int | None) -> Iterator[tuple[str, list[str]]]:
+    """(name, words of ``unshutter``) of each run."""
+    for name, (protocol, folders, options) in RUNS.items():
+        words = ["evaluate", "--protocol", protocol, "--data", *(str(data / folder) for folder in folders)]
+        if protocol == "trajectory":
+            words += ["--trajectory", str(data / "trajectories")]
+        for option, value in options.items():
+            words += [option, str(min(value, most) if most and option == "--photos" else value)]
+        yield name, words
+    others = [str(folder) for folder in _photos_of_scikit_image()]
+    yield "others", ["evaluate", "--protocol", "undistorted", "--data", *others]
+    examples = ["--data", "examples/original", "--per-photo", "12", "--seed", "1"]
+    yield "examples", ["evaluate", "--protocol", "synthetic", *examples]
+
+
+def _photos_of_scikit_image() -> list[Path]:
+    """Each in a folder of its own, so that each has its row."""
+    import skimage.data
+
+    from unshutter.photo import Photo
+
+    folders = []
+    for name in OTHERS:
+        folder = BUILD / "photos" / name
+        folder.mkdir(parents=True, exist_ok=True)
+        Photo.from_array(getattr(skimage.data, name)()).save(folder / f"{name}.png", overwrite=True)
+        folders.append(folder)
+    return folders
+
+
+def _run(command: list[str], keep: bool = False) -> str:
+    print("+", *(word if word != sys.executable else "python" for word in command), flush=True)
+    done = subprocess.run(command, stdout=subprocess.PIPE if keep else None, text=True)
+    if done.returncode:
+        sys.exit(f"results: stopped; what was measured is kept in {BUILD}")
+    return done.stdout or ""
+
+
+if __name__ == "__main__":
+    main()
