@@ -103,7 +103,7 @@ class Results:
         stream = io.StringIO()
         writer = csv.DictWriter(stream, columns, lineterminator="\n")
         writer.writeheader()
-        writer.writerows({k: _rounded(v) for k, v in record.items()} for record in self.records)
+        writer.writerows(self.records)
         return stream.getvalue()
 
     def values(self, key: str, **wanted: str) -> np.ndarray:
@@ -143,7 +143,3 @@ def _curve(motion: Motion) -> dict[str, list[float]]:
     tx, rz = np.interp(rows, known, motion.tx_px) * 256 / motion.height, np.interp(rows, known, motion.rz_rad)
     share = np.linspace(0, 1, _CURVE_ROWS)
     return {"row": share.tolist(), "tx": tx.round(3).tolist(), "rz": np.degrees(rz).round(4).tolist()}
-
-
-def _rounded(value: Any) -> Any:
-    return round(value, 5) if isinstance(value, float) else value

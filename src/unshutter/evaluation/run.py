@@ -22,6 +22,8 @@ from unshutter.evaluation.results import Results, examples_of
 from unshutter.evaluation.store import Store
 from unshutter.progress import Progress
 
+# what the libraries ask for how many threads they may start
+_THREADS = ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 # (case, estimators still to be judged)
 _Task = tuple[Case, list[str]]
 
@@ -94,6 +96,8 @@ def _judged(tasks: list[_Task], jobs: int) -> Iterator[tuple[_Task, list[Record]
         return
     # spawned, not forked: libvips and OpenCV have threads that a fork would lose
     pool = ProcessPoolExecutor(min(jobs, len(tasks)), get_context("spawn"), _one_thread_each)
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))  # read by the libraries when the processes start
     try:
         running = {pool.submit(_judge, *task): task for task in tasks}
         for done in as_completed(running):
@@ -102,6 +106,9 @@ def _judged(tasks: list[_Task], jobs: int) -> Iterator[tuple[_Task, list[Record]
         raise UnshutterError("a process died (out of memory?): what was finished is kept; try fewer --jobs") from None
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+        for name, value in before.items():
+            os.environ.pop(name)
+            os.environ.update({name: value} if value is not None else {})
 
 
 def _judge(case: Case, names: list[str]) -> list[Record] | str:
@@ -118,9 +125,8 @@ def _loaded(name: str) -> Estimator:
 
 
 def _one_thread_each() -> None:
-    """Set up in each process before anything heavy is imported: processes are the parallelism here."""
+    """Sets up each process: processes are the parallelism here."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process says when to stop
-    os.environ["VIPS_CONCURRENCY"] = os.environ["OMP_NUM_THREADS"] = "1"
     import cv2
 
     cv2.setNumThreads(1)

@@ -13,6 +13,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.evaluation.case import Record
 
 _NAME = "records.jsonl"
+_DIGITS = 5
 
 
 class Store:
@@ -50,7 +51,7 @@ class Store:
         """
         lines = []
         for name in names:
-            own = [record for record in records if record["estimator"] == name]
+            own = [_rounded(record) for record in records if record["estimator"] == name]
             self._done[key, name] = own
             lines.append(json.dumps({"key": key, "estimator": name, "records": own}) + "\n")
         try:
@@ -91,6 +92,11 @@ def code_digest() -> str:
     for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".onnx")):
         digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def _rounded(record: Record) -> Record:
+    """Without the last digits, in which threads and processors differ."""
+    return {key: round(value, _DIGITS) if isinstance(value, float) else value for key, value in record.items()}
 
 
 def _parsed(line: str) -> dict | None:
