@@ -1,10 +1,11 @@
 """Whole-process time and peak memory of ``unshutter rectify`` beside the least that the same libvips can do.
 
-    python benchmarks/bench_rectify.py [--runs 7] [--megapixels 12]
+    python benchmarks/bench_rectify.py [--runs 7] [--megapixels 12] [--format jpeg | tiff16]
 
-The floor is one Python process that imports pyvips, decodes the JPEG, warps it by the identity (bicubic mapim) and
-encodes it with the same quality. Both run in turn after a warm-up; ratios are taken pair by pair, since machines
-are noisy. The photo is the shipped one, enlarged. Also timed: ``unshutter --version`` and ``import unshutter``.
+The floor is one Python process that imports pyvips, decodes the photo, warps it by the identity (bicubic mapim) and
+encodes it alike: JPEG with the same quality, or TIFF of 16 bits without compression. Both run in turn after a
+warm-up; ratios are taken pair by pair, since machines are noisy. The photo is the shipped one, enlarged. Also timed:
+a folder, ``unshutter --version`` and ``import unshutter``.
 """
 
 from __future__ import annotations
@@ -25,9 +26,11 @@ import sys, pyvips
 image = pyvips.Image.new_from_file(sys.argv[1])
 index = pyvips.Image.xyz(image.width, image.height)
 out = image.mapim(index, interpolate=pyvips.Interpolate.new("bicubic"))
-out.jpegsave(sys.argv[2], Q=int(sys.argv[3]))
+out.{save}
 """
 QUALITY = 92
+# name: (file ending, how the floor and the photo are written)
+FORMATS = {"jpeg": (".jpg", f"jpegsave(sys.argv[2], Q={QUALITY})"), "tiff16": (".tif", "tiffsave(sys.argv[2])")}
 
 
 def run(command: list[str]) -> tuple[float, float]:
@@ -52,25 +55,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=7)
     parser.add_argument("--megapixels", type=float, default=12)
+    parser.add_argument("--format", choices=FORMATS, default="jpeg")
     given = parser.parse_args()
     import pyvips
 
+    suffix, save = FORMATS[given.format]
+
     with tempfile.TemporaryDirectory() as folder:
-        photo, out = f"{folder}/photo.jpg", f"{folder}/out.jpg"
+        photo, out = f"{folder}/photo{suffix}", f"{folder}/out{suffix}"
         original = pyvips.Image.new_from_file(str(ORIGINAL))
         scale = (given.megapixels * 1e6 / (original.width * original.height)) ** 0.5
-        original.resize(scale).jpegsave(photo, Q=QUALITY)
+        enlarged = original.resize(scale)
+        if given.format == "jpeg":
+            enlarged.jpegsave(photo, Q=QUALITY)
+        else:
+            (enlarged.cast("ushort") * 257).cast("ushort").copy(interpretation="rgb16").tiffsave(photo)
         ours = [sys.executable, "-m", "unshutter", "rectify", photo, "-o", out, "--overwrite"]
-        floor = [sys.executable, "-c", FLOOR, photo, out, str(QUALITY)]
+        floor = [sys.executable, "-c", FLOOR.format(save=save), photo, out]
         for command in (ours, floor):
             run(command)
         measured = [(run(ours), run(floor)) for _ in range(given.runs)]
         many = Path(folder) / "many"
         many.mkdir()
         for k in range(8):
-            (many / f"{k}.jpg").write_bytes(Path(photo).read_bytes())
-        batch = [sys.executable, "-m", "unshutter", "rectify", str(many), "-o", f"{folder}/out", "--overwrite"]
-        eight = [run(batch)[0] for _ in range(max(given.runs // 2, 2))]
+            (many / f"{k}{suffix}").write_bytes(Path(photo).read_bytes())
+        batch = [sys.executable, "-m", "unshutter", "rectify", str(many), "-o"]
+        eight = [run([*batch, f"{folder}/out{k}"])[0] for k in range(max(given.runs // 2, 2))]
         version = [run([sys.executable, "-m", "unshutter", "--version"])[0] for _ in range(given.runs)]
         bare = [run([sys.executable, "-c", "pass"])[0] for _ in range(given.runs)]
         package = [run([sys.executable, "-c", "import unshutter"])[0] for _ in range(given.runs)]
@@ -79,7 +89,7 @@ def main() -> None:
         ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
     ).stdout.strip()
     print(f"Commit {commit}, {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, ")
-    print(f"{given.megapixels:g} MP JPEG, {given.runs} runs after a warm-up: median (least … most)\n")
+    print(f"{given.megapixels:g} MP {given.format}, {given.runs} runs after a warm-up: median (least … most)\n")
     print("| | whole process | peak memory |\n|---|---|---|")
     for name, k in (("`unshutter rectify`", 0), ("floor: decode, identity mapim, encode", 1)):
         seconds, memory = ([m[k][i] for m in measured] for i in (0, 1))

@@ -93,6 +93,7 @@ def bilinear(pixels, col, row):
     rz=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
 )
 @example(height=129, width=65, readout=Readout.LEFT_TO_RIGHT, tx=(0.1, 0.1), rz=(0.05, 0.05))  # nodes on the border
+@example(height=83, width=2, readout=Readout.RIGHT_TO_LEFT, tx=(0, 0.0625), rz=(0.046875, 0))  # cells across it
 def test_map_and_mask_equal_the_exact_inverse_at_every_pixel(height, width, readout, tx, rz):
     rows, cols = readout.frame_size(height, width)
     if not 0.5 <= rows / cols <= 2:

@@ -116,7 +116,7 @@ class SamplingGrid:
         while settled < 2:
             if steps[axis] > 1:
                 finer_at, finer = _halved(position, at, nodes, axis)
-                if _worst_inside(finer, axis, height, width) > _TOLERANCE:
+                if _worst_inside(finer, axis, height, width, steps[axis]) > _TOLERANCE:
                     nodes, at[axis], steps[axis], settled = finer, finer_at, steps[axis] // 2, 0
                     continue
             axis, settled = 1 - axis, settled + 1
@@ -214,8 +214,12 @@ def _halved(position: PositionMap, at: list[np.ndarray], nodes: np.ndarray, axis
     return finer_at, finer
 
 
-def _worst_inside(finer: np.ndarray, axis: int, height: int, width: int) -> float:
-    """Largest error [px] of interpolating every other node along an axis, among positions inside."""
+def _worst_inside(finer: np.ndarray, axis: int, height: int, width: int, step: int) -> float:
+    """Largest error [px] of interpolating every other node along an axis, among positions inside.
+
+    Also among those half a step outside: other pixels of their cells may look inside.
+    """
+    near = max(step / 2, 1)
     lines = np.moveaxis(finer, axis, 0)
     before, exact, after = lines[:-1:2], lines[1::2], lines[2::2]
     band = max(_BAND_POINTS // exact.shape[1], 1)
@@ -224,6 +228,6 @@ def _worst_inside(finer: np.ndarray, axis: int, height: int, width: int) -> floa
         part = slice(first, first + band)
         error = np.abs(exact[part] - (before[part] + after[part]) / 2).max(axis=-1)
         col, row = exact[part, :, 0], exact[part, :, 1]
-        inside = (col >= -1) & (col <= width) & (row >= -1) & (row <= height)
+        inside = (col >= -near) & (col <= width - 1 + near) & (row >= -near) & (row <= height - 1 + near)
         worst = max(worst, float(error[inside].max(initial=0.0)))
     return worst
