@@ -20,6 +20,8 @@ ESTIMATORS = {
     "rengarajan2016": "unshutter.estimators.rengarajan2016:Rengarajan2016",
     "purkait2017": "unshutter.estimators.purkait2017:Purkait2017",
     "lao2018": "unshutter.estimators.lao2018:Lao2018",
+    "segment-manhattan": "unshutter.estimators.segment_manhattan:SegmentManhattan",
+    "manhattan": "unshutter.estimators.manhattan:Manhattan",
     "none": "unshutter.estimators.none:DoNothing",
 }
 DEFAULT = "segment-transformer"

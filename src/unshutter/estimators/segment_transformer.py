@@ -50,7 +50,7 @@ class SegmentTransformer:
         if len(segments) < FEWEST_SEGMENTS:
             return view.no_motion(self.name, f"only {len(segments)} straight segments found")
         coefficients = self.coefficients(in_rows(segments, *grey.shape), view.up)
-        return self._motion(coefficients, view)
+        return cubic_motion(coefficients, view, self.name)
 
     def coefficients(self, segments: np.ndarray, up: tuple[int, int] = (0, -1)) -> np.ndarray:
         """Runs the network.
@@ -67,16 +67,26 @@ class SegmentTransformer:
         (answer,) = self._session.result().run(None, {"tokens": tokens[None].astype(np.float32), "mask": mask})
         return np.asarray(answer, dtype=np.float64)[0]
 
-    def _motion(self, coefficients: np.ndarray, view: View) -> Motion:
-        u = (np.arange(view.height) + 0.5) / view.height
-        tx, rz = (c[0] * u + c[1] * u**2 + c[2] * u**3 for c in coefficients)
-        return Motion(
-            width=view.width,
-            tx_px=(tx - tx[0]) * view.height,
-            rz_rad=rz - rz[0],
-            readout=view.readout,
-            estimator=self.name,
-        )
+
+def cubic_motion(coefficients: np.ndarray, view: View, estimator: str, confidence: float | None = None) -> Motion:
+    """The motion of a photo from coefficients of u, u^2, u^3, first row as the reference.
+
+    Args:
+        coefficients: [2, 3], as :meth:`SegmentTransformer.coefficients` returns them.
+        view: the photo.
+        estimator: what found them.
+        confidence: see :class:`Motion`.
+    """
+    u = (np.arange(view.height) + 0.5) / view.height
+    tx, rz = (c[0] * u + c[1] * u**2 + c[2] * u**3 for c in coefficients)
+    return Motion(
+        width=view.width,
+        tx_px=(tx - tx[0]) * view.height,
+        rz_rad=rz - rz[0],
+        readout=view.readout,
+        estimator=estimator,
+        confidence=confidence,
+    )
 
 
 def _open_session(weights: str | os.PathLike[str] | None) -> InferenceSession:
