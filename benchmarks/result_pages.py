@@ -42,7 +42,7 @@ def write_pages(build: Path, docs: Path) -> None:
         sys.exit(f"results: nothing measured yet in {build}: make results DATA=...")
     docs.mkdir(parents=True, exist_ok=True)
     for old in docs.iterdir():
-        if old.name != READING and old.suffix in (".md", ".svg", ".jpg"):
+        if old.name != READING and old.suffix in (".md", ".png", ".jpg"):
             old.unlink()
     order = [name for name in ("synthetic", "native", "trajectory", "undistorted", "others") if name in runs]
     order += [name for name in ("robustness", "pairs", "video") if name in runs]
@@ -126,8 +126,8 @@ def _sheets(examples: Results, build: Path, docs: Path) -> str:
     for sheet in sorted((build / SHEETS).glob("sheet_*.jpg")):
         shutil.copy(sheet, docs / f"example-{sheet.name}")
         parts.append(f"![Input, what each method made of it, and the truth](example-{sheet.name})")
-    curves = [file for file, _ in draw_plots(examples, docs, "example-") if file.endswith("curves.svg")]
+    curves = [file for file, _ in draw_plots(examples, docs, "example-") if file.endswith("curves.png")]
     parts += [f"![Motions found and true, of the pictures above]({file})" for file in curves]
     for name in ("epe", "size"):
-        (docs / f"example-{name}.svg").unlink(missing_ok=True)
+        (docs / f"example-{name}.png").unlink(missing_ok=True)
     return "\n\n".join(parts)

@@ -48,7 +48,7 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
 def test_a_run_leaves_tables_figures_plots_and_sheets(photos: Path, tmp_path: Path) -> None:
     assert run(photos, tmp_path / "out", "--per-photo", "2") == 0
     names = {p.name for p in (tmp_path / "out").iterdir()}
-    assert {"results.md", "results.json", "results.csv", "epe.svg", "size.svg", "curves.svg", "sheet_1.jpg"} <= names
+    assert {"results.md", "results.json", "results.csv", "epe.png", "size.png", "curves.png", "sheet_1.jpg"} <= names
     rows = rows_of(tmp_path / "out")
     assert len(rows) == 2 * 2 * 2  # photos, draws, estimators
     assert {row["photo"] for row in rows} == {"a.png", "more/b.jpg"}
@@ -56,13 +56,13 @@ def test_a_run_leaves_tables_figures_plots_and_sheets(photos: Path, tmp_path: Pa
     assert "unshutter evaluate --protocol synthetic --data" in page
     own = np.array([float(row["epe"]) for row in rows if row["estimator"] == "segment-transformer"])
     assert f"{np.median(own):.2f}" in page
-    assert page.count("![") == sum(name in page for name in names if name.endswith((".svg", ".jpg")))
+    assert page.count("![") == sum(name in page for name in names if name.endswith((".png", ".jpg")))
 
 
 def test_twice_the_same_figures_whatever_the_number_of_processes(photos: Path, tmp_path: Path) -> None:
     for name, jobs in (("one", 1), ("two", 2)):
         assert run(photos, tmp_path / name, jobs=jobs) == 0
-    for file in ("results.csv", "results.json", "results.md", "epe.svg", "sheet_1.jpg"):
+    for file in ("results.csv", "results.json", "results.md", "epe.png", "sheet_1.jpg"):
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes(), file
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,8 @@ from unshutter.files import written_whole
 
 _QUANTILES = np.linspace(0, 1, 41)
 _BINS = 6
-# SVG with text as text, and the same bytes for the same figures
-_STYLE: dict[Any, Any] = {"svg.hashsalt": "unshutter", "svg.fonttype": NOTHING, "font.size": 9}
+_STYLE: dict[Any, Any] = {"font.size": 9}
+_DPI = 110
 
 
 def check_matplotlib() -> None:
@@ -55,7 +56,7 @@ def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[s
         plots.append(("curves", "Motions found (coloured) and true (black) of some pictures.", _curves))
     drawn = []
     for name, caption, draw in plots:
-        file = f"{prefix}{name}.svg"
+        file = f"{prefix}{name}.png"
         _save(draw(results), folder / file)
         drawn.append((file, caption))
     return drawn
@@ -69,10 +70,16 @@ def _figure(panels: int, height: float = 3.0, rows: int = 1):
 
 
 def _save(figure: Any, path: Path) -> None:
+    """A PNG with few colours: a third of the size, and no larger for more methods, as SVG would be."""
     import matplotlib
+    import pyvips
 
-    with matplotlib.rc_context(_STYLE), written_whole(path) as part:
-        figure.savefig(part, metadata={"Date": None})
+    stream = io.BytesIO()
+    with matplotlib.rc_context(_STYLE):
+        figure.savefig(stream, format="png", dpi=_DPI)
+    image = pyvips.Image.new_from_buffer(stream.getvalue(), "").flatten(background=255)
+    with written_whole(path) as part:
+        image.pngsave(str(part), palette=True, Q=80, dither=0, effort=7)
 
 
 def _panels(results: Results) -> list[tuple[str, dict[str, str]]]:
