@@ -5,26 +5,23 @@ the result lies there under its name, a second one says what it is. Whatever hap
 a result that was begun and not finished, and does it again. A record that was cut short counts for nothing.
 
 In a folder it is one file, ``unshutter-manifest.jsonl``, that several runs may add to at once. Objects cannot be
-added to: behind a URL each run has its own, ``unshutter-manifest/RUN.jsonl``.
+added to: behind a URL each run writes pieces, ``unshutter-manifest/RUN-NUMBER.jsonl``, and in the end one of them.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import time
 from pathlib import Path
 from typing import Any, Literal
 
-from unshutter.batch.places import Place, Remote, absolute, fingerprint, make_folder
+from unshutter.batch.places import Place, Remote, absolute, fingerprint, make_folder, remove
 from unshutter.batch.work import Job, Outcome
 from unshutter.errors import UnshutterError
 from unshutter.version import __version__
 
 NAME = "unshutter-manifest"
-RECEIPTS = "unshutter-receipts"
-_REWRITE_S = 10.0  # how often a manifest object is written anew
 Verdict = Literal["finished", "ours", "another's", "unknown"]
 
 
@@ -47,7 +44,7 @@ class Manifest:
         self._read_to = 0  # bytes of the journal
         self._news: set[str] = set()  # results that other runs have had to do with since this one started
         self._lines: list[str] = []  # of this run, for objects
-        self._written_s = time.monotonic()
+        self._pieces: list[int] = [0]  # how many of the lines were written with each
         if isinstance(folder, Remote):
             for name in folder.files():
                 if name.startswith(f"{NAME}/") and name.endswith(".jsonl"):
@@ -166,11 +163,6 @@ class Manifest:
             "at": at,
         }
 
-    def receipt(self, job: Job) -> Place:
-        """Where a worker that nobody may hear of leaves word: one place for this photo, result and options."""
-        about = json.dumps([self._key(job.target), fingerprint(job.source), self._options])
-        return self._folder / f"{RECEIPTS}/{hashlib.sha256(about.encode()).hexdigest()[:24]}.json"
-
     def _key(self, target: Place) -> str:
         """A result's name: its way from the folder, so that the folder may be moved."""
         if isinstance(target, Remote):
@@ -184,8 +176,6 @@ class Manifest:
         if isinstance(self._folder, Remote):
             self._take(text.encode())
             self._lines.append(text)
-            if time.monotonic() - self._written_s > _REWRITE_S:
-                self.close()
             return
         path = self._folder / f"{NAME}.jsonl"
         make_folder(self._folder)
@@ -203,15 +193,30 @@ class Manifest:
             raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
         self.refresh()
 
-    def close(self) -> None:
-        """Writes what is not yet written.
+    def flush(self) -> None:
+        """Writes what is not yet written; to be called between :meth:`begin` and the work.
 
         Raises:
             UnshutterError: the manifest cannot be written.
         """
-        if isinstance(self._folder, Remote) and self._lines:
-            (self._folder / NAME / f"{self.run}.jsonl").write("".join(self._lines).encode())
-            self._written_s = time.monotonic()
+        if isinstance(self._folder, Remote) and len(self._lines) > self._pieces[-1]:
+            self._piece(self._folder, len(self._pieces)).write("".join(self._lines[self._pieces[-1] :]).encode())
+            self._pieces.append(len(self._lines))
+
+    def close(self) -> None:
+        """Writes what is not yet written, and makes one of the pieces.
+
+        Raises:
+            UnshutterError: the manifest cannot be written.
+        """
+        self.flush()
+        if isinstance(self._folder, Remote) and len(self._pieces) > 2:
+            self._piece(self._folder, 0).write("".join(self._lines).encode())
+            for number in range(1, len(self._pieces)):
+                remove(self._piece(self._folder, number))
+
+    def _piece(self, folder: Remote, number: int) -> Remote:
+        return folder / NAME / f"{self.run}-{number:06}.jsonl"
 
 
 def _last_byte(descriptor: int, size: int) -> bytes:

@@ -35,7 +35,8 @@ class Remote:
         return self.url
 
     def __truediv__(self, relative: str | PurePosixPath) -> Remote:
-        return Remote(f"{self.url.rstrip('/')}/{PurePosixPath(relative).as_posix()}")
+        inside = PurePosixPath(relative).as_posix()
+        return self if inside == "." else Remote(f"{self.url}/{inside}")
 
     @property
     def _pure(self) -> PurePosixPath:
@@ -206,13 +207,12 @@ def make_folder(folder: Place) -> None:
 
 
 def remove(where: Place) -> None:
-    """Removes a file of ours and, in a folder, the folder when that was its last; what cannot be removed stays."""
+    """Removes a file of ours; what cannot be removed stays."""
     with suppress(OSError, UnshutterError):
         if isinstance(where, Remote):
             where.remove()
         else:
             where.unlink(missing_ok=True)
-            where.parent.rmdir()
 
 
 def save_picture(result: Rectified, target: Place, overwrite: bool, quality: int | None) -> None:

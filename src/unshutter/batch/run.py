@@ -8,7 +8,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import replace
 
 from unshutter.batch.manifest import Manifest
-from unshutter.batch.places import Place, check_place, remove
+from unshutter.batch.places import check_place, fingerprint
 from unshutter.batch.report import Report, naming_the_photo
 from unshutter.batch.work import Job, Outcome
 from unshutter.batch.workers import Workers
@@ -34,7 +34,6 @@ class Batch:
         self._report = report
         self._running: dict[Future[Outcome], Job] = {}
         self._later: deque[Job] = deque()  # until another run has finished them, or is known to be dead
-        self._receipts: list[Place] = []
 
     def run(self, jobs: Iterable[Job]) -> None:
         """Does all of them.
@@ -45,12 +44,17 @@ class Batch:
         waiting = deque(jobs)
         try:
             while waiting or self._later or self._running:
-                while (waiting or self._later) and len(self._running) < self._workers.at_once:
+                starting: list[Job] = []
+                while (waiting or self._later) and len(self._running) + len(starting) < self._workers.at_once:
                     job = waiting.popleft() if waiting else self._later.popleft()
                     if waiting and self._another_has_begun(job):
                         self._later.append(job)
-                    else:
-                        self._start(job)
+                    elif self._may_start(job):
+                        starting.append(self._begun(job))
+                if self._manifest is not None:
+                    self._manifest.flush()
+                for job in starting:
+                    self._running[self._workers.executor.submit(self._work, job)] = job
                 self._collect()
         except KeyboardInterrupt:
             self._stop()
@@ -58,8 +62,6 @@ class Batch:
         finally:
             if self._manifest is not None:
                 self._manifest.close()
-                for receipt in self._receipts:
-                    remove(receipt)
 
     def _another_has_begun(self, job: Job) -> bool:
         if self._manifest is None:
@@ -67,22 +69,27 @@ class Batch:
         self._manifest.refresh()
         return self._manifest.begun_by_another(job)
 
-    def _start(self, job: Job) -> None:
+    def _may_start(self, job: Job) -> bool:
+        """Whether there is anything to do that may be done; says so if not."""
         if self._manifest is not None and self._manifest.finished_by_another(job):
             self._report.skipped(job.source, job.target)
-            return
+            return False
         try:
             naming_the_photo(job.source, lambda source: check_place(job.target, job.overwrite, source))
         except UnshutterError as error:
             if not self._put_off(job):
                 self._report_on(job, Outcome(str(error), isinstance(error, UsageError)))
-            return
+            return False
+        return True
+
+    def _begun(self, job: Job) -> Job:
+        """The job as it is given away."""
         if self._manifest is not None:
             self._manifest.begin(job)
-        if self._workers.elsewhere and self._manifest is not None:
-            # from here on, what lies at the target can only come from the job itself, done once before
-            job = replace(job, overwrite=True, receipt=self._manifest.receipt(job))
-        self._running[self._workers.executor.submit(self._work, job)] = job
+        if not self._workers.elsewhere:
+            return job
+        # from here on, what is new at the target can only come from this job
+        return replace(job, overwrite=True, told_twice=True, before=fingerprint(job.target))
 
     def _collect(self) -> None:
         """Waits for at least one job; nothing to wait for, no wait."""
@@ -130,8 +137,6 @@ class Batch:
             return
         if self._manifest is not None:
             self._manifest.end(job, outcome)
-            if job.receipt is not None:
-                self._receipts.append(job.receipt)
         self._report_on(job, outcome)
 
     def _report_on(self, job: Job, outcome: Outcome) -> None:

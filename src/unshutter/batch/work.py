@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.batch.places import Place, Remote, check_place, fingerprint, open_photo, save_picture, save_text
+from unshutter.batch.places import Place, check_place, fingerprint, open_photo, save_picture, save_text
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
@@ -46,8 +44,9 @@ class Job:
         motion_target: its motion file, if one is wanted.
         overwrite: whether the target may replace what is there.
         max_pixels: of a photo that is read.
-        receipt: a small file that says how it went, for a worker that does the job a second time because the
-            first one was killed before anyone heard of it.
+        told_twice: whether the job may come to a worker a second time, because the first one died before anybody
+            heard how it went.
+        before: fingerprint of what was at the target when the job was first given away.
     """
 
     source: Place
@@ -55,7 +54,8 @@ class Job:
     motion_target: Place | None
     overwrite: bool
     max_pixels: int
-    receipt: Place | None = None
+    told_twice: bool = False
+    before: str | None = None
 
 
 @dataclass(frozen=True)
@@ -91,20 +91,15 @@ def do_job(
         motion: text of the motion file that ``options`` name: other machines may not have it.
         opened: gives photos that have been read ahead.
     """
-    earlier = _receipt(job)
-    if earlier is not None:
-        return earlier
+    if job.told_twice and fingerprint(job.target) not in (None, job.before):
+        return _done_before(job)
     start = time.perf_counter()
     outcomes: list[Outcome] = []
     try:
         naming_the_photo(job.source, lambda _: outcomes.append(_do(job, options, motion, opened)))
     except UnshutterError as error:
         return Outcome(str(error), isinstance(error, UsageError), seconds=time.perf_counter() - start)
-    outcome = Outcome(**{**asdict(outcomes[0]), "seconds": time.perf_counter() - start})
-    if job.receipt is not None:
-        with suppress(UnshutterError):  # without it the job may be done twice, no worse
-            save_text(json.dumps(asdict(outcome)), job.receipt)
-    return outcome
+    return replace(outcomes[0], seconds=time.perf_counter() - start)
 
 
 def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[[Place], Photo] | None) -> Outcome:
@@ -145,17 +140,7 @@ def _parsed(text: str) -> Motion:
     return Motion.from_json(text)
 
 
-def _receipt(job: Job) -> Outcome | None:
-    """How it went when another worker did the same job."""
-    if job.receipt is None:
-        return None
-    try:
-        if isinstance(job.receipt, Remote):
-            if job.receipt.fingerprint() is None:
-                return None
-            text = job.receipt.read().decode()
-        else:
-            text = Path(job.receipt).read_text(encoding="utf-8")
-        return Outcome(**json.loads(text))
-    except (OSError, UnshutterError, ValueError, TypeError):
-        return None
+def _done_before(job: Job) -> Outcome:
+    """What the job's first worker wrote, whole as everything that has its name; the picture came last."""
+    motion_is = fingerprint(job.motion_target) if job.motion_target is not None else None
+    return Outcome(source_is=fingerprint(job.source), target_is=fingerprint(job.target), motion_is=motion_is)

@@ -110,7 +110,7 @@ def cluster(address: str) -> Iterator[Workers]:
     except ImportError as error:
         raise UnshutterError(f"--scheduler needs the extra: pip install 'unshutter[dask]' ({error})") from None
     try:
-        client = Client(address, timeout=10, set_as_default=False)
+        client = Client(address, timeout=5, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise UnshutterError(f"cannot reach the Dask scheduler {address}: {' '.join(str(error).split())}") from None
     with client:
