@@ -73,8 +73,9 @@ def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs
         parts.append((docs / READING).read_text().strip())
     if examples:
         parts.append(_sheets(examples, build, docs))
-    parts.append("## Run time and memory")
-    parts += [path.read_text().strip() for path in (build / "estimators.md", build / "rectify.md") if path.exists()]
+    timings = [path.read_text().strip() for path in (build / "estimators.md", build / "rectify.md") if path.exists()]
+    if timings:
+        parts += ["## Run time and memory", *timings]
     return "\n\n".join(parts) + "\n"
 
 

@@ -68,7 +68,9 @@ def _check(data: Path | None) -> None:
         sys.exit("results: say where the photos are: make results DATA=../shared/data")
     missing = [name for name in (*TEST, "val", *REAL, "trajectories") if not (data / name).is_dir()]
     if missing:
-        sys.exit(f"results: no folder {data / missing[0]}: DATA must hold {', '.join([*TEST, 'val', *REAL])}")
+        sys.exit(
+            f"results: no folder {data / missing[0]}: DATA must hold {', '.join([*TEST, 'val', *REAL, 'trajectories'])}"
+        )
 
 
 def _commands(data: Path, most: int | None) -> Iterator[tuple[str, list[str]]]:
