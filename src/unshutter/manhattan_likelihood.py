@@ -41,6 +41,8 @@ class Beliefs:
     askew: float = 4 * _DEGREE  # roll of the cameras that were not held with care,
     askew_share: float = 0.1  # and how many they are
     tilt: float = 9 * _DEGREE
+    steep: float = 25 * _DEGREE  # tilt of the cameras that look up at towers or down from them,
+    steep_share: float = 0.15  # and how many they are
     focal_rows: float = 1.7  # median focal length of a picture as high as wide
     focal_spread: float = 0.35  # of its logarithm
     tx: tuple[float, float, float] = (0.06, 0.08, 0.01)  # of the coefficients of t_x
@@ -147,16 +149,21 @@ class ManhattanLikelihood:
         b = self.beliefs
         off = (unknowns - self.expected) / self.scales
         precision = np.broadcast_to(1 / self.scales**2, unknowns.shape).copy()
-        roll = unknowns[:, ROLL]
-        careful, askew = (
-            np.log(share / s) - 0.5 * (roll / s) ** 2
-            for share, s in ((1 - b.askew_share, b.roll), (b.askew_share, b.askew))
-        )
-        both = np.logaddexp(careful, askew)
-        was_careful = np.exp(careful - both)
-        precision[:, ROLL] = was_careful / b.roll**2 + (1 - was_careful) / b.askew**2
-        off[:, ROLL] = 0
-        energy = 0.5 * (off**2).sum(-1) - both
+        energy = np.zeros(len(unknowns))
+        for k, usual, rare, share in (
+            (ROLL, b.roll, b.askew, b.askew_share),
+            (TILT, b.tilt, b.steep, b.steep_share),
+        ):
+            likely = [
+                math.log(part / spread) - 0.5 * (unknowns[:, k] / spread) ** 2
+                for part, spread in ((1 - share, usual), (share, rare))
+            ]
+            both = np.logaddexp(*likely)
+            is_usual = np.exp(likely[0] - both)
+            precision[:, k] = is_usual / usual**2 + (1 - is_usual) / rare**2
+            off[:, k] = 0
+            energy -= both
+        energy += 0.5 * (off**2).sum(-1)
         gradient = precision * (unknowns - self.expected)
         hessian = precision[:, :, None] * np.eye(UNKNOWNS)
         if self.opinion is not None:

@@ -12,7 +12,7 @@ from unshutter.manhattan_likelihood import LOG_FOCAL, MOTION, TILT, UNKNOWNS, YA
 
 _CAMERA = slice(MOTION.stop, UNKNOWNS)
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
-_TILTS = np.radians([-8, 0, 8, 18])
+_TILTS = np.radians([-8, 0, 8, 18, 32])
 _LOG_FOCALS = np.array([-0.35, 0.25])  # about the expected one
 _OTHER_YAW = 0.2  # rad between poses that are tried from one motion
 _FIRST_STEPS = 10  # of every start;
@@ -43,13 +43,18 @@ class Posterior:
         return math.sqrt(max(float(np.sum(_DISPLACEMENT * self.covariance)), 0.0))
 
     @property
+    def size(self) -> float:
+        """Root mean square displacement [rows] that the mean does to a square picture."""
+        return displacement(self.mean)
+
+    @property
     def confidence(self) -> float:
         """0 ... 1, falling with the expected error; a half at _HALF_TRUSTED."""
         return 1 / (1 + (self.expected_error / _HALF_TRUSTED) ** 2)
 
 
 def explore(
-    likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], still_prior: float = 0.1, poses: int = 2
+    likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], still_prior: float = 0.5, poses: int = 2
 ) -> Posterior:
     """Finds the optima near some motions, with the camera's pose searched for each.
 
@@ -145,10 +150,14 @@ def _different(found: np.ndarray, energy: np.ndarray) -> list[int]:
     """One index for each optimum, the best first: several starts may have led to it."""
     kept: list[int] = []
     for k in np.argsort(energy, kind="stable"):
-        apart = [found[k, MOTION] - found[j, MOTION] for j in kept]
-        if all(math.sqrt(a @ _DISPLACEMENT @ a) > _SAME for a in apart):
+        if all(displacement(found[k, MOTION] - found[j, MOTION]) > _SAME for j in kept):
             kept.append(int(k))
     return kept
+
+
+def displacement(motion: np.ndarray) -> float:
+    """Root mean square displacement [rows] that a motion [6] does to a square picture, to first order."""
+    return math.sqrt(max(float(motion @ _DISPLACEMENT @ motion), 0.0))
 
 
 def _displacement() -> np.ndarray:

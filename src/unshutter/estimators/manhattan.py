@@ -21,6 +21,8 @@ SHORT_SIDE = 768  # of the grey copy in which segments are found [px]
 MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better, and finds more of them
 MOST_SEGMENTS = 320  # the longest are kept
 FEWEST_SEGMENTS = 8  # below this the photo does not say how the camera moved
+LEAST_GAIN = -0.2  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
+LARGEST = 35 / 256  # rows of displacement; hands do not move more, and more was never rightly found
 WIDEST_ASPECT = 2.5  # beyond it, nothing was measured
 
 # Motions to start from beside none: t_x [rows] and r_z [rad] growing evenly to this at the last row
@@ -77,5 +79,9 @@ def likelihood_of(
 
 
 def motion_of(posterior: Posterior, view: View, estimator: str) -> Motion:
-    """The posterior's mean as a motion, none where it is more likely than not that the camera stood still."""
+    """The posterior's mean as a motion; none, with the reason, where it is not to be believed."""
+    if posterior.lines_gain < LEAST_GAIN:
+        return view.no_motion(estimator, "the photo shows no right angles")
+    if posterior.size > LARGEST:
+        return view.no_motion(estimator, "what fits the lines is more motion than hands can do")
     return cubic_motion(posterior.mean.reshape(2, 3), view, estimator, posterior.confidence)

@@ -14,7 +14,7 @@ from unshutter.estimators.base import View
 from unshutter.estimators.manhattan import likelihood_of, motion_of, segments_of, unusable
 from unshutter.estimators.segment_transformer import SegmentTransformer
 from unshutter.manhattan_likelihood import SecondOpinion
-from unshutter.manhattan_search import explore
+from unshutter.manhattan_search import displacement, explore
 from unshutter.motion import Motion
 
 # Errors of the network's coefficients (t_x [rows], then r_z [rad]) on photos set aside for this (docs/own-model.md):
@@ -30,6 +30,7 @@ _CORRELATION = np.array(
         [0.19, -0.20, 0.14, -0.03, -0.28, 1.00],
     ]
 )
+_USUAL = 25 / 256  # rows of displacement; the larger the network's answer, the less it is trusted
 
 
 class SegmentManhattan:
@@ -52,6 +53,7 @@ class SegmentManhattan:
         if reason:
             return view.no_motion(self.name, reason)
         answer = self._network.coefficients(segments, view.up).ravel()
-        opinion = SecondOpinion(answer, self._precision)
+        doubt = 1 + (displacement(answer) / _USUAL) ** 2
+        opinion = SecondOpinion(answer, self._precision / doubt)
         posterior = explore(likelihood_of(view, segments, size, opinion=opinion), [answer])
         return motion_of(posterior, view, self.name)
