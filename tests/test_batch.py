@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import unshutter
 from batches import leftovers, make_motion, make_photos, rectify, results, start_rectify
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch
@@ -124,6 +125,17 @@ def test_only_what_changed_is_done_again(archive: Path, motion: Path, tmp_path: 
     assert rectify(archive, "-o", out, "--motion", motion, "--edges", "fill") == 0
     third = stamps(out)
     assert all(third[name] != second[name] for name in second)
+
+
+def test_other_weights_are_another_option(archive: Path, tmp_path: Path, capsys) -> None:
+    shipped = Path(unshutter.__file__).parent / "weights" / "segment-transformer.onnx"
+    weights = tmp_path / "mine.onnx"
+    weights.write_bytes(shipped.read_bytes())
+    for expected in ("4 of 4 photos done", "4 finished already", "4 of 4 photos done"):
+        assert rectify(archive, "-o", tmp_path / "out", "--estimator", f"segment-transformer@{weights}") == 0
+        assert expected in capsys.readouterr().err
+        if "finished" in expected:
+            os.utime(weights, (0, 0))
 
 
 def test_overwrite_does_all_again(archive: Path, motion: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from unshutter.batch.inputs import RECTIFIED, Inputs, beside, find_photos, is_folder, plan_targets
 from unshutter.batch.manifest import Manifest
-from unshutter.batch.places import Place, absolute, check_place, make_folder, place
+from unshutter.batch.places import Place, absolute, check_place, fingerprint, make_folder, place
 from unshutter.batch.read_ahead import ReadAhead
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch
@@ -124,7 +124,8 @@ def _motion_text(path: Path | None) -> str | None:
 
 def _digest(options: RectifyOptions, motion: str | None) -> str:
     """Changes when results would."""
-    about = {**asdict(options), "motion": motion, "overwrite": None}
+    _, _, weights = options.estimator.partition("@")
+    about = {**asdict(options), "motion": motion, "overwrite": None, "weights": weights and fingerprint(Path(weights))}
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:16]
 
 
