@@ -22,7 +22,7 @@ MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better,
 MOST_SEGMENTS = 320  # the longest are kept
 FEWEST_SEGMENTS = 8  # below this the photo does not say how the camera moved
 LEAST_GAIN = -0.2  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
-LARGEST = 35 / 256  # rows of displacement; hands do not move more, and more was never rightly found
+LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring
 WIDEST_ASPECT = 2.5  # beyond it, nothing was measured
 
 # Motions to start from beside none: t_x [rows] and r_z [rad] growing evenly to this at the last row
