@@ -48,7 +48,7 @@ def minimise(
     damping = 1e-3
     for _ in range(steps):
         weights = loss(r)[1]
-        jacobian = _jacobian(residuals, x)
+        jacobian = _jacobian(residuals, x, r)
         normal = (jacobian.T * weights) @ jacobian
         gradient = jacobian.T @ (weights * r)
         while damping < 1e12:
@@ -68,11 +68,11 @@ def minimise(
     return x, cost
 
 
-def _jacobian(residuals: Residuals, x: np.ndarray) -> np.ndarray:
-    """Central differences [N, P]."""
+def _jacobian(residuals: Residuals, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Forward differences [N, P]; r are the residuals at x."""
     columns = []
     for k in range(len(x)):
         step = np.zeros_like(x)
-        step[k] = 1e-6 * max(1.0, abs(x[k]))
-        columns.append((residuals(x + step) - residuals(x - step)) / (2 * step[k]))
+        step[k] = 1e-7 * max(1.0, abs(x[k]))
+        columns.append((residuals(x + step) - r) / step[k])
     return np.stack(columns, axis=1)

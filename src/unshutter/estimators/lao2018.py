@@ -22,7 +22,7 @@ FEWEST_CURVES = 4
 SAMPLES = 200
 SAMPLE_STEPS = 6  # of Gauss and Newton on each sample
 INLIER_PX = 0.5  # root mean square distance of a straight curve from its line [px]
-MOTION_SIGMA = 0.05  # rad from the first to the last row; holds back what the curves do not show
+MOTION_SIGMAS = np.array([0.02, 0.02, 0.15])  # rad over the rows about x, y (which curves hardly show) and z
 LINE_SPREADS = 10.0  # of the distances' median: scale of their cost; high, as neighbouring points err alike
 LEAST_SPREAD = 1e-4  # px
 SEED = 0
@@ -85,7 +85,7 @@ class _Bends:
             steps = 1e-6 * np.eye(3)
             slopes = [(sampled(found + s).reshape(r.shape) - r) / 1e-6 for s in steps]
             jacobian = np.stack(slopes, axis=-1)  # [S, 4 K, 3]
-            normal = np.swapaxes(jacobian, 1, 2) @ jacobian + np.eye(3) * (LEAST_SPREAD / MOTION_SIGMA) ** 2
+            normal = np.swapaxes(jacobian, 1, 2) @ jacobian + np.diag((LEAST_SPREAD / MOTION_SIGMAS) ** 2)
             step = np.linalg.solve(normal, np.swapaxes(jacobian, 1, 2) @ r[..., None])[..., 0]
             found = np.clip(found - step, -0.5, 0.5)
         return found
@@ -95,9 +95,9 @@ class _Bends:
         return np.sqrt((self(velocity) ** 2).mean(axis=-1))
 
     def cost(self, velocity: np.ndarray) -> float:
-        """MSAC cost: squared spreads, bounded, long curves counting more; plus that of the motion itself."""
+        """MSAC cost: squared spreads, bounded, long curves counting more."""
         bounded = np.minimum(self.spread(velocity) / INLIER_PX, 1.0) ** 2
-        return float((bounded * self._length).sum() / self._length.mean() + ((velocity / MOTION_SIGMA) ** 2).sum())
+        return float((bounded * self._length).sum())
 
     def refine(self, velocity: np.ndarray) -> np.ndarray:
         """The velocity [3] that fits all curves best; the scale follows what is left."""
@@ -105,7 +105,7 @@ class _Bends:
             sigma = max(LINE_SPREADS * float(np.median(np.abs(self(velocity)))), LEAST_SPREAD)
             last = velocity
             velocity, _ = minimise(
-                lambda v, sigma=sigma: np.concatenate([v / MOTION_SIGMA, self(v).ravel() / sigma]), velocity, _loss
+                lambda v, sigma=sigma: np.concatenate([v / MOTION_SIGMAS, self(v).ravel() / sigma]), velocity, _loss
             )
             if np.abs(velocity - last).max() < 1e-7:
                 break
