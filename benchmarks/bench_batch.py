@@ -1,6 +1,6 @@
 """Throughput of ``unshutter rectify FOLDER -o FOLDER`` by the number of worker processes.
 
-    python benchmarks/bench_batch.py [--jobs 1 2] [--photos 24] [--megapixels 12] [--runs 3]
+    python benchmarks/bench_batch.py [--jobs 1 2] [--photos 48] [--megapixels 12] [--runs 3]
 
 The photo is the shipped one, enlarged, so many times over. Each number of jobs has its turn in each run, after one
 warm-up; efficiency is throughput beside so many times that of one worker process in the same run, since machines are
@@ -71,7 +71,7 @@ def spread(values: list[float]) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--jobs", type=int, nargs="+", default=[os.cpu_count() or 1])
-    parser.add_argument("--photos", type=int, default=24)
+    parser.add_argument("--photos", type=int, default=48)
     parser.add_argument("--megapixels", type=float, default=12)
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--json", type=Path, help="also write every measurement here")
