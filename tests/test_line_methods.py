@@ -209,6 +209,18 @@ def test_the_rate_of_a_manhattan_world(rate: float) -> None:
     assert share < 0.85  # so that the estimator declines, or nearly
 
 
+@pytest.mark.parametrize("degrees", [3, 6, -8])
+def test_a_true_rotation_is_found_although_the_model_is_of_first_order(degrees: float) -> None:
+    truth = turning((0, 0, degrees))
+    curves = seen_curves(truth, 0, count=150)
+    ends = np.stack(truth.rs_to_gs(*np.moveaxis(curves[:, [0, -1]], -1, 0)), axis=-1)
+    upright = np.abs(ends[:, 1] - ends[:, 0]).min(axis=-1) < 1e-3  # verticals and horizontals of the scene
+    center = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+    rate, share = fit_rate(((curves[upright][:, [0, -1]] - center) / FOCAL).reshape(-1, 4))
+    assert share == 1
+    check_exact(motion_of(np.stack([0 * U, 0 * U, -rate * U * HEIGHT / FOCAL], axis=1)), truth)
+
+
 # ---- through the detector ---------------------------------------------------------------------------------------
 
 
