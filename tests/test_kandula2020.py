@@ -487,10 +487,9 @@ def test_the_estimator_takes_any_photo(exported, shape):
     assert (found.height, found.width) == (shape[1], shape[0]) and found.readout == Readout.LEFT_TO_RIGHT
 
 
-def test_weights_of_ones_own(exported, tmp_path, monkeypatch):
-    from unshutter.estimators import ESTIMATORS, load
+def test_weights_of_ones_own(exported, tmp_path):
+    from unshutter.estimators import load
 
-    monkeypatch.setitem(ESTIMATORS, "kandula2020", "unshutter.estimators.kandula2020:Kandula2020")
     assert load(f"kandula2020@{exported[1]}").name == "kandula2020"
     with pytest.raises(UnshutterError, match="no such file"):
         load("kandula2020@none.onnx")
@@ -501,3 +500,7 @@ def test_weights_of_ones_own(exported, tmp_path, monkeypatch):
         load(f"none@{exported[1]}")
     with pytest.raises(UsageError, match="unknown estimator"):
         load(f"nobody@{exported[1]}")
+    with pytest.raises(UsageError, match="rengarajan2017@FILE"):
+        load("rengarajan2017")
+    with pytest.raises(UnshutterError, match="not of rengarajan2017"):
+        load(f"rengarajan2017@{exported[1]}")

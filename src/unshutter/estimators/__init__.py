@@ -17,6 +17,7 @@ from unshutter.estimators.base import Estimator, View
 # name -> module:class, imported only when asked for
 ESTIMATORS = {
     "segment-transformer": "unshutter.estimators.segment_transformer:SegmentTransformer",
+    "kandula2020": "unshutter.estimators.kandula2020:Kandula2020",
     "rengarajan2016": "unshutter.estimators.rengarajan2016:Rengarajan2016",
     "purkait2017": "unshutter.estimators.purkait2017:Purkait2017",
     "lao2018": "unshutter.estimators.lao2018:Lao2018",
@@ -24,6 +25,8 @@ ESTIMATORS = {
     "manhattan": "unshutter.estimators.manhattan:Manhattan",
     "none": "unshutter.estimators.none:DoNothing",
 }
+# those for which the package has no weights: NAME@FILE only
+UNSHIPPED = {"rengarajan2017": "unshutter.estimators.rengarajan2017:Rengarajan2017"}
 DEFAULT = "segment-transformer"
 
 
@@ -32,7 +35,8 @@ def load(name: str = DEFAULT) -> Estimator:
     """The estimator of that name, ready to be used for any number of photos; built once per process.
 
     Args:
-        name: one of ``ESTIMATORS``; NAME@FILE runs it with the weights (ONNX) in a file, say of a network of your own.
+        name: one of ``ESTIMATORS``; NAME@FILE runs it, or one of ``UNSHIPPED``, with the weights (ONNX) in a
+            file, say of a network of your own.
 
     Raises:
         UsageError: no estimator has this name, or it takes no weights.
@@ -40,7 +44,7 @@ def load(name: str = DEFAULT) -> Estimator:
     """
     check_name(name)
     name, _, weights = name.partition("@")
-    module, _, class_name = ESTIMATORS[name].partition(":")
+    module, _, class_name = (ESTIMATORS | UNSHIPPED)[name].partition(":")
     kind = getattr(import_module(module), class_name)
     if not weights:
         return kind()
@@ -57,7 +61,10 @@ def check_name(name: str) -> None:
     Raises:
         UsageError: no estimator has this name.
     """
-    if name.partition("@")[0] not in ESTIMATORS:
+    own, _, weights = name.partition("@")
+    if own in UNSHIPPED and not weights:
+        raise UsageError(f"no weights of {own} are shipped: train it (docs/training) and say {own}@FILE.onnx")
+    if own not in ESTIMATORS and own not in UNSHIPPED:
         raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(ESTIMATORS)}")
 
 

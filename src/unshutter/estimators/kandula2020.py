@@ -2,7 +2,7 @@
 
 The square in the middle of the photo is what the network sees. Rows beyond it (tall photos) get the motion that goes
 on with the last slope, columns beyond it (wide photos) the row map's residual at its border.
-Trained by ``unshutter.learn``; not registered while no trained weights are shipped.
+Trained by ``unshutter.learn``; the card beside the weights says how.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Kandula2020:
     name = "kandula2020"
 
     def __init__(self, weights: str | os.PathLike[str] | None = None):
-        self._session = open_network(self.name, weights)
+        self._session = open_network(self.name, "motion", weights)
 
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z with the row map, enlarged to the photo; first row as the reference."""
@@ -57,8 +57,8 @@ class Kandula2020:
         return trajectory, row_map[0] if row_map else None
 
 
-def open_network(name: str, weights: str | os.PathLike[str] | None):
-    """ONNX session on one thread, of the given file or the package's own.
+def open_network(name: str, answer: str, weights: str | os.PathLike[str] | None):
+    """ONNX session on one thread, of the given file or the package's own, whose first output is called ``answer``.
 
     Raises:
         UnshutterError: the file holds no network of this kind.
@@ -73,7 +73,7 @@ def open_network(name: str, weights: str | os.PathLike[str] | None):
             session = onnxruntime.InferenceSession(str(weights or shipped), options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's own kinds have no common parent
             raise UnshutterError(f"cannot use the weights {weights or shipped}: {str(error).splitlines()[0]}") from None
-    if [i.name for i in session.get_inputs()] != ["rs"]:
+    if [i.name for i in session.get_inputs()] != ["rs"] or session.get_outputs()[0].name != answer:
         raise UnshutterError(f"cannot use the weights {weights or shipped}: they are not of {name}")
     return session
 

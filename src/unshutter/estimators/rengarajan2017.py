@@ -1,6 +1,6 @@
 """rengarajan2017: the predecessor's network (ONNX) on a square of 256 px -> motion at 15 key rows -> quadratic.
 
-Trained by ``unshutter.learn``; not registered while no trained weights are shipped.
+Trained by ``unshutter.learn``; its weights are too large to be shipped (40 MB and more): ``rengarajan2017@FILE``.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Rengarajan2017:
     name = "rengarajan2017"
 
     def __init__(self, weights: str | os.PathLike[str] | None = None):
-        self._session = open_network(self.name, weights)
+        self._session = open_network(self.name, "key_rows", weights)
 
     def estimate(self, view: View) -> Motion:
         """Quadratic t_x and r_z through the key rows, first row as the reference."""
