@@ -5,18 +5,24 @@ Called by results.py. A page for each run, an index with the overview, contact s
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from unshutter.errors import UnshutterError
 from unshutter.evaluation.plots import draw_plots
-from unshutter.evaluation.report import page
+from unshutter.evaluation.report import page, write_text
 from unshutter.evaluation.results import Results
 from unshutter.evaluation.tables import marked, overview
 
+DOCS = Path("docs/results")
 READING = "reading.md"  # written by hand, kept
+KEPT = [READING, "paper-networks-reading.md", "paper-networks.md"]  # the last by paper_networks.py
+SCORES = Path("src/unshutter/weights/scores.json")  # what ``unshutter models`` prints
 SHEETS = "examples"  # the only run whose pictures may be shown: the photo is in the public domain
 # runs without a page of their own, or with another title
 TITLES = {"others": "Photos that are not of buildings"}
@@ -42,14 +48,27 @@ def write_pages(build: Path, docs: Path) -> None:
         sys.exit(f"results: nothing measured yet in {build}: make results DATA=...")
     docs.mkdir(parents=True, exist_ok=True)
     for old in docs.iterdir():
-        if old.name != READING and old.suffix in (".md", ".png", ".jpg"):
+        if old.name not in KEPT and old.suffix in (".md", ".png", ".jpg"):
             old.unlink()
     order = [name for name in ("synthetic", "native", "trajectory", "undistorted", "others") if name in runs]
     order += [name for name in ("robustness", "pairs", "video") if name in runs]
     for name in order:
         (docs / f"{name}.md").write_text(_page(name, runs[name], docs))
     (docs / "index.md").write_text(_index({name: runs[name] for name in order}, runs.get(SHEETS), build, docs))
+    if "synthetic" in runs and docs == DOCS:
+        write_text(SCORES, _scores(runs["synthetic"]))
     print(f"wrote {docs}/index.md and {len(order)} pages")
+
+
+def _scores(results: Results) -> str:
+    """JSON: estimator -> set of photos -> median EPE [px at 256 rows] and share of photos improved."""
+    scores: dict[str, dict[str, dict[str, float]]] = {}
+    for name in results.estimators:
+        for group in results.distinct("group"):
+            error, nothing = (results.values(key, estimator=name, group=group) for key in ("epe", "epe_nothing"))
+            figures = (round(float(np.median(error)), 2), round(float(np.mean(error < nothing)), 2))
+            scores.setdefault(name, {})[group] = dict(zip(("epe_median", "improved"), figures, strict=True))
+    return json.dumps(scores, indent=1) + "\n"
 
 
 def _page(name: str, results: Results, docs: Path) -> str:
@@ -68,7 +87,8 @@ def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs
         parts += ["What photos suffer: median EPE.", _overview({"robustness": runs["robustness"]})]
     missing = [n for n in PAPER if not any(e.startswith(n) for results in runs.values() for e in results.estimators)]
     if missing:
-        parts.append(f"Without a row, because this version has no such estimator: {', '.join(missing)}.")
+        where = "[the paper's networks](paper-networks.md)"
+        parts.append(f"Without a row, because the package has no weights of it: {', '.join(missing)}; see {where}.")
     if (docs / READING).exists():
         parts.append((docs / READING).read_text().strip())
     if examples:
