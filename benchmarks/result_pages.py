@@ -19,7 +19,6 @@ from unshutter.evaluation.report import page, write_text
 from unshutter.evaluation.results import Results
 from unshutter.evaluation.tables import marked, overview
 
-DOCS = Path("docs/results")
 READING = "reading.md"  # written by hand, kept
 KEPT = [READING, "paper-networks-reading.md", "paper-networks.md"]  # the last by paper_networks.py
 SCORES = Path("src/unshutter/weights/scores.json")  # what ``unshutter models`` prints
@@ -55,7 +54,7 @@ def write_pages(build: Path, docs: Path) -> None:
     for name in order:
         (docs / f"{name}.md").write_text(_page(name, runs[name], docs))
     (docs / "index.md").write_text(_index({name: runs[name] for name in order}, runs.get(SHEETS), build, docs))
-    if "synthetic" in runs and docs == DOCS:
+    if "synthetic" in runs and SCORES.parent.is_dir():
         write_text(SCORES, _scores(runs["synthetic"]))
     print(f"wrote {docs}/index.md and {len(order)} pages")
 

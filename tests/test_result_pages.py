@@ -1,5 +1,6 @@
 """docs/results is written from the measurements alone."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -33,14 +34,19 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
     docs.mkdir(parents=True)
     (docs / "reading.md").write_text("## By hand\n\nKept.\n")
     (docs / "old.md").write_text("of another time")
+    weights = tmp_path / "src" / "unshutter" / "weights"
+    weights.mkdir(parents=True)
     done = results_py("--pages-only", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     index, page = (docs / "index.md").read_text(), (docs / "synthetic.md").read_text()
     assert "| kandula2020 | **1.25** | **1.25** |" in index
     assert "## By hand\n\nKept." in index and (docs / "reading.md").exists() and not (docs / "old.md").exists()
-    assert "purkait2017" in index.split("no such estimator")[1]  # the paper's others have no row, and it says so
+    assert "purkait2017" in index.split("no weights of it")[1]  # the paper's others have no row, and it says so
     assert "unshutter evaluate --protocol synthetic --data photos/houses" in page
     assert (docs / "synthetic-epe.png").exists()
+    scores = json.loads((weights / "scores.json").read_text())
+    assert scores["kandula2020"] == {"houses": {"epe_median": 1.25, "improved": 1.0}}
+    assert scores["none"]["houses"]["improved"] == 0.0
 
 
 @pytest.mark.parametrize(
