@@ -21,6 +21,7 @@ MOST_CURVES = 150
 FEWEST_CURVES = 4
 SAMPLES = 200
 SAMPLE_STEPS = 6  # of Gauss and Newton on each sample
+SAMPLE_PX = 0.2  # error of a point in a sample, against which the motion's size is weighed
 INLIER_PX = 0.5  # root mean square distance of a straight curve from its line [px]
 MOTION_SIGMAS = np.array([0.02, 0.02, 0.15])  # rad over the rows about x, y (which curves hardly show) and z
 LINE_SPREADS = 10.0  # of the distances' median: scale of their cost; high, as neighbouring points err alike
@@ -78,16 +79,17 @@ class _Bends:
         return self._curves.undone(lambda u: u[..., None] * velocity[..., None, None, :])[1]
 
     def solve(self, samples: np.ndarray) -> np.ndarray:
-        """Least squares for each sample [S, 4] of curves -> velocities [S, 3], starting from no motion."""
+        """Velocities [S, 3] of samples [S, 4] of curves: least squares from no motion; NaN where that runs away."""
         sampled, found = self.of(samples), np.zeros((len(samples), 3))
+        holding = (SAMPLE_PX / MOTION_SIGMAS) ** 2
         for _ in range(SAMPLE_STEPS):
             r = sampled(found).reshape(len(samples), -1)
             steps = 1e-6 * np.eye(3)
             slopes = [(sampled(found + s).reshape(r.shape) - r) / 1e-6 for s in steps]
             jacobian = np.stack(slopes, axis=-1)  # [S, 4 K, 3]
-            normal = np.swapaxes(jacobian, 1, 2) @ jacobian + np.diag((LEAST_SPREAD / MOTION_SIGMAS) ** 2)
-            step = np.linalg.solve(normal, np.swapaxes(jacobian, 1, 2) @ r[..., None])[..., 0]
-            found = np.clip(found - step, -0.5, 0.5)
+            normal = np.swapaxes(jacobian, 1, 2) @ jacobian + np.diag(holding)
+            slope = (np.swapaxes(jacobian, 1, 2) @ r[..., None])[..., 0] + holding * found
+            found = found - np.linalg.solve(normal, slope[..., None])[..., 0]
         return found
 
     def spread(self, velocity: np.ndarray) -> np.ndarray:
@@ -96,7 +98,7 @@ class _Bends:
 
     def cost(self, velocity: np.ndarray) -> float:
         """MSAC cost: squared spreads, bounded, long curves counting more."""
-        bounded = np.minimum(self.spread(velocity) / INLIER_PX, 1.0) ** 2
+        bounded = np.fmin(self.spread(velocity) / INLIER_PX, 1.0) ** 2  # fmin: a sample that ran away counts as bad
         return float((bounded * self._length).sum())
 
     def refine(self, velocity: np.ndarray) -> np.ndarray:
