@@ -21,6 +21,7 @@ class View:
         photo: as it was read.
         readout: direction in which the stored pixels were read.
         given_focal_px: focal length that the user knows [px of the full-size picture]; None: EXIF's or a guess.
+        guessed_focal_px: a better guess than by the picture's size, as for one cut out of a larger photo.
 
     Raises:
         UsageError: a focal length that is not positive.
@@ -29,6 +30,7 @@ class View:
     photo: Photo
     readout: Readout = Readout.TOP_TO_BOTTOM
     given_focal_px: float | None = None
+    guessed_focal_px: float | None = None
 
     def __post_init__(self) -> None:
         if self.given_focal_px is not None and not 0 < self.given_focal_px < float("inf"):
@@ -54,8 +56,12 @@ class View:
         return self.readout.turn(self.photo.grey(short_side))
 
     def focal_px(self) -> float:
-        """Focal length [px of the full-size picture]: the given one, else EXIF's, else 0.85 (width + height)."""
-        return self.given_focal_px or self.photo.focal_px() or 0.85 * (self.width + self.height)
+        """Focal length [px of the full-size picture]: the known one, else a guess, by itself 0.85 (width + height)."""
+        return self.known_focal_px() or self.guessed_focal_px or 0.85 * (self.width + self.height)
+
+    def known_focal_px(self) -> float | None:
+        """Focal length [px of the full-size picture]: the given one, else EXIF's, else None."""
+        return self.given_focal_px or self.photo.focal_px()
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""

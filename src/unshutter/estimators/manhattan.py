@@ -73,7 +73,7 @@ def likelihood_of(
     opinion: SecondOpinion | None = None,
 ) -> ManhattanLikelihood:
     """The likelihood of a photo's segments, with its focal length where the user or EXIF knows it."""
-    focal_px = view.given_focal_px or view.photo.focal_px()
+    focal_px = view.known_focal_px()
     log_focal = math.log(focal_px / view.height) if focal_px else None
     return ManhattanLikelihood(segments, size[0], size[1] / size[0], beliefs, view.up, log_focal, opinion)
 

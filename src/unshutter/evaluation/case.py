@@ -86,15 +86,13 @@ class Answer:
         }
 
 
-def ask(estimator: Estimator, photo: Photo, focal_px: float | None = None) -> Answer:
+def ask(estimator: Estimator, view: View) -> Answer:
     """An estimator's answer; one that raises is on record as failed, and the run goes on.
 
     Args:
         estimator: any.
-        photo: what it sees.
-        focal_px: focal length that it is told [px of the photo]; None: EXIF's, else its guess.
+        view: what it sees.
     """
-    view = View(photo, given_focal_px=focal_px)
     try:
         motion = estimator.estimate(view).rereferenced("first")
     except Exception as error:  # whatever a method stumbles over, the others are still to be judged

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from unshutter.errors import UnshutterError
+from unshutter.estimators import View
 from unshutter.evaluation.case import (
     NOTHING,
     Answer,
@@ -51,7 +52,7 @@ class PairCase:
         truths = {reference: self._truth(reference, photo) for reference in self.frame.gs}
         records = []
         for name in names:
-            answer = None if name == CEILING else ask(loaded(name), photo)
+            answer = None if name == CEILING else ask(loaded(name), View(photo))
             records += [self._record(name, answer, photo, reference, gs) for reference, gs in truths.items()]
         return records
 
@@ -60,7 +61,7 @@ class PairCase:
         photo = Photo.open(self.frame.rs)
         reference = cast(Reference, list(self.frame.gs)[-1])
         truth = self._truth(reference, photo)
-        motions = {name: ask(loaded(name), photo).motion.rereferenced(reference) for name in names}
+        motions = {name: ask(loaded(name), View(photo)).motion.rereferenced(reference) for name in names}
         motions[CEILING] = fit_to_pair(in_8_bits(photo), truth, reference)
         pictures = [("input", in_8_bits(photo))]
         pictures += [(name, rectified(photo, motion)[0]) for name, motion in motions.items() if name != NOTHING]

@@ -77,7 +77,7 @@ def _save(figure: Any, path: Path) -> None:
     stream = io.BytesIO()
     with matplotlib.rc_context(_STYLE):
         figure.savefig(stream, format="png", dpi=_DPI)
-    image = pyvips.Image.new_from_buffer(stream.getvalue(), "").flatten(background=255)
+    image = pyvips.Image.new_from_buffer(stream.getvalue(), "").flatten(background=[255])
     with written_whole(path) as part:
         image.pngsave(str(part), palette=True, Q=80, dither=0, effort=7)
 

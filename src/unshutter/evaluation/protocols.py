@@ -91,8 +91,8 @@ PROTOCOLS = {
         "Synthetic motions, 256 px",
         "motion",
         "The middle square of each photo at 256 px, with random quadratic motions of Rengarajan et al. 2017: the size "
-        "that the paper's networks see. Every estimator is told the focal length: EXIF's, or the usual guess 0.85 "
-        "(width + height) for the whole photo, scaled to the picture.",
+        "that the paper's networks see. Every estimator is told the focal length: EXIF's, or as a guess 0.85 (width "
+        "+ height) of the whole photo, scaled to the picture.",
         _with_motion(Suite("256 px")),
     ),
     "native": Protocol(

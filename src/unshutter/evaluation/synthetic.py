@@ -63,15 +63,18 @@ class Suite:
 
 @dataclass(frozen=True)
 class _Exam:
-    """A made picture: the photo that estimators see, its focal length [px], the global-shutter picture, the truth."""
+    """A made picture: what estimators see, the global-shutter picture, the truth."""
 
-    photo: Photo
-    focal_px: float
+    view: View
     gs: np.ndarray
     truth: Motion
 
+    @property
+    def photo(self) -> Photo:
+        return self.view.photo
+
     def ask(self, estimator: Estimator) -> Answer:
-        return ask(estimator, self.photo, self.focal_px)
+        return ask(estimator, self.view)
 
 
 @dataclass(frozen=True)
@@ -143,7 +146,7 @@ class SyntheticCase:
         return picture_scores(pictures, exam.gs, mask & oracle[1])
 
     def _exam(self) -> _Exam:
-        pixels, digest, focal = _photo(self.path)
+        pixels, digest, focal, known = _photo(self.path)
         kept = round(min(pixels.shape[:2]) / _CANVAS)  # px of the photo that the picture shows across
         pixels = np.ascontiguousarray(np.rot90(pixels, self.suite.turned))
         sequence = np.random.SeedSequence([self.seed, digest], spawn_key=(self.draw,))
@@ -158,7 +161,9 @@ class SyntheticCase:
         if self.suite.disturbance:
             rs = DISTURBANCES[self.suite.disturbance](rs, rng)
         photo = replace(Photo.from_array(rs), orientation=self.suite.orientation)
-        return _Exam(photo, focal * len(gs) / kept, gs, truth)
+        focal *= len(gs) / kept
+        told = {"given_focal_px": focal} if known else {"guessed_focal_px": focal}
+        return _Exam(View(photo, **told), gs, truth)
 
     def _drawn(self, rng: np.random.Generator) -> DrawnMotion:
         rows = self.suite.rows or UNIT_ROWS
@@ -169,16 +174,17 @@ class SyntheticCase:
         return draw_from_trajectory(rng, log, self.suite.readout_s, _FOCAL * rows, rows, canvas)
 
 
-def _photo(path: Path) -> tuple[np.ndarray, int, float]:
-    """uint8 [H, W, 3] of a photo, the digest of its file by which motions are drawn, its focal length [px].
+def _photo(path: Path) -> tuple[np.ndarray, int, float, bool]:
+    """uint8 [H, W, 3] of a photo, the digest of its file by which motions are drawn, its focal length [px], if known.
 
-    The focal length is what estimators would take for the whole photo: EXIF's, or the usual guess by its size. They
-    are told, because a picture cut from the middle does not show it.
+    The focal length is what estimators would take for the whole photo: EXIF's, or else the usual guess by its size
+    (the last value is False). They are told, because a picture cut from the middle does not show it.
     """
     photo = Photo.open(path)
     pixels = in_8_bits(photo)
     digest = int(hashlib.sha256(path.read_bytes()).hexdigest(), 16)
-    return np.broadcast_to(pixels, (*pixels.shape[:2], 3)), digest, View(photo).focal_px()
+    view = View(photo)
+    return np.broadcast_to(pixels, (*pixels.shape[:2], 3)), digest, view.focal_px(), view.known_focal_px() is not None
 
 
 @lru_cache(maxsize=16)

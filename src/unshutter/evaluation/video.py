@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from unshutter.estimators import View
 from unshutter.evaluation.case import NOTHING, Answer, Example, Loaded, Record, ask, in_8_bits, rectified
 from unshutter.evaluation.folders import Frame
 from unshutter.motion import Motion, Reference
@@ -64,7 +65,7 @@ class VideoCase:
     def show(self, names: list[str], loaded: Loaded) -> Example:
         """The pictures of the first frame."""
         photos = [Photo.open(frame.rs) for frame in self.frames]
-        motions = {name: ask(loaded(name), photos[0]).motion for name in names}
+        motions = {name: ask(loaded(name), View(photos[0])).motion for name in names}
         pictures = [("input", in_8_bits(photos[0]))]
         for name, motion in motions.items():
             if name != NOTHING:
@@ -75,7 +76,7 @@ class VideoCase:
         if name == TRUTH:
             nothing = Answer(Motion.zero(photos[0].height, photos[0].width))
             return [nothing], [_as_it_is(Photo.open(frame.gs[_REFERENCE])) for frame in self.frames]
-        answers = [ask(loaded(name), photo) for photo in photos]
+        answers = [ask(loaded(name), View(photo)) for photo in photos]
         motions = [answer.motion.rereferenced(_REFERENCE) for answer in answers]
         return answers, [rectified(photo, motion) for photo, motion in zip(photos, motions, strict=True)]
 
