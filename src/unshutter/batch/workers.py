@@ -64,7 +64,7 @@ def processes(count: int) -> Iterator[Workers]:
 
     def pool() -> ProcessPoolExecutor:
         # spawned: a fork would copy libvips's and OpenCV's locks without the threads that hold them
-        made = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_settle)
+        made = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=settle_worker)
         pools.append(made)
         return made
 
@@ -76,7 +76,7 @@ def processes(count: int) -> Iterator[Workers]:
             each.shutdown(wait=True, cancel_futures=True)
 
 
-def _settle() -> None:
+def settle_worker() -> None:
     """Makes a worker process use one processor, leave Ctrl-C to its parent, and end when its parent does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

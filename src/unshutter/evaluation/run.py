@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -12,6 +11,7 @@ from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
+from unshutter.batch.workers import settle_worker
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import ESTIMATORS, Estimator, check_name, load
 from unshutter.evaluation.case import Case, Record
@@ -95,7 +95,7 @@ def _judged(tasks: list[_Task], jobs: int) -> Iterator[tuple[_Task, list[Record]
             yield task, _judge(*task)
         return
     # spawned, not forked: libvips and OpenCV have threads that a fork would lose
-    pool = ProcessPoolExecutor(min(jobs, len(tasks)), get_context("spawn"), _one_thread_each)
+    pool = ProcessPoolExecutor(min(jobs, len(tasks)), get_context("spawn"), settle_worker)
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))  # read by the libraries when the processes start
     try:
@@ -122,14 +122,6 @@ def _judge(case: Case, names: list[str]) -> list[Record] | str:
 def _loaded(name: str) -> Estimator:
     """Every estimator once per process, however many there are."""
     return load(name)
-
-
-def _one_thread_each() -> None:
-    """Sets up each process: processes are the parallelism here."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process says when to stop
-    import cv2
-
-    cv2.setNumThreads(1)
 
 
 def _plain(value: object) -> object:
