@@ -251,7 +251,7 @@ def load_photos(folder: Path, short_side: int) -> list[np.ndarray]:
         photo = photo[cut[0] : photo.shape[0] - cut[0], cut[1] : photo.shape[1] - cut[1], ::-1]
         photos.append(np.ascontiguousarray(photo.transpose(2, 0, 1)))
     if not photos:
-        raise UsageError(f'no readable photo in {folder}: give [data] a folder of photos, or folder = "" to draw some')
+        raise UsageError(f'no readable photo in {folder}: say --photos FOLDER, or folder = "" in [data] to draw some')
     if len(photos) < len(names):
         bad = len(names) - len(photos)
         warnings.warn(f"{bad} of {len(names)} files in {folder} are no readable photos", stacklevel=2)
