@@ -6,9 +6,9 @@ import pytest
 import unshutter
 from unshutter import Motion, UsageError
 from unshutter.estimators import DEFAULT, ESTIMATORS, View
+from unshutter.lines.segments import find_segments, in_rows
 from unshutter.metrics import motion_error
 from unshutter.photo import Photo
-from unshutter.segments import find_segments, in_rows
 
 
 def test_segments_of_a_drawn_edge_lie_on_it() -> None:

@@ -10,12 +10,12 @@ import unshutter
 from line_scenes import FOCAL, HEIGHT, WIDTH, drawn_picture, manhattan_segments, seen_curves, turning
 from unshutter import UsageError
 from unshutter.cli import main
-from unshutter.curves import POINTS, RotatedCurves, find_curves, link, principal_lines
 from unshutter.estimators import View
 from unshutter.estimators.lao2018 import fit_velocity
 from unshutter.estimators.purkait2017 import fit_rate, line_polynomials, solve_four
 from unshutter.estimators.rengarajan2016 import fit_rotations, polynomial_rotations
-from unshutter.least_squares import cauchy, geman_mcclure, minimise, squared
+from unshutter.lines.curves import POINTS, RotatedCurves, find_curves, link, principal_lines
+from unshutter.lines.least_squares import cauchy, geman_mcclure, minimise, squared
 from unshutter.metrics import motion_error
 from unshutter.motion import Motion, RotationMotion
 from unshutter.photo import Photo

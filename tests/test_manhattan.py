@@ -7,8 +7,8 @@ import unshutter
 from unshutter import Motion, geometry
 from unshutter.estimators import View
 from unshutter.estimators.manhattan import Manhattan, segments_of
-from unshutter.manhattan_likelihood import UNKNOWNS, Beliefs, ManhattanLikelihood, SecondOpinion
-from unshutter.manhattan_search import explore
+from unshutter.lines.manhattan_likelihood import UNKNOWNS, Beliefs, ManhattanLikelihood, SecondOpinion
+from unshutter.lines.manhattan_search import explore
 from unshutter.metrics import motion_error
 from unshutter.photo import Photo
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.curves import RotatedCurves, curve_length, find_curves
 from unshutter.estimators.base import View
-from unshutter.least_squares import cauchy, minimise, squared
+from unshutter.lines.curves import RotatedCurves, curve_length, find_curves
+from unshutter.lines.least_squares import cauchy, minimise, squared
 from unshutter.motion import Motion
 
 SHORT_SIDE = 512  # of the grey copy in which curves are found [px]

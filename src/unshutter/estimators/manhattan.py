@@ -1,6 +1,6 @@
 """manhattan: line segments -> motion, camera and focal length that make them straight and square. No learning.
 
-The likelihood and the search are in manhattan_likelihood.py and manhattan_search.py.
+The likelihood and the search are in lines/manhattan_likelihood.py and manhattan_search.py.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import numpy as np
 
 from unshutter.estimators.base import View
 from unshutter.estimators.segment_transformer import cubic_motion
-from unshutter.manhattan_likelihood import Beliefs, ManhattanLikelihood, SecondOpinion
-from unshutter.manhattan_search import Posterior, explore
+from unshutter.lines.manhattan_likelihood import Beliefs, ManhattanLikelihood, SecondOpinion
+from unshutter.lines.manhattan_search import Posterior, explore
+from unshutter.lines.segments import find_segments, in_rows
 from unshutter.motion import Motion
-from unshutter.segments import find_segments, in_rows
 
 SHORT_SIDE = 768  # of the grey copy in which segments are found [px]
 MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better, and finds more of them

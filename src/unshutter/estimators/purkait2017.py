@@ -13,10 +13,10 @@ from collections.abc import Callable
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.least_squares import geman_mcclure, minimise
+from unshutter.lines.least_squares import geman_mcclure, minimise
+from unshutter.lines.segments import find_segments
 from unshutter.motion import Motion
 from unshutter.rotation_geometry import rotation_matrix
-from unshutter.segments import find_segments
 
 SHORT_SIDE = 512  # of the grey copy in which segments are found [px]
 SHORTEST_PX = 15.0

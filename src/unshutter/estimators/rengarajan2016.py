@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.curves import RotatedCurves, curve_length, find_curves, principal_lines
 from unshutter.estimators.base import View
-from unshutter.least_squares import cauchy, geman_mcclure, minimise
+from unshutter.lines.curves import RotatedCurves, curve_length, find_curves, principal_lines
+from unshutter.lines.least_squares import cauchy, geman_mcclure, minimise
 from unshutter.motion import Motion
 
 SHORT_SIDE = 512  # of the grey copy in which curves are found [px]

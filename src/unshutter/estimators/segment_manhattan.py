@@ -13,8 +13,8 @@ import numpy as np
 from unshutter.estimators.base import View
 from unshutter.estimators.manhattan import likelihood_of, motion_of, segments_of, unusable
 from unshutter.estimators.segment_transformer import SegmentTransformer
-from unshutter.manhattan_likelihood import SecondOpinion
-from unshutter.manhattan_search import displacement, explore
+from unshutter.lines.manhattan_likelihood import SecondOpinion
+from unshutter.lines.manhattan_search import displacement, explore
 from unshutter.motion import Motion
 
 # Errors of the network's coefficients (t_x [rows], then r_z [rad]) on photos set aside for this (docs/own-model.md):

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.estimators.base import View
+from unshutter.lines.segments import find_segments, in_rows
 from unshutter.motion import Motion
-from unshutter.segments import find_segments, in_rows
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from unshutter.lines.segments import find_segments
 from unshutter.rotation_geometry import rotate_position, rotation_matrix
-from unshutter.segments import find_segments
 
 POINTS = 10  # per curve
 _MOST_SEGMENTS = 600  # the longest are looked at

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unshutter.manhattan_likelihood import LOG_FOCAL, MOTION, TILT, UNKNOWNS, YAW, ManhattanLikelihood
+from unshutter.lines.manhattan_likelihood import LOG_FOCAL, MOTION, TILT, UNKNOWNS, YAW, ManhattanLikelihood
 
 _CAMERA = slice(MOTION.stop, UNKNOWNS)
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
