@@ -65,7 +65,7 @@ def _scores(results: Results) -> str:
     for name in results.estimators:
         for group in results.distinct("group"):
             error, nothing = (results.values(key, estimator=name, group=group) for key in ("epe", "epe_nothing"))
-            figures = (round(float(np.median(error)), 2), round(float(np.mean(error < nothing)), 2))
+            figures = (round(float(np.median(error)), 2), round(float(np.mean(error < nothing)), 4))
             scores.setdefault(name, {})[group] = dict(zip(("epe_median", "improved"), figures, strict=True))
     return json.dumps(scores, indent=1) + "\n"
 

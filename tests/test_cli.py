@@ -299,3 +299,12 @@ def test_python_names_what_is_wrong() -> None:
         unshutter.rectify(np.zeros((100, 100, 3), np.uint8), edges="wavy")
     with pytest.raises(AttributeError, match="no attribute 'rectifi'"):
         unshutter.rectifi  # noqa: B018
+
+
+def test_a_focal_length_beside_a_motion_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motion = tmp_path / "motion.json"
+    unshutter.Motion.zero(100, 100).save(motion)
+    assert main(["rectify", str(tmp_path / "x.jpg"), "--motion", str(motion), "--focal-px", "500"]) == 2
+    assert "leave it out" in capsys.readouterr().err
+    with pytest.raises(unshutter.UsageError, match="leave it out"):
+        unshutter.rectify(np.zeros((100, 100), np.uint8), motion=unshutter.Motion.zero(100, 100), focal_px=500.0)

@@ -138,6 +138,8 @@ def rectify(
         raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
     if edges not in EDGES:
         raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
+    if motion is not None and focal_px is not None:
+        raise UsageError("a focal length is for finding a motion: leave it out when the motion is given")
     opened = _open(photo)
     _check_size(opened)
     opened.start_decoding()
