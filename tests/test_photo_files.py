@@ -18,7 +18,7 @@ from PIL import Image
 from drawn_photos import drawn, encoded, one_line, textured
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
-from unshutter.photo.codecs import CODECS
+from unshutter.photo.codecs import WRITTEN
 
 # ---- what is refused -----------------------------------------------------------------------------------
 
@@ -55,7 +55,7 @@ def preview_first_tiff(tag, kind, value):
 
 
 REFUSED = {
-    "text": (b"This is not a photo, only called one.\n" * 20, "not a JPEG, PNG, WebP, TIFF or AVIF"),
+    "text": (b"This is not a photo, only called one.\n" * 20, "not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw"),
     "empty": (b"", "empty"),
     "gif": (encoded(drawn(), "GIF"), "not a JPEG"),
     "heic": (struct.pack(">I", 24) + b"ftypheic\0\0\0\0mif1heic" + bytes(100), "HEIC"),
@@ -199,17 +199,17 @@ def digest(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-@pytest.mark.parametrize("format", CODECS)
+@pytest.mark.parametrize("format", WRITTEN)
 def test_save_chooses_the_format_by_the_ending_and_leaves_the_original_alone(tmp_path, format):
     original = tmp_path / "in[1] ö.jpg"
     original.write_bytes(encoded(drawn(), "JPEG"))
     before = digest(original)
-    for suffix in CODECS[format].suffixes:
+    for suffix in WRITTEN[format].suffixes:
         target = tmp_path / f"out[2]{suffix.upper()}"
         Photo.open(original).save(target)
         assert Photo.open(target).format == format
     assert digest(original) == before
-    assert len(os.listdir(tmp_path)) == 1 + len(CODECS[format].suffixes)
+    assert len(os.listdir(tmp_path)) == 1 + len(WRITTEN[format].suffixes)
     assert oct(target.stat().st_mode) == oct(original.stat().st_mode)  # not a temporary file's rights
 
 
@@ -288,10 +288,10 @@ def room_for(size):
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
-@pytest.mark.parametrize("format", CODECS)
+@pytest.mark.parametrize("format", WRITTEN)
 def test_a_disc_that_fills_up_leaves_nothing_behind(tmp_path, format):
     noise = np.random.default_rng(1).integers(0, 256, (200, 300, 3)).astype(np.uint8)
-    target = tmp_path / f"out{CODECS[format].suffixes[0]}"
+    target = tmp_path / f"out{WRITTEN[format].suffixes[0]}"
     target.write_bytes(b"precious")
     with room_for(10_000), pytest.raises(UnshutterError) as error:
         Photo.from_array(noise).save(target, overwrite=True)

@@ -12,10 +12,10 @@ from PIL import Image, ImageCms, PngImagePlugin
 from PIL.TiffImagePlugin import IFDRational
 
 from drawn_photos import drawn, encoded, textured
-from unshutter.photo import Photo, containers, metadata
-from unshutter.photo.codecs import CODECS
+from unshutter.photo import Photo, containers, metadata, new_pixels
+from unshutter.photo.codecs import WRITTEN
 
-FORMATS = tuple(CODECS)
+FORMATS = tuple(WRITTEN)
 EXIF, GPS, INTEROPERABILITY = 0x8769, 0x8825, 0xA005
 MAKER_NOTE = b"Acme\0\1\2" + bytes(range(100))
 XMP = (
@@ -375,7 +375,10 @@ def test_damaged_directories_are_read_as_far_as_they_go(data):
         whole[data.draw(st.integers(6, len(whole) - 1))] = data.draw(st.integers(0, 255))
     blob = bytes(whole[: data.draw(st.integers(7, len(whole)))])
     assert metadata.focal_px(blob, 100, 100) is None or metadata.focal_px(blob, 100, 100) > 0
-    metadata.without_thumbnail(blob)
+    new_pixels.exif_with_size(blob, 30, 40)
+    new_pixels.exif_with_orientation(blob, 6)
+    assert not new_pixels.has_thumbnail(new_pixels.exif_with_thumbnail(blob, None))
+    new_pixels.exif_with_thumbnail(blob, b"a JPEG", 6)
     stream = io.BytesIO(encoded(drawn(6, 7), "TIFF"))
     metadata.add_exif_to_tiff(stream, blob, 6, 7)
     check_plain_tiff(stream, drawn(6, 7))

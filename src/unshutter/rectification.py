@@ -15,6 +15,7 @@ from unshutter.readout import Readout
 if TYPE_CHECKING:
     import numpy as np
 
+    from unshutter.photo.codecs import Subsampling
     from unshutter.warp import Edges
 
 SMALLEST_SIDE = 64  # px
@@ -46,13 +47,20 @@ class Rectified:
 
         return validity_mask(self.motion)
 
-    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False, quality: int | None = None) -> None:
-        """Writes the picture; the format is that of the file name's ending.
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        overwrite: bool = False,
+        quality: int | None = None,
+        subsampling: Subsampling | None = None,
+    ) -> None:
+        """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
 
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
         """
-        self.photo.save(path, overwrite=overwrite, quality=quality)
+        self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
 
 
 def estimate(

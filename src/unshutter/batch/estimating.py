@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.batch.inputs import find_photos, is_folder, plan_targets
+from unshutter.batch.inputs import find_photos, is_folder, motion_name, plan_targets
 from unshutter.batch.places import Place, check_place, make_folder, save_text
 from unshutter.batch.read_ahead import ReadAhead
 from unshutter.batch.report import Tell, each_photo
@@ -42,7 +42,7 @@ def estimate_files(
     if readout_ms is not None:
         check_readout_ms(readout_ms)
     estimator = load(estimator_name)
-    targets = plan_targets(inputs, output, lambda photo: f"{photo.stem}.json") if output else {}
+    targets = plan_targets(inputs, output, motion_name) if output else {}
 
     def one(photo: Place, tell: Tell) -> None:
         target = targets.get(photo)

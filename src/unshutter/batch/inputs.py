@@ -9,8 +9,9 @@ from pathlib import Path, PurePosixPath
 
 from unshutter.batch.places import Place, Remote, place
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.photo.codecs import CODECS, WRITTEN, of_suffix
 
-PHOTO_SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".avif"}
+PHOTO_SUFFIXES = {suffix for codec in CODECS.values() for suffix in codec.suffixes}
 RECTIFIED = ".rectified"
 
 
@@ -85,6 +86,29 @@ def _in_folder(folder: Place, leave_out: Place | None, unreadable: list[tuple[st
         relative = PurePosixPath(Path(top).relative_to(folder).as_posix())
         found += [relative / name for name in sorted(files) if Path(top, name).is_file()]
     return found
+
+
+def picture_name(photo: Place, format: str | None = None) -> str:
+    """Name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``.
+
+    A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``: cameras write ``a.jpg``
+    beside it.
+
+    Args:
+        photo: which photo.
+        format: of the result; by default the photo's, or the one that follows a format that is only read.
+    """
+    own = of_suffix(photo.suffix)
+    wanted = format or (own.written_as if own else "")
+    if not wanted or (own and wanted == own.name):
+        return f"{photo.stem}{RECTIFIED}{photo.suffix}"
+    return f"{photo.name}{RECTIFIED}{WRITTEN[wanted].suffixes[0]}"
+
+
+def motion_name(photo: Place) -> str:
+    """Name of a photo's motion file: ``a.jpg`` -> ``a.json``; ``a.heic`` -> ``a.heic.json``."""
+    own = of_suffix(photo.suffix)
+    return f"{photo.stem if own is None or own.written else photo.name}.json"
 
 
 def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[[Place], str]) -> dict[Place, Place]:

@@ -19,6 +19,7 @@ from unshutter.photo import Photo
 from unshutter.photo.codecs import for_suffix
 
 if TYPE_CHECKING:
+    from unshutter.photo.codecs import Subsampling
     from unshutter.rectification import Rectified
 
 # What file systems call that which changes when an object does.
@@ -215,16 +216,18 @@ def remove(where: Place) -> None:
             where.unlink(missing_ok=True)
 
 
-def save_picture(result: Rectified, target: Place, overwrite: bool, quality: int | None) -> None:
+def save_picture(
+    result: Rectified, target: Place, overwrite: bool, quality: int | None, subsampling: Subsampling | None
+) -> None:
     """Writes a result; the format is that of the name's ending.
 
     Raises:
         UsageError, UnshutterError: see ``Photo.save``.
     """
     if isinstance(target, Path):
-        result.save(target, overwrite=overwrite, quality=quality)
+        result.save(target, overwrite=overwrite, quality=quality, subsampling=subsampling)
     else:
-        target.write(result.photo.to_bytes(for_suffix(Path(target.name)).name, quality))
+        target.write(result.photo.to_bytes(for_suffix(Path(target.name)).name, quality, subsampling))
 
 
 def save_text(text: str, target: Place) -> None:

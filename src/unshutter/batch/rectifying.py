@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from unshutter.batch.inputs import RECTIFIED, Inputs, beside, find_photos, is_folder, plan_targets
+from unshutter.batch.inputs import Inputs, beside, find_photos, is_folder, motion_name, picture_name, plan_targets
 from unshutter.batch.manifest import Manifest
-from unshutter.batch.places import Place, absolute, check_place, fingerprint, make_folder, place
+from unshutter.batch.places import absolute, check_place, fingerprint, make_folder, place
 from unshutter.batch.read_ahead import ReadAhead
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch
@@ -57,6 +57,8 @@ def rectify_files(
     _check(options, how)
     goal = place(output) if output is not None else None
     inputs = find_photos(photos, leave_out=goal)
+    if options.format and goal is not None and not is_folder(goal, inputs.many):
+        raise UsageError(f"--format is for folders: the name '{goal.name}' says the format")
     jobs = _jobs(inputs, output, save_motion, options, how)
     motion = _motion_text(options.motion)
     # results beside their photos, and that of a single photo, are known by their names alone
@@ -98,11 +100,9 @@ def _check(options: RectifyOptions, how: BatchOptions) -> None:
 def _jobs(
     inputs: Inputs, output: str | None, save_motion: str | None, options: RectifyOptions, how: BatchOptions
 ) -> list[Job]:
-    def rectified(photo: Place) -> str:
-        return f"{photo.stem}{RECTIFIED}{photo.suffix}"
-
+    rectified = partial(picture_name, format=options.format)
     targets = plan_targets(inputs, output, rectified) if output is not None else beside(inputs, rectified)
-    motions = plan_targets(inputs, save_motion, lambda photo: f"{photo.stem}.json") if save_motion else {}
+    motions = plan_targets(inputs, save_motion, motion_name) if save_motion else {}
     where = absolute if how.scheduler is not None else lambda given: given  # other machines have other ways
     return [
         Job(
@@ -128,6 +128,9 @@ def _digest(options: RectifyOptions, motion: str | None) -> str:
     """Changes when results would."""
     _, _, weights = options.estimator.partition("@")
     about = {**asdict(options), "motion": motion, "overwrite": None, "weights": weights and fingerprint(Path(weights))}
+    del about["format"]  # the result's name says it
+    if options.subsampling is None:  # as in digests from before there was this option
+        del about["subsampling"]
     return hashlib.sha256(json.dumps(about, sort_keys=True).encode()).hexdigest()[:16]
 
 

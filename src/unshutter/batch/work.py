@@ -16,6 +16,7 @@ from unshutter.photo import Photo
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion, Reference
+    from unshutter.photo.codecs import Subsampling
     from unshutter.warp import Edges
 
 
@@ -32,6 +33,8 @@ class RectifyOptions:
     quality: int | None
     overwrite: bool
     focal_px: float | None = None
+    format: str | None = None
+    subsampling: Subsampling | None = None
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,7 @@ def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[
     )
     if job.motion_target is not None:
         save_text(result.motion.to_json() + "\n", job.motion_target)
-    save_picture(result, job.target, job.overwrite, options.quality)
+    save_picture(result, job.target, job.overwrite, options.quality, options.subsampling)
     return Outcome(
         note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",
         source_is=source_is,

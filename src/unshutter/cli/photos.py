@@ -24,7 +24,9 @@ def rectify(
     edges: Literal["keep", "crop", "fill"] = "keep",
     readout: ReadoutWord = "auto",
     focal_px: float | None = None,
+    format: Literal["jpeg", "png", "webp", "tiff", "avif"] | None = None,
     quality: int | None = None,
+    subsampling: Literal["4:4:4", "4:2:0"] | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
     jobs: int | None = None,
     scheduler: str | None = None,
@@ -60,8 +62,12 @@ def rectify(
         Direction in which the sensor was read, if an editor has turned the file.
     focal_px
         Focal length in px of the photo, for methods that use it. Default: from EXIF, else 0.85 (width + height).
+    format
+        Format of the results. Default: that of each photo; AVIF for HEIC, 16-bit TIFF for raw files.
     quality
         Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.
+    subsampling
+        Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original.
     overwrite
         Replace outputs that exist already, finished ones too.
     jobs
@@ -77,7 +83,9 @@ def rectify(
     """
     from unshutter import batch
 
-    options = batch.RectifyOptions(estimator, motion, reference, strength, edges, readout, quality, overwrite, focal_px)
+    options = batch.RectifyOptions(
+        *(estimator, motion, reference, strength, edges, readout, quality, overwrite, focal_px, format, subsampling)
+    )
     how = batch.BatchOptions(jobs, scheduler, dry_run, json_log, max_pixels)
     return batch.rectify_files(photos, output, save_motion, options, how)
 

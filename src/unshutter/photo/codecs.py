@@ -1,4 +1,4 @@
-"""The file formats: how each is recognised and decoded through libvips.
+"""The file formats: what each can hold, how it is recognised.
 
 A new format is one entry in ``CODECS``, its signature, and its options in encoding.py.
 """
@@ -10,14 +10,15 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeAlias
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.photo import containers, metadata
 from unshutter.photo.libvips import libvips
 
 if TYPE_CHECKING:
     import pyvips
+
+Subsampling: TypeAlias = Literal["4:4:4", "4:2:0"]
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,11 @@ class Codec:
     Attributes:
         name: as in ``Photo.format``.
         suffixes: of its files, the usual one first.
-        load, save: libvips operations.
+        load, save: libvips operations; empty where libvips is not asked.
         longest_side: [px] that it can hold.
         deep: whether it holds more than 8 bits.
         grey, alpha: whether it holds pictures of one channel, and transparency.
+        written_as: format of the results of a photo in a format that is only read.
     """
 
     name: str
@@ -41,8 +43,16 @@ class Codec:
     deep: bool
     grey: bool
     alpha: bool
+    written_as: str = ""
+
+    @property
+    def written(self) -> bool:
+        """Whether pictures can be written in it."""
+        return not self.written_as
 
 
+_CAMERAS = "dng 3fr arw cr2 cr3 crw erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
+_HEIC_SUFFIXES, _RAW_SUFFIXES = (".heic", ".heif", ".hif"), tuple(f".{ending}" for ending in _CAMERAS.split())
 CODECS = {
     codec.name: codec
     for codec in (
@@ -51,9 +61,11 @@ CODECS = {
         Codec("webp", (".webp",), "webpload", "webpsave", 16_383, deep=False, grey=False, alpha=True),
         Codec("tiff", (".tif", ".tiff"), "tiffload", "tiffsave", 10_000_000, deep=True, grey=True, alpha=True),
         Codec("avif", (".avif",), "heifload", "heifsave", 16_384, deep=True, grey=False, alpha=True),
+        Codec("heic", _HEIC_SUFFIXES, "", "", 0, deep=True, grey=True, alpha=True, written_as="avif"),
+        Codec("raw", _RAW_SUFFIXES, "", "", 0, deep=True, grey=False, alpha=False, written_as="tiff"),
     )
 }
-_RAW = "is a camera's raw file: develop it to a TIFF or JPEG first"
+WRITTEN = {codec.name: codec for codec in CODECS.values() if codec.written}
 # The first that matches a file's beginning says its format, or why it is not read.
 _SIGNATURES = tuple(
     (re.compile(pattern, re.DOTALL), name)
@@ -61,11 +73,11 @@ _SIGNATURES = tuple(
         (rb"\xff\xd8\xff", "jpeg"),
         (rb"\x89PNG\r\n\x1a\n", "png"),
         (rb"RIFF....WEBP", "webp"),
-        (rb"II\*\0....CR|IIRO|IIRS|MMOR|IIU\0|FUJIFILM|FOVb|....ftypcrx ", _RAW),
+        (rb"II\*\0....CR|IIRO|IIRS|MMOR|IIU\0|FUJIFILM|FOVb|\0MRM|......HEAPCCDR|....ftypcrx ", "raw"),
         (rb"II[*+]\0|MM\0[*+]", "tiff"),
-        (rb"....ftypavis", "is an animation: unshutter takes single photos"),
+        (rb"....ftyp(avis|hevc|hevx|msf1)", "is an animation: unshutter takes single photos"),
         (rb"....ftyp(....)*avif", "avif"),
-        (rb"....ftyp(....)*(hei[cxms]|mif1)", "is a HEIC photo, which is not read yet: convert it to JPEG first"),
+        (rb"....ftyp(....)*(hei[cxms]|mif1)", "heic"),
     )
 )
 
@@ -80,7 +92,7 @@ class Coding:
         lossless: WebP only.
         bits: of a sample.
         compression: TIFF's number of it.
-        orientation: EXIF orientation by which the decoder has already turned the picture (AVIF).
+        orientation: EXIF orientation by which the decoder has already turned the picture (AVIF, HEIC).
         grey: one channel that the decoder shows as three (AVIF).
     """
 
@@ -115,20 +127,29 @@ class Source:
 
 
 def for_suffix(path: Path) -> Codec:
-    """The format that a file name asks for.
+    """The format that a file name asks to be written.
 
     Raises:
-        UsageError: the ending names none.
+        UsageError: the ending names none, or one that is only read.
     """
-    for codec in CODECS.values():
-        if path.suffix.lower() in codec.suffixes:
-            return codec
-    endings = ", ".join(suffix for codec in CODECS.values() for suffix in codec.suffixes)
+    codec = of_suffix(path.suffix)
+    if codec is not None and codec.written:
+        return codec
+    endings = ", ".join(suffix for codec in WRITTEN.values() for suffix in codec.suffixes)
+    if codec is not None:
+        raise UsageError(f"cannot write '{path.name}', such files are only read: end the name in one of {endings}")
     raise UsageError(f"cannot tell the picture format from '{path.name}': end the name in one of {endings}")
+
+
+def of_suffix(suffix: str) -> Codec | None:
+    """The format of files with this ending, if there is one."""
+    return next((codec for codec in CODECS.values() if suffix.lower() in codec.suffixes), None)
 
 
 def recognise(source: Source) -> Codec:
     """The format of encoded data, by their first bytes: endings may lie.
+
+    Raw files of many makers begin like a TIFF: their endings decide, and :mod:`unshutter.photo.header` looks closer.
 
     Raises:
         UnshutterError: missing, unreadable, empty, or of no format that is read.
@@ -143,89 +164,11 @@ def recognise(source: Source) -> Codec:
         raise UnshutterError(f"cannot read {str(source)!r}: {error}") from None
     if not head:
         raise UnshutterError(f"{source} is empty (0 bytes)")
-    for signature, name in _SIGNATURES:
-        if signature.match(head):
-            if name in CODECS:
-                return CODECS[name]
-            raise UnshutterError(f"{source} {name}")
-    raise UnshutterError(f"{source} is not a JPEG, PNG, WebP, TIFF or AVIF picture")
-
-
-def field(image: pyvips.Image, name: str, default: Any = None) -> Any:
-    """A metadata field of libvips's, or the default."""
-    return image.get(name) if image.get_typeof(name) else default
-
-
-def read_coding(source: Source, codec: Codec, header: pyvips.Image) -> tuple[Coding, bytes | None]:
-    """How the picture was encoded, and its EXIF blob.
-
-    Raises:
-        UnshutterError: it holds several pictures, or is a raw file in TIFF's clothes.
-    """
-    bits, exif = field(header, "bits-per-sample", 8), field(header, "exif-data")
-    pages = field(header, "n-pages", 1) if codec.name != "avif" else 1
-    coding = Coding(bits=bits)
-    with source.stream() as stream:
-        if codec.name == "jpeg":
-            quality, subsampled = containers.jpeg_coding(stream)  # libvips calls 4:2:2 4:2:0
-            coding = Coding(quality, subsampled)
-        elif codec.name == "webp":
-            lossless = containers.webp_is_lossless(stream)
-            coding = Coding(subsampled=not lossless, lossless=lossless)
-        elif codec.name == "avif":
-            orientation, grey, subsampled = containers.avif_coding(stream)
-            coding = Coding(subsampled=subsampled, bits=bits, orientation=orientation, grey=grey)
-        elif codec.name == "tiff" and (tree := metadata.read_tree(stream)) is not None:
-            kinds = [tree.number(metadata.SUBFILE_TYPE, page=page) or 0 for page in range(len(tree.pages))]
-            if metadata.DNG_VERSION in tree.pages[0] or kinds[0] & 1:  # the first page is a preview
-                raise UnshutterError(f"{source} {_RAW}")
-            pages = sum(not kind & 5 for kind in kinds)  # smaller copies and masks do not count
-            coding = Coding(bits=bits, compression=tree.number(metadata.COMPRESSION))
-            exif = metadata.exif_of_tiff(tree)
-    if pages > 1:
-        raise UnshutterError(f"{source} holds {pages} pictures: unshutter takes single photos, save them one by one")
-    return coding, exif
-
-
-def check_pixels(source: Source, header: pyvips.Image, max_pixels: int) -> None:
-    """Refuses pictures whose pixels the package does not work on.
-
-    Raises:
-        UnshutterError: too many pixels, CMYK or CIELAB colours, samples other than 8 or 16 bits unsigned.
-    """
-    if header.width * header.height > max_pixels:
-        size = f"{header.width}x{header.height} px ({header.width * header.height / 1e6:.0f} megapixels)"
-        raise UnshutterError(f"{source} has {size}, more than the limit of {max_pixels / 1e6:g} megapixels")
-    if header.interpretation == "cmyk":
-        raise UnshutterError(f"{source} is in CMYK colours: convert it to RGB first")
-    if header.interpretation in ("lab", "labs", "labq", "lch", "xyz", "yxy", "hsv"):
-        raise UnshutterError(f"{source} is in {str(header.interpretation).upper()} colours: convert it to RGB first")
-    if header.format not in ("uchar", "ushort"):
-        raise UnshutterError(
-            f"{source} has {_sample_kind(str(header.format))} samples: convert it to 8 or 16 bits first"
-        )
-    if header.bands > 4:
-        raise UnshutterError(f"{source} has {header.bands} channels: convert it to grey or RGB first")
-
-
-def _sample_kind(vips_format: str) -> str:
-    kinds = {"float": "32-bit float", "double": "64-bit float", "uint": "32-bit", "int": "32-bit signed"}
-    return kinds.get(vips_format, {"char": "8-bit signed", "short": "16-bit signed"}.get(vips_format, vips_format))
-
-
-def standard(image: pyvips.Image) -> pyvips.Image:
-    """The image with the colour meaning that its bands and bits have here: libvips's operations go by it.
-
-    Raises:
-        UnshutterError: not 1 to 4 bands of 8 or 16 bits.
-    """
-    if image.format not in ("uchar", "ushort") or not 1 <= image.bands <= 4:
-        raise UnshutterError(f"a photo has 1 to 4 bands of 8 or 16 bits, not {image.bands} of {image.format}")
-    deep = image.format == "ushort"
-    meaning = ("grey16" if deep else "b-w") if image.bands < 3 else ("rgb16" if deep else "srgb")
-    return image if image.interpretation == meaning else image.copy(interpretation=meaning)
-
-
-def to_8_bits(image: pyvips.Image) -> pyvips.Image:
-    """65535 -> 255, rounded; images of 8 bits as they are."""
-    return standard(image.linear([255 / 65535], [0.5], uchar=True)) if image.format == "ushort" else image
+    name = next((name for signature, name in _SIGNATURES if signature.match(head)), None)
+    if name in (None, "tiff") and isinstance(source.place, Path) and source.place.suffix.lower() in _RAW_SUFFIXES:
+        name = "raw"
+    if name is None:
+        raise UnshutterError(f"{source} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture")
+    if name not in CODECS:
+        raise UnshutterError(f"{source} {name}")
+    return CODECS[name]

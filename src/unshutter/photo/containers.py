@@ -12,7 +12,7 @@ _JPEG_LUMINANCE = (
     *(51, 87, 80, 62, 18, 22, 37, 56, 68, 109, 103, 77, 24, 35, 55, 64, 81, 104, 113, 92, 49, 64, 78, 87, 103, 121),
     *(120, 101, 72, 92, 95, 98, 112, 100, 103, 99),
 )
-_TABLES, _FRAMES = 0xDB, (0xC0, 0xC1, 0xC2)
+_TABLES, _FRAMES, _APP1 = 0xDB, (0xC0, 0xC1, 0xC2), 0xE1
 
 
 class JpegCoding(NamedTuple):
@@ -31,10 +31,10 @@ class JpegCoding(NamedTuple):
 def jpeg_coding(file: BinaryIO) -> JpegCoding:
     """Reads the tables and the frame header; defaults for what is missing or damaged."""
     total, factors = None, b""
-    for marker, content in _jpeg_segments(file):
+    for marker, content in _jpeg_segments(file, (_TABLES, *_FRAMES)):
         if marker == _TABLES:
             total = _luminance_sum(content) or total
-        elif marker in _FRAMES:
+        else:
             factors = content[7::3]  # of each component, horizontal << 4 | vertical
     quality = None
     if total is not None:
@@ -47,14 +47,19 @@ def _scaled_sum(quality: int) -> int:
     return sum(min(max((value * scale + 50) // 100, 1), 255) for value in _JPEG_LUMINANCE)
 
 
-def _jpeg_segments(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """(marker, content) of quantisation tables and frame headers before the first scan."""
+def jpeg_exif(file: BinaryIO) -> bytes | None:
+    """The EXIF blob of a JPEG."""
+    return next((content for _, content in _jpeg_segments(file, (_APP1,)) if content.startswith(b"Exif\0\0")), None)
+
+
+def _jpeg_segments(file: BinaryIO, wanted: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
+    """(marker, content) of segments before the first scan."""
     file.seek(2)
     while len(head := file.read(4)) == 4:
         mark, marker, length = struct.unpack(">BBH", head)
         if mark != 0xFF or marker == 0xDA or length < 2:
             return
-        if marker == _TABLES or marker in _FRAMES:
+        if marker in wanted:
             yield marker, file.read(length - 2)
         else:
             file.seek(length - 2, 1)
@@ -106,22 +111,25 @@ _ORIENTATION = {
 
 def avif_coding(file: BinaryIO) -> AvifCoding:
     """Reads the properties of the primary picture (ISO/IEC 23008-12, boxes pitm, ipco, ipma); defaults if damaged."""
-    file.seek(0)
     try:
-        meta = dict(_boxes(_top_level_box(file, b"meta")[4:]))
-        pitm, iprp = meta[b"pitm"], dict(_boxes(meta[b"iprp"]))
+        meta = dict(boxes(top_level_box(file, b"meta")[4:]))
+        pitm, iprp = meta[b"pitm"], dict(boxes(meta[b"iprp"]))
         (primary,) = struct.unpack_from(">I" if pitm[0] else ">H", pitm, 4)
-        properties = list(_boxes(iprp[b"ipco"]))
+        properties = list(boxes(iprp[b"ipco"]))
         own = dict(properties[i - 1] for i in _associations(iprp[b"ipma"], primary) if i)
         turns = own[b"irot"][0] & 3 if b"irot" in own else 0
         mirror = own[b"imir"][0] & 1 if b"imir" in own else None
+        if mirror is not None and list(own).index(b"imir") < [*own, b"irot"].index(b"irot"):
+            turns = -turns & 3  # mirrored first, then turned
         coding = own[b"av1C"][2] if b"av1C" in own else 0x0C  # a picture made of tiles has it in the tiles
     except (KeyError, IndexError, struct.error):
         return AvifCoding()
     return AvifCoding(_ORIENTATION[turns, mirror], grey=bool(coding & 0x10), subsampled=coding & 0x0C == 0x0C)
 
 
-def _top_level_box(file: BinaryIO, wanted: bytes) -> bytes:
+def top_level_box(file: BinaryIO, wanted: bytes) -> bytes:
+    """Content of a box of the file itself; KeyError where there is none."""
+    file.seek(0)
     while len(head := file.read(8)) == 8:
         size, name = struct.unpack(">I4s", head)
         if name == wanted:
@@ -132,7 +140,7 @@ def _top_level_box(file: BinaryIO, wanted: bytes) -> bytes:
     raise KeyError(wanted)
 
 
-def _boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+def boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     """(type, content) of the boxes in the content of another one."""
     at = 0
     while at + 8 <= len(data):
@@ -158,3 +166,38 @@ def _associations(ipma: bytes, item: int) -> list[int]:
             return numbers
         at += count * (1 + wide_index)
     return []
+
+
+class Extent(NamedTuple):
+    """Where an item of a box file is.
+
+    Attributes:
+        numbers_at: place of two 32-bit numbers: offset, counted from ``base``, and length.
+        base, offset, length: as they are there.
+    """
+
+    numbers_at: int
+    base: int
+    offset: int
+    length: int
+
+
+def exif_extent(file: BinaryIO) -> Extent | None:
+    """Where an AVIF says that its EXIF is; None without EXIF, or where it is not told as libheif does it."""
+    try:
+        meta = top_level_box(file, b"meta")
+        iinf, iloc = (dict(boxes(meta[4:]))[name] for name in (b"iinf", b"iloc"))
+        entries = (content for name, content in boxes(iinf[6:]) if name == b"infe")
+        (item,) = [struct.unpack_from(">H", infe, 4)[0] for infe in entries if infe[8:12] == b"Exif"]
+        if iinf[0] != 0 or iloc[0] != 0 or iloc[4:6] != b"\x44\x40":  # versions; offset, length and base of 32 bits
+            return None
+        (count,), at = struct.unpack_from(">H", iloc, 6), 8
+        for _ in range(count):
+            name, place, base, extents = struct.unpack_from(">HHIH", iloc, at)
+            if name == item and (place, extents) == (0, 1):
+                numbers_at = file.tell() - len(meta) + meta.index(iloc) + at + 10
+                return Extent(numbers_at, base, *struct.unpack_from(">II", iloc, at + 10))
+            at += 10 + 8 * extents
+    except (KeyError, IndexError, ValueError, struct.error):
+        pass
+    return None

@@ -10,8 +10,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.codecs import Codec, Coding, Source, standard, to_8_bits
-from unshutter.photo.libvips import libvips, refusing
+from unshutter.photo.codecs import Codec, Source
+from unshutter.photo.header import Header
+from unshutter.photo.libvips import libvips, refusing, standard, to_8_bits
 
 if TYPE_CHECKING:
     import numpy as np  # not imported above: reading a file, which starts first, can do without
@@ -23,11 +24,11 @@ _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|ex
 
 
 class Decoder:
-    """What encoded data hold; ``height`` and ``width`` are those of the stored pixels [px]."""
+    """What encoded data hold."""
 
-    def __init__(self, source: Source, codec: Codec, coding: Coding, height: int, width: int):
-        self._source, self._codec, self._coding = source, codec, coding
-        self._height, self._width = height, width
+    def __init__(self, source: Source, header: Header):
+        self._source, self._header = source, header
+        self._height, self._width = header.height, header.width
         self._begun: set[str] = set()
         self._grey_ahead: Future[np.ndarray] | None = None
         self._pixels_ahead: Future[np.ndarray] | None = None
@@ -73,19 +74,18 @@ class Decoder:
         """How many times smaller the data may be decoded for such a grey copy."""
         height, width = grey_size(self._height, self._width, short_side)
         scale = max(height / self._height, width / self._width)
-        return next((n for n in (8, 4, 2) if self._codec.name == "jpeg" and n * scale <= 1), 1)
+        return next((n for n in (8, 4, 2) if self._header.codec.name == "jpeg" and n * scale <= 1), 1)
 
     def _decode(self, shrink: int = 1) -> np.ndarray:
-        return decode(self._source, self._codec, self._coding, shrink)
+        return decode(self._source, self._header, shrink)
 
 
-def decode(source: Source, codec: Codec, coding: Coding, shrink: int = 1) -> np.ndarray:
+def decode(source: Source, header: Header, shrink: int = 1) -> np.ndarray:
     """All stored pixels, decoded now.
 
     Args:
         source: what to decode.
-        codec: its format.
-        coding: as :func:`read_coding` gave it.
+        header: what :func:`read_header` says of it.
         shrink: 1, or for JPEG 2, 4 or 8: every so many rows and columns become one, rounded up, which is faster.
 
     Returns:
@@ -94,19 +94,31 @@ def decode(source: Source, codec: Codec, coding: Coding, shrink: int = 1) -> np.
     Raises:
         UnshutterError: the data are damaged or end too early.
     """
-    smaller = {"shrink": shrink} if shrink > 1 else {}
+    name, coding = header.codec.name, header.coding
+    if name == "raw":
+        from unshutter.photo import raw
+
+        return raw.developed(source, header.height, header.width)
+    if name == "heic":
+        from unshutter.photo import heic
+
+        return _unturned(heic.turned_pixels(source), coding.orientation)
+    pixels = _by_libvips(source, header.codec, {"shrink": shrink} if shrink > 1 else {})
+    if coding.grey and pixels.shape[2] > 2:
+        pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
+    return _unturned(pixels, coding.orientation)
+
+
+def _by_libvips(source: Source, codec: Codec, smaller: dict[str, int]) -> np.ndarray:
     with refusing(f"{source} is damaged or incomplete"):
         # To libjpeg damaged data are but a warning; PNG and TIFF warn of much that harms nothing.
         level = "warning" if codec.name == "jpeg" else "error"
         try:
-            pixels = computed(source.load(codec, access="sequential", fail_on=level, **smaller))
+            return computed(source.load(codec, access="sequential", fail_on=level, **smaller))
         except libvips().Error as error:
             if level == "error" or not _HARMLESS.search(error.detail):
                 raise
-            pixels = computed(source.load(codec, access="sequential", fail_on="error", **smaller))
-    if coding.grey and pixels.shape[2] > 2:
-        pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
-    return _unturned(pixels, coding.orientation)
+            return computed(source.load(codec, access="sequential", fail_on="error", **smaller))
 
 
 def computed(image: pyvips.Image) -> np.ndarray:

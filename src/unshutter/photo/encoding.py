@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from unshutter.errors import UnshutterError
-from unshutter.photo import codecs
+from unshutter.photo import metadata, new_pixels
 from unshutter.photo.codecs import Codec, Coding
-from unshutter.photo.libvips import libvips
+from unshutter.photo.embedding import embed_exif
+from unshutter.photo.libvips import field, libvips, set_blob, standard, to_8_bits
 
 if TYPE_CHECKING:
     import pyvips
 
 _CLASSIC_TIFF_BYTES = 3_500_000_000
+_THUMBNAIL_SIDE = 160  # px
 # Metadata that go from a photo to its successor, by libvips's names; EXIF is handled by itself.
 _CARRIED = ("icc-profile-data", "xmp-data", "iptc-data", "photoshop-data", "resolution-unit", "image-description")
 _KEEP_EXIF, _KEEP_XMP, _KEEP_IPTC, _KEEP_ICC, _KEEP_OTHER = 1, 2, 4, 8, 16  # libvips's flags
 _KEEP = _KEEP_XMP | _KEEP_IPTC | _KEEP_ICC | _KEEP_OTHER
 
 
-def dress(image: pyvips.Image, header: pyvips.Image, exif: bytes | None, orientation: int) -> pyvips.Image:
+def dress(
+    image: pyvips.Image, header: pyvips.Image, exif: bytes | None, orientation: int, is_new: bool
+) -> pyvips.Image:
     """The pixels of one image with the metadata of another, and none of their own.
 
     Args:
@@ -29,6 +33,7 @@ def dress(image: pyvips.Image, header: pyvips.Image, exif: bytes | None, orienta
         header: ICC profile, XMP, IPTC, resolution.
         exif: EXIF blob.
         orientation: EXIF orientation 1-8.
+        is_new: whether the pixels are others than the metadata's, so that thumbnails must be made anew, or go.
     """
     image = image.copy(xres=header.xres, yres=header.yres)
     types = libvips().GValue
@@ -38,10 +43,32 @@ def dress(image: pyvips.Image, header: pyvips.Image, exif: bytes | None, orienta
     for name in header.get_fields():
         if name in _CARRIED or name.startswith("png-comment-"):
             image.set_type(header.get_typeof(name), name, header.get(name))
+    exif = _exif_of(image, exif, orientation, is_new)
     if exif is not None:
-        image.set_type(types.blob_type, "exif-data", exif)  # pyright: ignore[reportArgumentType]
+        set_blob(image, "exif-data", exif)
+    if (xmp := field(image, "xmp-data")) is not None:
+        xmp = new_pixels.xmp_for(xmp, image.height, image.width, orientation)
+        set_blob(image, "xmp-data", new_pixels.xmp_without_pictures(xmp) if is_new else xmp)
+    for name in ("iptc-data", "photoshop-data") if is_new else ():
+        if (resources := field(image, name)) is not None:
+            set_blob(image, name, new_pixels.resources_without_thumbnails(resources))
     image.set_type(types.gint_type, "orientation", orientation)
     return image
+
+
+def _exif_of(image: pyvips.Image, exif: bytes | None, orientation: int, is_new: bool) -> bytes | None:
+    if exif is not None:
+        exif = new_pixels.exif_with_size(exif, image.height, image.width)
+        if is_new and new_pixels.has_thumbnail(exif):
+            exif = new_pixels.exif_with_thumbnail(exif, _thumbnail(image), orientation)
+    return new_pixels.exif_with_orientation(exif, orientation)
+
+
+def _thumbnail(image: pyvips.Image) -> bytes:
+    """A JPEG of at most 160 px."""
+    small = image.flatten() if image.hasalpha() else image
+    small = small.resize(min(_THUMBNAIL_SIDE / max(small.width, small.height), 1.0), kernel="linear")
+    return to_8_bits(small).jpegsave_buffer(Q=80, keep=0)
 
 
 def fit(image: pyvips.Image, codec: Codec) -> pyvips.Image:
@@ -58,16 +85,16 @@ def fit(image: pyvips.Image, codec: Codec) -> pyvips.Image:
     if image.hasalpha() and not codec.alpha:
         image = image.flatten()
     if not codec.deep:
-        image = codecs.to_8_bits(image)
+        image = to_8_bits(image)
     if image.bands > 2 or codec.grey:
         return image
     grey, alpha = image[0], image[1:] if image.bands == 2 else None
-    profile = codecs.field(image, "icc-profile-data")
+    profile = field(image, "icc-profile-data")
     if profile is not None and profile[16:20] == b"GRAY":  # its tones would be lost with it
-        colour = codecs.standard(grey).icc_transform("srgb", embedded=True, depth=16 if image.format == "ushort" else 8)
+        colour = standard(grey).icc_transform("srgb", embedded=True, depth=16 if image.format == "ushort" else 8)
     else:
         colour = grey.bandjoin([grey, grey])
-    return codecs.standard(colour if alpha is None else colour.bandjoin(alpha))
+    return standard(colour if alpha is None else colour.bandjoin(alpha))
 
 
 def encode(
@@ -75,14 +102,24 @@ def encode(
 ) -> bytes | None:
     """Encodes pixels that :func:`fit` into a file, or into bytes without ``path``; ``pyvips.Error`` on failure.
 
-    EXIF is written for pictures that have it or that need it to stand upright: libvips would make one up for all.
+    EXIF comes later, by :func:`add_exif`; WebP and AVIF get some that keeps its place.
     """
-    wears_exif = codecs.field(image, "exif-data") is not None or codecs.field(image, "orientation") != 1
-    keep = _KEEP | _KEEP_EXIF if wears_exif else _KEEP
-    options = _options(image, codec, coding, quality) | {"keep": keep}
+    keeps_place = field(image, "exif-data") is not None and codec.name in ("webp", "avif", "tiff")
+    options = _options(image, codec, coding, quality) | {"keep": _KEEP | _KEEP_EXIF if keeps_place else _KEEP}
     if path is None:
         return getattr(image, codec.save + "_buffer")(**options)
     return getattr(image, codec.save)(os.fsencode(path), **options)
+
+
+def add_exif(file: BinaryIO, image: pyvips.Image, codec: Codec) -> None:
+    """Puts the EXIF that a picture wears into its encoded file, open for reading and writing."""
+    exif = field(image, "exif-data")
+    if exif is None:
+        return
+    if codec.name == "tiff":
+        metadata.add_exif_to_tiff(file, exif, image.height, image.width)
+    else:
+        embed_exif(file, codec.name, metadata.shortened(exif) if codec.name == "jpeg" else exif)
 
 
 def _options(image: pyvips.Image, codec: Codec, coding: Coding, quality: int | None) -> dict[str, Any]:

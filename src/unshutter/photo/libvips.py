@@ -1,4 +1,4 @@
-"""pyvips: imported when it is needed, kept quiet, its failures turned into one line."""
+"""pyvips: imported when it is needed, kept quiet, its failures turned into one line; small questions to its images."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
+
+if TYPE_CHECKING:
+    import pyvips
 
 
 @cache
@@ -52,3 +55,34 @@ def _cause(notes: str) -> str:
     told = [line for line in system if not line.startswith("Unknown error")]
     lines = [line for line in lines if "bad seek" not in line]  # how libheif finds the end of a stream
     return (told or lines or ["unknown"])[0]
+
+
+# ---- images --------------------------------------------------------------------------------------------
+
+
+def field(image: pyvips.Image, name: str, default: Any = None) -> Any:
+    """A metadata field of libvips's, or the default."""
+    return image.get(name) if image.get_typeof(name) else default
+
+
+def set_blob(image: pyvips.Image, name: str, data: bytes) -> None:
+    """Sets a metadata field of bytes."""
+    image.set_type(libvips().GValue.blob_type, name, data)  # pyright: ignore[reportArgumentType]
+
+
+def standard(image: pyvips.Image) -> pyvips.Image:
+    """The image with the colour meaning that its bands and bits have here: libvips's operations go by it.
+
+    Raises:
+        UnshutterError: not 1 to 4 bands of 8 or 16 bits.
+    """
+    if image.format not in ("uchar", "ushort") or not 1 <= image.bands <= 4:
+        raise UnshutterError(f"a photo has 1 to 4 bands of 8 or 16 bits, not {image.bands} of {image.format}")
+    deep = image.format == "ushort"
+    meaning = ("grey16" if deep else "b-w") if image.bands < 3 else ("rgb16" if deep else "srgb")
+    return image if image.interpretation == meaning else image.copy(interpretation=meaning)
+
+
+def to_8_bits(image: pyvips.Image) -> pyvips.Image:
+    """65535 -> 255, rounded; images of 8 bits as they are."""
+    return standard(image.linear([255 / 65535], [0.5], uchar=True)) if image.format == "ushort" else image

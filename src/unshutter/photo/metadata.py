@@ -22,8 +22,10 @@ SUB_DIRECTORIES = frozenset({0x8769, 0x8825, 0xA005})
 CAMERA_TAGS = frozenset(
     {0x010E, 0x010F, 0x0110, 0x0131, 0x0132, 0x013B, 0x4746, 0x4749, 0x8298, *range(0x9C9B, 0x9CA0), 0xC4A5}
 )
-EXIF, PIXEL_WIDTH, PIXEL_HEIGHT, FOCAL_35MM = 0x8769, 0xA002, 0xA003, 0xA405
-SUBFILE_TYPE, COMPRESSION, DNG_VERSION = 0x00FE, 0x0103, 0xC612
+EXIF, GPS, PIXEL_WIDTH, PIXEL_HEIGHT, FOCAL_35MM = 0x8769, 0x8825, 0xA002, 0xA003, 0xA405
+SUBFILE_TYPE, COMPRESSION, XMP, DNG_VERSION = 0x00FE, 0x0103, 0x02BC, 0xC612
+_MAKER_NOTE = 0x927C
+LONGEST_IN_JPEG = 65_533  # bytes, with the prefix
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 
 # Bytes of one value, and of the units in it that byte order turns, by TIFF type (1 BYTE ... 13 IFD).
@@ -66,6 +68,11 @@ class Tree:
         if not isinstance(directory, Entry) or directory.kind not in (1, 3, 4):
             return None
         return struct.unpack_from(self.order + {1: "B", 3: "H", 4: "I"}[directory.kind], directory.data)[0]
+
+    def data(self, tag: int) -> bytes | None:
+        """Bytes of a tag in the first page, None if absent."""
+        entry = self.pages[0].get(tag)
+        return entry.data if isinstance(entry, Entry) else None
 
 
 # ---- reading -------------------------------------------------------------------------------------------
@@ -157,16 +164,15 @@ def focal_px(exif: bytes | None, height: int, width: int) -> float | None:
     return focal_mm * math.hypot(height, width) / _FULL_FRAME_DIAGONAL_MM if focal_mm else None
 
 
-def without_thumbnail(exif: bytes) -> bytes:
-    """The same EXIF blob with the link to its second directory, the thumbnail's, cut."""
-    start = len(_PREFIX) if exif.startswith(_PREFIX) else 0
-    tree = read_exif(exif)
-    if tree is None or len(tree.pages) < 2:
+def shortened(exif: bytes) -> bytes:
+    """A blob that fits into a JPEG: if it is too long, without its maker's note, which may hold previews."""
+    tree = read_exif(exif) if len(exif) > LONGEST_IN_JPEG else None
+    if tree is None:
         return exif
-    (first,) = struct.unpack_from(tree.order + "I", exif, start + 4)
-    (count,) = struct.unpack_from(tree.order + "H", exif, start + first)
-    link = start + first + 2 + 12 * count
-    return exif[:link] + bytes(4) + exif[link + 4 :]
+    details = tree.pages[0].get(EXIF)
+    if isinstance(details, dict):
+        details.pop(_MAKER_NOTE, None)
+    return exif_of_tiff(tree) or exif
 
 
 # ---- writing -------------------------------------------------------------------------------------------

@@ -7,13 +7,14 @@ import os
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.files import check_target, written_whole
 from unshutter.photo import codecs, decoding, encoding, metadata
-from unshutter.photo.codecs import CODECS, Codec, Coding, Source
+from unshutter.photo.codecs import CODECS, WRITTEN, Codec, Coding, Source, Subsampling
 from unshutter.photo.decoding import Decoder
+from unshutter.photo.header import read_header
 from unshutter.photo.libvips import refusing
 
 if TYPE_CHECKING:
@@ -34,12 +35,14 @@ class Photo:
       JPEG and WebP;
     * channels: grey stays grey in JPEG, PNG and TIFF, WebP and AVIF hold it as RGB; alpha stays except in JPEG,
       where the picture is laid over black;
-    * ICC profile, EXIF (GPS, makers' notes, orientation; the size in it is set to the picture's), XMP, IPTC. New
-      pixels drop the embedded thumbnail. EXIF tags that neither the standard nor libexif knows are lost but in TIFF.
+    * ICC profile, XMP, IPTC (JPEG and TIFF), and EXIF byte by byte (in TIFF, tag by tag), with the picture's size;
     * JPEG quality and chroma subsampling like the input's; TIFF compression if none or LZW, else deflate.
 
+    New pixels get a new thumbnail where the EXIF has one, except in TIFF, and lose all other small pictures of the old
+    ones. See docs/formats.md for all that, measured.
+
     Attributes:
-        format: ``jpeg``, ``png``, ``webp``, ``tiff``, ``avif``, or ``array``.
+        format: ``jpeg``, ``png``, ``webp``, ``tiff``, ``avif``, ``heic``, ``raw``, or ``array``.
         height, width: of the stored pixels [px].
         bands: channels, alpha included.
         orientation: EXIF orientation 1-8 of the stored pixels.
@@ -77,30 +80,18 @@ class Photo:
 
     @classmethod
     def _from_source(cls, source: Source, max_pixels: int) -> Photo:
-        codec = codecs.recognise(source)
-        with refusing(f"{source} is damaged, incomplete or unusual"):
-            header = source.load(codec, access="sequential")
-            header.get_fields()  # their names may be damaged, too
-        try:
-            coding, exif = codecs.read_coding(source, codec, header)
-        except OSError as error:
-            raise UnshutterError(f"cannot read {source}: {error.strerror}") from None
-        codecs.check_pixels(source, header, max_pixels)
-        # AVIF's own boxes turn the picture; EXIF has no say in it
-        orientation = coding.orientation if codec.name == "avif" else codecs.field(header, "orientation", 1)
-        size = (header.height, header.width)
-        height, width = size[::-1] if coding.orientation >= 5 else size  # the decoder has turned it
+        header = read_header(source, max_pixels)
         return cls(
-            format=codec.name,
-            height=height,
-            width=width,
-            bands=header.bands - 2 if coding.grey else header.bands,
-            orientation=orientation if 1 <= orientation <= 8 else 1,
+            format=header.codec.name,
+            height=header.height,
+            width=header.width,
+            bands=header.bands,
+            orientation=header.orientation,
             path=source.place if isinstance(source.place, Path) else None,
-            _decoder=Decoder(source, codec, coding, height, width),
-            _coding=coding,
-            _header=header,
-            _exif=exif,
+            _decoder=Decoder(source, header),
+            _coding=header.coding,
+            _header=header.about,
+            _exif=header.exif,
         )
 
     @classmethod
@@ -123,9 +114,8 @@ class Photo:
             UnshutterError: see :meth:`from_array`.
         """
         pixels = _with_bands(pixels)
-        exif = None if self._exif is None else metadata.without_thumbnail(self._exif)
         height, width, bands = pixels.shape
-        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None, _exif=exif)
+        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None)
 
     # ---- what it holds ---------------------------------------------------------------------------------
 
@@ -196,57 +186,75 @@ class Photo:
 
     # ---- out -------------------------------------------------------------------------------------------
 
-    def to_bytes(self, format: str | None = None, quality: int | None = None) -> bytes:
+    def to_bytes(
+        self, format: str | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+    ) -> bytes:
         """The photo as an encoded file.
 
         Args:
-            format: ``jpeg``, ``png``, ``webp``, ``tiff`` or ``avif``; its own by default (PNG for arrays).
+            format: ``jpeg``, ``png``, ``webp``, ``tiff`` or ``avif``; its own by default
+                (PNG for arrays, AVIF for HEIC, TIFF for raw).
             quality: 1-100 for JPEG, WebP and AVIF; by default like the input's, else 95, 90 and 80.
+            subsampling: of JPEG's and AVIF's chroma, ``4:4:4`` (none) or ``4:2:0``; by default like the input's, which
+                is 4:4:4 for what lies between.
 
         Raises:
-            UsageError: unknown format or quality; UnshutterError: the format cannot hold the picture.
+            UsageError: unknown format, quality or subsampling; UnshutterError: the format cannot hold the picture.
         """
-        name = format or ("png" if self.format == "array" else self.format)
-        if name not in CODECS:
-            raise UsageError(f"unknown picture format '{name}': choose one of {', '.join(CODECS)}")
-        codec, image = CODECS[name], self._ready_for(CODECS[name], quality)
+        own = "png" if self.format == "array" else CODECS[self.format].written_as or self.format
+        name = format or own
+        if name not in WRITTEN:
+            raise UsageError(f"unknown picture format '{name}': choose one of {', '.join(WRITTEN)}")
+        codec, image = WRITTEN[name], self._ready_for(WRITTEN[name], quality, subsampling)
         with refusing(f"cannot encode the picture as {name.upper()}"):
-            data = encoding.encode(image, codec, self._coding, quality)
+            data = encoding.encode(image, codec, self._coding_for(subsampling), quality)
         assert data is not None
-        if codec.name == "tiff" and self._exif is not None:
-            stream = io.BytesIO(data)
-            metadata.add_exif_to_tiff(stream, self._exif, image.height, image.width)
-            data = stream.getvalue()
-        return data
+        stream = io.BytesIO(data)
+        encoding.add_exif(stream, image, codec)
+        return stream.getvalue()
 
-    def save(self, path: str | os.PathLike[str], quality: int | None = None, overwrite: bool = False) -> None:
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        quality: int | None = None,
+        overwrite: bool = False,
+        subsampling: Subsampling | None = None,
+    ) -> None:
         """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
 
         Args:
             path: the ending names the format: .jpg .jpeg .png .webp .tif .tiff .avif.
             quality: see :meth:`to_bytes`.
             overwrite: whether an existing file may be replaced; the photo's own file never is.
+            subsampling: see :meth:`to_bytes`.
 
         Raises:
-            UsageError: unknown ending or quality; UnshutterError: the file exists, is the photo's own, its folder is
-                missing or cannot be written to, the disc is full, or the photo's own file is damaged.
+            UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is the photo's own, its
+                folder is missing or cannot be written to, the disc is full, or the photo's own file is damaged.
         """
         target = Path(path)
         codec = codecs.for_suffix(target)
         check_target(target, overwrite, self.path)
-        image = self._ready_for(codec, quality)  # decodes: a damaged photo is found before anything is written
+        image = self._ready_for(
+            codec, quality, subsampling
+        )  # decodes: a damaged photo is found before anything is written
         with written_whole(target) as part:
             with refusing(f"cannot write {target}"):
-                encoding.encode(image, codec, self._coding, quality, part)
-            if codec.name == "tiff" and self._exif is not None:
-                with part.open("r+b") as stream:
-                    metadata.add_exif_to_tiff(stream, self._exif, image.height, image.width)
+                encoding.encode(image, codec, self._coding_for(subsampling), quality, part)
+            with part.open("r+b") as stream:
+                encoding.add_exif(stream, image, codec)
             check_target(target, overwrite, self.path)  # another program may have been faster
 
-    def _ready_for(self, codec: Codec, quality: int | None) -> pyvips.Image:
+    def _coding_for(self, subsampling: Subsampling | None) -> Coding:
+        return replace(self._coding, subsampled=subsampling == "4:2:0") if subsampling else self._coding
+
+    def _ready_for(self, codec: Codec, quality: int | None, subsampling: Subsampling | None) -> pyvips.Image:
         if quality is not None and not 1 <= quality <= 100:
             raise UsageError(f"quality must lie between 1 and 100, got {quality}")
-        return encoding.fit(encoding.dress(self.image, self._header, self._exif, self.orientation), codec)
+        if subsampling not in (None, *get_args(Subsampling)):
+            raise UsageError(f"unknown subsampling '{subsampling}': choose one of {', '.join(get_args(Subsampling))}")
+        is_new = self._given is not None
+        return encoding.fit(encoding.dress(self.image, self._header, self._exif, self.orientation, is_new), codec)
 
 
 def _with_bands(array: np.ndarray) -> np.ndarray:

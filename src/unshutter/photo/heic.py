@@ -1,0 +1,101 @@
+"""HEIC photos, through libheif (package pi-heif, extra ``heic``).
+
+A HEIC file holds the pixels as the sensor was read; its boxes irot and imir say how a viewer is to turn and mirror
+them. libheif does that while decoding and cannot be told not to: what it gives is turned back here.
+
+Source: ISO/IEC 23008-12 (HEIF), ISO/IEC 23091-2 (colour code points).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from unshutter.errors import UnshutterError
+from unshutter.photo import containers
+from unshutter.photo.codecs import Codec, Coding, Source
+from unshutter.photo.header import Header
+from unshutter.photo.libvips import libvips, set_blob
+
+if TYPE_CHECKING:
+    import numpy as np
+
+# Primaries and transfers of colours that need no profile (sRGB and Rec. 709, which is shown alike), or libvips's P3.
+_SRGB_PRIMARIES, _P3_PRIMARIES, _USUAL_TRANSFERS = (1, 2), 12, (1, 2, 6, 13)
+
+
+def read_header(source: Source, codec: Codec) -> Header:
+    """What a HEIC file says about its primary picture.
+
+    Raises:
+        UnshutterError: pi-heif is not installed, the file is damaged, or its colours are those of HDR.
+    """
+    picture = _primary(source)
+    info = picture.info
+    with source.stream() as stream:
+        orientation = containers.avif_coding(stream).orientation
+    width, height = picture.size[::-1] if orientation >= 5 else picture.size
+    about = libvips().Image.black(1, 1)
+    profile = info.get("icc_profile") or _profile_of_code_points(source, info.get("nclx_profile"))
+    for name, data in (("icc-profile-data", profile), ("xmp-data", info.get("xmp"))):
+        if data:
+            set_blob(about, name, bytes(data))
+    bands = len(picture.mode.partition(";")[0])
+    coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"], orientation=orientation)
+    return Header(codec, coding, height, width, bands, orientation, about, info.get("exif"))
+
+
+def turned_pixels(source: Source) -> np.ndarray:
+    """[H, W, bands] uint8 or uint16 of the primary picture, turned and mirrored as the file asks.
+
+    Raises:
+        UnshutterError: damaged or incomplete.
+    """
+    import numpy as np
+
+    picture = _primary(source)
+    try:
+        pixels = np.asarray(picture)
+    except Exception as error:  # libheif's, by whatever class pi-heif gives them
+        raise UnshutterError(f"{source} is damaged or incomplete: {_cause(error)}") from None
+    pixels = pixels.reshape(*pixels.shape[:2], -1)
+    if picture.mode.partition(";")[0].endswith("a"):
+        top = np.iinfo(pixels.dtype).max
+        opacity = np.maximum(pixels[..., -1:], 1) / top
+        colours = np.minimum(np.round(pixels[..., :-1] / opacity), top).astype(pixels.dtype)
+        pixels = np.concatenate([colours, pixels[..., -1:]], axis=2)
+    return pixels
+
+
+def _primary(source: Source) -> Any:
+    try:
+        import pi_heif
+    except ImportError:
+        raise UnshutterError(f"{source} is a HEIC photo: to read it, pip install 'unshutter[heic]'") from None
+    try:
+        with source.stream() as stream:
+            file = pi_heif.open_heif(stream, convert_hdr_to_8bit=False)
+            return file[file.primary_index]
+    except OSError as error:
+        if error.strerror:
+            raise
+        raise UnshutterError(f"{source} is a HEIC photo, damaged, incomplete or unusual: {_cause(error)}") from None
+    except Exception as error:
+        raise UnshutterError(f"{source} is a HEIC photo, damaged, incomplete or unusual: {_cause(error)}") from None
+
+
+def _cause(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _profile_of_code_points(source: Source, points: dict[str, Any] | None) -> bytes | None:
+    """ICC profile of colours that are told by numbers; none where they are sRGB or not told."""
+    primaries, transfer = (points["color_primaries"], points["transfer_characteristics"]) if points else (2, 2)
+    if transfer in _USUAL_TRANSFERS:
+        if primaries in _SRGB_PRIMARIES:
+            return None
+        if primaries == _P3_PRIMARIES:
+            return libvips().Image.profile_load("p3")
+    raise UnshutterError(
+        f"{source} has colours of HDR or video (code points {primaries}/{transfer}), which photo formats do not share: "
+        "convert it first"
+    )
