@@ -225,20 +225,6 @@ def test_resolution_and_png_texts_are_kept():
         assert picture.info["dpi"] == pytest.approx((300, 300), abs=0.1)
 
 
-def test_the_thumbnail_goes_with_the_pixels_it_shows():
-    stream = io.BytesIO()
-    Image.new("RGB", (16, 12), (200, 10, 10)).save(stream, "JPEG")
-    thumbnail = stream.getvalue()
-    first = struct.pack("<HHHI4sI", 1, 0x0112, 3, 1, b"\1\0\0\0", 26)
-    second = struct.pack("<H", 3) + struct.pack("<HHI4s", 0x0103, 3, 1, b"\6\0\0\0")
-    second += struct.pack("<HHIIHHIII", 0x0201, 4, 1, 26 + 42, 0x0202, 4, 1, len(thumbnail), 0)
-    blob = b"Exif\0\0II*\0\x08\0\0\0" + first + second + thumbnail
-    photo = Photo.from_bytes(encoded(drawn(), "JPEG", exif=blob))
-    assert thumbnail[-100:] in photo.to_bytes()
-    for target in FORMATS:
-        assert thumbnail[-100:] not in photo.with_pixels(~photo.pixels).to_bytes(target)
-
-
 def linear_grey_profile():
     """An ICC profile of one channel whose tones are linear in light."""
     white = b"XYZ \0\0\0\0" + struct.pack(">iii", 0xF6D6, 0x10000, 0xD32D)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from unshutter.errors import UnshutterError
-from unshutter.photo import metadata, new_pixels
+from unshutter.photo import metadata, new_pixels, resources
 from unshutter.photo.codecs import Codec, Coding
 from unshutter.photo.embedding import embed_exif
 from unshutter.photo.libvips import field, libvips, set_blob, standard, to_8_bits
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _CLASSIC_TIFF_BYTES = 3_500_000_000
 _THUMBNAIL_SIDE = 160  # px
 # Metadata that go from a photo to its successor, by libvips's names; EXIF is handled by itself.
-_CARRIED = ("icc-profile-data", "xmp-data", "iptc-data", "photoshop-data", "resolution-unit", "image-description")
+_CARRIED = ("icc-profile-data", "xmp-data", "iptc-data", "resolution-unit", "image-description")
 _KEEP_EXIF, _KEEP_XMP, _KEEP_IPTC, _KEEP_ICC, _KEEP_OTHER = 1, 2, 4, 8, 16  # libvips's flags
 _KEEP = _KEEP_XMP | _KEEP_IPTC | _KEEP_ICC | _KEEP_OTHER
 
@@ -49,9 +49,8 @@ def dress(
     if (xmp := field(image, "xmp-data")) is not None:
         xmp = new_pixels.xmp_for(xmp, image.height, image.width, orientation)
         set_blob(image, "xmp-data", new_pixels.xmp_without_pictures(xmp) if is_new else xmp)
-    for name in ("iptc-data", "photoshop-data") if is_new else ():
-        if (resources := field(image, name)) is not None:
-            set_blob(image, name, new_pixels.resources_without_thumbnails(resources))
+    if is_new and (blocks := field(image, "iptc-data")) is not None:
+        set_blob(image, "iptc-data", resources.without_thumbnails(blocks))
     image.set_type(types.gint_type, "orientation", orientation)
     return image
 
@@ -102,8 +101,11 @@ def encode(
 ) -> bytes | None:
     """Encodes pixels that :func:`fit` into a file, or into bytes without ``path``; ``pyvips.Error`` on failure.
 
-    EXIF comes later, by :func:`add_exif`; WebP and AVIF get some that keeps its place.
+    EXIF comes later, by :func:`add_metadata`; WebP and AVIF get some that keeps its place.
     """
+    if codec.name == "tiff":
+        image = image.copy()
+        image.remove("iptc-data")
     keeps_place = field(image, "exif-data") is not None and codec.name in ("webp", "avif", "tiff")
     options = _options(image, codec, coding, quality) | {"keep": _KEEP | _KEEP_EXIF if keeps_place else _KEEP}
     if path is None:
@@ -111,14 +113,13 @@ def encode(
     return getattr(image, codec.save)(os.fsencode(path), **options)
 
 
-def add_exif(file: BinaryIO, image: pyvips.Image, codec: Codec) -> None:
-    """Puts the EXIF that a picture wears into its encoded file, open for reading and writing."""
+def add_metadata(file: BinaryIO, image: pyvips.Image, codec: Codec) -> None:
+    """Puts EXIF, and what else libvips does not write well, into an encoded file, open for reading and writing."""
     exif = field(image, "exif-data")
-    if exif is None:
-        return
     if codec.name == "tiff":
-        metadata.add_exif_to_tiff(file, exif, image.height, image.width)
-    else:
+        more = resources.tiff_tags(field(image, "iptc-data", b""))
+        metadata.add_exif_to_tiff(file, exif, image.height, image.width, more)
+    elif exif is not None:
         embed_exif(file, codec.name, metadata.shortened(exif) if codec.name == "jpeg" else exif)
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
-from unshutter.photo import containers, metadata
+from unshutter.photo import containers, metadata, resources
 from unshutter.photo.codecs import CODECS, Codec, Coding, Source, recognise
-from unshutter.photo.libvips import field, refusing
+from unshutter.photo.libvips import field, refusing, set_blob
 
 if TYPE_CHECKING:
     import pyvips
@@ -79,6 +79,11 @@ def _read_by_libvips(source: Source, codec: Codec, tree: metadata.Tree | None) -
         about = source.load(codec, access="sequential")
         about.get_fields()  # their names may be damaged, too
     coding, exif = _read_coding(source, codec, about, tree)
+    if codec.name == "tiff":
+        about = about.copy()
+        about.remove("iptc-data")
+        if tree is not None and (blocks := resources.of_tiff(tree)) is not None:
+            set_blob(about, "iptc-data", blocks)
     _check_pixels(source, about)
     # AVIF's own boxes turn the picture; EXIF has no say in it
     orientation = coding.orientation if codec.name == "avif" else field(about, "orientation", 1)

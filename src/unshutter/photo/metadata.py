@@ -12,7 +12,9 @@ from __future__ import annotations
 import io
 import math
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import BinaryIO, NamedTuple, TypeAlias
 
 # Directories that hang on a tag of another one: EXIF, GPS, interoperability.
@@ -178,7 +180,9 @@ def shortened(exif: bytes) -> bytes:
 # ---- writing -------------------------------------------------------------------------------------------
 
 
-def add_exif_to_tiff(file: BinaryIO, exif: bytes, height: int, width: int) -> None:
+def add_exif_to_tiff(
+    file: BinaryIO, exif: bytes | None, height: int, width: int, more: Mapping[int, Entry] = MappingProxyType({})
+) -> None:
     """Adds camera tags, EXIF and GPS of a blob to a finished TIFF of one page, at its end.
 
     The page's own tags win over the blob's. The pixel size that EXIF repeats is set to that of the picture.
@@ -189,14 +193,17 @@ def add_exif_to_tiff(file: BinaryIO, exif: bytes, height: int, width: int) -> No
         exif: EXIF blob.
         height: of the picture [px].
         width: of the picture [px].
+        more: tags of bytes, which stand in either order.
     """
     tree, target = read_exif(exif), read_tree(file)
     end = file.seek(0, io.SEEK_END)
-    if tree is None or target is None or end + len(exif) + 65536 >= 1 << 32:
+    length = len(exif or b"") + sum(len(entry.data) for entry in more.values())
+    if target is None or (tree is None and not more) or end + length + 65536 >= 1 << 32:
         return
-    added = {tag: value for tag, value in tree.pages[0].items() if tag in CAMERA_TAGS or tag in SUB_DIRECTORIES}
-    if tree.order != target.order:
-        added = _swapped(added)
+    added: Directory = {}
+    if tree is not None:
+        added = {tag: value for tag, value in tree.pages[0].items() if tag in CAMERA_TAGS or tag in SUB_DIRECTORIES}
+        added = added if tree.order == target.order else _swapped(added)
     details = added.get(EXIF)
     if isinstance(details, dict):
         for tag, size in ((PIXEL_WIDTH, width), (PIXEL_HEIGHT, height)):
@@ -204,7 +211,7 @@ def add_exif_to_tiff(file: BinaryIO, exif: bytes, height: int, width: int) -> No
                 details[tag] = Entry(4, 1, struct.pack(target.order + "I", size))
     start = end + end % 2  # directories begin at even offsets
     file.seek(end)
-    file.write(bytes(end % 2) + _encode(added | target.pages[0], start, target.order))
+    file.write(bytes(end % 2) + _encode(added | dict(more) | target.pages[0], start, target.order))
     file.seek(4)
     file.write(struct.pack(target.order + "I", start))
 

@@ -3,8 +3,7 @@
 EXIF blobs are changed in place or at their end, so that all else stays where it was: makers' notes often point to
 places counted from the blob's beginning.
 
-Source: CIPA DC-008 (EXIF 2.32), section 4.5; Adobe, XMP specification part 3 and Photoshop File Formats (image
-resource blocks).
+Source: CIPA DC-008 (EXIF 2.32), section 4.5; Adobe, XMP specification part 3.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ _PREFIX = b"Exif\0\0"
 _IMAGE_WIDTH, _IMAGE_HEIGHT, _ORIENTATION = 0x0100, 0x0101, 0x0112
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF ends at 65,527
-_THUMBNAIL_RESOURCES = (1033, 1036)
 
 
 # ---- EXIF ----------------------------------------------------------------------------------------------
@@ -149,7 +147,7 @@ class _Blob:
         self.second_at = 0
 
 
-# ---- XMP and Photoshop's resources ---------------------------------------------------------------------
+# ---- XMP -----------------------------------------------------------------------------------------------
 
 
 def xmp_for(xmp: bytes, height: int, width: int, orientation: int) -> bytes:
@@ -169,21 +167,3 @@ def xmp_without_pictures(xmp: bytes) -> bytes:
     """XMP without embedded thumbnails, and without the link to more XMP that a JPEG may have elsewhere."""
     xmp = re.sub(rb"<(xmp|xap):Thumbnails\b.*?</\1:Thumbnails\s*>", b"", xmp, flags=re.DOTALL)
     return re.sub(rb"""\s+xmpNote:HasExtendedXMP\s*=\s*(["'])[^"']*\1""", b"", xmp)
-
-
-def resources_without_thumbnails(blob: bytes) -> bytes:
-    """Photoshop's image resources, with or without their JPEG prefix, without the thumbnails among them."""
-    prefix = b"Photoshop 3.0\0"
-    kept = prefix if blob.startswith(prefix) else b""
-    at = len(kept)
-    while blob[at : at + 4] == b"8BIM" and len(blob) >= at + 12:
-        name = blob[at + 6] + 1
-        size_at = at + 6 + name + name % 2
-        if len(blob) < size_at + 4:
-            break
-        kind, size = struct.unpack_from(">H", blob, at + 4)[0], struct.unpack_from(">I", blob, size_at)[0]
-        end = size_at + 4 + size + size % 2
-        if kind not in _THUMBNAIL_RESOURCES:
-            kept += blob[at:end]
-        at = end
-    return kept + blob[at:]

@@ -210,7 +210,7 @@ class Photo:
             data = encoding.encode(image, codec, self._coding_for(subsampling), quality)
         assert data is not None
         stream = io.BytesIO(data)
-        encoding.add_exif(stream, image, codec)
+        encoding.add_metadata(stream, image, codec)
         return stream.getvalue()
 
     def save(
@@ -242,7 +242,7 @@ class Photo:
             with refusing(f"cannot write {target}"):
                 encoding.encode(image, codec, self._coding_for(subsampling), quality, part)
             with part.open("r+b") as stream:
-                encoding.add_exif(stream, image, codec)
+                encoding.add_metadata(stream, image, codec)
             check_target(target, overwrite, self.path)  # another program may have been faster
 
     def _coding_for(self, subsampling: Subsampling | None) -> Coding:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
-from unshutter.photo import metadata
+from unshutter.photo import metadata, resources
 from unshutter.photo.codecs import Codec, Coding, Source
 from unshutter.photo.header import Header
 from unshutter.photo.libvips import libvips, set_blob
@@ -40,6 +40,8 @@ def read_header(source: Source, codec: Codec) -> Header:
     set_blob(about, "icc-profile-data", libvips().Image.profile_load("srgb"))
     if tree is not None and (xmp := tree.data(metadata.XMP)):
         set_blob(about, "xmp-data", xmp)
+    if tree is not None and (blocks := resources.of_tiff(tree)) is not None:
+        set_blob(about, "iptc-data", blocks)
     exif = metadata.exif_of_tiff(tree) if tree else None
     return Header(codec, Coding(bits=16), sizes.iheight, sizes.iwidth, 3, orientation, about, exif)
 
