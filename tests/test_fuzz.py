@@ -10,6 +10,7 @@ import functools
 import os
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -59,6 +60,20 @@ def seeds() -> dict[str, bytes]:
     rich = Photo.from_bytes(files["jpeg"])
     for format in ("png", "webp", "tiff", "avif"):
         files[format] = rich.to_bytes(format)
+    return files | camera_files()
+
+
+def camera_files() -> dict[str, bytes]:
+    """HEIC and raw, where the extras and what writes them are installed."""
+    from camera_files import dng, heic, linear
+
+    files = {}
+    if find_spec("pi_heif") and find_spec("pillow_heif"):
+        files["heic"] = heic(drawn(), orientation=6, xmp=b"<x:xmpmeta/>")
+        files["heic, 10 bit"] = heic(drawn(dtype=np.uint16))
+        files["heic, alpha"] = heic(drawn(bands=4))
+    if find_spec("rawpy") and find_spec("tifffile"):
+        files["raw"] = dng(linear(drawn()), orientation=8)
     return files
 
 

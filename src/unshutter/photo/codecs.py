@@ -137,7 +137,7 @@ def for_suffix(path: Path) -> Codec:
         return codec
     endings = ", ".join(suffix for codec in WRITTEN.values() for suffix in codec.suffixes)
     if codec is not None:
-        raise UsageError(f"cannot write '{path.name}', such files are only read: end the name in one of {endings}")
+        raise UsageError(f"cannot write '{path.name}': such files are only read; end the name in one of {endings}")
     raise UsageError(f"cannot tell the picture format from '{path.name}': end the name in one of {endings}")
 
 

@@ -168,6 +168,16 @@ def _associations(ipma: bytes, item: int) -> list[int]:
     return []
 
 
+def item_names_are_text(file: BinaryIO) -> bool:
+    """Whether the types of all items of a HEIC file are ASCII; where not, pi-heif crashes (1.4)."""
+    try:
+        iinf = dict(boxes(top_level_box(file, b"meta")[4:]))[b"iinf"]
+    except KeyError:
+        return True  # told by others
+    entries = (content for name, content in boxes(iinf[6 if iinf[:1] == b"\0" else 8 :]) if name == b"infe")
+    return all(byte < 128 for entry in entries for byte in entry[8:])
+
+
 class Extent(NamedTuple):
     """Where an item of a box file is.
 

@@ -102,7 +102,10 @@ def decode(source: Source, header: Header, shrink: int = 1) -> np.ndarray:
     if name == "heic":
         from unshutter.photo import heic
 
-        return _unturned(heic.turned_pixels(source), coding.orientation)
+        pixels = _unturned(heic.turned_pixels(source), coding.orientation)
+        if pixels.shape != (header.height, header.width, header.bands):
+            raise UnshutterError(f"{source} is damaged: it holds another picture than it says")
+        return pixels
     pixels = _by_libvips(source, header.codec, {"shrink": shrink} if shrink > 1 else {})
     if coding.grey and pixels.shape[2] > 2:
         pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]

@@ -14,7 +14,7 @@ from unshutter.errors import UnshutterError
 from unshutter.photo import containers
 from unshutter.photo.codecs import Codec, Coding, Source
 from unshutter.photo.header import Header
-from unshutter.photo.libvips import libvips, set_blob
+from unshutter.photo.libvips import empty_image, libvips, set_blob
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,7 +34,7 @@ def read_header(source: Source, codec: Codec) -> Header:
     with source.stream() as stream:
         orientation = containers.avif_coding(stream).orientation
     width, height = picture.size[::-1] if orientation >= 5 else picture.size
-    about = libvips().Image.black(1, 1)
+    about = empty_image()
     profile = info.get("icc_profile") or _profile_of_code_points(source, info.get("nclx_profile"))
     for name, data in (("icc-profile-data", profile), ("xmp-data", info.get("xmp"))):
         if data:
@@ -54,7 +54,7 @@ def turned_pixels(source: Source) -> np.ndarray:
 
     picture = _primary(source)
     try:
-        pixels = np.asarray(picture)
+        pixels = np.array(picture)  # copied: what pi-heif gives goes with its picture
     except Exception as error:  # libheif's, by whatever class pi-heif gives them
         raise UnshutterError(f"{source} is damaged or incomplete: {_cause(error)}") from None
     pixels = pixels.reshape(*pixels.shape[:2], -1)
@@ -63,6 +63,7 @@ def turned_pixels(source: Source) -> np.ndarray:
         opacity = np.maximum(pixels[..., -1:], 1) / top
         colours = np.minimum(np.round(pixels[..., :-1] / opacity), top).astype(pixels.dtype)
         pixels = np.concatenate([colours, pixels[..., -1:]], axis=2)
+    pixels.setflags(write=False)
     return pixels
 
 
@@ -73,7 +74,11 @@ def _primary(source: Source) -> Any:
         raise UnshutterError(f"{source} is a HEIC photo: to read it, pip install 'unshutter[heic]'") from None
     try:
         with source.stream() as stream:
+            if not containers.item_names_are_text(stream):
+                raise ValueError("names of its parts are no text")
             file = pi_heif.open_heif(stream, convert_hdr_to_8bit=False)
+            if not len(file):
+                raise ValueError("it holds no picture")
             return file[file.primary_index]
     except OSError as error:
         if error.strerror:

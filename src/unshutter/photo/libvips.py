@@ -65,6 +65,11 @@ def field(image: pyvips.Image, name: str, default: Any = None) -> Any:
     return image.get(name) if image.get_typeof(name) else default
 
 
+def empty_image() -> pyvips.Image:
+    """A new image for metadata alone; libvips would give the same one twice of most operations."""
+    return libvips().Image.new_from_memory(bytes(1), 1, 1, 1, "uchar")
+
+
 def set_blob(image: pyvips.Image, name: str, data: bytes) -> None:
     """Sets a metadata field of bytes."""
     image.set_type(libvips().GValue.blob_type, name, data)  # pyright: ignore[reportArgumentType]

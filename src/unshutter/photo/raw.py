@@ -14,7 +14,7 @@ from unshutter.errors import UnshutterError
 from unshutter.photo import metadata, resources
 from unshutter.photo.codecs import Codec, Coding, Source
 from unshutter.photo.header import Header
-from unshutter.photo.libvips import libvips, set_blob
+from unshutter.photo.libvips import empty_image, libvips, set_blob
 from unshutter.photo.raw_tags import read_tags
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def read_header(source: Source, codec: Codec) -> Header:
     orientation = _ORIENTATION.get(sizes.flip, 1)
     with source.stream() as stream:
         tree = read_tags(stream)
-    about = libvips().Image.black(1, 1)
+    about = empty_image()
     set_blob(about, "icc-profile-data", libvips().Image.profile_load("srgb"))
     if tree is not None and (xmp := tree.data(metadata.XMP)):
         set_blob(about, "xmp-data", xmp)
