@@ -1,10 +1,14 @@
 import math
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 import unshutter
 from unshutter import Motion, geometry
+from unshutter.cli import main
+from unshutter.errors import UsageError
 from unshutter.estimators import View
 from unshutter.estimators.manhattan import Manhattan, segments_of
 from unshutter.lines.manhattan_likelihood import UNKNOWNS, Beliefs, ManhattanLikelihood, SecondOpinion
@@ -22,10 +26,12 @@ def street(roll=0.0, tilt=0.0, yaw=0.5, focal=1.6, clutter=30, seed=0, turned=0)
     rng = np.random.default_rng(seed)
     start = np.stack([rng.uniform(-4, 4, 240), rng.uniform(-3, 3, 240), rng.uniform(4, 9, 240)], 1)
     streets = np.array([[math.cos(yaw), 0, math.sin(yaw)], [-math.sin(yaw), 0, math.cos(yaw)], [0, 1, 0]])
-    end = start + streets[rng.integers(0, 3, 240)] * rng.uniform(0.3, 1.2, (240, 1))
     up_down = np.array([[1, 0, 0], [0, math.cos(tilt), math.sin(tilt)], [0, -math.sin(tilt), math.cos(tilt)]])
     angle = roll + turned * math.pi / 2
     about = np.array([[math.cos(angle), -math.sin(angle), 0], [math.sin(angle), math.cos(angle), 0], [0, 0, 1]])
+    if abs(tilt) > 1:
+        start = start @ (about @ up_down)  # before the camera, wherever it looks
+    end = start + streets[rng.integers(0, 3, 240)] * rng.uniform(0.3, 1.2, (240, 1))
     seen = [points @ (about @ up_down).T for points in (start, end)]
     ends = np.concatenate([focal * p[:, :2] / p[:, 2:] for p in seen], 1)
     somewhere = rng.uniform(-0.45, 0.45, (clutter, 2))
@@ -53,13 +59,14 @@ def error_px(found: np.ndarray, truth: np.ndarray) -> float:
 MOTION = np.array([0.09, -0.14, 0.0, 0.06, 0.03, 0.0])
 
 
-@pytest.mark.parametrize("up", [(0, -1), (1, 0)])
-def test_derivatives_are_those_of_the_energy(up: tuple[int, int]) -> None:
+@pytest.mark.parametrize(("up", "roll"), [((0, -1), None), ((1, 0), 0.1)])
+def test_derivatives_are_those_of_the_energy(up: tuple[int, int], roll: float | None) -> None:
     rng = np.random.default_rng(0)
     root = rng.normal(size=(6, 6))
     opinion = SecondOpinion(rng.normal(0, 0.1, 6), root @ root.T)
     wide = Beliefs(exact=0.3, sloppy=0.5, independent=1.0)
-    likelihood = ManhattanLikelihood(rng.uniform(-0.5, 0.5, (30, 4)), ROWS, 1.2, wide, up, opinion=opinion)
+    about = {"opinion": opinion, "roll": roll}
+    likelihood = ManhattanLikelihood(rng.uniform(-0.5, 0.5, (30, 4)), ROWS, 1.2, wide, up, **about)
     at = rng.normal(0.1, 0.1, (3, UNKNOWNS))
     energy, gradient, hessian = likelihood.expanded(at)
     np.testing.assert_allclose(energy, likelihood.energy(at))
@@ -91,6 +98,25 @@ def test_a_camera_that_stood_still_is_recognised() -> None:
     still = explore(ManhattanLikelihood(street(roll=0.02, tilt=0.15, seed=4), ROWS), [])
     assert still.still > 0.5
     assert error_px(still.mean, np.zeros(6)) < 0.3
+
+
+def test_a_known_roll_and_tilt_tell_the_shear() -> None:
+    """Verticals alone, seen by a camera held 3 degrees askew: without its roll they are taken for sheared."""
+    about = street(roll=0.05, tilt=0.1, yaw=0.0, clutter=0, seed=8)
+    upright = about[np.abs(about[:, 3] - about[:, 1]) > 3 * np.abs(about[:, 2] - about[:, 0])]
+    seen = rolled(upright, MOTION)
+    guessed = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN), STARTS)
+    known = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, roll=0.05, tilt=0.1), STARTS)
+    assert error_px(known.mean, MOTION) < 0.6 * error_px(guessed.mean, MOTION)
+    wrong = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, roll=-0.05, tilt=0.1), STARTS)
+    assert error_px(wrong.mean, MOTION) > 2 * error_px(known.mean, MOTION)
+
+
+def test_seen_from_above_a_known_tilt_leaves_right_angles_on_the_ground() -> None:
+    """A drone that looks straight down: no verticals are seen, the streets' right angle tells the shear."""
+    seen = rolled(street(tilt=-math.pi / 2, yaw=0.4, clutter=0, seed=9), MOTION)
+    found = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, roll=0.0, tilt=-math.pi / 2), STARTS)
+    assert error_px(found.mean, MOTION) < 1.0
 
 
 def test_right_angles_overrule_an_opinion_with_a_wrong_shear() -> None:
@@ -137,6 +163,45 @@ def test_a_photo_is_rectified(name: str, basilica: tuple[np.ndarray, Motion]) ->
 def test_an_undistorted_facade_is_left_alone(name: str, facade: np.ndarray) -> None:
     found = unshutter.estimate(facade, estimator=name)
     assert np.abs(found.tx_px).max() * 256 / found.height < 1
+
+
+@pytest.fixture
+def leaning() -> np.ndarray:
+    """Poles before a camera that was turned clockwise by 4 degrees: all lean to the left."""
+    picture = np.full((480, 480), 220, np.uint8)
+    lean = math.tan(math.radians(4))
+    for at in range(40, 460, 28):
+        ends = [(round((at + lean * (row - 240)) * 16), row * 16) for row in (30, 450)]
+        cv2.line(picture, *ends, 60, 5, cv2.LINE_AA, shift=4)
+    return picture
+
+
+@pytest.mark.parametrize("name", ["manhattan", "segment-manhattan"])
+def test_a_known_roll_is_not_taken_for_motion(name: str, leaning: np.ndarray) -> None:
+    known = unshutter.estimate(leaning, estimator=name, roll_deg=4, tilt_deg=0)
+    assert np.abs(known.tx_px).max() < 4
+    upright = unshutter.estimate(leaning, estimator=name, roll_deg=0, tilt_deg=0)
+    assert upright.tx_px[-1] == pytest.approx(480 * math.tan(math.radians(4)), rel=0.25)
+    again = unshutter.rectify(leaning, estimator=name, roll_deg=4, tilt_deg=0)
+    assert np.abs(again.astype(int) - leaning).mean() < 6
+
+
+def test_roll_and_tilt_from_the_command_line(
+    tmp_path: Path, leaning: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo, out = tmp_path / "p.png", tmp_path / "m.json"
+    Photo.from_array(leaning).save(photo)
+    told = ["--roll-deg", "4", "--tilt-deg", "0"]
+    assert main(["estimate", str(photo), "--estimator", "manhattan", *told, "-o", str(out)]) == 0
+    assert np.abs(Motion.load(out).tx_px).max() < 4
+    assert main(["rectify", str(photo), "--estimator", "manhattan", *told, "-o", str(tmp_path / "r.png")]) == 0
+    capsys.readouterr()
+    assert main(["rectify", str(photo), "--motion", str(out), "--tilt-deg", "3"]) == 2
+    assert "--tilt-deg is for finding a motion" in capsys.readouterr().err
+    assert main(["estimate", str(photo), "--roll-deg", "60"]) == 2
+    assert "roll must lie between -45 and 45" in capsys.readouterr().err
+    with pytest.raises(UsageError, match="leave them out"):
+        unshutter.rectify(leaning, motion=Motion.load(out), roll_deg=1.0)
 
 
 def test_what_cannot_be_used_is_declined() -> None:

@@ -70,6 +70,8 @@ def estimate(
     readout: str | Readout = "auto",
     reference: Reference = "first",
     focal_px: float | None = None,
+    roll_deg: float | None = None,
+    tilt_deg: float | None = None,
 ) -> Motion:
     """Finds how the camera moved while the photo was read out.
 
@@ -79,6 +81,8 @@ def estimate(
         readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
         reference: row at whose moment the global-shutter picture is taken: first, middle or last.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
+        roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
+        tilt_deg: how far it looked up (-90: straight down), likewise.
 
     Returns:
         The motion for the photo's full size; zero, with a ``reason``, where the photo does not say enough.
@@ -89,7 +93,8 @@ def estimate(
     opened = _open(photo)
     _check_size(opened)
     model = load(estimator) if isinstance(estimator, str) else estimator
-    view = View(opened, Readout.parse(readout), focal_px)
+    told = {"given_focal_px": focal_px, "given_roll_deg": roll_deg, "given_tilt_deg": tilt_deg}
+    view = View(opened, Readout.parse(readout), **told)
     return model.estimate(view).rereferenced(reference)
 
 
@@ -98,6 +103,8 @@ class _Options(TypedDict, total=False):
     motion: Motion | None
     readout: str | Readout
     focal_px: float | None
+    roll_deg: float | None
+    tilt_deg: float | None
     reference: Reference | None
     strength: float
     edges: Edges
@@ -117,6 +124,8 @@ def rectify(
     readout: str | Readout = "auto",
     reference: Reference | None = None,
     focal_px: float | None = None,
+    roll_deg: float | None = None,
+    tilt_deg: float | None = None,
     strength: float = 1.0,
     edges: Edges = "keep",
 ) -> Any:
@@ -129,6 +138,8 @@ def rectify(
         readout: direction in which the stored pixels were read; ``auto``: the motion's, else top-to-bottom.
         reference: row at whose moment the picture is taken; by default the motion's own, else the first.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
+        roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
+        tilt_deg: how far it looked up (-90: straight down), likewise.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
             ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
@@ -146,14 +157,14 @@ def rectify(
         raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
     if edges not in EDGES:
         raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
-    if motion is not None and focal_px is not None:
-        raise UsageError("a focal length is for finding a motion: leave it out when the motion is given")
+    told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
+    if motion is not None and any(value is not None for value in told.values()):
+        raise UsageError("focal length, roll and tilt are for finding a motion: leave them out when it is given")
     opened = _open(photo)
     _check_size(opened)
     opened.start_decoding()
     if motion is None:
-        about = {"readout": readout, "reference": reference or "first", "focal_px": focal_px}
-        found = estimate(opened, estimator=estimator, **about)
+        found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first", **told)
     else:
         found = fitted(motion, opened.height, opened.width, readout)
         found = found.rereferenced(reference) if reference else found

@@ -27,6 +27,8 @@ def estimate_files(
     readout_ms: float | None = None,
     max_pixels: int | None = None,
     focal_px: float | None = None,
+    roll_deg: float | None = None,
+    tilt_deg: float | None = None,
 ) -> int:
     """Estimates the motion of each photo; returns the exit code."""
     inputs = find_photos(photos, leave_out=output)
@@ -50,8 +52,9 @@ def estimate_files(
             make_folder(target.parent)
         for wanted in filter(None, (target, plot)):
             check_place(wanted, overwrite, photo)
-        options = {"readout": readout, "reference": reference, "focal_px": focal_px}
-        motion = estimate(ahead.photo(photo), estimator=estimator, **options)
+        told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
+        opened = ahead.photo(photo)
+        motion = estimate(opened, estimator=estimator, readout=readout, reference=reference, **told)
         if motion.reason:
             tell(f"{photo}: no motion ({motion.reason})")
         if plot:

@@ -87,8 +87,9 @@ def _check(options: RectifyOptions, how: BatchOptions) -> None:
         raise UsageError(f"quality must lie between 1 and 100, got {options.quality}")
     if not 0 <= options.strength <= 1:
         raise UsageError(f"strength must lie between 0 and 1, got {options.strength:g}")
-    if options.motion is not None and options.focal_px is not None:
-        raise UsageError("--focal-px is for finding a motion: leave it out with --motion")
+    told = {"--focal-px": options.focal_px, "--roll-deg": options.roll_deg, "--tilt-deg": options.tilt_deg}
+    for flag in (flag for flag, value in told.items() if value is not None and options.motion is not None):
+        raise UsageError(f"{flag} is for finding a motion: leave it out with --motion")
     if how.jobs is not None and how.jobs < 1:
         raise UsageError(f"--jobs must be at least 1, got {how.jobs}")
     if how.max_pixels is not None and how.max_pixels < 1:

@@ -33,6 +33,8 @@ class RectifyOptions:
     quality: int | None
     overwrite: bool
     focal_px: float | None = None
+    roll_deg: float | None = None
+    tilt_deg: float | None = None
     format: str | None = None
     subsampling: Subsampling | None = None
 
@@ -123,6 +125,8 @@ def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[
         strength=options.strength,
         edges=options.edges,
         focal_px=options.focal_px,
+        roll_deg=options.roll_deg,
+        tilt_deg=options.tilt_deg,
     )
     if job.motion_target is not None:
         save_text(result.motion.to_json() + "\n", job.motion_target)

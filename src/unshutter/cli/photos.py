@@ -24,6 +24,8 @@ def rectify(
     edges: Literal["keep", "crop", "fill"] = "keep",
     readout: ReadoutWord = "auto",
     focal_px: float | None = None,
+    roll_deg: float | None = None,
+    tilt_deg: float | None = None,
     format: Literal["jpeg", "png", "webp", "tiff", "avif"] | None = None,
     quality: int | None = None,
     subsampling: Literal["4:4:4", "4:2:0"] | None = None,
@@ -62,6 +64,10 @@ def rectify(
         Direction in which the sensor was read, if an editor has turned the file.
     focal_px
         Focal length in px of the photo, for methods that use it. Default: from EXIF, else 0.85 (width + height).
+    roll_deg
+        How far the camera was turned clockwise from upright, where that is known, for methods that use it.
+    tilt_deg
+        How far it looked up, -90 being straight down, likewise.
     format
         Format of the results. Default: that of each photo; AVIF for HEIC, 16-bit TIFF for raw files.
     quality
@@ -84,7 +90,8 @@ def rectify(
     from unshutter import batch
 
     options = batch.RectifyOptions(
-        *(estimator, motion, reference, strength, edges, readout, quality, overwrite, focal_px, format, subsampling)
+        *(estimator, motion, reference, strength, edges, readout, quality, overwrite),
+        *(focal_px, roll_deg, tilt_deg, format, subsampling),
     )
     how = batch.BatchOptions(jobs, scheduler, dry_run, json_log, max_pixels)
     return batch.rectify_files(photos, output, save_motion, options, how)
@@ -100,6 +107,8 @@ def estimate(
     reference: Reference = "first",
     readout: ReadoutWord = "auto",
     focal_px: float | None = None,
+    roll_deg: float | None = None,
+    tilt_deg: float | None = None,
     readout_ms: float | None = None,
     plot: Path | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
@@ -121,6 +130,10 @@ def estimate(
         Direction in which the sensor was read, if an editor has turned the file.
     focal_px
         Focal length in px of the photo, for methods that use it. Default: from EXIF, else 0.85 (width + height).
+    roll_deg
+        How far the camera was turned clockwise from upright, where that is known, for methods that use it.
+    tilt_deg
+        How far it looked up, -90 being straight down, likewise.
     readout_ms
         Time from the first to the last row; adds the camera's speed to the JSON and the plot.
     plot
@@ -133,5 +146,6 @@ def estimate(
     from unshutter import batch
 
     return batch.estimate_files(
-        photos, output, plot, estimator, reference, readout, overwrite, readout_ms, max_pixels, focal_px
+        *(photos, output, plot, estimator, reference, readout, overwrite, readout_ms, max_pixels),
+        *(focal_px, roll_deg, tilt_deg),
     )

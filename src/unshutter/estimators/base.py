@@ -22,19 +22,26 @@ class View:
         readout: direction in which the stored pixels were read.
         given_focal_px: focal length that the user knows [px of the full-size picture]; None: EXIF's or a guess.
         guessed_focal_px: a better guess than by the picture's size, as for one cut out of a larger photo.
+        given_roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
+        given_tilt_deg: how far it looked up, -90 is straight down; None: unknown.
 
     Raises:
-        UsageError: a focal length that is not positive.
+        UsageError: a focal length that is not positive, an angle out of range.
     """
 
     photo: Photo
     readout: Readout = Readout.TOP_TO_BOTTOM
     given_focal_px: float | None = None
     guessed_focal_px: float | None = None
+    given_roll_deg: float | None = None
+    given_tilt_deg: float | None = None
 
     def __post_init__(self) -> None:
         if self.given_focal_px is not None and not 0 < self.given_focal_px < float("inf"):
             raise UsageError(f"the focal length must be positive, got {self.given_focal_px:g} px")
+        for name, angle, most in (("roll", self.given_roll_deg, 45), ("tilt", self.given_tilt_deg, 90)):
+            if angle is not None and not -most <= angle <= most:
+                raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
 
     @property
     def height(self) -> int:

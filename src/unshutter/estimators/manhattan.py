@@ -72,10 +72,13 @@ def likelihood_of(
     beliefs: Beliefs | None = None,
     opinion: SecondOpinion | None = None,
 ) -> ManhattanLikelihood:
-    """The likelihood of a photo's segments, with its focal length where the user or EXIF knows it."""
+    """The likelihood of a photo's segments, with focal length, roll and tilt where the user or EXIF knows them."""
     focal_px = view.known_focal_px()
     log_focal = math.log(focal_px / view.height) if focal_px else None
-    return ManhattanLikelihood(segments, size[0], size[1] / size[0], beliefs, view.up, log_focal, opinion)
+    # a camera turned clockwise sees the scene turned the other way
+    roll = None if view.given_roll_deg is None else -math.radians(view.given_roll_deg)
+    tilt = None if view.given_tilt_deg is None else math.radians(view.given_tilt_deg)
+    return ManhattanLikelihood(segments, size[0], size[1] / size[0], beliefs, view.up, log_focal, opinion, roll, tilt)
 
 
 def motion_of(posterior: Posterior, view: View, estimator: str) -> Motion:

@@ -45,6 +45,7 @@ class Beliefs:
     steep_share: float = 0.15  # and how many they are
     focal_rows: float = 1.7  # median focal length of a picture as high as wide
     focal_spread: float = 0.35  # of its logarithm
+    attitude: float = 0.5 * _DEGREE  # error of a known roll or tilt (accelerometer, gimbal)
     tx: tuple[float, float, float] = (0.06, 0.08, 0.01)  # of the coefficients of t_x
     rz: tuple[float, float, float] = (0.07, 0.06, 0.01)  # and r_z
 
@@ -74,6 +75,7 @@ class ManhattanLikelihood:
         beliefs: priors and noise.
         up: unit vector (right, down) to the scene's top.
         log_focal: logarithm of the focal length [rows] if it is known (EXIF).
+        roll, tilt: of the camera [rad] where they are known (gimbal, accelerometer).
         opinion: another estimate to be weighed in.
     """
 
@@ -86,6 +88,8 @@ class ManhattanLikelihood:
         up: tuple[int, int] = (0, -1),
         log_focal: float | None = None,
         opinion: SecondOpinion | None = None,
+        roll: float | None = None,
+        tilt: float | None = None,
     ):
         self.beliefs = b = beliefs or Beliefs()
         self.opinion = opinion
@@ -102,7 +106,12 @@ class ManhattanLikelihood:
         middle, focal_spread = (math.log(b.focal_rows * (1 + aspect) / 2), b.focal_spread)
         if log_focal is not None:
             middle, focal_spread = log_focal, 0.05
-        self.expected = np.array([*[0.0] * 8, middle, 0.0])
+        self.expected = np.array([*[0.0] * 6, roll or 0.0, tilt or 0.0, middle, 0.0])
+        self.knows_tilt = tilt is not None
+        self._attitude = (
+            _known(ROLL, b.attitude) if roll is not None else (ROLL, b.roll, b.askew, b.askew_share),
+            _known(TILT, b.attitude) if tilt is not None else (TILT, b.tilt, b.steep, b.steep_share),
+        )
         self.scales = np.array([*b.tx, *b.rz, b.roll, b.tilt, focal_spread, 1e3])
 
     def energy(self, unknowns: np.ndarray) -> np.ndarray:
@@ -146,16 +155,12 @@ class ManhattanLikelihood:
 
     def _prior(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Energy, gradient and Hessian of the prior, with its normalisation: guesses of all kinds compare."""
-        b = self.beliefs
         off = (unknowns - self.expected) / self.scales
         precision = np.broadcast_to(1 / self.scales**2, unknowns.shape).copy()
         energy = np.zeros(len(unknowns))
-        for k, usual, rare, share in (
-            (ROLL, b.roll, b.askew, b.askew_share),
-            (TILT, b.tilt, b.steep, b.steep_share),
-        ):
+        for k, usual, rare, share in self._attitude:
             likely = [
-                math.log(part / spread) - 0.5 * (unknowns[:, k] / spread) ** 2
+                math.log(part / spread) - 0.5 * ((unknowns[:, k] - self.expected[k]) / spread) ** 2
                 for part, spread in ((1 - share, usual), (share, rare))
             ]
             both = np.logaddexp(*likely)
@@ -176,6 +181,11 @@ class ManhattanLikelihood:
             gradient[:, MOTION] += trust[:, None] * pulled
             hessian[:, MOTION, MOTION] += trust[:, None, None] * o.precision
         return energy, gradient, hessian
+
+
+def _known(unknown: int, spread: float) -> tuple[int, float, float, float]:
+    """The prior of an angle that something has measured: both of its parts are the same."""
+    return unknown, spread, spread, 0.5
 
 
 class _View:

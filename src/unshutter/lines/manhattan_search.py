@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unshutter.lines.manhattan_likelihood import LOG_FOCAL, MOTION, TILT, UNKNOWNS, YAW, ManhattanLikelihood
+from unshutter.lines.manhattan_likelihood import LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW, ManhattanLikelihood
 
 _CAMERA = slice(MOTION.stop, UNKNOWNS)
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
@@ -130,10 +130,12 @@ def descend(
 
 def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> np.ndarray:
     """[count, 10] the cameras of a grid that fit a motion best, each with another yaw."""
-    yaw, tilt, log_focal = (a.ravel() for a in np.meshgrid(_YAWS, _TILTS, _LOG_FOCALS))
+    tilts = [likelihood.expected[TILT]] if likelihood.knows_tilt else _TILTS
+    yaw, tilt, log_focal = (a.ravel() for a in np.meshgrid(_YAWS, tilts, _LOG_FOCALS))
     grid = np.zeros((len(yaw), UNKNOWNS))
     grid[:, MOTION] = motion
     grid[:, YAW], grid[:, TILT] = yaw, tilt
+    grid[:, ROLL] = likelihood.expected[ROLL]
     grid[:, LOG_FOCAL] = likelihood.expected[LOG_FOCAL] + log_focal
     order = np.argsort(likelihood.energy(grid), kind="stable")
     kept: list[int] = []
