@@ -12,6 +12,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from confidence_page import PAGE as CONFIDENCE
+from confidence_page import write_confidence_page
 
 from unshutter.errors import UnshutterError
 from unshutter.evaluation.plots import draw_plots
@@ -53,6 +55,7 @@ def write_pages(build: Path, docs: Path) -> None:
     order += [name for name in ("robustness", "pairs", "video") if name in runs]
     for name in order:
         (docs / f"{name}.md").write_text(_page(name, runs[name], docs))
+    write_confidence_page(runs, docs)
     (docs / "index.md").write_text(_index({name: runs[name] for name in order}, runs.get(SHEETS), build, docs))
     if "synthetic" in runs and SCORES.parent.is_dir():
         write_text(SCORES, _scores(runs["synthetic"]))
@@ -88,6 +91,8 @@ def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs
     if missing:
         where = "[the paper's networks](paper-networks.md)"
         parts.append(f"Without a row, because the package has no weights of it: {', '.join(missing)}; see {where}.")
+    if (docs / CONFIDENCE).exists():
+        parts.append(f"Some methods say how far they trust themselves: [what this confidence is worth]({CONFIDENCE}).")
     if (docs / READING).exists():
         parts.append((docs / READING).read_text().strip())
     if examples:

@@ -78,6 +78,19 @@ def test_the_truth_scores_as_the_oracle(photo: Path) -> None:
     assert record["most_tx"] == pytest.approx(np.abs(truth.tx_px).max())
 
 
+def test_a_record_holds_the_confidence_that_the_motion_states(photo: Path) -> None:
+    made = case(photo, Suite("256 px"))
+    sure = Motion.from_polynomials([0, 20], [0], 256, 256, confidence=0.25)
+    (record,) = made.judge(["sure"], lambda name: Fixed(sure))
+    assert record["confidence"] == 0.25
+    silent = Motion.from_polynomials([0, 20], [0], 256, 256)
+    for estimator in (Fixed(silent), load("none"), Broken()):  # says nothing, declines, fails
+        (record,) = made.judge([estimator.name], lambda name, estimator=estimator: estimator)
+        assert record["confidence"] is None
+    (record,) = made.judge(["manhattan"], load)
+    assert 0 < record["confidence"] < 1
+
+
 def test_pictures_are_compared_where_truth_and_estimate_see_something(photo: Path) -> None:
     """The same figures from OpenCV's warp and scikit-image, in half a decibel: their bicubics differ."""
     made = case(photo, Suite("256 px"), draw=1)

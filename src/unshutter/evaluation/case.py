@@ -76,11 +76,16 @@ class Answer:
     failed: str = ""
 
     def about(self) -> Record:
-        """The part of a record that is the same in all protocols."""
+        """The part of a record that is the same in all protocols.
+
+        The confidence is the motion's own word: None where the estimator states none, and where it declined, for
+        then it states nothing but that it does not know.
+        """
         scale = 256 / self.motion.height
         return {
             "declined": self.declined,
             "failed": self.failed,
+            "confidence": self.motion.confidence,
             "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
             "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),
         }

@@ -57,19 +57,20 @@ def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[s
     drawn = []
     for name, caption, draw in plots:
         file = f"{prefix}{name}.png"
-        _save(draw(results), folder / file)
+        save_figure(draw(results), folder / file)
         drawn.append((file, caption))
     return drawn
 
 
-def _figure(panels: int, height: float = 3.0, rows: int = 1):
+def new_figure(panels: int, height: float = 3.0, rows: int = 1):
+    """A figure and its axes [rows, panels]; the height in inches."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(min(3.2 * panels + 2, 13), height), layout="constrained")
     return figure, figure.subplots(rows, panels, squeeze=False)
 
 
-def _save(figure: Any, path: Path) -> None:
+def save_figure(figure: Any, path: Path) -> None:
     """A PNG with few colours: a third of the size, and no larger for more methods, as SVG would be."""
     import matplotlib
     import pyvips
@@ -91,27 +92,27 @@ def _panels(results: Results) -> list[tuple[str, dict[str, str]]]:
 def _distributions(results: Results):
     panels = _panels(results)
     rows = -(-len(panels) // 5)
-    figure, axes = _figure(min(len(panels), 5), 3.0 * rows, rows)
+    figure, axes = new_figure(min(len(panels), 5), 3.0 * rows, rows)
     for axis, (title, wanted) in zip(axes.flat, panels, strict=False):
-        for name, colour, dashes in _looks(results):
+        for name, colour, dashes in looks_of(results):
             axis.plot(
                 np.quantile(results.values("epe", estimator=name, **wanted), _QUANTILES),
                 _QUANTILES, color=colour, ls=dashes, lw=1.4, label=name,
             )  # fmt: skip
         axis.set(title=title, xlabel="EPE [px at 256 rows]", xscale="symlog", xlim=(0, 60), ylim=(0, 1))
         axis.set_xticks([0, 1, 3, 10, 30], ["0", "1", "3", "10", "30"])
-    _finish(figure, axes, len(panels), "share of pictures")
+    finish_figure(figure, axes, len(panels), "share of pictures")
     return figure
 
 
 def _against_size(results: Results):
     panels = _panels(results)
     rows = -(-len(panels) // 5)
-    figure, axes = _figure(min(len(panels), 5), 3.0 * rows, rows)
+    figure, axes = new_figure(min(len(panels), 5), 3.0 * rows, rows)
     for axis, (title, wanted) in zip(axes.flat, panels, strict=False):
         size = results.values("epe_nothing", estimator=results.estimators[0], **wanted)
         edges = np.unique(np.quantile(size, np.linspace(0, 1, min(_BINS, max(len(size) // 3, 1)) + 1)))
-        for name, colour, dashes in _looks(results):
+        for name, colour, dashes in looks_of(results):
             epe = results.values("epe", estimator=name, **wanted)
             own = results.values("epe_nothing", estimator=name, **wanted)
             within = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, max(len(edges) - 2, 0))
@@ -119,14 +120,14 @@ def _against_size(results: Results):
             axis.plot(*np.transpose(points), color=colour, ls=dashes, lw=1.4, marker=".", label=name)
         axis.axline((0, 0), slope=1, color="0.8", lw=0.8, zorder=0)
         axis.set(title=title, xlabel="EPE of doing nothing [px]", xlim=(0, None), ylim=(0, None))
-    _finish(figure, axes, len(panels), "median EPE [px]")
+    finish_figure(figure, axes, len(panels), "median EPE [px]")
     return figure
 
 
 def _dots(results: Results):
     kind = PROTOCOLS[results.request.protocol].kind
     key, label = ("psnr", "PSNR less the input's [dB]") if kind == "pairs" else ("inliers", "|R_F| less the input's")
-    figure, axes = _figure(len(_panels(results)), 0.32 * len(results.names) + 1)
+    figure, axes = new_figure(len(_panels(results)), 0.32 * len(results.names) + 1)
     for axis, (title, wanted) in zip(axes.flat, _panels(results), strict=True):
         for place, name in enumerate(results.names):
             both = [(r[key], r[f"{key}_input"]) for r in results.chosen(estimator=name, **wanted)]
@@ -141,8 +142,8 @@ def _dots(results: Results):
 
 
 def _curves(results: Results):
-    figure, axes = _figure(len(results.curves), 5.4, 2)
-    looks = {name: (colour, dashes) for name, colour, dashes in _looks(results)}
+    figure, axes = new_figure(len(results.curves), 5.4, 2)
+    looks = {name: (colour, dashes) for name, colour, dashes in looks_of(results)}
     for column, (title, curves) in enumerate(results.curves.items()):
         for axis, key in zip(axes[:, column], ("tx", "rz"), strict=True):
             for name, curve in curves.items():
@@ -165,7 +166,7 @@ def _limits(curves: dict[str, dict[str, list[float]]], key: str) -> tuple[float,
     return float(truth.min() - room), float(truth.max() + room)
 
 
-def _looks(results: Results) -> list[tuple[str, Any, str]]:
+def looks_of(results: Results) -> list[tuple[str, Any, str]]:
     """(name, colour, dashes) of each estimator, the same in all plots; doing nothing in grey."""
     import matplotlib
 
@@ -178,7 +179,8 @@ def _looks(results: Results) -> list[tuple[str, Any, str]]:
     return [(name, *looks[name]) for name in results.estimators]
 
 
-def _finish(figure: Any, axes: Any, used: int, label: str) -> None:
+def finish_figure(figure: Any, axes: Any, used: int, label: str) -> None:
+    """The legend, what the first axis of each row shows, and no axes beyond those used."""
     for axis in axes.flat[used:]:
         axis.set_visible(False)
     for row in axes:
