@@ -1,4 +1,4 @@
-"""Files as cameras write them, HEIC and raw, made on the fly; and pictures turned as EXIF's orientations say."""
+"""Files as cameras and editors write them, made on the fly; and pictures turned as EXIF's orientations say."""
 
 import io
 import struct
@@ -6,6 +6,8 @@ import struct
 import numpy as np
 import pytest
 from PIL import Image
+
+from drawn_photos import encoded
 
 ORIENTATIONS = range(1, 9)
 # Stored pixels of what a viewer is to show, by the EXIF standard: which of its sides are row 0 and column 0.
@@ -95,3 +97,37 @@ def jpeg_thumbnail(exif):
     entries = (struct.unpack_from(order + "HHII", tiff, second + 2 + 12 * i) for i in range(count))
     tags = {tag: value for tag, _, _, value in entries}
     return Image.open(io.BytesIO(tiff[tags[0x0201] : tags[0x0201] + tags[0x0202]]))
+
+
+def small_jpeg() -> bytes:
+    """A thumbnail: red, which no picture here is."""
+    stream = io.BytesIO()
+    Image.new("RGB", (160, 120), (200, 10, 10)).save(stream, "JPEG")
+    return stream.getvalue()
+
+
+def blob_with_thumbnail(order: str = "<") -> bytes:
+    """An EXIF blob, put together by hand, with a thumbnail in its second directory."""
+    thumbnail = small_jpeg()
+    first = struct.pack(order + "HHHIHHI", 1, 0x0112, 3, 1, 1, 0, 26)
+    second = struct.pack(order + "HHHIHH", 3, 0x0103, 3, 1, 6, 0)
+    second += struct.pack(order + "HHIIHHIII", 0x0201, 4, 1, 26 + 42, 0x0202, 4, 1, len(thumbnail), 0)
+    head = b"II*\0" if order == "<" else b"MM\0*"
+    return b"Exif\0\0" + head + struct.pack(order + "I", 8) + first + second + thumbnail
+
+
+def image_resources(*kinds_and_data: tuple[int, bytes]) -> bytes:
+    """Photoshop's image resource blocks."""
+    blocks = (
+        b"8BIM" + struct.pack(">HHI", kind, 0, len(data)) + data + bytes(len(data) % 2) for kind, data in kinds_and_data
+    )
+    return b"".join(blocks)
+
+
+TITLE = b"\x1c\x02\x05\0\x06Street"  # an IPTC record
+
+
+def jpeg_with(pixels: np.ndarray, *segments: tuple[int, bytes], **options) -> bytes:
+    data = encoded(pixels, "JPEG", **options)
+    added = (struct.pack(">BBH", 0xFF, marker, len(content) + 2) + content for marker, content in segments)
+    return data[:2] + b"".join(added) + data[2:]

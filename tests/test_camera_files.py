@@ -81,13 +81,14 @@ def test_heic_gives_its_subsampling_to_jpeg(chroma: int, expected: int) -> None:
 
 
 def with_code_points(data: bytes, primaries: int, transfer: int) -> bytes:
-    """A HEIC file that says other colours."""
+    """The same box file with other colours said."""
     at = data.index(b"colrnclx") + 8
     return data[:at] + struct.pack(">HH", primaries, transfer) + data[at + 4 :]
 
 
-def test_heic_colours_told_by_numbers_become_a_profile_or_are_refused() -> None:
-    data = heic(drawn(64, 96))
+@pytest.mark.parametrize("format", ["heic", "avif"])
+def test_colours_told_by_numbers_become_a_profile_or_are_refused(format: str) -> None:
+    data = heic(drawn(64, 96)) if format == "heic" else encoded(drawn(64, 96), "AVIF")
     plain = Photo.from_bytes(with_code_points(data, 1, 13)).to_bytes("jpeg")
     wide = Photo.from_bytes(with_code_points(data, 12, 13)).to_bytes("jpeg")
     with Image.open(io.BytesIO(plain)) as first, Image.open(io.BytesIO(wide)) as second:

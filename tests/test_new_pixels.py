@@ -2,14 +2,13 @@
 
 import base64
 import io
-import struct
 
 import numpy as np
 import pytest
 from PIL import Image, IptcImagePlugin
 from PIL.JpegImagePlugin import get_sampling
 
-from camera_files import exif_blob, jpeg_thumbnail
+from camera_files import TITLE, blob_with_thumbnail, exif_blob, image_resources, jpeg_thumbnail, jpeg_with, small_jpeg
 from drawn_photos import drawn, encoded, textured
 from unshutter.errors import UsageError
 from unshutter.photo import Photo, containers, new_pixels, resources
@@ -17,40 +16,6 @@ from unshutter.photo.codecs import WRITTEN
 
 FORMATS = tuple(WRITTEN)
 EXIF = 0x8769
-
-
-def small_jpeg() -> bytes:
-    """A thumbnail: red, which no picture here is."""
-    stream = io.BytesIO()
-    Image.new("RGB", (160, 120), (200, 10, 10)).save(stream, "JPEG")
-    return stream.getvalue()
-
-
-def blob_with_thumbnail(order: str = "<") -> bytes:
-    """An EXIF blob, put together by hand, with a thumbnail in its second directory."""
-    thumbnail = small_jpeg()
-    first = struct.pack(order + "HHHIHHI", 1, 0x0112, 3, 1, 1, 0, 26)
-    second = struct.pack(order + "HHHIHH", 3, 0x0103, 3, 1, 6, 0)
-    second += struct.pack(order + "HHIIHHIII", 0x0201, 4, 1, 26 + 42, 0x0202, 4, 1, len(thumbnail), 0)
-    head = b"II*\0" if order == "<" else b"MM\0*"
-    return b"Exif\0\0" + head + struct.pack(order + "I", 8) + first + second + thumbnail
-
-
-def image_resources(*kinds_and_data: tuple[int, bytes]) -> bytes:
-    """Photoshop's image resource blocks."""
-    blocks = (
-        b"8BIM" + struct.pack(">HHI", kind, 0, len(data)) + data + bytes(len(data) % 2) for kind, data in kinds_and_data
-    )
-    return b"".join(blocks)
-
-
-TITLE = b"\x1c\x02\x05\0\x06Street"  # an IPTC record
-
-
-def jpeg_with(pixels: np.ndarray, *segments: tuple[int, bytes], **options) -> bytes:
-    data = encoded(pixels, "JPEG", **options)
-    added = (struct.pack(">BBH", 0xFF, marker, len(content) + 2) + content for marker, content in segments)
-    return data[:2] + b"".join(added) + data[2:]
 
 
 # ---- thumbnails ----------------------------------------------------------------------------------------------
@@ -239,7 +204,7 @@ def test_subsampling_is_the_inputs_unless_told(given: str, told) -> None:
     with Image.open(io.BytesIO(photo.to_bytes(subsampling=told))) as picture:
         assert get_sampling(picture) == {"4:4:4": 0, "4:2:0": 2}[told or given]
     avif = io.BytesIO(photo.to_bytes("avif", subsampling=told))
-    assert containers.avif_coding(avif).subsampled == ((told or given) == "4:2:0")
+    assert containers.box_coding(avif).subsampled == ((told or given) == "4:2:0")
 
 
 def test_unknown_subsampling_is_a_usage_error() -> None:

@@ -186,7 +186,7 @@ def test_avif_of_other_programs_is_read_as_stored(orientation):
     assert np.abs(photo.to_array().astype(int) - pixels).mean() < 8
     grey = photo.grey(24)
     assert grey.shape == (24, 40)
-    assert containers.avif_coding(io.BytesIO(photo.to_bytes("jpeg"))) == containers.AvifCoding()  # not one
+    assert containers.box_coding(io.BytesIO(photo.to_bytes("jpeg"))) == containers.BoxCoding()  # not one
 
 
 def test_grey_avif_stays_grey_inside():

@@ -87,18 +87,22 @@ def webp_is_lossless(file: BinaryIO) -> bool:
     return False
 
 
-class AvifCoding(NamedTuple):
-    """Coding of an AVIF's primary picture.
+class BoxCoding(NamedTuple):
+    """Coding of the primary picture of an AVIF or HEIC.
 
     Attributes:
         orientation: EXIF number of the turn and mirroring that decoders apply (boxes irot, imir).
         grey: no chroma at all.
         subsampled: chroma at half the resolution in both directions (4:2:0).
+        code_points: primaries and transfer of the colours, (2, 2) where they are not told.
+
+    What ``grey`` and ``subsampled`` say holds for AVIF only.
     """
 
     orientation: int = 1
     grey: bool = False
     subsampled: bool = True
+    code_points: tuple[int, int] = (2, 2)
 
 
 # (quarter turns counter-clockwise, then mirror: None, 0 top-bottom, 1 left-right) -> EXIF orientation
@@ -109,22 +113,31 @@ _ORIENTATION = {
 }
 
 
-def avif_coding(file: BinaryIO) -> AvifCoding:
+def box_coding(file: BinaryIO) -> BoxCoding:
     """Reads the properties of the primary picture (ISO/IEC 23008-12, boxes pitm, ipco, ipma); defaults if damaged."""
     try:
         meta = dict(boxes(top_level_box(file, b"meta")[4:]))
         pitm, iprp = meta[b"pitm"], dict(boxes(meta[b"iprp"]))
         (primary,) = struct.unpack_from(">I" if pitm[0] else ">H", pitm, 4)
         properties = list(boxes(iprp[b"ipco"]))
-        own = dict(properties[i - 1] for i in _associations(iprp[b"ipma"], primary) if i)
+        listed = [properties[i - 1] for i in _associations(iprp[b"ipma"], primary) if i]
+        own = dict(listed)
+        colours = [
+            struct.unpack_from(">HH", data, 4) for name, data in listed if (name, data[:4]) == (b"colr", b"nclx")
+        ]
         turns = own[b"irot"][0] & 3 if b"irot" in own else 0
         mirror = own[b"imir"][0] & 1 if b"imir" in own else None
         if mirror is not None and list(own).index(b"imir") < [*own, b"irot"].index(b"irot"):
             turns = -turns & 3  # mirrored first, then turned
         coding = own[b"av1C"][2] if b"av1C" in own else 0x0C  # a picture made of tiles has it in the tiles
     except (KeyError, IndexError, struct.error):
-        return AvifCoding()
-    return AvifCoding(_ORIENTATION[turns, mirror], grey=bool(coding & 0x10), subsampled=coding & 0x0C == 0x0C)
+        return BoxCoding()
+    return BoxCoding(
+        _ORIENTATION[turns, mirror],
+        grey=bool(coding & 0x10),
+        subsampled=coding & 0x0C == 0x0C,
+        code_points=colours[0] if colours else (2, 2),
+    )
 
 
 def top_level_box(file: BinaryIO, wanted: bytes) -> bytes:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
-from unshutter.photo import containers, metadata, resources
+from unshutter.photo import colours, containers, metadata, resources
 from unshutter.photo.codecs import CODECS, Codec, Coding, Source, recognise
 from unshutter.photo.libvips import field, refusing, set_blob
 
@@ -79,11 +79,7 @@ def _read_by_libvips(source: Source, codec: Codec, tree: metadata.Tree | None) -
         about = source.load(codec, access="sequential")
         about.get_fields()  # their names may be damaged, too
     coding, exif = _read_coding(source, codec, about, tree)
-    if codec.name == "tiff":
-        about = about.copy()
-        about.remove("iptc-data")
-        if tree is not None and (blocks := resources.of_tiff(tree)) is not None:
-            set_blob(about, "iptc-data", blocks)
+    about = _with_what_libvips_misses(source, codec, about, tree)
     _check_pixels(source, about)
     # AVIF's own boxes turn the picture; EXIF has no say in it
     orientation = coding.orientation if codec.name == "avif" else field(about, "orientation", 1)
@@ -99,6 +95,23 @@ def _read_by_libvips(source: Source, codec: Codec, tree: metadata.Tree | None) -
         about=about,
         exif=exif,
     )
+
+
+def _with_what_libvips_misses(
+    source: Source, codec: Codec, about: pyvips.Image, tree: metadata.Tree | None
+) -> pyvips.Image:
+    """The metadata with IPTC as TIFF has it, and a profile for colours that AVIF tells by numbers."""
+    about = about.copy()
+    if codec.name == "tiff":
+        about.remove("iptc-data")
+        if tree is not None and (blocks := resources.of_tiff(tree)) is not None:
+            set_blob(about, "iptc-data", blocks)
+    if codec.name == "avif" and field(about, "icc-profile-data") is None:
+        with source.stream() as stream:
+            profile = colours.profile_of(source, *containers.box_coding(stream).code_points)
+        if profile is not None:
+            set_blob(about, "icc-profile-data", profile)
+    return about
 
 
 def _read_coding(
@@ -120,7 +133,7 @@ def _read_coding(
             lossless = containers.webp_is_lossless(stream)
             coding = Coding(subsampled=not lossless, lossless=lossless)
         elif codec.name == "avif":
-            orientation, grey, subsampled = containers.avif_coding(stream)
+            orientation, grey, subsampled, _ = containers.box_coding(stream)
             coding = Coding(subsampled=subsampled, bits=bits, orientation=orientation, grey=grey)
         elif tree is not None:
             kinds = [tree.number(metadata.SUBFILE_TYPE, page=page) or 0 for page in range(len(tree.pages))]

@@ -3,7 +3,7 @@
 A HEIC file holds the pixels as the sensor was read; its boxes irot and imir say how a viewer is to turn and mirror
 them. libheif does that while decoding and cannot be told not to: what it gives is turned back here.
 
-Source: ISO/IEC 23008-12 (HEIF), ISO/IEC 23091-2 (colour code points).
+Source: ISO/IEC 23008-12 (HEIF).
 """
 
 from __future__ import annotations
@@ -11,16 +11,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
-from unshutter.photo import containers
+from unshutter.photo import colours, containers
 from unshutter.photo.codecs import Codec, Coding, Source
 from unshutter.photo.header import Header
-from unshutter.photo.libvips import empty_image, libvips, set_blob
+from unshutter.photo.libvips import empty_image, set_blob
 
 if TYPE_CHECKING:
     import numpy as np
-
-# Primaries and transfers of colours that need no profile (sRGB and Rec. 709, which is shown alike), or libvips's P3.
-_SRGB_PRIMARIES, _P3_PRIMARIES, _USUAL_TRANSFERS = (1, 2), 12, (1, 2, 6, 13)
 
 
 def read_header(source: Source, codec: Codec) -> Header:
@@ -32,16 +29,17 @@ def read_header(source: Source, codec: Codec) -> Header:
     picture = _primary(source)
     info = picture.info
     with source.stream() as stream:
-        orientation = containers.avif_coding(stream).orientation
+        coding = containers.box_coding(stream)
+    orientation = coding.orientation
     width, height = picture.size[::-1] if orientation >= 5 else picture.size
     about = empty_image()
-    profile = info.get("icc_profile") or _profile_of_code_points(source, info.get("nclx_profile"))
+    profile = info.get("icc_profile") or colours.profile_of(source, *coding.code_points)
     for name, data in (("icc-profile-data", profile), ("xmp-data", info.get("xmp"))):
         if data:
             set_blob(about, name, bytes(data))
     bands = len(picture.mode.partition(";")[0])
-    coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"], orientation=orientation)
-    return Header(codec, coding, height, width, bands, orientation, about, info.get("exif"))
+    own = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"], orientation=orientation)
+    return Header(codec, own, height, width, bands, orientation, about, info.get("exif"))
 
 
 def turned_pixels(source: Source) -> np.ndarray:
@@ -90,17 +88,3 @@ def _primary(source: Source) -> Any:
 
 def _cause(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
-
-
-def _profile_of_code_points(source: Source, points: dict[str, Any] | None) -> bytes | None:
-    """ICC profile of colours that are told by numbers; none where they are sRGB or not told."""
-    primaries, transfer = (points["color_primaries"], points["transfer_characteristics"]) if points else (2, 2)
-    if transfer in _USUAL_TRANSFERS:
-        if primaries in _SRGB_PRIMARIES:
-            return None
-        if primaries == _P3_PRIMARIES:
-            return libvips().Image.profile_load("p3")
-    raise UnshutterError(
-        f"{source} has colours of HDR or video (code points {primaries}/{transfer}), which photo formats do not share: "
-        "convert it first"
-    )
