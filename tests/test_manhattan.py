@@ -1,14 +1,10 @@
 import math
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 import unshutter
 from unshutter import Motion, geometry
-from unshutter.cli import main
-from unshutter.errors import UsageError
 from unshutter.estimators import View
 from unshutter.estimators.manhattan import Manhattan, segments_of
 from unshutter.lines.manhattan_likelihood import UNKNOWNS, Beliefs, ManhattanLikelihood, SecondOpinion
@@ -163,45 +159,6 @@ def test_a_photo_is_rectified(name: str, basilica: tuple[np.ndarray, Motion]) ->
 def test_an_undistorted_facade_is_left_alone(name: str, facade: np.ndarray) -> None:
     found = unshutter.estimate(facade, estimator=name)
     assert np.abs(found.tx_px).max() * 256 / found.height < 1
-
-
-@pytest.fixture
-def leaning() -> np.ndarray:
-    """Poles before a camera that was turned clockwise by 4 degrees: all lean to the left."""
-    picture = np.full((480, 480), 220, np.uint8)
-    lean = math.tan(math.radians(4))
-    for at in range(40, 460, 28):
-        ends = [(round((at + lean * (row - 240)) * 16), row * 16) for row in (30, 450)]
-        cv2.line(picture, *ends, 60, 5, cv2.LINE_AA, shift=4)
-    return picture
-
-
-@pytest.mark.parametrize("name", ["manhattan", "segment-manhattan"])
-def test_a_known_roll_is_not_taken_for_motion(name: str, leaning: np.ndarray) -> None:
-    known = unshutter.estimate(leaning, estimator=name, roll_deg=4, tilt_deg=0)
-    assert np.abs(known.tx_px).max() < 4
-    upright = unshutter.estimate(leaning, estimator=name, roll_deg=0, tilt_deg=0)
-    assert upright.tx_px[-1] == pytest.approx(480 * math.tan(math.radians(4)), rel=0.25)
-    again = unshutter.rectify(leaning, estimator=name, roll_deg=4, tilt_deg=0)
-    assert np.abs(again.astype(int) - leaning).mean() < 6
-
-
-def test_roll_and_tilt_from_the_command_line(
-    tmp_path: Path, leaning: np.ndarray, capsys: pytest.CaptureFixture[str]
-) -> None:
-    photo, out = tmp_path / "p.png", tmp_path / "m.json"
-    Photo.from_array(leaning).save(photo)
-    told = ["--roll-deg", "4", "--tilt-deg", "0"]
-    assert main(["estimate", str(photo), "--estimator", "manhattan", *told, "-o", str(out)]) == 0
-    assert np.abs(Motion.load(out).tx_px).max() < 4
-    assert main(["rectify", str(photo), "--estimator", "manhattan", *told, "-o", str(tmp_path / "r.png")]) == 0
-    capsys.readouterr()
-    assert main(["rectify", str(photo), "--motion", str(out), "--tilt-deg", "3"]) == 2
-    assert "--tilt-deg is for finding a motion" in capsys.readouterr().err
-    assert main(["estimate", str(photo), "--roll-deg", "60"]) == 2
-    assert "roll must lie between -45 and 45" in capsys.readouterr().err
-    with pytest.raises(UsageError, match="leave them out"):
-        unshutter.rectify(leaning, motion=Motion.load(out), roll_deg=1.0)
 
 
 def test_what_cannot_be_used_is_declined() -> None:

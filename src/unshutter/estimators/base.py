@@ -70,6 +70,12 @@ class View:
         """Focal length [px of the full-size picture]: the given one, else EXIF's, else None."""
         return self.given_focal_px or self.photo.focal_px()
 
+    def attitude_deg(self) -> tuple[float | None, float | None]:
+        """Roll and tilt of the camera [degrees], each where it is known: the given ones, else the photo's own."""
+        roll, tilt = self.photo.attitude_deg() or (None, None)
+        given = self.given_roll_deg, self.given_tilt_deg
+        return roll if given[0] is None else given[0], tilt if given[1] is None else given[1]
+
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""
         return Motion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=reason)

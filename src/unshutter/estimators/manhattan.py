@@ -26,7 +26,7 @@ LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the m
 WIDEST_ASPECT = 2.5  # beyond it, nothing was measured
 
 # Motions to start from beside none: t_x [rows] and r_z [rad] growing evenly to this at the last row
-_STARTS = [np.eye(6)[k] * size for k, size in ((0, 0.12), (0, -0.12), (3, 0.08), (3, -0.08))]
+STARTS = [np.eye(6)[k] * size for k, size in ((0, 0.12), (0, -0.12), (3, 0.08), (3, -0.08))]
 
 
 class Manhattan:
@@ -40,7 +40,7 @@ class Manhattan:
         reason = unusable(view, segments)
         if reason:
             return view.no_motion(self.name, reason)
-        posterior = explore(likelihood_of(view, segments, size), _STARTS)
+        posterior = explore(likelihood_of(view, segments, size), STARTS)
         return motion_of(posterior, view, self.name)
 
 
@@ -75,9 +75,10 @@ def likelihood_of(
     """The likelihood of a photo's segments, with focal length, roll and tilt where the user or EXIF knows them."""
     focal_px = view.known_focal_px()
     log_focal = math.log(focal_px / view.height) if focal_px else None
+    roll_deg, tilt_deg = view.attitude_deg()
     # a camera turned clockwise sees the scene turned the other way
-    roll = None if view.given_roll_deg is None else -math.radians(view.given_roll_deg)
-    tilt = None if view.given_tilt_deg is None else math.radians(view.given_tilt_deg)
+    roll = None if roll_deg is None else -math.radians(roll_deg)
+    tilt = None if tilt_deg is None else math.radians(tilt_deg)
     return ManhattanLikelihood(segments, size[0], size[1] / size[0], beliefs, view.up, log_focal, opinion, roll, tilt)
 
 

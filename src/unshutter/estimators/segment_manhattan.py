@@ -11,7 +11,7 @@ import os
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.estimators.manhattan import likelihood_of, motion_of, segments_of, unusable
+from unshutter.estimators.manhattan import STARTS, likelihood_of, motion_of, segments_of, unusable
 from unshutter.estimators.segment_transformer import SegmentTransformer
 from unshutter.lines.manhattan_likelihood import SecondOpinion
 from unshutter.lines.manhattan_search import displacement, explore
@@ -30,6 +30,7 @@ _CORRELATION = np.array(
         [0.19, -0.20, 0.14, -0.03, -0.28, 1.00],
     ]
 )
+_SEEN_TILTS = (-15.0, 50.0)  # degrees: the network knows no others
 _USUAL = 25 / 256  # rows of displacement; the larger the network's answer, the less it is trusted
 
 
@@ -52,6 +53,9 @@ class SegmentManhattan:
         reason = unusable(view, segments)
         if reason:
             return view.no_motion(self.name, reason)
+        _, tilt = view.attitude_deg()
+        if tilt is not None and not _SEEN_TILTS[0] <= tilt <= _SEEN_TILTS[1]:
+            return motion_of(explore(likelihood_of(view, segments, size), STARTS), view, self.name)
         answer = self._network.coefficients(segments, view.up).ravel()
         doubt = 1 + (displacement(answer) / _USUAL) ** 2
         opinion = SecondOpinion(answer, self._precision / doubt)

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, get_args
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.files import check_target, written_whole
 from unshutter.photo import codecs, decoding, encoding, metadata
+from unshutter.photo.attitude import attitude_of_xmp
 from unshutter.photo.codecs import CODECS, WRITTEN, Codec, Coding, Source, Subsampling
 from unshutter.photo.decoding import Decoder
 from unshutter.photo.header import read_header
+from unshutter.photo.libvips import field as field_of
 from unshutter.photo.libvips import refusing
 
 if TYPE_CHECKING:
@@ -161,6 +163,11 @@ class Photo:
     def focal_px(self) -> float | None:
         """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
         return metadata.focal_px(self._exif, self.height, self.width)
+
+    def attitude_deg(self) -> tuple[float, float] | None:
+        """Roll and tilt of the camera [degrees] as a drone's gimbal wrote them; None where they are not known."""
+        xmp = field_of(self._header, "xmp-data")
+        return attitude_of_xmp(xmp) if xmp and self.orientation == 1 else None
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.

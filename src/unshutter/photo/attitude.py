@@ -1,0 +1,24 @@
+"""How the camera was held, where the photo says so: the gimbal's angles in the XMP of DJI's drones.
+
+Source: DJI's XMP name space ``http://www.dji.com/drone-dji/1.0/``, GimbalRollDegree (positive: right side down) and
+GimbalPitchDegree (-90: straight down, positive: up), as its photos carry them.
+"""
+
+from __future__ import annotations
+
+import re
+
+_ANGLE = rb"""drone-dji:Gimbal%sDegree\s*(?:=\s*["']|>)\s*([+-]?\d+(?:\.\d+)?)"""
+_MOST_ROLL, _MOST_TILT = 45.0, 90.0
+
+
+def attitude_of_xmp(xmp: bytes) -> tuple[float, float] | None:
+    """Roll and tilt of the camera [degrees], or None where the XMP does not say, or says what cannot be."""
+    found = [re.search(_ANGLE % name, xmp) for name in (b"Roll", b"Pitch")]
+    if not all(found):
+        return None
+    roll, tilt = (float(match[1]) for match in found if match)
+    # looking straight down, a gimbal may call the same attitude a roll of half a turn and a heading of another
+    if abs(abs(roll) - 180) <= _MOST_ROLL and abs(tilt) > _MOST_TILT - 10:
+        return 0.0, tilt
+    return (roll, tilt) if abs(roll) <= _MOST_ROLL and abs(tilt) <= _MOST_TILT else None

@@ -1,0 +1,98 @@
+"""A camera whose roll and tilt are known: told by the user, or by a drone's gimbal."""
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import pyvips
+
+import unshutter
+from unshutter import Motion
+from unshutter.cli import main
+from unshutter.errors import UsageError
+from unshutter.estimators import View
+from unshutter.photo import Photo
+
+
+@pytest.fixture
+def leaning() -> np.ndarray:
+    """Poles before a camera that was turned clockwise by 4 degrees: all lean to the left."""
+    picture = np.full((480, 480), 220, np.uint8)
+    lean = math.tan(math.radians(4))
+    for at in range(40, 460, 28):
+        ends = [(round((at + lean * (row - 240)) * 16), row * 16) for row in (30, 450)]
+        cv2.line(picture, *ends, 60, 5, cv2.LINE_AA, shift=4)
+    return picture
+
+
+@pytest.mark.parametrize("name", ["manhattan", "segment-manhattan"])
+def test_a_known_roll_is_not_taken_for_motion(name: str, leaning: np.ndarray) -> None:
+    known = unshutter.estimate(leaning, estimator=name, roll_deg=4, tilt_deg=0)
+    assert np.abs(known.tx_px).max() < 4
+    upright = unshutter.estimate(leaning, estimator=name, roll_deg=0, tilt_deg=0)
+    assert upright.tx_px[-1] == pytest.approx(480 * math.tan(math.radians(4)), rel=0.25)
+    again = unshutter.rectify(leaning, estimator=name, roll_deg=4, tilt_deg=0)
+    assert np.abs(again.astype(int) - leaning).mean() < 6
+
+
+def test_roll_and_tilt_from_the_command_line(
+    tmp_path: Path, leaning: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo, out = tmp_path / "p.png", tmp_path / "m.json"
+    Photo.from_array(leaning).save(photo)
+    told = ["--roll-deg", "4", "--tilt-deg", "0"]
+    assert main(["estimate", str(photo), "--estimator", "manhattan", *told, "-o", str(out)]) == 0
+    assert np.abs(Motion.load(out).tx_px).max() < 4
+    assert main(["rectify", str(photo), "--estimator", "manhattan", *told, "-o", str(tmp_path / "r.png")]) == 0
+    capsys.readouterr()
+    assert main(["rectify", str(photo), "--motion", str(out), "--tilt-deg", "3"]) == 2
+    assert "--tilt-deg is for finding a motion" in capsys.readouterr().err
+    assert main(["estimate", str(photo), "--roll-deg", "60"]) == 2
+    assert "roll must lie between -45 and 45" in capsys.readouterr().err
+    with pytest.raises(UsageError, match="leave them out"):
+        unshutter.rectify(leaning, motion=Motion.load(out), roll_deg=1.0)
+
+
+XMP = """<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
+<rdf:Description xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" {}</rdf:Description></rdf:RDF></x:xmpmeta>"""
+ATTRIBUTES = 'drone-dji:GimbalRollDegree="{}" drone-dji:GimbalPitchDegree="{}">'
+ELEMENT = "<drone-dji:Gimbal{0}Degree>{{}}</drone-dji:Gimbal{0}Degree>"
+ELEMENTS = ">" + ELEMENT.format("Roll") + ELEMENT.format("Pitch")
+
+
+def jpeg_of_drone(pixels: np.ndarray, roll: str, tilt: str, form: str = ATTRIBUTES) -> bytes:
+    image = pyvips.Image.new_from_array(pixels)
+    image = image.copy()
+    image.set_type(pyvips.GValue.blob_type, "xmp-data", XMP.format(form.format(roll, tilt)).encode())
+    return image.jpegsave_buffer(Q=92)
+
+
+@pytest.mark.parametrize(
+    ("roll", "tilt", "form", "known"),
+    [
+        ("+4.00", "-0.10", ATTRIBUTES, (4.0, -0.1)),
+        ("-0.50", "-90.00", ELEMENTS, (-0.5, -90.0)),
+        ("+180.00", "-90.00", ATTRIBUTES, (0.0, -90.0)),
+        ("+70.00", "0", ATTRIBUTES, None),
+        ("up", "0", ATTRIBUTES, None),
+    ],
+)
+def test_a_drone_says_how_its_camera_was_held(
+    leaning: np.ndarray, roll: str, tilt: str, form: str, known: tuple[float, float] | None
+) -> None:
+    photo = Photo.from_bytes(jpeg_of_drone(leaning, roll, tilt, form))
+    assert photo.attitude_deg() == known
+    assert View(photo).attitude_deg() == (known or (None, None))
+    assert View(photo, given_tilt_deg=3.0).attitude_deg() == (known[0] if known else None, 3.0)
+
+
+def test_the_gimbals_roll_is_not_taken_for_motion(leaning: np.ndarray) -> None:
+    told, untold = jpeg_of_drone(leaning, "+4.00", "0"), jpeg_of_drone(leaning, "0", "0")
+    assert np.abs(unshutter.estimate(told, estimator="manhattan").tx_px).max() < 4
+    assert np.abs(unshutter.estimate(untold, estimator="manhattan").tx_px).max() > 20
+
+
+def test_a_photo_without_xmp_says_nothing(leaning: np.ndarray) -> None:
+    assert Photo.from_array(leaning).attitude_deg() is None
