@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Literal, get_args
 
 import cv2
@@ -178,27 +179,35 @@ def _warped(pixels: np.ndarray, grid: SamplingGrid, window: Tile, interpolation:
     result = new_array((window.bottom - window.top, window.right - window.left, *pixels.shape[2:]), pixels.dtype)
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
 
-    def make(tile: Tile) -> None:
-        extent, (col, row) = grid.extent(tile), grid.positions(tile)
-        if _too_long(extent):
-            extent = Extent.of(col, row)
-            if _too_long(extent):
-                for half in tile.halves():
-                    make(half)
-                return
-        outside = ~grid.inside(col, row) if blacken and not grid.contains(extent) else None
-        source, left, top = _cut(pixels, extent)
-        col -= left
-        row -= top
-        made = out[tile.within(window)]
-        _sample(source, col, row, interpolation, made)
-        if outside is not None:
-            made[outside] = 0
-
+    make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, method=interpolation, blacken=blacken)
     with ThreadPoolExecutor(_thread_count()) as threads:
         for _ in threads.map(make, window.tiles()):
             pass  # errors come out here
     return result
+
+
+def _make(
+    tile: Tile, pixels: np.ndarray, out: np.ndarray, grid: SamplingGrid, window: Tile, method: int, blacken: bool
+) -> None:
+    """A tile of the output.
+
+    No closure: one that calls itself would keep both pictures until the interpreter looks for cycles.
+    """
+    extent, (col, row) = grid.extent(tile), grid.positions(tile)
+    if _too_long(extent):
+        extent = Extent.of(col, row)
+        if _too_long(extent):
+            for half in tile.halves():
+                _make(half, pixels, out, grid, window, method, blacken)
+            return
+    outside = ~grid.inside(col, row) if blacken and not grid.contains(extent) else None
+    source, left, top = _cut(pixels, extent)
+    col -= left
+    row -= top
+    made = out[tile.within(window)]
+    _sample(source, col, row, method, made)
+    if outside is not None:
+        made[outside] = 0
 
 
 def _thread_count() -> int:
@@ -221,6 +230,10 @@ def _cut(pixels: np.ndarray, extent: Extent) -> tuple[np.ndarray, int, int]:
 
 def _sample(image: np.ndarray, col: np.ndarray, row: np.ndarray, interpolation: int, out: np.ndarray) -> None:
     """Writes the image at positions, its border repeated, into out [rows, cols, bands]."""
+    if image.shape[2] in (1, 3) and image.dtype == np.uint16:  # on float a quarter faster, the result the same
+        sampled = cv2.remap(image.astype(np.float32), col, row, interpolation, borderMode=cv2.BORDER_REPLICATE)
+        cv2.add(sampled, 0, dst=out, dtype=cv2.CV_16U)  # rounded, clipped
+        return
     if image.shape[2] in (1, 3):
         cv2.remap(image, col, row, interpolation, dst=out, borderMode=cv2.BORDER_REPLICATE)
         return
