@@ -232,7 +232,7 @@ def _sample(image: np.ndarray, col: np.ndarray, row: np.ndarray, interpolation: 
     """Writes the image at positions, its border repeated, into out [rows, cols, bands]."""
     if image.shape[2] in (1, 3) and image.dtype == np.uint16:  # on float a quarter faster, the result the same
         sampled = cv2.remap(image.astype(np.float32), col, row, interpolation, borderMode=cv2.BORDER_REPLICATE)
-        cv2.add(sampled, 0, dst=out, dtype=cv2.CV_16U)  # rounded, clipped
+        out[:] = np.rint(sampled.clip(0, 65535, out=sampled), out=sampled).reshape(out.shape)
         return
     if image.shape[2] in (1, 3):
         cv2.remap(image, col, row, interpolation, dst=out, borderMode=cv2.BORDER_REPLICATE)
