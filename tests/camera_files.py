@@ -48,8 +48,7 @@ def heic(pixels, orientation=1, exif=None, quality=95, chroma=444, **info):
 def dng(colours, orientation=1, tags=()):
     """A raw file that LibRaw develops: an uncompressed 12-bit Bayer mosaic (RGGB) of colours [H, W, 3] in 0 ... 1."""
     pytest.importorskip("rawpy", reason="reading raw files needs the extra raw")
-    import tifffile
-
+    tifffile = pytest.importorskip("tifffile", reason="writing raw files for the tests needs tifffile")
     height, width = colours.shape[:2]
     row, col = np.mgrid[0:height, 0:width]
     mosaic = np.take_along_axis(colours, (row % 2 + col % 2)[..., None], axis=2)[..., 0]
