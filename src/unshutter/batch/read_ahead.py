@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
 from unshutter.batch.places import Place, open_photo
-from unshutter.photo import Photo
+from unshutter.photo import Photo, early
+from unshutter.photo.photo import MAX_PIXELS
 
 
 class ReadAhead:
@@ -47,6 +49,7 @@ class ReadAhead:
                 break
 
     def _opened(self, path: Place) -> Photo:
-        photo = open_photo(path, self._max_pixels)
+        begun = early.take(path) if isinstance(path, Path) and self._max_pixels == MAX_PIXELS else None
+        photo = begun or open_photo(path, self._max_pixels)
         photo.start_decoding(self._reader, self._whole)
         return photo

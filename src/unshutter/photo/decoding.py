@@ -9,6 +9,7 @@ from contextlib import suppress
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from unshutter import large_arrays
 from unshutter.errors import UnshutterError
 from unshutter.photo.codecs import Codec, Source
 from unshutter.photo.header import Header
@@ -34,8 +35,9 @@ class Decoder:
         self._pixels_ahead: Future[np.ndarray] | None = None
 
     def start(self, executor: Executor, whole: bool) -> None:
-        """Begins with the usual grey copy, then the pixels, if they are wanted ``whole`` or the grey copy needs them.
+        """Begins with the usual grey copy, then the pixels if they are wanted ``whole``.
 
+        Where a grey copy is made of the pixels, these come first.
         What goes wrong is told where the results are asked for.
         """
         small_first = self._shrink(USUAL_GREY) > 1
@@ -44,7 +46,10 @@ class Decoder:
             self._grey_ahead = executor.submit(self._grey, USUAL_GREY)
         if (whole or not small_first) and "pixels" not in self._begun:
             self._begun.add("pixels")
-            self._pixels_ahead = executor.submit(self._decode)
+            pixels = self._pixels_ahead = executor.submit(self._decode)
+            if not small_first:
+                self._begun.add("grey")
+                self._grey_ahead = executor.submit(lambda: self._grey_of(pixels.result(), USUAL_GREY))
 
     @cached_property
     def pixels(self) -> np.ndarray:
@@ -58,11 +63,16 @@ class Decoder:
 
     def grey(self, short_side: int | None) -> np.ndarray:
         """See ``Photo.grey``."""
-        if self._shrink(short_side) > 1:
+        ahead = None
+        if short_side == USUAL_GREY:
             ahead, self._grey_ahead = self._grey_ahead, None  # given away once: it may be written to
+        if ahead or self._shrink(short_side) > 1:
             with suppress(UnshutterError):  # what is wrong with the data, decoding the pixels says
-                return ahead.result() if ahead and short_side == USUAL_GREY else self._grey(short_side)
-        return grey_copy(as_image(self.pixels), *grey_size(self._height, self._width, short_side))
+                return ahead.result() if ahead else self._grey(short_side)
+        return self._grey_of(self.pixels, short_side)
+
+    def _grey_of(self, pixels: np.ndarray, short_side: int | None) -> np.ndarray:
+        return grey_copy(as_image(pixels), *grey_size(self._height, self._width, short_side))
 
     def _grey(self, short_side: int | None) -> np.ndarray:
         shrink = self._shrink(short_side)
@@ -126,18 +136,18 @@ def _by_libvips(source: Source, codec: Codec, smaller: dict[str, int]) -> np.nda
 
 def computed(image: pyvips.Image) -> np.ndarray:
     """[H, W, bands] of an image, computed now; not to be written to. ``pyvips.Error`` where that fails."""
-    import numpy as np
-
-    from unshutter.large_arrays import SPILL_BYTES
-
     shape = image.height, image.width, image.bands
-    dtype = {"uchar": np.dtype(np.uint8), "ushort": np.dtype(np.uint16)}[str(image.format)]
-    if math.prod(shape) * dtype.itemsize <= SPILL_BYTES:
-        data = image.write_to_memory()  # the long part
+    dtype, size = {"uchar": ("uint8", 1), "ushort": ("uint16", 2)}[str(image.format)]
+    if math.prod(shape) * size <= large_arrays.SPILL_BYTES:
+        data = image.write_to_memory()  # the long part; NumPy may be imported meanwhile
+        import numpy as np
+
         pixels = np.frombuffer(data, dtype).reshape(shape)
         pixels.setflags(write=False)
         return pixels
     import tempfile
+
+    import numpy as np
 
     with tempfile.NamedTemporaryFile(prefix="unshutter-") as file:
         image.rawsave(file.name)
