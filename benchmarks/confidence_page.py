@@ -99,6 +99,7 @@ def _bounds(kinds: dict[str, _Groups]) -> str:
         "*Drop* is by how much the mean EPE falls, *perfect order* by how much it would fall without the pictures with "
         f"the largest true errors. No confidence can do better than that: {', '.join(said)}.\n\n"
         "*Answered only* is the drop with declined photos left aside: what the confidence does by itself. "
+        "In *all* the folders are pooled: there it counts, too, that a hard folder is told from an easy one. "
         f"Bold: the aim, {AIM * 100:.0f} %, is reached."
     )
 
