@@ -7,7 +7,7 @@ import torch
 from unshutter import Motion
 from unshutter.learn.config import TrainConfig
 from unshutter.learn.scenes import SceneConfig, Scenes, draw_scenes
-from unshutter.learn.segment_recipe import MirroredStep, SegmentRecipe, motion_epe, unlikeliness
+from unshutter.learn.segment_recipe import MirroredStep, SegmentRecipe, motion_epe
 from unshutter.learn.segment_transformer import SegmentTransformer, SegmentTransformerConfig, _legendre_to_powers
 
 SMALL = SegmentTransformerConfig(width=16, layers=1, heads=2)
@@ -27,10 +27,9 @@ def scenes() -> Scenes:
 
 
 def test_a_newborn_network_says_no_motion(scenes: Scenes) -> None:
-    motions, camera, whitening = SegmentTransformer(SMALL)(scenes.tokens, scenes.mask)
+    motions, camera = SegmentTransformer(SMALL)(scenes.tokens, scenes.mask)
     assert motions.shape == (2, 4, 2, 3)
     assert camera.shape == (4, 3)
-    assert whitening.shape == (2, 4, 6, 6)
     assert not motions.any()
 
 
@@ -55,11 +54,9 @@ def test_the_exported_form_is_antisymmetric_under_mirroring(network: SegmentTran
     step = MirroredStep(network).eval()
     mirrored = scenes.tokens * torch.tensor([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
     motion = torch.full((4, 2, 3), 0.01)
-    there, sure = step(scenes.tokens, scenes.mask, motion)
-    here, as_sure = step(mirrored, scenes.mask, -motion)
-    torch.testing.assert_close(here, -there, atol=1e-6, rtol=1e-4)
-    torch.testing.assert_close(as_sure, sure, atol=1e-3, rtol=1e-3)
-    assert (torch.linalg.eigvalsh(sure) > 0).all()
+    torch.testing.assert_close(
+        step(mirrored, scenes.mask, -motion), -step(scenes.tokens, scenes.mask, motion), atol=1e-6, rtol=1e-4
+    )
 
 
 def test_onnx_gives_what_torch_gives(network: SegmentTransformer, tmp_path: Path) -> None:
@@ -72,25 +69,11 @@ def test_onnx_gives_what_torch_gives(network: SegmentTransformer, tmp_path: Path
     session = onnxruntime.InferenceSession(tmp_path / "m.onnx")
     for batch, count in ((1, 5), (3, 77)):  # any number of segments
         drawn = draw_scenes(batch, SceneConfig(tokens=count), torch.Generator().manual_seed(count))
-        ours = session.run(["coefficients", "precision"], {"tokens": drawn.tokens.numpy(), "mask": drawn.mask.numpy()})
-        theirs, precision = torch.zeros(batch, 2, 3), None
+        (ours,) = session.run(None, {"tokens": drawn.tokens.numpy(), "mask": drawn.mask.numpy()})
+        theirs = torch.zeros(batch, 2, 3)
         for _ in range(network.config.iterations_in_use):
-            theirs, precision = MirroredStep(network).eval()(drawn.tokens, drawn.mask, theirs)
-        np.testing.assert_allclose(ours[0], theirs.detach().numpy(), atol=1e-4)
-        assert precision is not None
-        np.testing.assert_allclose(ours[1], precision.detach().numpy(), rtol=2e-3, atol=2e-2)
-
-
-def test_doubts_are_least_unlikely_when_they_fit_the_errors(scenes: Scenes) -> None:
-    """Errors of a known spread: the whitening matrix of just that spread gives the least loss of three."""
-    torch.manual_seed(2)
-    off = 0.05 * torch.randn(4, 2, 3)
-    motion = torch.stack([scenes.tx, scenes.rz], 1) + off
-
-    def loss(spread: float) -> float:
-        return unlikeliness(motion, torch.eye(6).expand(4, 6, 6) / spread, scenes).mean().item()
-
-    assert loss(0.05) < min(loss(0.005), loss(0.5))
+            theirs = MirroredStep(network).eval()(drawn.tokens, drawn.mask, theirs)
+        np.testing.assert_allclose(ours, theirs.detach().numpy(), atol=1e-4)
 
 
 def test_legendre_rows_are_the_polynomials_less_their_start() -> None:

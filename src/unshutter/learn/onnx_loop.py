@@ -15,41 +15,30 @@ import torch
 from torch import Tensor, nn
 
 
-def export_loop(
-    step: nn.Module,
-    example: tuple[Tensor, Tensor, Tensor],
-    path: Path,
-    iterations: int,
-    outputs: dict[str, tuple[int, ...]],
-) -> None:
-    """Writes a step that is repeated, each time from its own last answer, beginning with zeros, as ONNX.
+def export_loop(step: nn.Module, example: tuple[Tensor, Tensor, Tensor], path: Path, iterations: int) -> None:
+    """Writes ``coefficients = step(tokens, mask, step(tokens, mask, ... zeros))`` as ONNX.
 
     Args:
-        step: (tokens [B, N, F], mask [B, N], answer [B, ...]) -> answer [B, ...] and whatever else it tells.
+        step: (tokens [B, N, F], mask [B, N], motion [B, 2, 3]) -> motion [B, 2, 3].
         example: inputs to trace with; batch and number of tokens stay free.
-        path: file to write; its inputs are ``tokens`` and ``mask``.
+        path: file to write; its inputs are ``tokens`` and ``mask``, its output is ``coefficients``.
         iterations: how often the step is done.
-        outputs: names and shapes (without the batch) of what the step gives, the answer first; those of the last
-            step are the file's outputs.
     """
     import onnx
     from onnx import TensorProto, helper, numpy_helper
 
-    traced = onnx.load_model_from_string(_trace(step, example, list(outputs)))
+    traced = onnx.load_model_from_string(_trace(step, example))
     body, features = traced.graph, example[0].shape[-1]
+    motion_shape = list(example[2].shape[1:])
     weights = list(body.initializer)
     body.ClearField("initializer")  # in the outer graph, where the body sees them as well as tokens and mask
-    shapes = {name: ["batch_size", *shape] for name, shape in outputs.items()}
-    infos = {name: helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in shapes.items()}
-    answer, *others = outputs
+    motion_in = next(i for i in body.input if i.name == "motion")
     body.ClearField("input")
     body.input.extend(
         [
             helper.make_tensor_value_info("iteration", TensorProto.INT64, []),
             helper.make_tensor_value_info("go_on", TensorProto.BOOL, []),
-            helper.make_tensor_value_info("before", TensorProto.FLOAT, shapes[answer]),
-            # what else the last step told: the next does not ask
-            *(helper.make_tensor_value_info(f"{name}_before", TensorProto.FLOAT, shapes[name]) for name in others),
+            motion_in,
         ]
     )
     body.node.append(helper.make_node("Identity", ["go_on"], ["still_going"]))
@@ -58,13 +47,12 @@ def export_loop(
     def constant(name: str, value: Tensor) -> onnx.TensorProto:
         return numpy_helper.from_array(value.numpy(), name)
 
-    nodes = [helper.make_node("Shape", ["tokens"], ["batch"], start=0, end=1)]
-    for name in outputs:
-        nodes.append(helper.make_node("Concat", ["batch", f"{name}_shape"], [f"{name}_whole_shape"], axis=0))
-        nodes.append(helper.make_node("Expand", ["zero", f"{name}_whole_shape"], [f"{name}_start"]))
-    starts = [f"{name}_start" for name in outputs]
-    nodes.append(helper.make_node("Loop", ["iterations", "always", *starts], [f"last_{n}" for n in outputs], body=body))
-    nodes += [helper.make_node("Identity", [f"last_{name}"], [name]) for name in outputs]
+    nodes = [
+        helper.make_node("Shape", ["tokens"], ["batch"], start=0, end=1),
+        helper.make_node("Concat", ["batch", "motion_shape"], ["start_shape"], axis=0),
+        helper.make_node("Expand", ["zero", "start_shape"], ["start"]),
+        helper.make_node("Loop", ["iterations", "always", "start"], ["coefficients"], body=body),
+    ]
     graph = helper.make_graph(
         nodes,
         "unshutter",
@@ -72,11 +60,11 @@ def export_loop(
             helper.make_tensor_value_info("tokens", TensorProto.FLOAT, ["batch_size", "segments", features]),
             helper.make_tensor_value_info("mask", TensorProto.BOOL, ["batch_size", "segments"]),
         ],
-        list(infos.values()),
+        [helper.make_tensor_value_info("coefficients", TensorProto.FLOAT, ["batch_size", *motion_shape])],
         [
             *weights,
-            *(constant(f"{name}_shape", torch.tensor(shape)) for name, shape in outputs.items()),
-            constant("zero", torch.zeros(1)),
+            constant("motion_shape", torch.tensor(motion_shape)),
+            constant("zero", torch.zeros([1] * (1 + len(motion_shape)))),
             constant("iterations", torch.tensor(iterations)),
             constant("always", torch.tensor(True)),
         ],
@@ -86,19 +74,18 @@ def export_loop(
     onnx.save(model, str(path))
 
 
-def _trace(step: nn.Module, example: tuple[Tensor, ...], outputs: list[str]) -> bytes:
+def _trace(step: nn.Module, example: tuple[Tensor, ...]) -> bytes:
     buffer = io.BytesIO()
-    both, batch = {0: "batch_size", 1: "segments"}, {0: "batch_size"}
-    told = [f"{name}_told" for name in outputs]
+    free = {0: "batch_size", 1: "segments"}
     with warnings.catch_warnings():  # the tracer's notes about shapes that stay fixed, as they should
         warnings.simplefilter("ignore")
         torch.onnx.export(
             step,
             example,
             buffer,  # type: ignore[arg-type]  # the tracing exporter takes one; its signature does not say so
-            input_names=["tokens", "mask", "before"],
-            output_names=told,
-            dynamic_axes={"tokens": both, "mask": both, "before": batch, **dict.fromkeys(told, batch)},
+            input_names=["tokens", "mask", "motion"],
+            output_names=["corrected"],
+            dynamic_axes={"tokens": free, "mask": free, "motion": {0: "batch_size"}, "corrected": {0: "batch_size"}},
             opset_version=18,
             dynamo=False,
         )

@@ -22,10 +22,11 @@ from torch.nn import functional as F
 
 from unshutter import geometry
 from unshutter.errors import UsageError
-from unshutter.learn.drawn_motions import draw_quadratics
+from unshutter.learn.scenes import SceneConfig, draw_motions
 
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"}
 _WIDEST = 2.0  # photos are cut to this aspect, which bounds the memory they take
+_EVERY_MOTION = SceneConfig(zero_motion=0.0, small_motion=0.0)  # the predecessor's draws as they are
 _VALIDATION_SEED, _VALIDATION_BATCH = 2**40, 32
 
 
@@ -118,7 +119,7 @@ class PixelData:
         ]
         mirrored = [self.config.flip and s < 0.5 for s in side]
         canvas = torch.stack([w.flip(-1) if m else w for w, m in zip(windows, mirrored, strict=True)])
-        return synthesise(canvas, *draw_quadratics(count, generator), self.config.size)
+        return synthesise(canvas, *draw_motions(count, _EVERY_MOTION, generator), self.config.size)
 
     def validation(self) -> Iterator[Samples]:
         """Samples of held-out photos, middle window, the same at each call."""
@@ -127,7 +128,7 @@ class PixelData:
         windows = [_window(p, self.config.canvas, 0.5) for p in repeated]
         for first in range(0, len(windows), _VALIDATION_BATCH):
             canvas = torch.stack(windows[first : first + _VALIDATION_BATCH])
-            yield synthesise(canvas, *draw_quadratics(len(canvas), generator), self.config.size)
+            yield synthesise(canvas, *draw_motions(len(canvas), _EVERY_MOTION, generator), self.config.size)
 
 
 # ---- synthesis --------------------------------------------------------------------------------------------
@@ -139,7 +140,7 @@ def synthesise(canvas: Tensor, tx: Tensor, rz: Tensor, size: int) -> Samples:
     Args:
         canvas: [B, 3, C, C] uint8 RGB.
         tx: [B, 3] coefficients of u, u^2, u^3 with u = row / size of the middle part, in units of ``size``
-            px (as drawn_motions.py gives them).
+            px (as scenes.draw_motions gives them).
         rz: likewise, in rad.
         size: of the middle part [px].
     """

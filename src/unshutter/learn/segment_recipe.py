@@ -1,4 +1,4 @@
-"""How the segment transformer is trained: drawn scenes, mean EPE after each iteration, camera and doubts beside."""
+"""How the segment transformer is trained: drawn scenes, mean EPE after each iteration, camera beside."""
 
 from __future__ import annotations
 
@@ -10,16 +10,13 @@ from torch.nn import functional as F
 
 from unshutter import geometry
 from unshutter.learn.config import TrainConfig, from_table
-from unshutter.learn.drawn_motions import row_motion
 from unshutter.learn.onnx_loop import export_loop
-from unshutter.learn.scenes import SceneConfig, Scenes, draw_scenes
+from unshutter.learn.scenes import SceneConfig, Scenes, draw_scenes, row_motion
 from unshutter.learn.segment_transformer import SegmentTransformer, SegmentTransformerConfig
 
 _GRID = 16  # the EPE is taken on a grid of this many points squared
 _CAMERA_SPREAD = (0.05, 0.15, 0.35)  # typical roll [rad], tilt [rad], log focal length: equal footing
 _CAMERA_WEIGHT = 0.5
-_DOUBT_WEIGHT = 0.1
-_FREEDOM = 4.0  # degrees of freedom of the t distribution that the errors are taken to have
 _VALIDATION_SEED, _VALIDATION_BATCHES = 2**40, 8
 
 
@@ -36,19 +33,14 @@ class SegmentRecipe:
         return SegmentTransformer(self.network_config)
 
     def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
-        """Sum over iterations of the mean EPE [px at 256 rows] and the unlikeliness, a Huber loss on the camera."""
+        """Sum over iterations of the mean EPE [px at 256 rows], plus a Huber loss on the camera."""
         scenes = draw_scenes(self.config.batch, self.scenes, generator)
-        motions, camera, whitening = network(scenes.tokens, scenes.mask)
+        motions, camera = network(scenes.tokens, scenes.mask)
         errors = torch.stack([motion_epe(m, scenes).mean() for m in motions])
         off = (camera - scenes.camera) / camera.new_tensor(_CAMERA_SPREAD)
         camera_loss = F.huber_loss(off, torch.zeros_like(off))
-        # the doubts learn from the answers, not the answers from the doubts
-        doubt = torch.stack(
-            [unlikeliness(m.detach(), w, scenes).mean() for m, w in zip(motions, whitening, strict=True)]
-        )
         log = {"epe": errors[-1].item(), "epe_first": errors[0].item(), "camera": camera_loss.item()}
-        log["unlikeliness"] = doubt[-1].item()
-        return errors.sum() + _CAMERA_WEIGHT * camera_loss + _DOUBT_WEIGHT * doubt.sum(), log
+        return errors.sum() + _CAMERA_WEIGHT * camera_loss, log
 
     @torch.no_grad()
     def validate(self, network: nn.Module) -> dict[str, float]:
@@ -57,7 +49,7 @@ class SegmentRecipe:
         errors, untouched = [], []
         for _ in range(_VALIDATION_BATCHES):
             scenes = draw_scenes(64, self.scenes, generator)
-            motions, _, _ = network(scenes.tokens, scenes.mask)
+            motions, _ = network(scenes.tokens, scenes.mask)
             errors.append(motion_epe(motions[-1], scenes))
             untouched.append(motion_epe(torch.zeros_like(motions[-1]), scenes))
         error, nothing = torch.cat(errors), torch.cat(untouched)
@@ -68,15 +60,14 @@ class SegmentRecipe:
         }
 
     def export(self, network: nn.Module, path: Path) -> None:
-        """ONNX: tokens [B, segments, 6], mask [B, segments] -> coefficients [B, 2, 3], their precision [B, 6, 6]."""
+        """ONNX: tokens [batch, segments, 6], mask [batch, segments] -> coefficients [batch, 2, 3]."""
         step = MirroredStep(network).eval().cpu()
         example = (torch.rand(1, 16, 6) - 0.5, torch.ones(1, 16, dtype=torch.bool), torch.zeros(1, 2, 3))
-        shapes = {"coefficients": (2, 3), "precision": (6, 6)}
-        export_loop(step, example, path, self.network_config.iterations_in_use, shapes)
+        export_loop(step, example, path, iterations=self.network_config.iterations_in_use)
 
 
 class MirroredStep(nn.Module):
-    """One iteration as it is shipped: correction and precision averaged over the picture and its mirror image.
+    """One iteration as it is shipped: the correction averaged over the picture and its mirror image.
 
     Mirroring left and right turns (t_x, r_z) into (-t_x, -r_z); the average of both answers is exactly
     antisymmetric, and a little more accurate than either.
@@ -89,26 +80,12 @@ class MirroredStep(nn.Module):
         self.network = network
         self.register_buffer("mirror", torch.tensor([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0]), persistent=False)
 
-    def forward(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
-        """Tokens [B, N, 6], mask [B, N], motion so far [B, 2, 3] -> motion [B, 2, 3], its precision [B, 6, 6]."""
+    def forward(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> Tensor:
+        """Tokens [B, N, 6], mask [B, N], motion so far [B, 2, 3] -> motion [B, 2, 3]."""
         tokens = torch.cat([tokens, tokens * self.mirror])
-        answer = self.network.correct(tokens, torch.cat([mask, mask]), torch.cat([motion, -motion]))  # type: ignore[operator]
-        straight, mirrored = answer[0].chunk(2)
-        sure, as_sure = (answer[2].transpose(1, 2) @ answer[2]).chunk(2)
-        return motion + (straight - mirrored) / 2, (sure + as_sure) / 2
-
-
-def unlikeliness(motion: Tensor, whitening: Tensor, scenes: Scenes) -> Tensor:
-    """[B] minus the log likelihood of the true coefficients: Student's t about the motion, up to a constant.
-
-    Args:
-        motion: [B, 2, 3] coefficients.
-        whitening: [B, 6, 6], see :class:`SegmentTransformer`.
-        scenes: they hold the truth.
-    """
-    off = torch.cat([motion[:, 0] - scenes.tx, motion[:, 1] - scenes.rz], -1)
-    distance = torch.einsum("bij,bj->bi", whitening, off).square().sum(-1)
-    return 0.5 * (_FREEDOM + 6) * torch.log1p(distance / _FREEDOM) - torch.linalg.slogdet(whitening)[1]
+        correction, _ = self.network.correct(tokens, torch.cat([mask, mask]), torch.cat([motion, -motion]))  # type: ignore[operator]
+        straight, mirrored = correction.chunk(2)
+        return motion + (straight - mirrored) / 2
 
 
 def motion_epe(motion: Tensor, scenes: Scenes) -> Tensor:

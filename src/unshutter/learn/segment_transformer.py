@@ -2,8 +2,7 @@
 
 A set of segments (tokens) goes through a small transformer without positional encoding; learned latents read
 it out; a head gives the coefficients of two cubics. The estimate moves the segments to where a global shutter
-would have seen them, and the same network corrects what is left, ``iterations`` times. Beside the coefficients it
-says how far they can be off: the precision (inverse covariance) of their errors.
+would have seen them, and the same network corrects what is left, ``iterations`` times.
 """
 
 from __future__ import annotations
@@ -35,14 +34,8 @@ class SegmentTransformer(nn.Module):
 
     Input: tokens [B, N, 6] and mask [B, N] as drawn in scenes.py (end points in rows, centred; unit vector to
     the scene's top). Output: the motion after each iteration, [iterations, B, 2, 3]: coefficients of u, u^2,
-    u^3 of t_x [rows] and r_z [rad], u = row coordinate + 1/2; the camera [B, 3] (roll, tilt, log focal); and
-    [iterations, B, 6, 6] matrices W that whiten the six coefficients' errors: W^T W is their precision.
+    u^3 of t_x [rows] and r_z [rad], u = row coordinate + 1/2; and the camera [B, 3] (roll, tilt, log focal).
     """
-
-    basis: Tensor
-    triangle: Tensor
-    diagonal: Tensor
-    to_legendre: Tensor
 
     def __init__(self, config: SegmentTransformerConfig):
         super().__init__()
@@ -55,33 +48,25 @@ class SegmentTransformer(nn.Module):
         self.pool_norm = nn.LayerNorm(d)
         pooled = d * config.latents
         self.head = nn.Sequential(
-            nn.LayerNorm(pooled), nn.Linear(pooled, 2 * d), nn.GELU(), last := nn.Linear(2 * d, 9 + _TRIANGLE)
+            nn.LayerNorm(pooled), nn.Linear(pooled, 2 * d), nn.GELU(), last := nn.Linear(2 * d, 9)
         )
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
         self.register_buffer("basis", _legendre_to_powers(), persistent=False)
-        place = torch.full((6, 6), _TRIANGLE)  # of each number of the triangle; above it a zero
-        place[*torch.tril_indices(6, 6)] = torch.arange(_TRIANGLE)
-        self.register_buffer("triangle", place.flatten(), persistent=False)
-        self.register_buffer("diagonal", torch.eye(6), persistent=False)
-        to_legendre = torch.linalg.inv(_legendre_to_powers()).T
-        scaled = torch.block_diag(to_legendre / _SCALE[0], to_legendre / _SCALE[1])
-        self.register_buffer("to_legendre", scaled, persistent=False)
 
-    def forward(self, tokens: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(self, tokens: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
         """See the class."""
         motion = tokens.new_zeros(tokens.shape[0], 2, 3)
-        history, doubts = [], []
+        history = []
         camera = tokens.new_zeros(tokens.shape[0], 3)
         for _ in range(self.config.iterations):
-            correction, camera, whitening = self.correct(tokens, mask, motion.detach())
+            correction, camera = self.correct(tokens, mask, motion.detach())
             motion = motion.detach() + correction
             history.append(motion)
-            doubts.append(whitening)
-        return torch.stack(history), camera, torch.stack(doubts)
+        return torch.stack(history), camera
 
-    def correct(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """What is missing from ``motion`` [B, 2, 3], the camera [B, 3], and what whitens the errors [B, 6, 6]."""
+    def correct(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
+        """What is missing from ``motion`` [B, 2, 3], and the camera [B, 3]."""
         x = self.embed(_features(tokens, _moved(tokens, motion)))
         bias = torch.zeros_like(mask, dtype=x.dtype).masked_fill(~mask, -1e4)[:, None, None]  # [B, 1, 1, N]
         for block in self.blocks:
@@ -89,15 +74,8 @@ class SegmentTransformer(nn.Module):
         latents = self.latents[None].expand(x.shape[0], -1, -1)
         pooled = self.pool(latents, self.pool_norm(x), bias)
         out = self.head(pooled.flatten(1))
-        legendre = out[:, :6].view(-1, 2, 3) * out.new_tensor(_SCALE)[:, None]
-        return legendre @ self.basis, out[:, 6:9], self._whitening(out[:, 9:])
-
-    def _whitening(self, raw: Tensor) -> Tensor:
-        """[B, 21] -> [B, 6, 6]: a Cholesky factor, its diagonal positive, for coefficients of powers."""
-        padded = torch.cat([raw, torch.zeros_like(raw[:, :1])], 1)
-        lower = torch.index_select(padded, 1, self.triangle).view(-1, 6, 6)
-        on = self.diagonal
-        return (lower * (1 - on) + torch.exp(lower * on + 1) * on) @ self.to_legendre
+        legendre = out[:, :6].view(-1, 2, 3) * out.new_tensor([[0.1], [0.06]])
+        return legendre @ self.basis, out[:, 6:]
 
 
 class _Attention(nn.Module):
@@ -139,8 +117,6 @@ def _moved(tokens: Tensor, motion: Tensor) -> Tensor:
     return torch.stack([x[..., 0], y[..., 0], x[..., 1], y[..., 1]], -1)
 
 
-_SCALE = (0.1, 0.06)  # typical Legendre coefficients of t_x [rows] and r_z [rad]
-_TRIANGLE = 21  # numbers of a lower triangle of six
 _FOURIER = 4
 _FEATURES = 2 + 2 + 1 + 2 * 5 + 4 + 2 + 4 * _FOURIER + 2
 
