@@ -217,7 +217,7 @@ def test_estimate_many_into_a_folder_and_a_plot(photo: Path) -> None:
 
 def test_estimators_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["models"]) == 0
-    assert "segment-transformer (default): " in capsys.readouterr().out
+    assert "segment-manhattan (default): " in capsys.readouterr().out
 
 
 def test_synthesize_then_rectify_with_the_true_motion(
@@ -277,7 +277,7 @@ def test_a_killed_run_leaves_no_half_written_file(tmp_path: Path, rolling_facade
 
 def test_python_gives_back_the_type_it_was_given(photo: Path, rolling_facade: np.ndarray) -> None:
     by_path = unshutter.rectify(photo)
-    assert by_path.motion.estimator == "segment-transformer"
+    assert by_path.motion.estimator == "segment-manhattan"
     assert by_path.valid.shape == by_path.pixels.shape[:2]
     by_path.save(photo.parent / "a.png")
     data = unshutter.rectify(photo.read_bytes())

@@ -19,7 +19,7 @@ def write_map(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     inverse: Annotated[bool, Parameter(negative="")] = False,
     size: str | None = None,
-    estimator: str = "segment-transformer",
+    estimator: str = "segment-manhattan",
     readout: ReadoutWord = "auto",
     reference: Reference | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,

@@ -27,7 +27,7 @@ ESTIMATORS = {
 }
 # those for which the package has no weights: NAME@FILE only
 UNSHIPPED = {"rengarajan2017": "unshutter.estimators.rengarajan2017:Rengarajan2017"}
-DEFAULT = "segment-transformer"
+DEFAULT = "segment-manhattan"
 
 
 @lru_cache(maxsize=4)
