@@ -79,3 +79,15 @@ def test_rectified_pictures_reconstruct_better_than_rolling_ones(compare: Module
     assert straight.place_cm < 2
     assert straight.direction_deg < 1
     assert rolling.registered < 4 or rolling.reprojection_px > 2 * straight.reprojection_px
+
+
+def test_a_sensor_says_how_the_camera_was_held(compare: ModuleType, scene: ModuleType) -> None:
+    """A camera that looks up by 10 degrees, turned clockwise by 4: its right side is lower than its left."""
+    up = np.radians(10)
+    looking = np.array([[1, 0, 0], [0, np.cos(up), np.sin(up)], [0, -np.sin(up), np.cos(up)]])
+    assert (looking @ [0, 0, 1])[1] > 0  # what is straight ahead lies in the lower half of the picture
+    turned = rotation_matrix(np.array([0, 0, -np.radians(4)]))  # things seen turn the other way
+    (frame,) = scene.walk(scene.Camera(), 1, (0.0, 0.0, 0.0), 0)
+    told = compare.attitude(scene.Frame(frame.place, turned @ looking, frame.motion), 1)
+    assert told["roll_deg"] == pytest.approx(4, abs=1.2)
+    assert told["tilt_deg"] == pytest.approx(10, abs=1.2)

@@ -4,8 +4,9 @@
     python examples/colmap/compare.py -o colmap_out
 
 draws a street corner, photographs it with a rolling shutter from an arc (scene.py), and reconstructs the same walk
-from four folders of pictures: global_shutter (what the best could be), rolling_shutter, rectified (motions estimated
-by unshutter) and true_motion (rectified with the motions that were put in: what a perfect estimate would give).
+from five folders of pictures: global_shutter (what the best could be), rolling_shutter, rectified (motions estimated
+by unshutter), known_attitude (the same, told the focal length and how the camera was held, as an accelerometer or a
+gimbal would say it) and true_motion (rectified with the motions that were put in: what a perfect estimate would give).
 """
 
 from __future__ import annotations
@@ -21,7 +22,11 @@ import pycolmap
 from scene import Camera, Frame, draw_scene, photograph, walk
 
 import unshutter
+from unshutter.estimators import DEFAULT
 from unshutter.photo import Photo
+from unshutter.rotation_geometry import rotation_matrix
+
+_SENSOR_DEG = 0.3  # error of an accelerometer or gimbal
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,7 @@ class Outcome:
 def write_pictures(folder: Path, frames: list[Frame], camera: Camera, seed: int, estimator: str) -> list[str]:
     """Fills one folder per kind of picture, and masks/ beside each where pixels are missing; returns the kinds."""
     scene = draw_scene(seed)
+    kinds = ["global_shutter", "rolling_shutter", "rectified", "known_attitude", "true_motion"]
     for k, frame in enumerate(frames):
         name = f"{k:02d}.png"
         for kind in ("global_shutter", "rolling_shutter"):
@@ -60,6 +66,12 @@ def write_pictures(folder: Path, frames: list[Frame], camera: Camera, seed: int,
         photo = folder / "rolling_shutter" / "images" / name
         for kind, how in {
             "rectified": {"estimator": estimator, "reference": "middle"},
+            "known_attitude": {
+                "estimator": estimator,
+                "reference": "middle",
+                "focal_px": camera.focal_px,
+                **attitude(frame, seed + k),
+            },
             "true_motion": {"motion": frame.motion},
         }.items():
             result = unshutter.rectify(photo, **how)
@@ -69,7 +81,15 @@ def write_pictures(folder: Path, frames: list[Frame], camera: Camera, seed: int,
             # no features at the border of what the photo did not see: it is not part of the scene
             seen = cv2.erode(result.valid.astype(np.uint8) * 255, np.ones((9, 9)))
             cv2.imwrite(str(folder / kind / "masks" / f"{name}.png"), seen)
-    return ["global_shutter", "rolling_shutter", "rectified", "true_motion"]
+    return kinds
+
+
+def attitude(frame: Frame, seed: int) -> dict[str, float]:
+    """What a sensor says of the camera at its first row: roll (clockwise) and tilt (upwards), off by about 0.3 deg."""
+    x, y, z = rotation_matrix(frame.motion.rotations[0]) @ frame.rotation @ [0, -1, 0]  # the world's up
+    off = np.random.default_rng(seed).normal(0, _SENSOR_DEG, 2)
+    found = np.degrees([np.arctan2(-x, -y), np.arcsin(z)]) + off
+    return {"roll_deg": float(found[0]), "tilt_deg": float(found[1])}
 
 
 def reconstruct(folder: Path, camera: Camera) -> pycolmap.Reconstruction | None:
@@ -156,7 +176,7 @@ def main() -> None:
         help="largest turn during the readout: up and down, left and right, roll [deg]",
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--estimator", default="segment-transformer")
+    parser.add_argument("--estimator", default=DEFAULT)
     chosen = parser.parse_args()
     camera = Camera()
     frames = walk(camera, chosen.frames, tuple(chosen.turn), chosen.seed)
