@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.evaluation.plots import looks_of
-from unshutter.evaluation.reliability import HALF_TRUSTED, Judged, draw_reliability
+from unshutter.evaluation.reliability import Judged, draw_reliability
 from unshutter.evaluation.results import Results
+from unshutter.lines.manhattan_search import HALF_TRUSTED
 
 PAGE = "confidence.md"
 PLOT = "confidence-reliability.png"

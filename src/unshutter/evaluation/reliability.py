@@ -12,8 +12,8 @@ import numpy as np
 from unshutter.evaluation.case import Record
 from unshutter.evaluation.plots import finish_figure, new_figure, save_figure
 from unshutter.evaluation.results import values
+from unshutter.lines.manhattan_search import HALF_TRUSTED
 
-HALF_TRUSTED = 3.0  # px at 256 rows: the expected error at which a confidence is a half
 _DECLINED = -1.0  # trust in a picture that was declined: below every confidence
 _LEAST = 1e-5  # confidence that records tell from none at all: they keep five digits
 _BINS = 10

@@ -10,6 +10,7 @@ import numpy as np
 
 from unshutter.lines.manhattan_likelihood import LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW, ManhattanLikelihood
 
+HALF_TRUSTED = 3.0  # px at 256 rows: the expected error at which a confidence is a half
 _CAMERA = slice(MOTION.stop, UNKNOWNS)
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
 _TILTS = np.radians([-8, 0, 8, 18, 32])
@@ -50,8 +51,8 @@ class Posterior:
 
     @property
     def confidence(self) -> float:
-        """0 ... 1, falling with the expected error; a half at _HALF_TRUSTED."""
-        return 1 / (1 + (self.expected_error / _HALF_TRUSTED) ** 2)
+        """0 ... 1, falling with the expected error; a half at HALF_TRUSTED."""
+        return 1 / (1 + (self.expected_error * 256 / HALF_TRUSTED) ** 2)
 
 
 def explore(
@@ -173,5 +174,4 @@ def _displacement() -> np.ndarray:
 
 
 _DISPLACEMENT = _displacement()
-_HALF_TRUSTED = 3 / 256  # rows
 _SAME = 0.3 / 256  # rows: optima closer than this are one
