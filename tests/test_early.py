@@ -56,6 +56,18 @@ def test_what_cannot_be_opened_is_told_when_it_is_asked_for(tmp_path: Path, caps
     assert "is not a JPEG" in capsys.readouterr().err
 
 
+def test_a_photo_beyond_the_limit_is_not_decoded_early(
+    rolling_facade: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photo, begun = tmp_path / "photo.png", []
+    Photo.from_array(rolling_facade).save(photo)
+    monkeypatch.setattr(early, "begin", begun.append)
+    assert rectify(photo, "--max-pixels", "1000", "-o", tmp_path / "out.png") == 1
+    assert begun == []
+    assert rectify(photo, "--estimator", "none", "-o", tmp_path / "out.png") == 0
+    assert begun == [photo]
+
+
 def test_a_folder_opens_the_network_once(
     rolling_facade: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

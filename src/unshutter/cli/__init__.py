@@ -44,9 +44,10 @@ def main(arguments: list[str] | None = None) -> int:
 def _begin_early(arguments: list[str]) -> None:
     """``rectify PHOTO ...``: the photo is decoded while the command line is imported.
 
-    A guess, which may be wrong: what the command is, its parser says.
+    A guess, which may be wrong: what the command is, its parser says. A limit on pixels is for it to read first.
     """
-    if arguments[:1] == ["rectify"] and len(arguments) > 1 and os.path.isfile(arguments[1]):
+    limited = any(word.startswith("--max-pixels") for word in arguments)
+    if arguments[:1] == ["rectify"] and not limited and len(arguments) > 1 and os.path.isfile(arguments[1]):
         from unshutter.photo import early
 
         early.begin(Path(arguments[1]))
