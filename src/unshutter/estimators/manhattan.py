@@ -19,7 +19,7 @@ from unshutter.motion import Motion
 
 SHORT_SIDE = 768  # of the grey copy in which segments are found [px]
 MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better, and finds more of them
-MOST_SEGMENTS = 200  # the longest are kept; 320 were no better, and slower by three quarters
+MOST_SEGMENTS = 320  # the longest are kept
 FEWEST_SEGMENTS = 8  # below this the photo does not say how the camera moved
 LEAST_GAIN = -0.2  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
 LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring

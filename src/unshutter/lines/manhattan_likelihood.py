@@ -12,7 +12,6 @@ guesses are worked on at once): coefficients of u, u^2, u^3 of t_x [rows] and of
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,7 +94,7 @@ class ManhattanLikelihood:
         self.beliefs = b = beliefs or Beliefs()
         self.opinion = opinion
         self._ends = [(p[:, 0], p[:, 1], (p[:, 1:] + 0.5) ** _DEGREES) for p in (segments[:, :2], segments[:, 2:])]
-        self.length_px = length_px = np.hypot(*(segments[:, 2:] - segments[:, :2]).T) * rows  # [N]
+        length_px = np.hypot(*(segments[:, 2:] - segments[:, :2]).T) * rows
         self.weight = np.minimum(length_px / b.full_weight_px, 1) * b.independent  # [N]
         spread = b.exact + b.end_px / length_px
         spreads = np.stack([spread, np.hypot(spread, b.sloppy)])
@@ -114,15 +113,6 @@ class ManhattanLikelihood:
             _known(TILT, b.attitude) if tilt is not None else (TILT, b.tilt, b.steep, b.steep_share),
         )
         self.scales = np.array([*b.tx, *b.rz, b.roll, b.tilt, focal_spread, 1e3])
-
-    def of_longest(self, count: int) -> ManhattanLikelihood:
-        """The same with the longest segments only: enough for a first look, and faster."""
-        kept = np.argsort(-self.length_px, kind="stable")[:count]
-        fewer = copy(self)
-        fewer._ends = [(col[kept], row[kept], powers[kept]) for col, row, powers in self._ends]
-        fewer.length_px, fewer.weight = self.length_px[kept], self.weight[kept]
-        fewer._precision, fewer._height = self._precision[:, kept], self._height[:, kept]
-        return fewer
 
     def energy(self, unknowns: np.ndarray) -> np.ndarray:
         """[S, 10] -> [S]."""

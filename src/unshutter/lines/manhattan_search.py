@@ -15,7 +15,6 @@ _CAMERA = slice(MOTION.stop, UNKNOWNS)
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
 _TILTS = np.radians([-8, 0, 8, 18, 32])
 _LOG_FOCALS = np.array([-0.35, 0.25])  # about the expected one
-_FIRST_LOOK = 100  # segments that choose among them
 _OTHER_YAW = 0.2  # rad between poses that are tried from one motion
 _FIRST_STEPS = 10  # of every start;
 _FOLLOWED = 4  # then only the best go on
@@ -139,7 +138,7 @@ def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> n
     grid[:, YAW], grid[:, TILT] = yaw, tilt
     grid[:, ROLL] = likelihood.expected[ROLL]
     grid[:, LOG_FOCAL] = likelihood.expected[LOG_FOCAL] + log_focal
-    order = np.argsort(likelihood.of_longest(_FIRST_LOOK).energy(grid), kind="stable")
+    order = np.argsort(likelihood.energy(grid), kind="stable")
     kept: list[int] = []
     for k in order:
         off = [(yaw[k] - yaw[j] + math.pi / 4) % (math.pi / 2) - math.pi / 4 for j in kept]
