@@ -5,6 +5,7 @@ import os
 import signal
 import time
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from batches import leftovers, make_motion, make_photos, rectify, results, start
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch
 from unshutter.batch.work import Job, Outcome
-from unshutter.batch.workers import processes
+from unshutter.batch.workers import InThisProcess, Workers, processes
 from unshutter.cli import main
 from unshutter.files import written_whole
 from unshutter.photo import Photo
@@ -296,6 +297,23 @@ def test_a_photo_that_kills_its_worker_costs_nothing_but_itself(tmp_path: Path, 
     assert report.counts == {"done": 7, "skipped": 0, "failed": 1}
     assert "b.jpg: its worker died" in capsys.readouterr().err
     assert isinstance(workers.executor, ProcessPoolExecutor)
+
+
+class BreaksWhenGiven(InThisProcess):
+    """As a pool whose worker has died since the last job came back: it says so when it is given the next."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        if args[0].source.stem == "c":
+            raise BrokenProcessPool("a child process terminated abruptly")
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_a_worker_that_dies_between_two_jobs_costs_nothing(tmp_path: Path) -> None:
+    jobs = [Job(tmp_path / f"{name}.jpg", tmp_path / f"{name}.out.jpg", None, False, 1) for name in "abcdef"]
+    with Report(len(jobs), len(jobs)) as report:
+        workers = Workers(BreaksWhenGiven(), 2, InThisProcess)
+        Batch(lambda job: Outcome(), workers, None, report).run(jobs)
+    assert report.counts == {"done": 6, "skipped": 0, "failed": 0}
 
 
 def wait_for(found, seconds: float = 60) -> None:

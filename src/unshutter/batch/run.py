@@ -54,7 +54,7 @@ class Batch:
                 if self._manifest is not None:
                     self._manifest.flush()
                 for job in starting:
-                    self._running[self._workers.executor.submit(self._work, job)] = job
+                    self._running[self._given(job)] = job
                 self._collect()
         except KeyboardInterrupt:
             self._stop()
@@ -62,6 +62,15 @@ class Batch:
         finally:
             if self._manifest is not None:
                 self._manifest.close()
+
+    def _given(self, job: Job) -> Future[Outcome]:
+        """The job's future; a broken one if a worker has just died, before anybody could be told."""
+        try:
+            return self._workers.executor.submit(self._work, job)
+        except BrokenExecutor as error:
+            broken: Future[Outcome] = Future()
+            broken.set_exception(error)
+            return broken
 
     def _another_has_begun(self, job: Job) -> bool:
         if self._manifest is None:
