@@ -61,7 +61,7 @@ def what_goes_wrong() -> None:
 
     basilica = Photo.open(HERE.parent.parent / "examples" / "original" / "basilica.webp").to_array()
     rows = []
-    for picture, known in ((askew(basilica, 3.0), {"roll_deg": 3.0}), (skimage.data.coffee(), None)):
+    for picture, known in ((askew(basilica, 3.0), {"roll_deg": 3.0}), (skimage.data.chelsea(), None)):
         found = unshutter.estimate(picture)
         share = 256 / found.height
         print(f"max|t_x| {np.abs(found.tx_px).max() * share:.1f} px of 256 rows, confidence {found.confidence:.2f}")
