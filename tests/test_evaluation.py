@@ -154,6 +154,23 @@ def test_pairs(tmp_path: Path) -> None:
     assert "*ceiling*" in (tmp_path / "out" / "results.md").read_text()
 
 
+def test_pairs_are_measured_against_the_ceiling() -> None:
+    """Gains of 1 and -0.5 dB on two frames where 4 and 1 were to be had: a tenth of it, and better on one of them."""
+
+    def record(estimator: str, photo: str, psnr: float) -> dict:
+        about = {"suite": "middle row", "group": "g", "photo": photo, "estimator": estimator, "declined": False}
+        return {**about, "failed": False, "psnr": psnr, "psnr_input": 20.0, "ssim": 0.5, "ssim_input": 0.5}
+
+    gains = {"ours": (1.0, -0.5), "none": (0.0, 0.0), "ceiling": (4.0, 1.0)}
+    records = [record(name, str(k), 20 + gain) for name, both in gains.items() for k, gain in enumerate(both)]
+    text = tables(Results.of(Request("pairs", (Path("g"),)), ["ours", "none"], ["ceiling"], records))
+    rows = {cells[2].strip(" *"): cells for line in text.splitlines() if len(cells := line.split("|")) > 5}
+    heads = [cell.strip() for cell in rows["estimator"]]
+    at = [heads.index(title) for title in ("of the ceiling's", "better than the input")]
+    found = {name: [rows[name][k].strip(" *") for k in at] for name in gains}
+    assert found == {"ours": ["10%", "50%"], "none": ["0%", "0%"], "ceiling": ["100%", "100%"]}
+
+
 def test_pairs_that_synthesize_wrote(photos: Path, tmp_path: Path) -> None:
     synthesize_folder([photos / "a.png"], tmp_path / "made")
     assert run(tmp_path / "made", tmp_path / "out", "--protocol", "pairs", estimators="none") == 0
@@ -291,7 +308,7 @@ def test_pictures_without_a_figure_do_not_count() -> None:
     scores = {"psnr": 20.0, "psnr_input": 17.0, "ssim": None, "ssim_input": None}
     records = [record("a", 1.0, **scores), record("a", 2.0, psnr=None, psnr_input=None, ssim=None, ssim_input=None)]
     results = Results(Request("pairs", (Path("g"),)), ["a"], [], records)
-    assert "| 20.00 dB | 17.00 dB | +3.00 dB | – | – |" in tables(results)
+    assert "| 20.00 dB | 17.00 dB | +3.00 dB | – | 100% | – | – |" in tables(results)
     ((_, figures, column),) = overview(results)
     assert column.text(figures["a"]) == "+3.00 dB"
 

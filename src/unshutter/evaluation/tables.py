@@ -17,12 +17,24 @@ _NOTHING = "–"
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its heading, its cell from the records of a row, and which way is better (0: neither)."""
+    """One column: its heading, its cell from the records of a row, and which way is better (0: neither).
+
+    With ``of``, the cell is divided by that of the row of this name.
+    """
 
     title: str
     cell: Callable[[list[Record]], float]
     form: str = "{:.2f}"
     better: int = 0
+    of: str | None = None
+
+    def of_row(self, name: str, rows: dict[str, list[Record]]) -> float:
+        """The figure of a row among others."""
+        value = self.cell(rows[name])
+        if self.of is None:
+            return value
+        whole = self.cell(rows[self.of]) if self.of in rows else np.nan
+        return value / whole if whole > 0 else np.nan
 
     def text(self, value: float) -> str:
         """The figure as it is printed."""
@@ -49,6 +61,16 @@ def _gain(key: str) -> Callable[[list[Record]], float]:
         return float(np.mean([r[key] - r[f"{key}_input"] for r in both])) if both else np.nan
 
     return gain
+
+
+def _better(key: str) -> Callable[[list[Record]], float]:
+    """Share of pictures that are better than the input; those left as they are are not."""
+
+    def better(records: list[Record]) -> float:
+        both = [r for r in records if r.get(key) is not None and r.get(f"{key}_input") is not None]
+        return float(np.mean([r[key] > r[f"{key}_input"] for r in both])) if both else np.nan
+
+    return better
 
 
 def _improved(records: list[Record]) -> float:
@@ -103,7 +125,17 @@ COLUMNS: dict[str, list[list[Column]]] = {
             _FAILED,
         ]
     ],
-    "pairs": [[_PICTURES, *_QUALITY, _DECLINED, _FAILED]],
+    "pairs": [
+        [
+            _PICTURES,
+            *_QUALITY[:3],
+            Column("of the ceiling's", _gain("psnr"), "{:.0%}", +1, of="ceiling"),
+            Column("better than the input", _better("psnr"), "{:.0%}", +1),
+            *_QUALITY[3:],
+            _DECLINED,
+            _FAILED,
+        ]
+    ],
     "video": [
         [
             _PICTURES,
@@ -169,11 +201,11 @@ def _table(blocks: list[tuple[str, list[Record]]], columns: list[Column], result
     for group, records in blocks:
         rows = {name: [r for r in records if r["estimator"] == name] for name in results.names}
         rows = {name: own for name, own in rows.items() if own}
-        for name, own in rows.items():
+        for name in rows:
             cells = []
             for column in columns:
-                others = [column.cell(rows[n]) for n in results.estimators if n in rows]
-                value = column.cell(own)
+                others = [column.of_row(n, rows) for n in results.estimators if n in rows]
+                value = column.of_row(name, rows)
                 ours = name in results.estimators and len(others) > 1
                 cells.append(marked(value, others, column) if ours else column.text(value))
             shown = name if name in results.estimators else f"*{name}*"
