@@ -1,7 +1,8 @@
 """How the camera was held, where the photo says so: the gimbal's angles in the XMP of DJI's drones.
 
-Source: DJI's XMP name space ``http://www.dji.com/drone-dji/1.0/``, GimbalRollDegree (positive: right side down) and
-GimbalPitchDegree (-90: straight down, positive: up), as its photos carry them.
+Source: DJI, Mavic 3M user manual, "Photo File": GimbalRollDegree and GimbalPitchDegree are angles of the gimbal in the
+NED coordinate system, rotations in the order ZYX; so a positive roll has the right side down, a positive pitch looks
+up, and roll turns about the optical axis.
 """
 
 from __future__ import annotations
