@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from unshutter.cli.app import ReadoutWord, Reference, app
+from unshutter.cli.app import DEFAULT_ESTIMATOR, ReadoutWord, Reference, app
 
 
 @app.command(name="map")
@@ -19,7 +19,7 @@ def write_map(
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     inverse: Annotated[bool, Parameter(negative="")] = False,
     size: str | None = None,
-    estimator: str = "segment-manhattan",
+    estimator: str = DEFAULT_ESTIMATOR,
     readout: ReadoutWord = "auto",
     reference: Reference | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,

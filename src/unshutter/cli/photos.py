@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from unshutter.cli.app import ReadoutWord, Reference, app
+from unshutter.cli.app import DEFAULT_ESTIMATOR, ReadoutWord, Reference, app
 
 
 @app.command
@@ -16,7 +16,7 @@ def rectify(
     /,
     *,
     output: Annotated[str | None, Parameter(name=["--output", "-o"])] = None,
-    estimator: str = "segment-manhattan",
+    estimator: str = DEFAULT_ESTIMATOR,
     motion: Path | None = None,
     save_motion: str | None = None,
     reference: Reference | None = None,
@@ -90,8 +90,19 @@ def rectify(
     from unshutter import batch
 
     options = batch.RectifyOptions(
-        *(estimator, motion, reference, strength, edges, readout, quality, overwrite),
-        *(focal_px, roll_deg, tilt_deg, format, subsampling),
+        estimator=estimator,
+        motion=motion,
+        reference=reference,
+        strength=strength,
+        edges=edges,
+        readout=readout,
+        quality=quality,
+        overwrite=overwrite,
+        focal_px=focal_px,
+        roll_deg=roll_deg,
+        tilt_deg=tilt_deg,
+        format=format,
+        subsampling=subsampling,
     )
     how = batch.BatchOptions(jobs, scheduler, dry_run, json_log, max_pixels)
     return batch.rectify_files(photos, output, save_motion, options, how)
@@ -103,7 +114,7 @@ def estimate(
     /,
     *,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
-    estimator: str = "segment-manhattan",
+    estimator: str = DEFAULT_ESTIMATOR,
     reference: Reference = "first",
     readout: ReadoutWord = "auto",
     focal_px: float | None = None,
@@ -146,6 +157,16 @@ def estimate(
     from unshutter import batch
 
     return batch.estimate_files(
-        *(photos, output, plot, estimator, reference, readout, overwrite, readout_ms, max_pixels),
-        *(focal_px, roll_deg, tilt_deg),
+        photos,
+        output,
+        plot,
+        estimator,
+        reference,
+        readout,
+        overwrite,
+        readout_ms=readout_ms,
+        max_pixels=max_pixels,
+        focal_px=focal_px,
+        roll_deg=roll_deg,
+        tilt_deg=tilt_deg,
     )

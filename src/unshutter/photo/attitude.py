@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 
 _ANGLE = rb"""drone-dji:Gimbal%sDegree\s*(?:=\s*["']|>)\s*([+-]?\d+(?:\.\d+)?)"""
-_MOST_ROLL, _MOST_TILT = 45.0, 90.0
+MOST_ROLL, MOST_TILT = 45, 90  # degrees: beyond, up is no longer up
 
 
 def attitude_of_xmp(xmp: bytes) -> tuple[float, float] | None:
@@ -20,6 +20,6 @@ def attitude_of_xmp(xmp: bytes) -> tuple[float, float] | None:
         return None
     roll, tilt = (float(match[1]) for match in found if match)
     # looking straight down, a gimbal may call the same attitude a roll of half a turn and a heading of another
-    if abs(abs(roll) - 180) <= _MOST_ROLL and abs(tilt) > _MOST_TILT - 10:
+    if abs(abs(roll) - 180) <= MOST_ROLL and abs(tilt) > MOST_TILT - 10:
         return 0.0, tilt
-    return (roll, tilt) if abs(roll) <= _MOST_ROLL and abs(tilt) <= _MOST_TILT else None
+    return (roll, tilt) if abs(roll) <= MOST_ROLL and abs(tilt) <= MOST_TILT else None
