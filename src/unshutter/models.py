@@ -6,6 +6,7 @@ import json
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.resources import files
+from types import ModuleType
 
 from unshutter.estimators import DEFAULT, ESTIMATORS
 
@@ -19,7 +20,7 @@ class Model:
     Attributes:
         name: under which it is registered.
         about: one line.
-        weights_mb: size of its weights in the package [MB]; 0 where it has none.
+        weights_mb: size of the weights in the package that it runs on [MB]; 0 where it needs none.
         scores: set of photos -> (median EPE [px at 256 rows], share of photos improved); empty if not measured.
     """
 
@@ -37,10 +38,11 @@ def list_models() -> list[Model]:
     names = sorted(ESTIMATORS, key=lambda name: name != DEFAULT)
     models = []
     for name in names:
-        network = weights / f"{name}.onnx"
+        module = import_module(ESTIMATORS[name].partition(":")[0])
+        network = weights / f"{getattr(module, 'WEIGHTS', name)}.onnx"
         size = len(network.read_bytes()) / 1e6 if network.is_file() else 0.0
         own = {place: (float(s["epe_median"]), float(s["improved"])) for place, s in scores.get(name, {}).items()}
-        models.append(Model(name, _about(name), size, own))
+        models.append(Model(name, _about(name, module), size, own))
     return models
 
 
@@ -59,9 +61,9 @@ def as_text(models: list[Model]) -> str:
     return "\n".join(lines)
 
 
-def _about(name: str) -> str:
+def _about(name: str, module: ModuleType) -> str:
     """What the first line of the estimator's file says, less its name."""
-    first = (import_module(ESTIMATORS[name].partition(":")[0]).__doc__ or "").strip().split("\n\n")[0]
+    first = (module.__doc__ or "").strip().split("\n\n")[0]
     return " ".join(first.removeprefix(f"{name}:").split()).rstrip(".")
 
 

@@ -1,4 +1,4 @@
-"""segment-manhattan: the network's answer and the Manhattan likelihood, weighed against each other.
+"""segment-manhattan: segment-transformer's answer and the Manhattan likelihood, weighed against each other.
 
 The network (segment_transformer.py) knows curvature well and shear poorly; right angles tell of the shear, where
 there are any. So its answer enters the likelihood as one more observation, with the covariance of its errors.
@@ -30,6 +30,7 @@ _CORRELATION = np.array(
         [0.19, -0.20, 0.14, -0.03, -0.28, 1.00],
     ]
 )
+WEIGHTS = SegmentTransformer.name  # the package's, which it runs on
 _SEEN_TILTS = (-15.0, 50.0)  # degrees: the network knows no others
 _USUAL = 25 / 256  # rows of displacement; the larger the network's answer, the less it is trusted
 
