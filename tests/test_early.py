@@ -1,5 +1,6 @@
-"""A photo decoded ahead of the command line gives what it gives without; a session lasts as long as the process."""
+"""What is begun before it is asked for gives what it gives without; a session lasts as long as the process."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,11 @@ import pytest
 
 import unshutter
 from batches import rectify
-from unshutter.estimators import load
-from unshutter.photo import Photo, early
+from unshutter import early
+from unshutter.errors import UnshutterError
+from unshutter.estimators import View, ahead, load
+from unshutter.motion import Motion
+from unshutter.photo import Photo
 
 
 @pytest.mark.parametrize("ending", [".jpg", ".png", ".tif"])
@@ -61,11 +65,12 @@ def test_a_photo_beyond_the_limit_is_not_decoded_early(
 ) -> None:
     photo, begun = tmp_path / "photo.png", []
     Photo.from_array(rolling_facade).save(photo)
-    monkeypatch.setattr(early, "begin", begun.append)
+    monkeypatch.setattr(early, "begin", lambda path, and_estimate: begun.append((path, and_estimate)))
     assert rectify(photo, "--max-pixels", "1000", "-o", tmp_path / "out.png") == 1
     assert begun == []
     assert rectify(photo, "--estimator", "none", "-o", tmp_path / "out.png") == 0
-    assert begun == [photo]
+    assert rectify(photo, "-o", tmp_path / "out.png", "--overwrite") == 0
+    assert begun == [(photo, False), (photo, True)]
 
 
 def test_a_folder_opens_the_network_once(
@@ -90,3 +95,95 @@ def test_a_folder_opens_the_network_once(
         load.cache_clear()  # the counted one
     assert len(list((tmp_path / "out").glob("*.jpg"))) == 3
     assert len(opened) == 1
+
+
+class Counting:
+    """Says how often it was asked; fails where it is told to."""
+
+    name = "counting"
+
+    def __init__(self, fail_at: int = 0):
+        self.asked, self.fail_at = 0, fail_at
+
+    def estimate(self, view: View) -> Motion:
+        self.asked += 1
+        if self.asked == self.fail_at:
+            raise UnshutterError("not this time")
+        return view.no_motion(self.name, f"asked {self.asked} times")
+
+
+@pytest.fixture
+def view(rolling_facade: np.ndarray) -> View:
+    return View(Photo.from_array(rolling_facade))
+
+
+def test_an_estimate_that_was_begun_is_not_made_again(view: View) -> None:
+    counting = Counting()
+    estimator = ahead.EstimatorAhead(counting)
+    with ThreadPoolExecutor(1) as thread:
+        estimator.begin(view, thread)
+        estimator.begin(view, thread)
+    assert counting.asked == 1
+    assert estimator.estimate(view).reason == "asked 1 times"
+    assert estimator.estimate(view).reason == "asked 2 times"  # given away once
+
+
+def test_an_estimate_begun_for_another_view_is_not_used(view: View) -> None:
+    estimator = ahead.EstimatorAhead(Counting())
+    with ThreadPoolExecutor(1) as thread:
+        estimator.begin(view, thread)
+    assert estimator.estimate(View(view.photo, given_focal_px=900.0)).reason == "asked 2 times"
+    assert estimator.estimate(View(Photo.from_array(view.photo.to_array()))).reason == "asked 3 times"
+
+
+def test_what_goes_wrong_ahead_is_tried_again_where_it_is_asked_for(view: View) -> None:
+    counting = Counting(fail_at=1)
+    estimator = ahead.EstimatorAhead(counting)
+    with ThreadPoolExecutor(1) as thread:
+        estimator.begin(view, thread)
+    assert estimator.estimate(view).reason == "asked 2 times"
+    counting.fail_at = 3
+    with pytest.raises(UnshutterError, match="not this time"):
+        estimator.estimate(view)
+
+
+def test_estimates_that_nobody_asks_for_are_dropped(view: View) -> None:
+    estimator = ahead.EstimatorAhead(Counting())
+    views = [View(view.photo, given_focal_px=100.0 + k) for k in range(5)]
+    with ThreadPoolExecutor(1) as thread:
+        for each in views:
+            estimator.begin(each, thread)
+    answers = [estimator.estimate(each).reason for each in views]
+    assert answers == [f"asked {k} times" for k in (6, 7, 8, 4, 5)]
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ((), {}),
+        (("--roll-deg", "3"), {"roll_deg": 3.0}),
+        (("--focal-px", "900"), {"focal_px": 900.0}),
+        (("--readout", "bottom-to-top"), {"readout": "bottom-to-top"}),
+    ],
+)
+def test_options_change_the_estimate_whether_it_was_begun_or_not(
+    options: tuple[str, ...], told: dict, rolling_facade: np.ndarray, tmp_path: Path
+) -> None:
+    photo, motion = tmp_path / "photo.png", tmp_path / "motion.json"
+    Photo.from_array(rolling_facade).save(photo)
+    assert rectify(photo, "-o", tmp_path / "out.png", "--save-motion", motion, *options) == 0
+    np.testing.assert_array_equal(Motion.load(motion).tx_px, unshutter.estimate(photo, **told).tx_px)
+
+
+def test_estimates_of_a_folder_are_those_of_its_photos(rolling_facade: np.ndarray, tmp_path: Path) -> None:
+    """They are begun while the photo before is warped."""
+    photos, motions = tmp_path / "photos", tmp_path / "motions"
+    photos.mkdir()
+    for k in range(4):
+        Photo.from_array(np.roll(rolling_facade, 40 * k, axis=1)).save(photos / f"{k}.png")
+    (photos / "2.png").write_bytes(b"no photo")
+    assert rectify(photos, "-o", tmp_path / "out", "--save-motion", motions) == 1
+    for k in (0, 1, 3):
+        expected = unshutter.estimate(photos / f"{k}.png")
+        np.testing.assert_array_equal(Motion.load(motions / f"{k}.json").tx_px, expected.tx_px)
+    assert not (motions / "2.json").exists()

@@ -1,7 +1,5 @@
 """``python -m unshutter``."""
 
-import sys
+from unshutter.cli import run
 
-from unshutter.cli import main
-
-sys.exit(main())
+run()

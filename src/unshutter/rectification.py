@@ -93,9 +93,24 @@ def estimate(
     opened = _open(photo)
     _check_size(opened)
     model = load(estimator) if isinstance(estimator, str) else estimator
-    told = {"given_focal_px": focal_px, "given_roll_deg": roll_deg, "given_tilt_deg": tilt_deg}
-    view = View(opened, Readout.parse(readout), **told)
-    return model.estimate(view).rereferenced(reference)
+    return model.estimate(view_of(opened, readout, focal_px, roll_deg, tilt_deg)).rereferenced(reference)
+
+
+def view_of(
+    photo: Photo,
+    readout: str | Readout = "auto",
+    focal_px: float | None = None,
+    roll_deg: float | None = None,
+    tilt_deg: float | None = None,
+) -> View:
+    """What an estimator is given of a photo; arguments and errors are :func:`estimate`'s."""
+    return View(
+        photo,
+        Readout.parse(readout),
+        given_focal_px=focal_px,
+        given_roll_deg=roll_deg,
+        given_tilt_deg=tilt_deg,
+    )
 
 
 class _Options(TypedDict, total=False):

@@ -23,7 +23,7 @@ PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 _COARSEST_STEP = 64  # px between nodes to start from; a power of two
 _TOLERANCE = 0.004  # px at the middle of a cell's sides; at its centre the two directions add up
 _INSIDE_SLACK = 0.01  # px, what the map is good to
-_TILE = (128, 1024)  # rows and columns: what is mixed for it stays in the processor's cache
+_TILE = (512, 512)  # rows and columns; with smaller ones, threads wait for each other's Python
 _BAND_POINTS = 1 << 18  # positions computed at a time
 
 
@@ -137,19 +137,21 @@ class SamplingGrid:
             col[tile.within(self.whole)], row[tile.within(self.whole)] = self.positions(tile)
         return col, row
 
-    def positions(self, tile: Tile) -> tuple[np.ndarray, np.ndarray]:
-        """The map at every pixel of a tile: col and row, each float32 [rows, cols], new."""
-        nodes, top, left = self._nodes_about(tile)
-        rows, cols = (tile.bottom - tile.top, tile.right - tile.left)
-        at = np.arange(top, top + rows) / self.row_step
-        above = np.minimum(at.astype(int), len(nodes) - 2)
-        weight = (at - above).astype(np.float32)[:, None]
-        planes = np.ascontiguousarray(np.moveaxis(nodes, 2, 0))  # [2, node rows, node cols]
-        lines = planes[:, above] + (planes[:, above + 1] - planes[:, above]) * weight  # [2, rows, node cols]
-        across = np.arange(self.col_step, dtype=np.float32) / self.col_step
-        dense = np.diff(lines, axis=2)[..., None] * across  # [2, rows, cells, px of a cell]
-        dense += lines[:, :, :-1, None]
-        col, row = dense.reshape(2, rows, -1)[:, :, left : left + cols]
+    def positions(
+        self, tile: Tile, left: int = 0, top: int = 0, out: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The map at every pixel of a tile: col and row, each float32 [rows, cols].
+
+        Args:
+            tile: which pixels.
+            left, top: count columns and rows of the input from here.
+            out: float32 [2, rows, cols] to write them to; by default new.
+        """
+        nodes, first_row, first_col = self._nodes_about(tile)
+        down = _weights(first_row, tile.bottom - tile.top, self.row_step, nodes.shape[0])
+        across = _weights(first_col, tile.right - tile.left, self.col_step, nodes.shape[1])
+        planes = np.ascontiguousarray(np.moveaxis(nodes, 2, 0)) - np.array([[[left]], [[top]]], dtype=np.float32)
+        col, row = np.matmul(down @ planes, across.T, out=out)
         return col, row
 
     def extent(self, tile: Tile) -> Extent:
@@ -163,10 +165,11 @@ class SamplingGrid:
         least, most = min(extent.left, extent.top), max(extent.right - self.width, extent.bottom - self.height)
         return least >= -_INSIDE_SLACK and most <= _INSIDE_SLACK - 1
 
-    def inside(self, col: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """bool: which positions lie inside the picture."""
-        within_width = (col >= -_INSIDE_SLACK) & (col <= self.width - 1 + _INSIDE_SLACK)
-        return within_width & (row >= -_INSIDE_SLACK) & (row <= self.height - 1 + _INSIDE_SLACK)
+    def inside(self, col: np.ndarray, row: np.ndarray, left: int = 0, top: int = 0) -> np.ndarray:
+        """bool: which positions, counted from left and top, lie inside the picture."""
+        right, bottom = self.width - 1 - left, self.height - 1 - top
+        within_width = (col >= -left - _INSIDE_SLACK) & (col <= right + _INSIDE_SLACK)
+        return within_width & (row >= -top - _INSIDE_SLACK) & (row <= bottom + _INSIDE_SLACK)
 
     def _nodes_about(self, tile: Tile) -> tuple[np.ndarray, int, int]:
         """The nodes of the cells that a tile touches; row and column of its first pixel from the first of them."""
@@ -174,6 +177,15 @@ class SamplingGrid:
         last_row, last_col = -(-tile.bottom // self.row_step), -(-tile.right // self.col_step)
         nodes = self.nodes[first_row : last_row + 1, first_col : last_col + 1]
         return nodes, tile.top - first_row * self.row_step, tile.left - first_col * self.col_step
+
+
+def _weights(first: int, count: int, step: int, nodes: int) -> np.ndarray:
+    """[count, nodes] of the nodes in linear interpolation at the pixels from ``first``, a node at every ``step``.
+
+    Multiplying with zeros too costs less than picking two nodes for each pixel.
+    """
+    at = np.arange(first, first + count) / step
+    return np.maximum(1 - np.abs(at[:, None] - np.arange(nodes)), 0).astype(np.float32)
 
 
 def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:

@@ -1,13 +1,19 @@
-"""The next photo is opened and decoded while the one before is worked on."""
+"""The next photo is opened, decoded and looked at while the one before is warped and written."""
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
+from unshutter import early
 from unshutter.batch.places import Place, open_photo
-from unshutter.photo import Photo, early
+from unshutter.errors import UnshutterError
+from unshutter.photo import Photo
 from unshutter.photo.photo import MAX_PIXELS
+
+Look = Callable[[Photo, Executor], None]
 
 
 class ReadAhead:
@@ -17,14 +23,18 @@ class ReadAhead:
         files: the photos.
         max_pixels: see ``Photo.open``.
         whole: all their pixels will be wanted; otherwise only a grey copy.
+
+    Attributes:
+        look: begins, in the executor, with what else is wanted of photos that are read from now on.
     """
 
     def __init__(self, files: list[Place], max_pixels: int, whole: bool = True):
         self._max_pixels, self._whole = max_pixels, whole
         self._files = iter(files)
         self._left = set(files)
-        self._reader = ThreadPoolExecutor(1)
+        self._reader, self._looker = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
         self._coming: dict[Place, Future[Photo]] = {}
+        self.look: Look | None = None
         self._start_next()
 
     def photo(self, path: Place) -> Photo:
@@ -52,4 +62,7 @@ class ReadAhead:
         begun = early.take(path) if isinstance(path, Path) and self._max_pixels == MAX_PIXELS else None
         photo = begun or open_photo(path, self._max_pixels)
         photo.start_decoding(self._reader, self._whole)
+        if self.look is not None:
+            with suppress(UnshutterError):  # told again where it is wanted
+                self.look(photo, self._looker)
         return photo

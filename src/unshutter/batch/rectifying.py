@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import sys
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -15,14 +15,14 @@ from pathlib import Path
 from unshutter.batch.inputs import Inputs, beside, find_photos, is_folder, motion_name, picture_name, plan_targets
 from unshutter.batch.manifest import Manifest
 from unshutter.batch.places import absolute, check_place, fingerprint, make_folder, place
-from unshutter.batch.read_ahead import ReadAhead
+from unshutter.batch.read_ahead import Look, ReadAhead
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch
 from unshutter.batch.work import Job, RectifyOptions, do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.files import remove_leftovers
-from unshutter.photo.photo import MAX_PIXELS
+from unshutter.photo.photo import MAX_PIXELS, Photo
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ def rectify_files(
     here = how.jobs is None and how.scheduler is None
     ahead = ReadAhead([job.source for job in plan.to_do], how.max_pixels or MAX_PIXELS) if here else None
     if motion is None and plan.to_do:
-        from unshutter.estimators import load  # not above: the first photo is decoded meanwhile
-
-        load(options.estimator)
+        look = _look(options)  # after the first photo: it is decoded meanwhile
+        if ahead is not None:
+            ahead.look = look
     with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), how.json_log) as report:
         _report_what_is_known(plan, inputs, report)
         _prepare_folders(jobs, inputs, output, save_motion)
@@ -117,6 +117,21 @@ def _jobs(
     ]
 
 
+def _look(options: RectifyOptions) -> Look:
+    """Begins to estimate a photo's motion, as its job will ask for it."""
+    from unshutter.estimators import ahead
+    from unshutter.rectification import view_of
+
+    estimator = ahead.of(options.estimator)
+    estimator.prepare()
+
+    def look(photo: Photo, executor: Executor) -> None:
+        view = view_of(photo, options.readout, options.focal_px, options.roll_deg, options.tilt_deg)
+        estimator.begin(view, executor)
+
+    return look
+
+
 def _motion_text(path: Path | None) -> str | None:
     if path is None:
         return None
@@ -128,6 +143,8 @@ def _motion_text(path: Path | None) -> str | None:
 def _digest(options: RectifyOptions, motion: str | None) -> str:
     """Changes when results would."""
     _, _, weights = options.estimator.partition("@")
+    import hashlib  # not above: it takes 15 ms, and a single photo does not need it
+
     about = {**asdict(options), "motion": motion, "overwrite": None, "weights": weights and fingerprint(Path(weights))}
     del about["format"]  # the result's name says it
     if options.subsampling is None:  # as in digests from before there was this option

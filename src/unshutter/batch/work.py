@@ -108,7 +108,7 @@ def do_job(
 
 
 def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[[Place], Photo] | None) -> Outcome:
-    from unshutter.estimators import load
+    from unshutter.estimators import ahead
     from unshutter.rectification import rectify
 
     check_place(job.target, job.overwrite, job.source)
@@ -118,7 +118,7 @@ def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[
     photo = opened(job.source) if opened else open_photo(job.source, job.max_pixels)
     result = rectify(
         photo,
-        estimator=options.estimator if motion else load(options.estimator),
+        estimator=options.estimator if motion else ahead.of(options.estimator),
         motion=_parsed(motion) if motion else None,
         readout=options.readout,
         reference=options.reference,

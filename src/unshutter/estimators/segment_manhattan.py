@@ -48,6 +48,10 @@ class SegmentManhattan:
         self._network = SegmentTransformer(weights)
         self._precision = np.linalg.inv(_CORRELATION * np.outer(_SPREAD, _SPREAD))
 
+    def prepare(self) -> None:
+        """Opens the network; the first estimate waits for it."""
+        self._network.prepare()
+
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
         segments, size = segments_of(view)

@@ -12,6 +12,7 @@ guesses are worked on at once): coefficients of u, u^2, u^3 of t_x [rows] and of
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,8 +101,8 @@ class ManhattanLikelihood:
         spreads = np.stack([spread, np.hypot(spread, b.sloppy)])
         self._precision = 1 / spreads**2  # [2, N]
         shares = np.array([[1 - b.sloppy_share], [b.sloppy_share]]) * (1 - b.outliers)
-        self._height = shares / (spreads * math.sqrt(2 * math.pi))
-        self._classes = np.array([b.verticals, (1 - b.verticals) / 2, (1 - b.verticals) / 2])
+        classes = np.array([[b.verticals], [(1 - b.verticals) / 2], [(1 - b.verticals) / 2]])
+        self._height = (shares / (spreads * math.sqrt(2 * math.pi)))[:, None] * classes  # [2, 3, N]
         self._turn = math.atan2(up[0], -up[1])
         middle, focal_spread = (math.log(b.focal_rows * (1 + aspect) / 2), b.focal_spread)
         if log_focal is not None:
@@ -119,15 +120,20 @@ class ManhattanLikelihood:
         view = self._view(unknowns)
         return self._lines(view)[0] + self._prior(unknowns)[0]
 
-    def expanded(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10]."""
+    def expanded(self, unknowns: np.ndarray, camera_only: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10].
+
+        Args:
+            unknowns: [S, 10].
+            camera_only: leave out what the segments say about the motion; a third faster.
+        """
         view = self._view(unknowns)
         energy, pull = self._lines(view)
-        jacobian = self._jacobian(view).reshape(len(unknowns), -1, UNKNOWNS)  # [S, N * 3, 10]
-        weighted = (jacobian * pull.reshape(len(unknowns), -1, 1)).transpose(0, 2, 1)
+        jacobian = self._jacobian(view, camera_only).reshape(len(unknowns), UNKNOWNS, -1)  # [S, 10, 3 * N]
+        weighted = jacobian * pull.reshape(len(unknowns), 1, -1)
         gradient = (weighted @ view.sine.reshape(len(unknowns), -1, 1))[..., 0]
         prior, prior_gradient, prior_hessian = self._prior(unknowns)
-        return energy + prior, gradient + prior_gradient, weighted @ jacobian + prior_hessian
+        return energy + prior, gradient + prior_gradient, weighted @ jacobian.transpose(0, 2, 1) + prior_hessian
 
     def lines_gain(self, unknowns: np.ndarray) -> np.ndarray:
         """[S, 10] -> [S]: how much better than chance the segments fit, nats per unit of weight."""
@@ -138,20 +144,27 @@ class ManhattanLikelihood:
         return _View(self._ends, unknowns, self._turn)
 
     def _lines(self, view: _View) -> tuple[np.ndarray, np.ndarray]:
-        """Energy of the segments [S], and how strongly each is drawn to each vanishing point [S, N, 3]."""
+        """Energy of the segments [S], and how strongly each is drawn to each vanishing point [S, 3, N]."""
         square = view.sine**2 * -0.5
         likely = pull = 0.0
-        for precision, height in zip(self._precision[:, :, None], self._height[:, :, None], strict=True):
-            part = np.exp(square * precision) * (height * self._classes)
+        for precision, height in zip(self._precision, self._height, strict=True):
+            part = np.exp(square * precision) * height
             likely, pull = likely + part, pull + part * precision
-        total = np.sum(likely, -1) + self.beliefs.outliers / math.pi
-        return -(self.weight * np.log(total)).sum(-1), pull * (self.weight / total)[..., None]
+        total = np.sum(likely, 1) + self.beliefs.outliers / math.pi
+        return -(self.weight * np.log(total)).sum(-1), pull * (self.weight / total)[:, None]
 
-    def _jacobian(self, view: _View) -> np.ndarray:
-        """[S, N, 3, 10] derivatives of the sines."""
-        columns = [view.by_end_points(self._ends, k) for k in range(6)]
-        columns += [view.by_directions(d) for d in (view.by_roll, view.by_tilt, view.by_log_focal, view.by_yaw)]
-        return np.stack(columns, axis=-1) * view.cosine[..., None]
+    def _jacobian(self, view: _View, camera_only: bool) -> np.ndarray:
+        """[S, 10, 3, N] derivatives of the sines."""
+        jacobian = np.zeros((len(view.sine), UNKNOWNS, *view.sine.shape[1:]))
+        powers = [power.T for *_, power in self._ends]  # [3, N] at each end
+        for first, turning in () if camera_only else ((0, False), (3, True)):
+            moving = [by_end * view.cosine for by_end in view.by_end_points(turning)]
+            for k in range(3):
+                np.add(moving[0] * powers[0][k], moving[1] * powers[1][k], out=jacobian[:, first + k])
+        derivatives = {ROLL: view.by_roll, TILT: view.by_tilt, LOG_FOCAL: view.by_log_focal, YAW: view.by_yaw}
+        for k, derivative in derivatives.items():
+            np.multiply(view.by_directions(derivative), view.cosine, out=jacobian[:, k])
+        return jacobian
 
     def _prior(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Energy, gradient and Hessian of the prior, with its normalisation: guesses of all kinds compare."""
@@ -189,13 +202,16 @@ def _known(unknown: int, spread: float) -> tuple[int, float, float, float]:
 
 
 class _View:
-    """Segments rectified by S motions, and the directions in which S cameras expect them: shapes [S, N, 3]."""
+    """Segments rectified by S motions, and the directions in which S cameras expect them: shapes [S, 3, N]."""
 
     def __init__(self, ends: list[tuple[np.ndarray, np.ndarray, np.ndarray]], unknowns: np.ndarray, turn: float):
-        tx, rz = unknowns[:, 0:3], unknowns[:, 3:6]
+        motions = unknowns[:, MOTION]
+        if (motions == motions[0]).all():  # of many cameras: the segments move but once
+            motions = motions[:1]
+        tx, rz = motions[:, 0:3], motions[:, 3:6]
         self.moved = [_rectified(*end, tx, rz) for end in ends]
         (x1, y1, *_), (x2, y2, *_) = self.moved
-        self.col, self.row = ((a + b)[..., None] / 2 for a, b in ((x1, x2), (y1, y2)))
+        self.col, self.row = ((a + b)[:, None] / 2 for a, b in ((x1, x2), (y1, y2)))
         self.dx, self.dy = x2 - x1, y2 - y1
         self.length2 = self.dx**2 + self.dy**2 + 1e-18
         self.focal = np.exp(unknowns[:, LOG_FOCAL, None])
@@ -203,8 +219,8 @@ class _View:
         x, y, z = self.vanishing
         self.to_x, self.to_y = x - self.col * z, y - self.row * z  # from the middles to the vanishing points
         self.to2 = self.to_x**2 + self.to_y**2 + 1e-12
-        dx, dy = self.dx[..., None], self.dy[..., None]
-        size = np.sqrt(self.to2 * self.length2[..., None])
+        dx, dy = self.dx[:, None], self.dy[:, None]
+        size = np.sqrt(self.to2 * self.length2[:, None])
         self.sine = (dx * self.to_y - dy * self.to_x) / size
         self.cosine = (dx * self.to_x + dy * self.to_y) / size
 
@@ -227,24 +243,21 @@ class _View:
 
     def _projected(self, directions: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
         x, y, z = directions
-        return (self.focal * x)[:, None], (self.focal * y)[:, None], np.broadcast_to(z, x.shape)[:, None]
+        return (self.focal * x)[..., None], (self.focal * y)[..., None], np.broadcast_to(z, x.shape)[..., None]
 
     def by_directions(self, derivative: tuple[np.ndarray, ...]) -> np.ndarray:
         """Change of the expected angle with the vanishing points."""
         x, y, z = derivative
         return (self.to_x * (y - self.row * z) - self.to_y * (x - self.col * z)) / self.to2
 
-    def by_end_points(self, ends: list, k: int) -> np.ndarray:
-        """Change of the expected minus the seen angle with the k-th coefficient of the motion."""
-        steps = []
-        for (x, y, cos, sin), (_, _, powers) in zip(self.moved, ends, strict=True):
-            power = powers[:, k % 3]
-            steps.append((-cos * power, sin * power) if k < 3 else (y * power, -x * power))
-        (x1, y1), (x2, y2) = steps
-        seen = (self.dx * (y2 - y1) - self.dy * (x2 - x1)) / self.length2
-        z = self.vanishing[2]
-        expected = z * (self.to_y * (x1 + x2)[..., None] - self.to_x * (y1 + y2)[..., None]) / (2 * self.to2)
-        return expected - seen[..., None]
+    def by_end_points(self, turning: bool) -> Iterator[np.ndarray]:
+        """Change of the expected minus the seen angle with t_x, or r_z (``turning``), at the one and the other end."""
+        pulled = self.vanishing[2] / (2 * self.to2)  # the middle moves half as far as an end
+        pulled_x, pulled_y = self.to_y * pulled, self.to_x * pulled
+        for (x, y, cos, sin), side in zip(self.moved, (-1, 1), strict=True):
+            step_x, step_y = (y, -x) if turning else (-cos, sin)
+            seen = side * (self.dx * step_y - self.dy * step_x) / self.length2
+            yield pulled_x * step_x[:, None] - pulled_y * step_y[:, None] - seen[:, None]
 
 
 def _rectified(

@@ -104,8 +104,8 @@ def descend(
     Returns:
         Unknowns [S, 10], energies [S], Hessians [S, 10, 10].
     """
-    at = begin.copy()
-    energy, gradient, hessian = likelihood.expanded(at)
+    at, camera_only = begin.copy(), free == _CAMERA
+    energy, gradient, hessian = likelihood.expanded(at, camera_only)
     damping = np.full(len(at), 1e-3)
     going = np.arange(len(at))
     for _ in range(steps):
@@ -115,7 +115,7 @@ def descend(
         step = -np.linalg.solve(matrix, gradient[going, free, None])[..., 0]
         tried = at[going]
         tried[:, free] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        new_energy, new_gradient, new_hessian = likelihood.expanded(tried)
+        new_energy, new_gradient, new_hessian = likelihood.expanded(tried, camera_only)
         gain = energy[going] - new_energy
         better = gain > 0
         moved = going[better]

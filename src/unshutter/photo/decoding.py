@@ -13,13 +13,13 @@ from unshutter import large_arrays
 from unshutter.errors import UnshutterError
 from unshutter.photo.codecs import Codec, Source
 from unshutter.photo.header import Header
-from unshutter.photo.libvips import libvips, refusing, standard, to_8_bits
+from unshutter.photo.libvips import libvips, refusing, standard
 
 if TYPE_CHECKING:
     import numpy as np  # not imported above: reading a file, which starts first, can do without
     import pyvips
 
-USUAL_GREY = 512  # short side [px] of the grey copy that is made ahead, which most estimators ask for
+USUAL_GREY = 768  # short side [px] of the grey copy that is made ahead, which the default estimator asks for
 # Warnings about JPEGs in which every pixel is there, and which all viewers show.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
 
@@ -55,10 +55,9 @@ class Decoder:
     def pixels(self) -> np.ndarray:
         """See ``Photo.pixels``."""
         self._begun |= {"grey", "pixels"}
-        ahead, self._pixels_ahead = self._pixels_ahead, None
-        if ahead is not None:
+        if self._pixels_ahead is not None:
             with suppress(UnshutterError):  # decoded again for its message: libvips mixes those of two threads
-                return ahead.result()
+                return self._pixels_ahead.result()
         return self._decode()
 
     def grey(self, short_side: int | None) -> np.ndarray:
@@ -191,14 +190,16 @@ def grey_copy(
     with refusing("cannot compute the grey copy"):
         if image.hasalpha():
             image = image.flatten(background=[32896 if image.format == "ushort" else 128])
+        if image.format == "ushort":
+            image = standard(image.cast("uchar", shift=True))  # first: the rest takes a third of the time
         if (hscale, vscale) != (1.0, 1.0):
             image = image.embed(*(0, 0, _aligned(image.width, hscale), _aligned(image.height, vscale)), extend="copy")
             image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # hardly rings: no ghosts beside edges
-        image = to_8_bits(image)
-        if image.bands == 3:
-            weights = libvips().Image.new_from_array([[0.299, 0.587, 0.114]])
-            image = image.recomb(weights).linear([1.0], [0.5], uchar=True)
         pixels = image.numpy()[:height, :width]
+    if pixels.ndim == 3:
+        import cv2
+
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
     missing = (height - pixels.shape[0], width - pixels.shape[1])
     return np.ascontiguousarray(np.pad(pixels, ((0, missing[0]), (0, missing[1])), mode="edge"))
 
