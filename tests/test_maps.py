@@ -12,6 +12,7 @@ from drawn_photos import one_line, textured
 from unshutter import Motion, Readout, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.maps import PixelMap, map_file
+from unshutter.photo import Photo
 from unshutter.warp import validity_mask
 
 HEIGHT, WIDTH = 150, 200
@@ -121,8 +122,6 @@ def test_the_inverse_map_distorts(tmp_path: Path) -> None:
 
 
 def test_a_photo_gives_the_map_of_its_estimate(tmp_path: Path, rolling_facade: np.ndarray) -> None:
-    from unshutter.photo import Photo
-
     photo = tmp_path / "street.png"
     Photo.from_array(rolling_facade).save(photo)
     before = photo.read_bytes()
@@ -228,3 +227,26 @@ def test_exr_without_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         map_file(stored(tmp_path, shake()), tmp_path / "m.exr")
     assert "unshutter[exr]" in one_line(error)
     assert not (tmp_path / "m.exr").exists()
+
+
+def test_what_is_known_of_the_camera_reaches_the_estimate(tmp_path: Path, rolling_facade: np.ndarray) -> None:
+    photo = tmp_path / "photo.png"
+    Photo.from_array(rolling_facade).save(photo)
+    columns = []
+    for flag, told in (
+        ("--roll-deg", {"roll_deg": 4}),
+        ("--tilt-deg", {"tilt_deg": 20}),
+        ("--focal-px", {"focal_px": 300}),
+    ):
+        target = tmp_path / f"{flag}.npz"
+        assert main(["map", str(photo), "-o", str(target), flag, str(*told.values())]) == 0
+        columns.append(np.load(target)["map_x"])
+        np.testing.assert_array_equal(columns[-1], PixelMap.of(unshutter.estimate(photo, **told)).col)
+    assert (columns[0] != columns[1]).any() and (columns[1] != columns[2]).any()
+
+
+@pytest.mark.parametrize("flag", ["--roll-deg", "--tilt-deg", "--focal-px"])
+def test_a_motion_file_leaves_nothing_to_be_told(flag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motion = stored(tmp_path, Motion.zero(80, 120))
+    assert main(["map", str(motion), "-o", str(tmp_path / "m.npz"), flag, "4"]) == 2
+    assert "leave them out" in capsys.readouterr().err and not (tmp_path / "m.npz").exists()

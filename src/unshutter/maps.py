@@ -95,6 +95,9 @@ def map_file(
     readout: str = "auto",
     reference: Reference | None = None,
     overwrite: bool = False,
+    focal_px: float | None = None,
+    roll_deg: float | None = None,
+    tilt_deg: float | None = None,
 ) -> Motion:
     """Writes the map of a photo or of a motion file.
 
@@ -105,6 +108,7 @@ def map_file(
         size: ``WxH`` of the map in stored pixels, for a scaled copy of the photo; by default the photo's.
         estimator, readout: as for :func:`unshutter.estimate`.
         reference: row at whose moment the GS picture is taken; by default the motion's own, else the first.
+        focal_px, roll_deg, tilt_deg: as for :func:`unshutter.estimate`; not for a motion file.
 
     Returns:
         The motion that the map applies.
@@ -112,17 +116,19 @@ def map_file(
     Raises:
         UnshutterError: the photo, motion or target cannot be used; UsageError: an option cannot.
     """
-    from unshutter.rectification import estimate, fitted
+    from unshutter.rectification import check_nothing_told, estimate, fitted
 
     check_map_target(target, overwrite, source)
     wanted = None if size is None else _parse_size(size)
+    told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
     if source.suffix.lower() == ".json":
+        check_nothing_told(told)
         motion = Motion.load(source)
         height, width = motion.readout.frame_size(motion.height, motion.width)
         motion = fitted(motion, height, width, readout)
         motion = motion.rereferenced(reference) if reference else motion
     else:
-        motion = estimate(source, estimator=estimator, readout=readout, reference=reference or "first")
+        motion = estimate(source, estimator=estimator, readout=readout, reference=reference or "first", **told)
     motion = fitted(motion, *wanted) if wanted else motion
     PixelMap.of(motion, inverse).save(target, overwrite)
     return motion

@@ -173,8 +173,8 @@ def rectify(
     if edges not in EDGES:
         raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
     told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
-    if motion is not None and any(value is not None for value in told.values()):
-        raise UsageError("focal length, roll and tilt are for finding a motion: leave them out when it is given")
+    if motion is not None:
+        check_nothing_told(told)
     opened = _open(photo)
     _check_size(opened)
     opened.start_decoding()
@@ -191,6 +191,12 @@ def rectify(
         return Rectified(result, found, opened)
     pixels = result.to_array()
     return pixels.reshape(*pixels.shape[:2], *photo.shape[2:])
+
+
+def check_nothing_told(told: dict[str, float | None]) -> None:
+    """Of the camera, where a motion is given: raises UsageError."""
+    if any(value is not None for value in told.values()):
+        raise UsageError("focal length, roll and tilt are for finding a motion: leave them out when it is given")
 
 
 def fitted(motion: Motion, height: int, width: int, readout: str | Readout = "auto") -> Motion:

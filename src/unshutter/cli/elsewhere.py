@@ -22,6 +22,9 @@ def write_map(
     estimator: str = DEFAULT_ESTIMATOR,
     readout: ReadoutWord = "auto",
     reference: Reference | None = None,
+    focal_px: float | None = None,
+    roll_deg: float | None = None,
+    tilt_deg: float | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Write a photo's correction as a map for other programs: OpenCV (.npz) or an ST map (.exr, .tif).
@@ -42,13 +45,20 @@ def write_map(
         Direction in which the sensor was read, if an editor has turned the file.
     reference
         Row at whose moment the picture is taken. Default: the motion file's, else first.
+    focal_px
+        Focal length in px of the photo, for methods that use it. Default: from EXIF, else 0.85 (width + height).
+    roll_deg
+        How far the camera was turned clockwise from upright, where that is known, for methods that use it.
+    tilt_deg
+        How far it looked up, -90 being straight down, likewise.
     overwrite
         Replace a map that exists already.
     """
     from unshutter.maps import map_file
 
-    options = {"inverse": inverse, "size": size, "estimator": estimator, "readout": readout}
-    motion = map_file(source, output, **options, reference=reference, overwrite=overwrite)
+    options = {"inverse": inverse, "size": size, "estimator": estimator, "readout": readout, "reference": reference}
+    told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
+    motion = map_file(source, output, **options, **told, overwrite=overwrite)
     note = f" (changes nothing: {motion.reason})" if motion.reason else ""
     print(f"{source} -> {output}{note}", file=sys.stderr)
     return 0
