@@ -37,17 +37,21 @@ def test_pictures_go_when_nobody_needs_them(motion: Motion) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "wait4"), reason="needs the peak memory of a child process")
-def test_many_photos_need_no_more_than_few(motion: Motion, tmp_path: Path) -> None:
-    Photo.from_array(textured(HEIGHT, WIDTH)).save(tmp_path / "photo.jpg")
+@pytest.mark.parametrize("given", [True, False], ids=["with a motion", "with estimates"])
+def test_many_photos_need_no_more_than_few(
+    given: bool, motion: Motion, rolling_facade: np.ndarray, tmp_path: Path
+) -> None:
+    """Two are held at a time, the next one's estimate with it."""
+    Photo.from_array(textured(HEIGHT, WIDTH) if given else rolling_facade).save(tmp_path / "photo.jpg")
     motion.save(tmp_path / "motion.json")
+    how = ["--motion", tmp_path / "motion.json"] if given else []
     peaks = []
     for count in (30, 150):
         folder = tmp_path / str(count)
         folder.mkdir()
         for k in range(count):
             (folder / f"{k}.jpg").write_bytes((tmp_path / "photo.jpg").read_bytes())
-        options = ["--motion", tmp_path / "motion.json", "--json-log", tmp_path / "log"]
-        process = start_rectify(folder, "-o", tmp_path / f"out{count}", *options)
+        process = start_rectify(folder, "-o", tmp_path / f"out{count}", "--json-log", tmp_path / "log", *how)
         process.stderr.read()
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)

@@ -15,6 +15,7 @@ from unshutter import large_arrays
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
 from unshutter.photo.codecs import WRITTEN
+from unshutter.photo.decoding import grey_copy
 
 LOSSLESS = ("png", "tiff")
 
@@ -167,10 +168,12 @@ def test_grey_agrees_with_an_area_average(format, size, short):
     photo = photo if format == "array" else Photo.from_bytes(photo.to_bytes(format, quality=98))
     luminance = photo.to_array().astype(float) @ [0.299, 0.587, 0.114]
     grey = photo.grey(short)
-    assert grey.dtype == np.uint8 and min(grey.shape) == short and grey.flags.c_contiguous
-    assert abs(max(grey.shape) - max(size) * short / min(size)) <= 0.5
+    assert grey.dtype == np.uint8 and grey.flags.c_contiguous
+    assert min(grey.shape) == short or (format == "jpeg" and 0.9 * short < min(grey.shape) < short)
+    assert abs(max(grey.shape) - max(size) * min(grey.shape) / min(size)) <= 1
     difference = grey - area_average(luminance, *grey.shape)
-    assert abs(difference.mean()) < 0.8 and np.abs(difference).mean() < 2 and np.abs(difference).max() < 11
+    most = 11 if min(grey.shape) == short else 14  # half a pixel off at the end
+    assert abs(difference.mean()) < 0.8 and np.abs(difference).mean() < 2 and np.abs(difference).max() < most
 
 
 @pytest.mark.parametrize("kind", ["JPEG", "PNG"])
@@ -218,12 +221,12 @@ def test_grey_of_transparent_places_is_mid_grey(dtype):
 
 
 @pytest.mark.parametrize("size", [(1200, 1600), (1207, 1601)])
-@pytest.mark.parametrize("short", [150, 160, 300, 599, 700])
+@pytest.mark.parametrize("short", [140, 150, 160, 300, 599, 700])
 def test_grey_is_nearly_the_same_for_a_jpeg_and_for_its_pixels(size, short):
     """The JPEG is decoded at a part of its size."""
     photo = Photo.from_bytes(Photo.from_array(textured(*size)).to_bytes("jpeg"))
     grey = photo.grey(short).astype(int)
-    difference = grey - Photo.from_array(photo.to_array()).grey(short)
+    difference = grey - grey_copy(photo.image, *grey.shape)
     assert np.abs(difference).mean() < 0.8 and np.abs(difference).max() < 9
     np.testing.assert_array_equal(photo.grey(short), grey)  # the pixels are known by now
 

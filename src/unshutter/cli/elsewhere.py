@@ -56,9 +56,19 @@ def write_map(
     """
     from unshutter.maps import map_file
 
-    options = {"inverse": inverse, "size": size, "estimator": estimator, "readout": readout, "reference": reference}
-    told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
-    motion = map_file(source, output, **options, **told, overwrite=overwrite)
+    motion = map_file(
+        source,
+        output,
+        inverse=inverse,
+        size=size,
+        estimator=estimator,
+        readout=readout,
+        reference=reference,
+        overwrite=overwrite,
+        focal_px=focal_px,
+        roll_deg=roll_deg,
+        tilt_deg=tilt_deg,
+    )
     note = f" (changes nothing: {motion.reason})" if motion.reason else ""
     print(f"{source} -> {output}{note}", file=sys.stderr)
     return 0

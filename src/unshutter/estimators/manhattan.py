@@ -47,10 +47,9 @@ class Manhattan:
 def segments_of(view: View) -> tuple[np.ndarray, tuple[int, int]]:
     """[N, 4] segments in centred units of rows, and (height, width) of the copy in which they were found [px]."""
     grey = view.grey(SHORT_SIDE)
-    height, width = grey.shape
-    factor = min(SHORT_SIDE / min(height, width), MOST_ENLARGED)
+    factor = min(SHORT_SIDE / min(view.height, view.width), MOST_ENLARGED)
     if factor > 1:
-        size = (round(width * factor), round(height * factor))
+        size = (round(view.width * factor), round(view.height * factor))
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC)
     return in_rows(find_segments(grey, MOST_SEGMENTS), *grey.shape), (grey.shape[0], grey.shape[1])
 

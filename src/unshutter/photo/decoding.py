@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pyvips
 
 USUAL_GREY = 768  # short side [px] of the grey copy that is made ahead, which the default estimator asks for
+_NEARLY = 1.1  # a JPEG may give a grey copy so many times smaller than was asked for, when that is the cheaper one
 # Warnings about JPEGs in which every pixel is there, and which all viewers show.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
 
@@ -77,13 +78,15 @@ class Decoder:
         shrink = self._shrink(short_side)
         small = as_image(self._decode(shrink))
         height, width = grey_size(self._height, self._width, short_side)
+        if small.height < height:
+            return grey_copy(small, round(self._height / shrink), round(self._width / shrink), 1.0, 1.0)
         return grey_copy(small, height, width, shrink * height / self._height, shrink * width / self._width)
 
     def _shrink(self, short_side: int | None) -> int:
         """How many times smaller the data may be decoded for such a grey copy."""
         height, width = grey_size(self._height, self._width, short_side)
         scale = max(height / self._height, width / self._width)
-        return next((n for n in (8, 4, 2) if self._header.codec.name == "jpeg" and n * scale <= 1), 1)
+        return next((n for n in (8, 4, 2) if self._header.codec.name == "jpeg" and n * scale <= _NEARLY), 1)
 
     def _decode(self, shrink: int = 1) -> np.ndarray:
         return decode(self._source, self._header, shrink)

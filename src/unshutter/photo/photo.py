@@ -172,12 +172,13 @@ class Photo:
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
 
-        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, likewise across, to 0.2 px.
-        JPEGs at least twice as large are decoded at a half, a quarter or an eighth of their size for it, whether
+        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, likewise across, to 0.2 px, where a JPEG
+        gives a smaller one than was asked for to 0.5 px.
+        JPEGs about twice as large, or more, are decoded at a half, a quarter or an eighth of their size for it, whether
         or not their pixels are known already: an estimate is the same whatever it is for.
 
         Args:
-            short_side: [px] of the copy; never enlarged. None: full size.
+            short_side: [px] of the copy, of which JPEGs may be up to a tenth short; never enlarged. None: full size.
 
         Returns:
             uint8 [h, w].
