@@ -5,8 +5,9 @@
 The floor is one Python process that imports pyvips, decodes the photo, warps it by the identity (bicubic mapim) and
 encodes it alike: JPEG with the same quality, or TIFF of 16 bits without compression. (It does not wait for the disc as
 unshutter does.) Both run in turn after a warm-up; ratios are taken pair by pair, since machines are noisy. The photo is
-the shipped one, enlarged. Also timed: what each further photo of a folder takes, ``unshutter --version`` and
-``import unshutter``.
+the shipped one, enlarged. Also timed: the same with a motion that is given, so that nothing is looked for; what each
+further photo of a folder takes; a process that only imports the libraries and opens the network; ``unshutter
+--version`` and ``import unshutter``.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ out.{save}
 QUALITY = 92
 # name: (file ending, how the floor and the photo are written)
 FORMATS = {"jpeg": (".jpg", f"jpegsave(sys.argv[2], Q={QUALITY})"), "tiff16": (".tif", "tiffsave(sys.argv[2])")}
+LIBRARIES = """
+import numpy, cv2, onnxruntime, pyvips, cyclopts
+from unshutter.estimators.segment_transformer import SegmentTransformer
+SegmentTransformer().prepare()
+"""
 FOLDER = 5  # photos
 # Installed packages are compiled; a checkout is by its first run, unless this forbids it.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
@@ -59,32 +65,37 @@ def spread(values: list[float], unit: str = "s") -> str:
 def measure(folder: Path, format: str, megapixels: float, runs: int) -> str:
     """A line of the table."""
     suffix, save = FORMATS[format]
-    photo, out = folder / f"photo{suffix}", folder / f"out{suffix}"
+    photo, out, motion = folder / f"photo{suffix}", folder / f"out{suffix}", folder / "motion.json"
     make_photo(photo, format, megapixels)
-    unshutter = [sys.executable, "-m", "unshutter", "rectify"]
-    ours = [*unshutter, str(photo), "-o", str(out), "--overwrite"]
-    floor = [sys.executable, "-c", FLOOR.format(save=save), str(photo), str(out)]
     many, results = folder / "many", folder / "results"
     many.mkdir()
     for k in range(FOLDER):
         shutil.copy(photo, many / f"{k}{suffix}")
-    measured = []
+    unshutter = [sys.executable, "-m", "unshutter"]
+    run([*unshutter, "estimate", str(photo), "-o", str(motion), "--overwrite"])
+    one = [*unshutter, "rectify", str(photo), "-o", str(out), "--overwrite"]
+    commands = {
+        "one": one,
+        "floor": [sys.executable, "-c", FLOOR.format(save=save), str(photo), str(out)],
+        "given": [*one, "--motion", str(motion)],
+        "many": [*unshutter, "rectify", str(many), "-o", str(results)],
+    }
+    rounds = []
     for _ in range(runs + 1):
-        measured.append((run(ours), run(floor), run([*unshutter, str(many), "-o", str(results)])))
+        rounds.append({name: run(command) for name, command in commands.items()})
         shutil.rmtree(results)
-    del measured[0]  # the warm-up
+    del rounds[0]  # the warm-up
     shutil.rmtree(many)
-    further = [(many[0] - one[0]) / (FOLDER - 1) for one, _, many in measured]
-    return " | ".join(
-        (
-            f"| {megapixels:g} MP {format}",
-            *(spread([m[k][0] for m in measured]) for k in (0, 1)),
-            f"**{spread([one[0] / least[0] for one, least, _ in measured], '')}**",
-            spread(further),
-            spread([each / least[0] for each, (_, least, _) in zip(further, measured, strict=True)], ""),
-            " / ".join(f"{statistics.median(m[k][1] for m in measured):.0f}" for k in (0, 1)) + " MB |",
-        )
-    )
+    seconds = {name: [measured[name][0] for measured in rounds] for name in commands}
+    seconds["further"] = [(b - a) / (FOLDER - 1) for a, b in zip(seconds["one"], seconds["many"], strict=True)]
+    peaks = [f"{statistics.median(measured[name][1] for measured in rounds):.0f}" for name in ("one", "floor")]
+
+    def of_floor(name: str) -> str:
+        return spread([a / b for a, b in zip(seconds[name], seconds["floor"], strict=True)], "").strip()
+
+    cells = [f"{megapixels:g} MP {format}", spread(seconds["one"]), spread(seconds["floor"]), f"**{of_floor('one')}**"]
+    cells += [of_floor("given"), spread(seconds["further"]), of_floor("further"), f"{' / '.join(peaks)} MB"]
+    return f"| {' | '.join(cells)} |"
 
 
 def make_photo(path: Path, format: str, megapixels: float) -> None:
@@ -107,6 +118,7 @@ def main() -> None:
         kinds = [photo.split(":") for photo in given.photos]
         lines = [measure(Path(folder), format, float(megapixels), given.runs) for format, megapixels in kinds]
     version = [run([sys.executable, "-m", "unshutter", "--version"])[0] for _ in range(given.runs)]
+    libraries = [run([sys.executable, "-c", LIBRARIES])[0] for _ in range(given.runs)]
     bare = [run([sys.executable, "-c", "pass"])[0] for _ in range(given.runs)]
     package = [run([sys.executable, "-c", "import unshutter"])[0] for _ in range(given.runs)]
 
@@ -115,8 +127,10 @@ def main() -> None:
     ).stdout.strip()
     print(f"Commit {commit}, {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, ")
     print(f"{given.runs} runs after a warm-up: median (least … most)\n")
-    print("| photo | `unshutter rectify` | floor | ratio | a further photo of a folder | of the floor | peak memory |")
-    print("|---|---|---|---|---|---|---|", *lines, sep="\n")
+    titles = ("photo", "`unshutter rectify`", "floor", "ratio", "with a motion given", "a further photo of a folder")
+    print(f"| {' | '.join(titles)} | of the floor | peak memory |")
+    print("|---|---|---|---|---|---|---|---|", *lines, sep="\n")
+    print(f"\nTo import the libraries and open the network: {spread(libraries)}.", end="")
     print(f"\n`unshutter --version`: {spread(version)}. `import unshutter`: {spread(package)},")
     print(f"of which a bare Python takes {statistics.median(bare):.2f} s.")
 
