@@ -6,6 +6,7 @@ import struct
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from drawn_photos import encoded
 
@@ -29,6 +30,38 @@ def exif_blob(orientation=1, **tags):
     exif = Image.Exif()
     exif.update({0x010F: "Acme", 0x0112: orientation} | {int(tag): value for tag, value in tags.items()})
     return exif.tobytes()
+
+
+ABOUT_CAMERA = {0x010F: "Acme", 0x0110: "Model 1", 0x0131: "1.0", 0x0132: "2024:05:06 07:08:09", 0x8298: "(c) me"}
+ABOUT_EXPOSURE = {
+    0x829A: IFDRational(1, 125),
+    0x9003: "2024:05:06 07:08:09",
+    0x9010: "+02:00",
+    0x920A: IFDRational(425, 100),
+    0x927C: b"Acme\0\1\2" + bytes(range(100)),
+    0x9286: b"ASCII\0\0\0a comment",
+    0xA405: 26,
+    0xA434: "Lens 24-70 mm",
+}
+ABOUT_PLACE = {
+    1: "N",
+    2: (IFDRational(48), IFDRational(51), IFDRational(2949, 100)),
+    3: "E",
+    4: (IFDRational(2), IFDRational(17), IFDRational(4021, 100)),
+    6: IFDRational(351, 10),
+}
+
+
+def full_exif(order="<", orientation=6):
+    """An EXIF blob by Pillow, in either byte order, with the tags above."""
+    tags = Image.Exif()
+    tags.endian = order
+    tags.update(ABOUT_CAMERA | {0x0112: orientation})
+    tags.get_ifd(0x8769).update(ABOUT_EXPOSURE | {0xA002: 4000, 0xA003: 3000})  # EXIF
+    tags.get_ifd(0x8825).update(ABOUT_PLACE)  # GPS
+    blob = tags.tobytes()
+    assert blob[6:8] == (b"II" if order == "<" else b"MM")
+    return blob
 
 
 def heic(pixels, orientation=1, exif=None, quality=95, chroma=444, **info):

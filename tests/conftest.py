@@ -60,6 +60,16 @@ def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarr
     return distorted[MARGIN:-MARGIN, MARGIN:-MARGIN].copy()
 
 
+@pytest.fixture
+def photo(tmp_path: Path, rolling_facade: np.ndarray) -> Path:
+    """street.jpg, the rolling facade as a file."""
+    from unshutter.photo import Photo
+
+    path = tmp_path / "street.jpg"
+    Photo.from_array(rolling_facade).save(path, quality=92)
+    return path
+
+
 @pytest.fixture(scope="session")
 def basilica() -> tuple[np.ndarray, Motion]:
     """The shipped photo's middle, 490 x 490 px, with a strong motion put in; and that motion."""

@@ -2,61 +2,27 @@
 
 import io
 import struct
-import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from PIL import Image, ImageCms, PngImagePlugin
-from PIL.TiffImagePlugin import IFDRational
 
+from camera_files import ABOUT_CAMERA, ABOUT_EXPOSURE, ABOUT_PLACE, full_exif
 from drawn_photos import drawn, encoded, textured
-from unshutter.photo import Photo, containers, metadata, new_pixels
+from unshutter.photo import Photo, containers
 from unshutter.photo.codecs import WRITTEN
 
 FORMATS = tuple(WRITTEN)
-EXIF, GPS, INTEROPERABILITY = 0x8769, 0x8825, 0xA005
-MAKER_NOTE = b"Acme\0\1\2" + bytes(range(100))
+EXIF, GPS = 0x8769, 0x8825
 XMP = (
     b'<?xpacket begin="" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF '
     b'xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"/></x:xmpmeta><?xpacket end="w"?>'
 )
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
-ABOUT_CAMERA = {0x010F: "Acme", 0x0110: "Model 1", 0x0131: "1.0", 0x0132: "2024:05:06 07:08:09", 0x8298: "(c) me"}
-ABOUT_EXPOSURE = {
-    0x829A: IFDRational(1, 125),
-    0x9003: "2024:05:06 07:08:09",
-    0x9010: "+02:00",
-    0x920A: IFDRational(425, 100),
-    0x927C: MAKER_NOTE,
-    0x9286: b"ASCII\0\0\0a comment",
-    0xA405: 26,
-    0xA434: "Lens 24-70 mm",
-}
-ABOUT_PLACE = {
-    1: "N",
-    2: (IFDRational(48), IFDRational(51), IFDRational(2949, 100)),
-    3: "E",
-    4: (IFDRational(2), IFDRational(17), IFDRational(4021, 100)),
-    6: IFDRational(351, 10),
-}
-
-
-def exif(order="<", orientation=6):
-    tags = Image.Exif()
-    tags.endian = order
-    tags.update(ABOUT_CAMERA | {0x0112: orientation})
-    tags.get_ifd(EXIF).update(ABOUT_EXPOSURE | {0xA002: 4000, 0xA003: 3000})
-    tags.get_ifd(GPS).update(ABOUT_PLACE)
-    blob = tags.tobytes()
-    assert blob[6:8] == (b"II" if order == "<" else b"MM")
-    return blob
-
 
 def tiff_with_exif(order, pixels):
-    """A TIFF of grey pixels in either byte order with the tags above, put together by hand."""
+    """A TIFF of grey pixels in either byte order with the tags of full_exif, put together by hand."""
 
     def value(content):
         if isinstance(content, str):
@@ -102,14 +68,8 @@ def source(format, order="<"):
     if format == "png":
         texts = PngImagePlugin.PngInfo()
         texts.add_itxt("XML:com.adobe.xmp", XMP.decode())
-        return encoded(drawn(), "PNG", exif=exif(order), icc_profile=SRGB, pnginfo=texts)
-    return encoded(drawn(), format.upper(), exif=exif(order), icc_profile=SRGB, xmp=XMP)
-
-
-def check_plain_tiff(stream, pixels):
-    """Pillow reads these pixels, whatever it says of the tags."""
-    with warnings.catch_warnings(action="ignore"), Image.open(stream) as picture:
-        np.testing.assert_array_equal(np.asarray(picture), pixels)
+        return encoded(drawn(), "PNG", exif=full_exif(order), icc_profile=SRGB, pnginfo=texts)
+    return encoded(drawn(), format.upper(), exif=full_exif(order), icc_profile=SRGB, xmp=XMP)
 
 
 def check_tags(data, height, width):
@@ -167,7 +127,7 @@ def test_icc_and_xmp_go_from_every_format_to_every_other(origin, target):
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_orientation_is_kept_and_pixels_are_never_turned(orientation, target):
     pixels = textured(48, 80)
-    photo = Photo.from_bytes(encoded(pixels, "PNG", exif=exif(orientation=orientation)))
+    photo = Photo.from_bytes(encoded(pixels, "PNG", exif=full_exif(orientation=orientation)))
     np.testing.assert_array_equal(photo.to_array(), pixels)
     data = photo.to_bytes(target, quality=95)
     back = Photo.from_bytes(data)
@@ -181,7 +141,7 @@ def test_orientation_is_kept_and_pixels_are_never_turned(orientation, target):
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_avif_of_other_programs_is_read_as_stored(orientation):
     pixels = textured(48, 80)
-    photo = Photo.from_bytes(encoded(pixels, "AVIF", quality=95, exif=exif(orientation=orientation)))
+    photo = Photo.from_bytes(encoded(pixels, "AVIF", quality=95, exif=full_exif(orientation=orientation)))
     assert photo.orientation == orientation and photo.to_array().shape == (photo.height, photo.width, photo.bands)
     assert np.abs(photo.to_array().astype(int) - pixels).mean() < 8
     grey = photo.grey(24)
@@ -198,7 +158,7 @@ def test_grey_avif_stays_grey_inside():
 
 @pytest.mark.parametrize(("height", "width"), [(3000, 4000), (4000, 3000)])
 def test_focal_length_is_that_of_the_full_frame_diagonal(height, width):
-    photo = Photo.from_bytes(encoded(np.zeros((height, width), np.uint8), "JPEG", exif=exif()))
+    photo = Photo.from_bytes(encoded(np.zeros((height, width), np.uint8), "JPEG", exif=full_exif()))
     assert photo.focal_px() == pytest.approx(26 * 5000 / 43.26662, rel=1e-6)
     assert Photo.from_bytes(encoded(drawn(), "JPEG")).focal_px() is None
     tags = Image.Exif()
@@ -306,93 +266,3 @@ def test_tiff_stays_uncompressed_or_lzw(compression, expected):
     with Image.open(io.BytesIO(photo.to_bytes())) as picture:
         assert picture.tag_v2[259] == expected
         np.testing.assert_array_equal(np.asarray(picture), photo.to_array())
-
-
-# ---- directories ---------------------------------------------------------------------------------------
-
-SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 7: 1, 9: 4, 10: 8, 12: 8}
-
-
-def directories(depth=0):
-    plain = st.sampled_from(sorted(SIZES)).flatmap(
-        lambda kind: st.integers(1, 9).flatmap(
-            lambda count: st.binary(min_size=SIZES[kind] * count, max_size=SIZES[kind] * count).map(
-                lambda data: metadata.Entry(kind, count, data)
-            )
-        )
-    )
-    tags = st.sampled_from([0x010E, 0x010F, 0x0110, 0x0132, 0x8298, 0x9C9B] if depth == 0 else range(1, 0x7000))
-    plain = st.dictionaries(tags, plain, min_size=1, max_size=6)
-    if depth == 2:
-        return plain
-    if depth == 1:
-        return st.tuples(plain, directories(2)).map(lambda t: t[0] | {INTEROPERABILITY: t[1]})
-    return st.tuples(plain, directories(1), directories(2)).map(lambda t: t[0] | {EXIF: t[1], GPS: t[2]})
-
-
-@settings(deadline=None, max_examples=60)
-@given(directories(), st.sampled_from(["<", ">"]))
-def test_directories_survive_blob_and_tiff(directory, order):
-    blob = metadata.exif_of_tiff(metadata.Tree(order, [directory]))
-    assert blob is not None
-    read = metadata.read_exif(blob)
-    assert read is not None and read.order == order and read.pages == [directory]
-
-    stream = io.BytesIO(encoded(drawn(6, 7), "TIFF"))
-    metadata.add_exif_to_tiff(stream, blob, 6, 7)
-    check_plain_tiff(io.BytesIO(stream.getvalue()), drawn(6, 7))
-    written = metadata.read_tree(stream)
-    assert written is not None
-    again = metadata.exif_of_tiff(written)
-    if order == "<":
-        assert again == blob
-    else:  # turned twice it is what it was
-        plain = io.BytesIO(b"MM\0*\0\0\0\x08" + struct.pack(">HHHII", 1, 256, 4, 1, 7) + bytes(4))
-        metadata.add_exif_to_tiff(plain, again, 6, 7)
-        tree = metadata.read_tree(plain)
-        assert tree is not None and tree.pages[0] == directory | {256: metadata.Entry(4, 1, b"\0\0\0\7")}
-
-
-@settings(deadline=None, max_examples=200)
-@given(st.data())
-def test_damaged_directories_are_read_as_far_as_they_go(data):
-    whole = bytearray(exif(data.draw(st.sampled_from(["<", ">"]))))
-    for _ in range(data.draw(st.integers(1, 20))):
-        whole[data.draw(st.integers(6, len(whole) - 1))] = data.draw(st.integers(0, 255))
-    blob = bytes(whole[: data.draw(st.integers(7, len(whole)))])
-    assert metadata.focal_px(blob, 100, 100) is None or metadata.focal_px(blob, 100, 100) > 0
-    new_pixels.exif_with_size(blob, 30, 40)
-    new_pixels.exif_with_orientation(blob, 6)
-    assert not new_pixels.has_thumbnail(new_pixels.exif_with_thumbnail(blob, None))
-    new_pixels.exif_with_thumbnail(blob, b"a JPEG", 6)
-    stream = io.BytesIO(encoded(drawn(6, 7), "TIFF"))
-    metadata.add_exif_to_tiff(stream, blob, 6, 7)
-    check_plain_tiff(stream, drawn(6, 7))
-
-
-def test_a_tiff_keeps_what_it_says_itself():
-    stream = io.BytesIO(encoded(drawn(6, 7), "TIFF", tiffinfo={0x010F: "Own", 305: "mine"}))
-    metadata.add_exif_to_tiff(stream, exif(), 6, 7)
-    with Image.open(stream) as picture:
-        tags = picture.getexif()
-        assert (tags[0x010F], tags[0x0110], tags[0x0131]) == ("Own", "Model 1", "mine")
-
-
-def test_big_tiff_is_left_alone():
-    import pyvips
-
-    big = pyvips.Image.new_from_array(drawn()).tiffsave_buffer(bigtiff=True)
-    stream = io.BytesIO(big)
-    metadata.add_exif_to_tiff(stream, exif(), 48, 80)
-    assert stream.getvalue() == big
-    photo = Photo.from_bytes(big)
-    np.testing.assert_array_equal(photo.to_array(), drawn())
-    np.testing.assert_array_equal(Photo.from_bytes(photo.to_bytes()).to_array(), drawn())
-
-
-def test_endless_directories_end():
-    loop = b"II*\0\x08\0\0\0" + struct.pack("<HHHII", 1, 256, 4, 1, 7) + struct.pack("<I", 8)
-    tree = metadata.read_tree(io.BytesIO(loop))
-    assert tree is not None and len(tree.pages) == 1000
-    inside_itself = b"II*\0\x08\0\0\0" + struct.pack("<HHHII", 1, EXIF, 4, 1, 8) + bytes(4)
-    assert metadata.read_tree(io.BytesIO(inside_itself)) is not None

@@ -1,0 +1,68 @@
+"""The program as a process: what it imports, how it ends, and what is left when it is killed."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import unshutter
+from unshutter.cli import main
+from unshutter.photo import Photo
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert unshutter.__version__ in capsys.readouterr().out
+    assert main(["rectify", "--help"]) == 0
+    assert "--edges" in capsys.readouterr().out
+
+
+def test_heavy_libraries_are_imported_only_when_needed() -> None:
+    """What makes `unshutter --version` and `import unshutter` fast."""
+    heavy = "{'numpy', 'cv2', 'onnxruntime', 'pyvips', 'torch', 'matplotlib'}"
+    for start in ("import unshutter", "from unshutter.cli import main; main(['--version'])"):
+        code = f"{start}\nimport sys\nprint(sorted({heavy} & set(sys.modules)))"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_the_program_ends_with_what_was_said_and_done(photo: Path) -> None:
+    """It does so without the interpreter's tidying up: nothing may be left in a buffer."""
+    program = [sys.executable, "-m", "unshutter"]
+    done = subprocess.run([*program, "estimate", str(photo)], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["format"] == "unshutter-motion/1"
+    done = subprocess.run([*program, "rectify", str(photo)], capture_output=True, text=True, check=True)
+    assert done.stderr == f"{photo} -> {photo.with_name('street.rectified.jpg')}\n"
+    assert subprocess.run([*program, "rectify", str(photo)], capture_output=True, check=False).returncode == 1
+    assert subprocess.run([*program, "rectify"], capture_output=True, check=False).returncode == 2
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full is Linux's")
+@pytest.mark.parametrize("command", [["models"], ["--version"], ["estimate"]])
+def test_output_led_to_a_full_disc_fails_in_one_line(command: list[str], photo: Path) -> None:
+    command = [*command, str(photo)] if command == ["estimate"] else command
+    with open("/dev/full", "wb") as full:
+        process = [sys.executable, "-m", "unshutter", *command]
+        done = subprocess.run(process, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1 and "No space left" in done.stderr
+
+
+def test_a_killed_run_leaves_no_half_written_file(tmp_path: Path, rolling_facade: np.ndarray) -> None:
+    """Killed at many moments, the output is either absent or whole."""
+    big = np.tile(rolling_facade, (4, 4, 1))
+    photo, out = tmp_path / "big.png", tmp_path / "out.jpg"
+    Photo.from_array(big).save(photo)
+    for delay in (0.3, 0.5, 0.7, 0.9):
+        process = subprocess.Popen([sys.executable, "-m", "unshutter", "rectify", str(photo), "-o", str(out)])
+        time.sleep(delay)
+        process.kill()
+        process.wait()
+        if out.exists():
+            Photo.open(out).to_array()
+            os.unlink(out)
