@@ -11,7 +11,7 @@ import unshutter
 from batches import rectify
 from unshutter import early
 from unshutter.errors import UnshutterError
-from unshutter.estimators import View, ahead, load
+from unshutter.estimators import DEFAULT, View, ahead, load
 from unshutter.motion import Motion
 from unshutter.photo import Photo
 
@@ -65,12 +65,14 @@ def test_a_photo_beyond_the_limit_is_not_decoded_early(
 ) -> None:
     photo, begun = tmp_path / "photo.png", []
     Photo.from_array(rolling_facade).save(photo)
-    monkeypatch.setattr(early, "begin", lambda path, and_estimate: begun.append((path, and_estimate)))
+    monkeypatch.setattr(early, "begin", lambda *what: begun.append(what))
     assert rectify(photo, "--max-pixels", "1000", "-o", tmp_path / "out.png") == 1
     assert begun == []
     assert rectify(photo, "--estimator", "none", "-o", tmp_path / "out.png") == 0
+    assert rectify(photo, "--estimator=manhattan", "-o", tmp_path / "out.png", "--overwrite") == 0
     assert rectify(photo, "-o", tmp_path / "out.png", "--overwrite") == 0
-    assert begun == [(photo, False), (photo, True)]
+    assert rectify(photo, "--tilt-deg", "2", "-o", tmp_path / "out.png", "--overwrite") == 0
+    assert begun == [(photo, name) for name in ("none", "manhattan", DEFAULT, None)]
 
 
 def test_a_folder_opens_the_network_once(
@@ -161,6 +163,8 @@ def test_estimates_that_nobody_asks_for_are_dropped(view: View) -> None:
     ("options", "told"),
     [
         ((), {}),
+        (("--estimator", "manhattan"), {"estimator": "manhattan"}),
+        (("--estimator=segment-transformer",), {"estimator": "segment-transformer"}),
         (("--roll-deg", "3"), {"roll_deg": 3.0}),
         (("--focal-px", "900"), {"focal_px": 900.0}),
         (("--readout", "bottom-to-top"), {"readout": "bottom-to-top"}),

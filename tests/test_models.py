@@ -4,13 +4,8 @@ from importlib.resources import files
 import pytest
 
 from unshutter.cli import main
-from unshutter.cli.app import DEFAULT_ESTIMATOR
 from unshutter.estimators import DEFAULT, ESTIMATORS
 from unshutter.models import Model, as_text, list_models
-
-
-def test_the_command_lines_default_is_the_packages() -> None:
-    assert DEFAULT_ESTIMATOR == DEFAULT
 
 
 def test_every_estimator_is_listed_and_the_default_first():

@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
+from unshutter.default_estimator import DEFAULT_ESTIMATOR
 from unshutter.errors import UnshutterError
 from unshutter.photo.libvips import libvips
 from unshutter.photo.photo import Photo
@@ -16,28 +17,28 @@ from unshutter.photo.photo import Photo
 _begun: dict[tuple[Path, int, int], Future[Photo]] = {}  # one at most
 
 
-def begin(path: Path, and_estimate: bool = False) -> None:
+def begin(path: Path, estimator: str | None = None) -> None:
     """Opens the photo and decodes it in a thread; what goes wrong is told when it is opened again.
 
     Args:
         path: the photo.
-        and_estimate: whether its motion is likely to be asked of the default estimator, told nothing about it.
+        estimator: which is likely to be asked for its motion, and told nothing about it; None: none.
     """
     libvips()  # here: two threads that import at once mostly wait for each other
     reader = ThreadPoolExecutor(1)
     _begun.clear()
-    photo = _begun[_as_it_is(path)] = reader.submit(_opened, path, not and_estimate)
+    photo = _begun[_as_it_is(path)] = reader.submit(_opened, path, estimator)
     reader.shutdown(wait=False)
     import numpy  # noqa: F401 (what the decoder needs next)
 
-    if and_estimate:
-        from unshutter.estimators import DEFAULT, View, ahead
+    if estimator is not None:
+        from unshutter.estimators import View, ahead
 
         looker = ThreadPoolExecutor(1)
         with suppress(UnshutterError):
-            ahead.of(DEFAULT).begin(View(photo.result()), looker)
+            ahead.of(estimator).begin(View(photo.result()), looker)
+            ahead.of(estimator).prepare()  # here: a third thread would be one too many for two processors
         looker.shutdown(wait=False)
-        ahead.of(DEFAULT).prepare()  # here: a third thread would be one too many for two processors
 
 
 def take(path: Path) -> Photo | None:
@@ -46,9 +47,11 @@ def take(path: Path) -> Photo | None:
     return None if begun is None or begun.exception() else begun.result()
 
 
-def _opened(path: Path, whole: bool) -> Photo:
+def _opened(path: Path, estimator: str | None) -> Photo:
     photo = Photo.open(path)
-    photo.start_decoding(whole=whole)
+    # For the default's sake the rest waits until it is asked for: decoding all would hold up what it does alone.
+    is_default = estimator == DEFAULT_ESTIMATOR
+    photo.start_decoding(grey=is_default, whole=not is_default)
     return photo
 
 

@@ -177,7 +177,7 @@ def rectify(
         check_nothing_told(told)
     opened = _open(photo)
     _check_size(opened)
-    opened.start_decoding()
+    opened.start_decoding(grey=motion is None and DEFAULT in (estimator, getattr(estimator, "name", None)))
     if motion is None:
         found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first", **told)
     else:

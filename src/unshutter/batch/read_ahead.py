@@ -22,14 +22,14 @@ class ReadAhead:
     Args:
         files: the photos.
         max_pixels: see ``Photo.open``.
-        whole: all their pixels will be wanted; otherwise only a grey copy.
+        grey, whole: what will be wanted of them, see ``Photo.start_decoding``.
 
     Attributes:
         look: begins, in the executor, with what else is wanted of photos that are read from now on.
     """
 
-    def __init__(self, files: list[Place], max_pixels: int, whole: bool = True):
-        self._max_pixels, self._whole = max_pixels, whole
+    def __init__(self, files: list[Place], max_pixels: int, grey: bool = True, whole: bool = True):
+        self._max_pixels, self._wanted = max_pixels, (grey, whole)
         self._files = iter(files)
         self._left = set(files)
         self._reader, self._looker = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
@@ -61,7 +61,7 @@ class ReadAhead:
     def _opened(self, path: Place) -> Photo:
         begun = early.take(path) if isinstance(path, Path) and self._max_pixels == MAX_PIXELS else None
         photo = begun or open_photo(path, self._max_pixels)
-        photo.start_decoding(self._reader, self._whole)
+        photo.start_decoding(self._reader, *self._wanted)
         if self.look is not None:
             with suppress(UnshutterError):  # told again where it is wanted
                 self.look(photo, self._looker)

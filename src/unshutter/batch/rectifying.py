@@ -20,6 +20,7 @@ from unshutter.batch.report import Report
 from unshutter.batch.run import Batch
 from unshutter.batch.work import Job, RectifyOptions, do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
+from unshutter.default_estimator import DEFAULT_ESTIMATOR
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.files import remove_leftovers
 from unshutter.photo.photo import MAX_PIXELS, Photo
@@ -67,7 +68,8 @@ def rectify_files(
     if how.dry_run:
         return _say_what_would_be_done(plan, inputs)
     here = how.jobs is None and how.scheduler is None
-    ahead = ReadAhead([job.source for job in plan.to_do], how.max_pixels or MAX_PIXELS) if here else None
+    grey = motion is None and options.estimator == DEFAULT_ESTIMATOR
+    ahead = ReadAhead([job.source for job in plan.to_do], how.max_pixels or MAX_PIXELS, grey) if here else None
     if motion is None and plan.to_do:
         look = _look(options)  # after the first photo: it is decoded meanwhile
         if ahead is not None:

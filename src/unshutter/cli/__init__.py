@@ -7,10 +7,11 @@ import sys
 from pathlib import Path
 from typing import NoReturn
 
+from unshutter.default_estimator import DEFAULT_ESTIMATOR
 from unshutter.errors import UnshutterError, UsageError
 
 _ELSEWHERE = ("--max-pixels", "--jobs", "--scheduler", "--dry-run")  # with these, this process may not decode
-_OTHERWISE = ("--estimator", "--motion", "--readout", "--focal", "--roll", "--tilt")  # nor estimate as by default
+_TOLD = ("--motion", "--readout", "--focal", "--roll", "--tilt")  # nor estimate with these
 
 
 def run() -> NoReturn:
@@ -75,7 +76,15 @@ def _begin_early(arguments: list[str]) -> None:
             return
         from unshutter import early
 
-        early.begin(Path(arguments[1]), and_estimate=not any(word.startswith(_OTHERWISE) for word in arguments))
+        told = any(word.startswith(_TOLD) for word in arguments)
+        early.begin(Path(arguments[1]), None if told else _estimator_in(arguments))
+
+
+def _estimator_in(arguments: list[str]) -> str:
+    for word, following in zip(arguments, [*arguments[1:], ""], strict=True):
+        if word.partition("=")[0] == "--estimator":
+            return word.partition("=")[2] or following
+    return DEFAULT_ESTIMATOR
 
 
 def _say(message: str, code: int) -> int:

@@ -8,7 +8,6 @@ from unshutter.version import __version__
 
 ReadoutWord = Literal["auto", "top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
 Reference = Literal["first", "middle", "last"]
-DEFAULT_ESTIMATOR = "segment-manhattan"  # estimators.DEFAULT, which would import NumPy before a photo is decoded
 
 app = App(
     name="unshutter",

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from unshutter.cli.app import DEFAULT_ESTIMATOR, ReadoutWord, Reference, app
+from unshutter.cli.app import ReadoutWord, Reference, app
+from unshutter.default_estimator import DEFAULT_ESTIMATOR
 
 
 @app.command

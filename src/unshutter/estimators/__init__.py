@@ -11,6 +11,7 @@ from importlib import import_module
 from inspect import signature
 from pathlib import Path
 
+from unshutter.default_estimator import DEFAULT_ESTIMATOR as DEFAULT
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.base import Estimator, View
 
@@ -27,7 +28,6 @@ ESTIMATORS = {
 }
 # those for which the package has no weights: NAME@FILE only
 UNSHIPPED = {"rengarajan2017": "unshutter.estimators.rengarajan2017:Rengarajan2017"}
-DEFAULT = "segment-manhattan"
 
 
 @lru_cache(maxsize=4)

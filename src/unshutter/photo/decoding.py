@@ -35,20 +35,20 @@ class Decoder:
         self._grey_ahead: Future[np.ndarray] | None = None
         self._pixels_ahead: Future[np.ndarray] | None = None
 
-    def start(self, executor: Executor, whole: bool) -> None:
-        """Begins with the usual grey copy, then the pixels if they are wanted ``whole``.
+    def start(self, executor: Executor, grey: bool, whole: bool) -> None:
+        """Begins with the usual ``grey`` copy, then the pixels, if they are wanted ``whole``.
 
         Where a grey copy is made of the pixels, these come first.
         What goes wrong is told where the results are asked for.
         """
-        small_first = self._shrink(USUAL_GREY) > 1
+        small_first = grey and self._shrink(USUAL_GREY) > 1
         if small_first and "grey" not in self._begun:
             self._begun.add("grey")
             self._grey_ahead = executor.submit(self._grey, USUAL_GREY)
-        if (whole or not small_first) and "pixels" not in self._begun:
+        if (whole or (grey and not small_first)) and "pixels" not in self._begun:
             self._begun.add("pixels")
             pixels = self._pixels_ahead = executor.submit(self._decode)
-            if not small_first:
+            if grey and not small_first:
                 self._begun.add("grey")
                 self._grey_ahead = executor.submit(lambda: self._grey_of(pixels.result(), USUAL_GREY))
 

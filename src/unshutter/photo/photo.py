@@ -126,16 +126,17 @@ class Photo:
         """Whether the last channel is transparency."""
         return self.bands in (2, 4)
 
-    def start_decoding(self, executor: Executor | None = None, whole: bool = True) -> None:
+    def start_decoding(self, executor: Executor | None = None, grey: bool = True, whole: bool = True) -> None:
         """Decodes in a thread of the executor (by default one of its own) while others work.
 
         Args:
             executor: where to.
-            whole: all pixels will be wanted; otherwise only a grey copy.
+            grey: a grey copy of the size that the default estimator asks for will be wanted, and before all else.
+            whole: all pixels will be wanted.
         """
         if self._decoder is not None:
             thread = executor or ThreadPoolExecutor(1)
-            self._decoder.start(thread, whole)
+            self._decoder.start(thread, grey, whole)
             if executor is None:
                 thread.shutdown(wait=False)
 
