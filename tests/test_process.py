@@ -42,6 +42,17 @@ def test_the_program_ends_with_what_was_said_and_done(photo: Path) -> None:
     assert subprocess.run([*program, "rectify"], capture_output=True, check=False).returncode == 2
 
 
+def test_a_damaged_library_is_told_in_one_line(photo: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    (broken / "cv2.py").write_text("raise ImportError('libGL.so.1: cannot open shared object file')")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(broken), os.environ.get("PYTHONPATH", "")))}
+    command = [sys.executable, "-m", "unshutter", "rectify", str(photo)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1 and "libGL.so.1" in done.stderr and "install it again" in done.stderr
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full is Linux's")
 @pytest.mark.parametrize("command", [["models"], ["--version"], ["estimate"]])
 def test_output_led_to_a_full_disc_fails_in_one_line(command: list[str], photo: Path) -> None:

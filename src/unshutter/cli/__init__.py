@@ -45,6 +45,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     except OSError as error:  # what is printed is led to a full disc, say
         return _say(error.strerror or str(error), 1)
+    except ImportError as error:  # a library is missing or damaged, or Ctrl-C came while one was loaded
+        return _say(f"cannot load what it needs, install it again if that persists: {' '.join(str(error).split())}", 1)
     except MemoryError:
         return _say("not enough memory", 1)
     except KeyboardInterrupt:
