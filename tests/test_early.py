@@ -1,5 +1,6 @@
 """What is begun before it is asked for gives what it gives without; a session lasts as long as the process."""
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from batches import rectify
 from unshutter import early
 from unshutter.errors import UnshutterError
 from unshutter.estimators import DEFAULT, View, ahead, load
+from unshutter.estimators.manhattan import Manhattan
+from unshutter.estimators.segment_manhattan import SegmentManhattan
 from unshutter.motion import Motion
 from unshutter.photo import Photo
 
@@ -157,6 +160,26 @@ def test_estimates_that_nobody_asks_for_are_dropped(view: View) -> None:
             estimator.begin(each, thread)
     answers = [estimator.estimate(each).reason for each in views]
     assert answers == [f"asked {k} times" for k in (6, 7, 8, 4, 5)]
+
+
+@pytest.mark.parametrize("options", [(), ("--estimator", "manhattan"), ("--focal-px", "900")])
+def test_one_estimate_is_made_and_ahead_where_nothing_is_told(
+    options: tuple[str, ...], rolling_facade: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind = Manhattan if "manhattan" in options else SegmentManhattan
+    original, threads = kind.estimate, []
+
+    def noting(self, view: View) -> Motion:
+        threads.append(threading.current_thread())
+        return original(self, view)
+
+    monkeypatch.setattr(kind, "estimate", noting)
+    photo = tmp_path / "photo.png"
+    Photo.from_array(rolling_facade).save(photo)
+    assert rectify(photo, "-o", tmp_path / "out.png", *options) == 0
+    assert len(threads) == 1
+    if "--focal-px" not in options:
+        assert threads[0] is not threading.main_thread()
 
 
 @pytest.mark.parametrize(

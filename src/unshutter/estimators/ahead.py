@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Executor, Future
 from contextlib import suppress
 from functools import lru_cache
+from threading import Lock
 
 from unshutter.errors import UnshutterError
 from unshutter.estimators import Estimator, View, load
@@ -24,6 +25,7 @@ class EstimatorAhead:
         self.name = estimator.name
         self._estimator = estimator
         self._begun: dict[View, Future[Motion]] = {}
+        self._lock = Lock()  # one thread begins, another asks
 
     def prepare(self) -> None:
         """Does what can be done before there is a photo."""
@@ -31,14 +33,16 @@ class EstimatorAhead:
 
     def begin(self, view: View, executor: Executor) -> None:
         """Lets the executor estimate; what goes wrong is told where the answer is asked for."""
-        if view not in self._begun:
-            while len(self._begun) >= _MOST_BEGUN:
-                del self._begun[next(iter(self._begun))]
-            self._begun[view] = executor.submit(self._estimator.estimate, view)
+        with self._lock:
+            if view not in self._begun:
+                while len(self._begun) >= _MOST_BEGUN:
+                    del self._begun[next(iter(self._begun))]
+                self._begun[view] = executor.submit(self._estimator.estimate, view)
 
     def estimate(self, view: View) -> Motion:
         """See :class:`Estimator`."""
-        begun = self._begun.pop(view, None)
+        with self._lock:
+            begun = self._begun.pop(view, None)
         if begun is not None:
             with suppress(UnshutterError):  # once more, for its message: libvips mixes those of two threads
                 return begun.result()
