@@ -103,6 +103,9 @@ class View:
 class Estimator(Protocol):
     """Finds the row motion of a photo.
 
+    May have a method ``prepare()`` that does beforehand what the first estimate would else wait for, and may be asked
+    by several threads at once.
+
     Attributes:
         name: under which it is registered.
     """
