@@ -1,10 +1,13 @@
 import json
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import unshutter
 from unshutter import Motion, UsageError
+from unshutter.cli import main
 from unshutter.estimators import DEFAULT, ESTIMATORS, View
 from unshutter.lines.segments import find_segments, in_rows
 from unshutter.metrics import motion_error
@@ -93,3 +96,19 @@ def test_every_estimator_keeps_the_contract(name: str, rolling_facade: np.ndarra
 def test_unknown_estimators_are_named() -> None:
     with pytest.raises(UsageError, match="unknown estimator 'magic'"):
         unshutter.load("magic")
+
+
+@pytest.mark.parametrize("name", ["segment-transformer", "segment-manhattan", "kandula2020", "rengarajan2017"])
+def test_weights_that_are_none_are_told_in_one_line(
+    name: str, tmp_path: Path, rolling_facade: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo, text = tmp_path / "photo.png", tmp_path / "text.onnx"
+    Photo.from_array(rolling_facade).save(photo)
+    text.write_text("no network")
+    other = files("unshutter") / "weights" / ("segment-transformer.onnx" if "20" in name else "kandula2020.onnx")
+    for command in (["rectify", str(photo), "-o", str(tmp_path / "out.png")], ["estimate", str(photo)]):
+        for weights, told in ((text, "PROTOBUF"), (other, "they are not of")):
+            assert main([*command, "--estimator", f"{name}@{weights}"]) == 1
+            message = capsys.readouterr().err
+            assert message.count("\n") == 1 and "cannot use the weights" in message and told in message
+    assert not (tmp_path / "out.png").exists()

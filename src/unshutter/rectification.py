@@ -177,7 +177,8 @@ def rectify(
         check_nothing_told(told)
     opened = _open(photo)
     _check_size(opened)
-    opened.start_decoding(grey=motion is None and DEFAULT in (estimator, getattr(estimator, "name", None)))
+    name = estimator if isinstance(estimator, str) else estimator.name
+    opened.start_decoding(grey=motion is None and name == DEFAULT)
     if motion is None:
         found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first", **told)
     else:

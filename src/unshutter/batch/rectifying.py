@@ -144,9 +144,9 @@ def _motion_text(path: Path | None) -> str | None:
 
 def _digest(options: RectifyOptions, motion: str | None) -> str:
     """Changes when results would."""
-    _, _, weights = options.estimator.partition("@")
     import hashlib  # not above: it takes 15 ms, and a single photo does not need it
 
+    _, _, weights = options.estimator.partition("@")
     about = {**asdict(options), "motion": motion, "overwrite": None, "weights": weights and fingerprint(Path(weights))}
     del about["format"]  # the result's name says it
     if options.subsampling is None:  # as in digests from before there was this option

@@ -10,8 +10,8 @@ from typing import NoReturn
 from unshutter.default_estimator import DEFAULT_ESTIMATOR
 from unshutter.errors import UnshutterError, UsageError
 
-_ELSEWHERE = ("--max-pixels", "--jobs", "--scheduler", "--dry-run")  # with these, this process may not decode
-_TOLD = ("--motion", "--readout", "--focal", "--roll", "--tilt")  # nor estimate with these
+_FORBID_DECODING = ("--max-pixels", "--jobs", "--scheduler", "--dry-run")
+_FORBID_ESTIMATING = ("--motion", "--readout", "--focal", "--roll", "--tilt")
 
 
 def run() -> NoReturn:
@@ -74,12 +74,12 @@ def _begin_early(arguments: list[str]) -> None:
     Its motion is looked for, too. A guess, which may be wrong: what is wanted, the command's parser says.
     """
     if arguments[:1] == ["rectify"] and len(arguments) > 1 and os.path.isfile(arguments[1]):
-        if any(word.startswith(_ELSEWHERE) for word in arguments):
+        if any(word.startswith(_FORBID_DECODING) for word in arguments):
             return
         from unshutter import early
 
-        told = any(word.startswith(_TOLD) for word in arguments)
-        early.begin(Path(arguments[1]), None if told else _estimator_in(arguments))
+        otherwise = any(word.startswith(_FORBID_ESTIMATING) for word in arguments)
+        early.begin(Path(arguments[1]), None if otherwise else _estimator_in(arguments))
 
 
 def _estimator_in(arguments: list[str]) -> str:

@@ -52,7 +52,9 @@ def load(name: str = DEFAULT) -> Estimator:
         raise UsageError(f"estimator '{name}' has no weights that could be others: leave out @{weights}")
     if not Path(weights).is_file():
         raise UnshutterError(f"cannot read weights {weights}: no such file")
-    return kind(weights)
+    estimator = kind(weights)
+    getattr(estimator, "prepare", lambda: None)()  # what is wrong with the file is told here
+    return estimator
 
 
 def check_name(name: str) -> None:

@@ -8,12 +8,11 @@ Trained by ``unshutter.learn``; the card beside the weights says how.
 from __future__ import annotations
 
 import os
-from importlib.resources import as_file, files
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
 from unshutter.estimators.base import View
+from unshutter.estimators.network import open_network
 from unshutter.motion import Motion, RowMapMotion
 
 SIZE = 256  # px of the square that networks of the paper read
@@ -29,7 +28,7 @@ class Kandula2020:
     name = "kandula2020"
 
     def __init__(self, weights: str | os.PathLike[str] | None = None):
-        self._session = open_network(self.name, "motion", weights)
+        self._session = open_network(self.name, ["rs"], "motion", weights)
 
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z with the row map, enlarged to the photo; first row as the reference."""
@@ -55,27 +54,6 @@ class Kandula2020:
         outputs = self._session.run(None, {"rs": square(view)})
         trajectory, *row_map = (np.asarray(output, dtype=np.float64)[0] for output in outputs)
         return trajectory, row_map[0] if row_map else None
-
-
-def open_network(name: str, answer: str, weights: str | os.PathLike[str] | None):
-    """ONNX session on one thread, of the given file or the package's own, whose first output is called ``answer``.
-
-    Raises:
-        UnshutterError: the file holds no network of this kind.
-    """
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.log_severity_level = 3
-    with as_file(files("unshutter") / "weights" / f"{name}.onnx") as shipped:
-        try:
-            session = onnxruntime.InferenceSession(str(weights or shipped), options, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own kinds have no common parent
-            raise UnshutterError(f"cannot use the weights {weights or shipped}: {str(error).splitlines()[0]}") from None
-    if [i.name for i in session.get_inputs()] != ["rs"] or session.get_outputs()[0].name != answer:
-        raise UnshutterError(f"cannot use the weights {weights or shipped}: they are not of {name}")
-    return session
 
 
 def square(view: View) -> np.ndarray:

@@ -10,7 +10,8 @@ import os
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.estimators.kandula2020 import SIZE, motion_of_square, open_network, square
+from unshutter.estimators.kandula2020 import SIZE, motion_of_square, square
+from unshutter.estimators.network import open_network
 from unshutter.motion import Motion
 
 KEY_ROWS = np.arange(0, SIZE, 18)
@@ -26,7 +27,7 @@ class Rengarajan2017:
     name = "rengarajan2017"
 
     def __init__(self, weights: str | os.PathLike[str] | None = None):
-        self._session = open_network(self.name, "key_rows", weights)
+        self._session = open_network(self.name, ["rs"], "key_rows", weights)
 
     def estimate(self, view: View) -> Motion:
         """Quadratic t_x and r_z through the key rows, first row as the reference."""

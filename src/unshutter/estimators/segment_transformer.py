@@ -6,13 +6,13 @@ Trained by ``unshutter.learn`` on drawn scenes; the card beside the weights says
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.estimators.base import View
+from unshutter.estimators.network import open_network
 from unshutter.lines.segments import find_segments, in_rows
 from unshutter.motion import Motion
 
@@ -43,7 +43,8 @@ class SegmentTransformer:
         """Opens the network, unless it is open; the first estimate waits for it."""
         with self._opening:
             if self._session is None:
-                self._session = _open_session(self._weights)
+                inputs = ["tokens", "mask"]
+                self._session = open_network(self.name, inputs, "coefficients", self._weights, opens_fast=True)
 
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
@@ -94,17 +95,3 @@ def cubic_motion(coefficients: np.ndarray, view: View, estimator: str, confidenc
         estimator=estimator,
         confidence=confidence,
     )
-
-
-def _open_session(weights: str | os.PathLike[str] | None) -> InferenceSession:
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # a few milliseconds of work: threads would only spin
-    options.log_severity_level = 3
-    # a graph this small runs no faster optimised (40 ms either way), but opens faster as it is (70, not 95 ms)
-    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
-    options.add_free_dimension_override_by_name("batch_size", 1)  # the more is known, the faster it opens: by a sixth
-    options.enable_mem_reuse = False  # planning it takes a third of the opening, and saves nothing measurable
-    path = weights or Path(__file__).parent.parent / "weights" / f"{SegmentTransformer.name}.onnx"
-    return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
