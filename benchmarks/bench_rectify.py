@@ -36,7 +36,7 @@ QUALITY = 92
 FORMATS = {"jpeg": (".jpg", f"jpegsave(sys.argv[2], Q={QUALITY})"), "tiff16": (".tif", "tiffsave(sys.argv[2])")}
 LIBRARIES = """
 import numpy, cv2, onnxruntime, pyvips, cyclopts
-from unshutter.estimators.segment_transformer import SegmentTransformer
+from unshutter.estimators.methods.segment_transformer import SegmentTransformer
 SegmentTransformer().prepare()
 """
 FOLDER = 5  # photos

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.evaluation.plots import looks_of
-from unshutter.evaluation.reliability import Judged, draw_reliability
+from unshutter.estimators.right_angles.search import HALF_TRUSTED
+from unshutter.evaluation.pages.plots import looks_of
+from unshutter.evaluation.pages.reliability import Judged, draw_reliability
 from unshutter.evaluation.results import Results
-from unshutter.lines.manhattan_search import HALF_TRUSTED
 
 PAGE = "confidence.md"
 PLOT = "confidence-reliability.png"

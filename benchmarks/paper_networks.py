@@ -15,8 +15,8 @@ from pathlib import Path
 
 from results import REAL, TEST
 
+from unshutter.evaluation.pages.tables import tables
 from unshutter.evaluation.results import Results
-from unshutter.evaluation.tables import tables
 
 BUILD, PAGE = Path("build/paper-networks"), Path("docs/results/paper-networks.md")
 READING = Path("docs/results/paper-networks-reading.md")  # written by hand

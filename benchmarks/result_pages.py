@@ -16,10 +16,10 @@ from confidence_page import PAGE as CONFIDENCE
 from confidence_page import write_confidence_page
 
 from unshutter.errors import UnshutterError
-from unshutter.evaluation.plots import draw_plots
-from unshutter.evaluation.report import page, write_text
+from unshutter.evaluation.pages.plots import draw_plots
+from unshutter.evaluation.pages.report import page, write_text
+from unshutter.evaluation.pages.tables import marked, overview
 from unshutter.evaluation.results import Results
-from unshutter.evaluation.tables import marked, overview
 
 READING = "reading.md"  # written by hand, kept
 KEPT = [READING, "paper-networks-reading.md", "paper-networks.md"]  # the last by paper_networks.py

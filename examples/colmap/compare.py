@@ -23,8 +23,8 @@ from scene import Camera, Frame, draw_scene, photograph, walk
 
 import unshutter
 from unshutter.estimators import DEFAULT
+from unshutter.geometry.rotations import rotation_matrix
 from unshutter.photo import Photo
-from unshutter.rotation_geometry import rotation_matrix
 
 _SENSOR_DEG = 0.3  # error of an accelerometer or gimbal
 

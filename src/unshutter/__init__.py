@@ -12,8 +12,8 @@ from unshutter.version import __version__
 
 if TYPE_CHECKING:
     from unshutter.estimators import load
+    from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion
-    from unshutter.readout import Readout
     from unshutter.rectification import Rectified, estimate, rectify
 
 __all__ = [
@@ -30,7 +30,7 @@ __all__ = [
 
 _HOMES = {
     "Motion": "motion",
-    "Readout": "readout",
+    "Readout": "geometry.readout",
     "Rectified": "rectification",
     "estimate": "rectification",
     "load": "estimators",

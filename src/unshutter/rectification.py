@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import DEFAULT, Estimator, View, load
+from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, Reference
 from unshutter.photo import Photo
-from unshutter.readout import Readout
 
 if TYPE_CHECKING:
     import numpy as np
 
     from unshutter.photo.codecs import Subsampling
-    from unshutter.warp import Edges
+    from unshutter.warp.pixels import Edges
 
 SMALLEST_SIDE = 64  # px
 
@@ -43,7 +43,7 @@ class Rectified:
     @property
     def valid(self) -> np.ndarray:
         """[H, W] bool: where the rolling-shutter photo shows what belongs there (before any crop or fill)."""
-        from unshutter.warp import validity_mask
+        from unshutter.warp.pixels import validity_mask
 
         return validity_mask(self.motion)
 
@@ -166,7 +166,7 @@ def rectify(
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    from unshutter.warp import EDGES, rectify_pixels
+    from unshutter.warp.pixels import EDGES, rectify_pixels
 
     if not 0 <= strength <= 1:
         raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")

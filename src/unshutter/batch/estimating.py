@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.batch.inputs import find_photos, is_folder, motion_name, plan_targets
-from unshutter.batch.places import Place, check_place, make_folder, save_text
 from unshutter.batch.read_ahead import ReadAhead
 from unshutter.batch.report import Tell, each_photo
 from unshutter.errors import UsageError
 from unshutter.photo.photo import MAX_PIXELS
+from unshutter.storage.places import Place, check_place, make_folder, save_text
 
 if TYPE_CHECKING:
     from unshutter.motion import Reference
@@ -38,8 +38,8 @@ def estimate_files(
         raise UsageError("--plot draws the motion of one photo only")
     ahead = ReadAhead(list(inputs.photos), max_pixels or MAX_PIXELS, whole=False)
     from unshutter.estimators import load
+    from unshutter.motion.speed import check_readout_ms, json_with_speed
     from unshutter.rectification import estimate
-    from unshutter.speed import check_readout_ms, json_with_speed
 
     if readout_ms is not None:
         check_readout_ms(readout_ms)
@@ -58,7 +58,7 @@ def estimate_files(
         if motion.reason:
             tell(f"{photo}: no motion ({motion.reason})")
         if plot:
-            from unshutter.plot import plot_motion
+            from unshutter.export.plot import plot_motion
 
             plot_motion(motion, plot, title=photo.name, readout_ms=readout_ms)
         text = motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from unshutter.batch.places import Place, Remote, place
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo.codecs import CODECS, WRITTEN, of_suffix
+from unshutter.storage.places import Place, Remote, place
 
 PHOTO_SUFFIXES = {suffix for codec in CODECS.values() for suffix in codec.suffixes}
 RECTIFIED = ".rectified"

@@ -16,9 +16,9 @@ import time
 from pathlib import Path
 from typing import Any, Literal
 
-from unshutter.batch.places import Place, Remote, absolute, fingerprint, make_folder, remove
 from unshutter.batch.work import Job, Outcome
 from unshutter.errors import UnshutterError
+from unshutter.storage.places import Place, Remote, absolute, fingerprint, make_folder, remove
 from unshutter.version import __version__
 
 NAME = "unshutter-manifest"

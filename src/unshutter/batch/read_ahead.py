@@ -8,10 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from unshutter import early
-from unshutter.batch.places import Place, open_photo
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
 from unshutter.photo.photo import MAX_PIXELS
+from unshutter.storage.places import Place, open_photo
 
 Look = Callable[[Photo, Executor], None]
 

@@ -14,7 +14,6 @@ from pathlib import Path
 
 from unshutter.batch.inputs import Inputs, beside, find_photos, is_folder, motion_name, picture_name, plan_targets
 from unshutter.batch.manifest import Manifest
-from unshutter.batch.places import absolute, check_place, fingerprint, make_folder, place
 from unshutter.batch.read_ahead import Look, ReadAhead
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch
@@ -22,8 +21,9 @@ from unshutter.batch.work import Job, RectifyOptions, do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
 from unshutter.default_estimator import DEFAULT_ESTIMATOR
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.files import remove_leftovers
 from unshutter.photo.photo import MAX_PIXELS, Photo
+from unshutter.storage.files import remove_leftovers
+from unshutter.storage.places import absolute, check_place, fingerprint, make_folder, place
 
 
 @dataclass(frozen=True)

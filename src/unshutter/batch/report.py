@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from unshutter.batch.inputs import Inputs
-from unshutter.batch.places import Place
 from unshutter.errors import UnshutterError
 from unshutter.progress import Progress, rate
+from unshutter.storage.places import Place
 
 Tell = Callable[[str], None]  # says a line to the user
 

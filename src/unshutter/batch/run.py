@@ -8,11 +8,11 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import replace
 
 from unshutter.batch.manifest import Manifest
-from unshutter.batch.places import check_place, fingerprint
 from unshutter.batch.report import Report, naming_the_photo
 from unshutter.batch.work import Job, Outcome
 from unshutter.batch.workers import Workers
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.storage.places import check_place, fingerprint
 
 Work = Callable[[Job], Outcome]
 

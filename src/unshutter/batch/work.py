@@ -9,15 +9,15 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.batch.places import Place, check_place, fingerprint, open_photo, save_picture, save_text
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
+from unshutter.storage.places import Place, check_place, fingerprint, open_photo, save_picture, save_text
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion, Reference
     from unshutter.photo.codecs import Subsampling
-    from unshutter.warp import Edges
+    from unshutter.warp.pixels import Edges
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ def write_map(
     overwrite
         Replace a map that exists already.
     """
-    from unshutter.maps import map_file
+    from unshutter.export.maps import map_file
 
     motion = map_file(
         source,
@@ -103,8 +103,8 @@ def points(
     overwrite
         Replace a file that exists already.
     """
+    from unshutter.export.points import move_file
     from unshutter.motion import Motion
-    from unshutter.points import move_file
 
     total, unseen = move_file(Motion.load(motion), table, output, inverse, float(first_pixel), overwrite)
     note = f", {unseen} of them outside the photo" if unseen else ""

@@ -108,7 +108,7 @@ def evaluate(
 @app.command
 def models() -> None:
     """List the estimators: what each does, how large it is, how well it did."""
-    from unshutter.models import as_text, list_models
+    from unshutter.estimators.catalogue import as_text, list_models
 
     print(as_text(list_models()))
 

@@ -17,17 +17,17 @@ from unshutter.estimators.base import Estimator, View
 
 # name -> module:class, imported only when asked for
 ESTIMATORS = {
-    "segment-transformer": "unshutter.estimators.segment_transformer:SegmentTransformer",
-    "kandula2020": "unshutter.estimators.kandula2020:Kandula2020",
-    "rengarajan2016": "unshutter.estimators.rengarajan2016:Rengarajan2016",
-    "purkait2017": "unshutter.estimators.purkait2017:Purkait2017",
-    "lao2018": "unshutter.estimators.lao2018:Lao2018",
-    "segment-manhattan": "unshutter.estimators.segment_manhattan:SegmentManhattan",
-    "manhattan": "unshutter.estimators.manhattan:Manhattan",
-    "none": "unshutter.estimators.none:DoNothing",
+    "segment-transformer": "unshutter.estimators.methods.segment_transformer:SegmentTransformer",
+    "kandula2020": "unshutter.estimators.methods.kandula2020:Kandula2020",
+    "rengarajan2016": "unshutter.estimators.methods.rengarajan2016:Rengarajan2016",
+    "purkait2017": "unshutter.estimators.methods.purkait2017:Purkait2017",
+    "lao2018": "unshutter.estimators.methods.lao2018:Lao2018",
+    "segment-manhattan": "unshutter.estimators.methods.segment_manhattan:SegmentManhattan",
+    "manhattan": "unshutter.estimators.methods.manhattan:Manhattan",
+    "none": "unshutter.estimators.methods.none:DoNothing",
 }
 # those for which the package has no weights: NAME@FILE only
-UNSHIPPED = {"rengarajan2017": "unshutter.estimators.rengarajan2017:Rengarajan2017"}
+UNSHIPPED = {"rengarajan2017": "unshutter.estimators.methods.rengarajan2017:Rengarajan2017"}
 
 
 @lru_cache(maxsize=4)

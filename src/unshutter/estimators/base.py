@@ -8,10 +8,10 @@ from typing import Protocol
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.geometry.readout import Readout, scene_up
 from unshutter.motion import Motion, RotationMotion
 from unshutter.photo import Photo
 from unshutter.photo.attitude import MOST_ROLL, MOST_TILT
-from unshutter.readout import Readout, scene_up
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.evaluation.case import Case, Example, Record
-from unshutter.evaluation.protocols import PROTOCOLS, Request
+from unshutter.evaluation.cases.case import Case, Example, Record
+from unshutter.evaluation.cases.protocols import PROTOCOLS, Request
 from unshutter.evaluation.store import code_digest
 from unshutter.motion import Motion
 from unshutter.version import __version__

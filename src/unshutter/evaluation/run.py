@@ -14,10 +14,10 @@ from pathlib import Path
 from unshutter.batch.workers import settle_worker
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import ESTIMATORS, Estimator, check_name, load
-from unshutter.evaluation.case import Case, Record
-from unshutter.evaluation.plots import check_matplotlib
-from unshutter.evaluation.protocols import PROTOCOLS, Request
-from unshutter.evaluation.report import write_report
+from unshutter.evaluation.cases.case import Case, Record
+from unshutter.evaluation.cases.protocols import PROTOCOLS, Request
+from unshutter.evaluation.pages.plots import check_matplotlib
+from unshutter.evaluation.pages.report import write_report
 from unshutter.evaluation.results import Results, examples_of
 from unshutter.evaluation.store import Store
 from unshutter.progress import Progress

@@ -10,7 +10,7 @@ from typing import Any
 
 import unshutter
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.evaluation.case import Record
+from unshutter.evaluation.cases.case import Record
 
 _NAME = "records.jsonl"
 _DIGITS = 5

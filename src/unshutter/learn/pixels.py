@@ -20,8 +20,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from unshutter import geometry
 from unshutter.errors import UsageError
+from unshutter.geometry import rows as geometry
 from unshutter.learn.scenes import SceneConfig, draw_motions
 
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"}

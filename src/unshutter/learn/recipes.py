@@ -16,9 +16,9 @@ from unshutter.errors import UsageError
 from unshutter.learn.config import TrainConfig
 
 RECIPES = {
-    "kandula2020": "unshutter.learn.kandula_recipe:KandulaRecipe",
-    "rengarajan2017": "unshutter.learn.rengarajan_recipe:RengarajanRecipe",
-    "segment-transformer": "unshutter.learn.segment_recipe:SegmentRecipe",
+    "kandula2020": "unshutter.learn.kandula2020.recipe:KandulaRecipe",
+    "rengarajan2017": "unshutter.learn.rengarajan2017.recipe:RengarajanRecipe",
+    "segment-transformer": "unshutter.learn.segment_transformer.recipe:SegmentRecipe",
 }
 
 

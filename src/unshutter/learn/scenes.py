@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from unshutter import geometry
+from unshutter.geometry import rows as geometry
 
 
 @dataclass(frozen=True)

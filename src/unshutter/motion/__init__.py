@@ -6,7 +6,7 @@ that have a kind of their own, which maps positions by what they say: ``RowMapMo
 """
 
 from unshutter.motion.motion import Motion, Reference
-from unshutter.motion.rotations import RotationMotion
-from unshutter.motion.row_map import RowMapMotion
+from unshutter.motion.rotation_motion import RotationMotion
+from unshutter.motion.row_map_motion import RowMapMotion
 
 __all__ = ["Motion", "Reference", "RotationMotion", "RowMapMotion"]

@@ -11,10 +11,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from unshutter import geometry
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.files import written_whole
-from unshutter.readout import Readout
+from unshutter.geometry import rows as geometry
+from unshutter.geometry.readout import Readout
+from unshutter.storage.files import written_whole
 from unshutter.version import __version__
 
 Reference = Literal["first", "middle", "last"]

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from unshutter.errors import UnshutterError
+from unshutter.geometry.readout import Readout
 from unshutter.motion.motion import Motion
-from unshutter.motion.rotations import RotationMotion
-from unshutter.readout import Readout
+from unshutter.motion.rotation_motion import RotationMotion
 
 FORMAT = "unshutter-motion/1"
 

@@ -9,11 +9,11 @@ from contextlib import suppress
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from unshutter import large_arrays
 from unshutter.errors import UnshutterError
 from unshutter.photo.codecs import Codec, Source
 from unshutter.photo.header import Header
 from unshutter.photo.libvips import libvips, refusing, standard
+from unshutter.storage import large_arrays
 
 if TYPE_CHECKING:
     import numpy as np  # not imported above: reading a file, which starts first, can do without

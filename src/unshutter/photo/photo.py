@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.files import check_target, written_whole
 from unshutter.photo import codecs, decoding, encoding, metadata
 from unshutter.photo.attitude import attitude_of_xmp
 from unshutter.photo.codecs import CODECS, WRITTEN, Codec, Coding, Source, Subsampling
@@ -18,6 +17,7 @@ from unshutter.photo.decoding import Decoder
 from unshutter.photo.header import read_header
 from unshutter.photo.libvips import field as field_of
 from unshutter.photo.libvips import refusing
+from unshutter.storage.files import check_target, written_whole
 
 if TYPE_CHECKING:
     import numpy as np

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.files import written_whole
 from unshutter.motion import Motion
 from unshutter.photo import Photo
+from unshutter.storage.files import written_whole
 from unshutter.synthesis.rotation_log import RotationLog
 from unshutter.synthesis.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
 from unshutter.version import __version__
-from unshutter.warp import distort_pixels
+from unshutter.warp.pixels import distort_pixels
 
 FORMAT = "unshutter-synthesis/1"
 _SMALLEST_SIDE = 64  # px of a photo

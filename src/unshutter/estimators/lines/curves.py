@@ -1,0 +1,198 @@
+"""Curves of a grey picture: straight edges of the scene as the rolling shutter bent them.
+
+Segments (segments.py) that continue each other are linked, and points of the edge are then found in the picture
+itself, because a segment is a chord that hides the bend. Positions are (col, row) px of the picture that is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from unshutter.estimators.lines.segments import find_segments
+from unshutter.geometry.rotations import rotate_position, rotation_matrix
+
+POINTS = 10  # per curve
+_MOST_SEGMENTS = 600  # the longest are looked at
+_WIDEST_TURN = np.radians(10)  # between a segment and the one that continues it
+_FARTHEST_ASIDE = 2.0  # px between a segment's end and the line of the other
+_WIDEST_GAP = 0.25  # of the shorter segment's length, and
+_LEAST_GAP = 4.0  # px, which any two may be apart
+_STEP = 2.0  # px along the edge between places where it is looked for
+_ASIDE = np.arange(-3, 3.01, 0.5)  # px across the edge
+_BESIDE = 0.1  # px beside the curve, to see how rectification scales distances
+_LEAST_GROWTH = 0.1
+_FAINTEST = 2.0  # grey levels per px; below this it is no edge
+
+
+def find_curves(grey: np.ndarray, shortest: float) -> np.ndarray:
+    """Edges that may be straight lines of the scene, longest first.
+
+    Args:
+        grey: [H, W] uint8.
+        shortest: length below which a curve is left out [px].
+
+    Returns:
+        [N, POINTS, 2] points (col, row) [px] along each curve, from end to end.
+    """
+    segments = find_segments(grey, _MOST_SEGMENTS)
+    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0).astype(np.float32)
+    curves = [_even_points(_edge_points(smooth, segments[chain])) for chain in link(segments)]
+    lengths = np.array([curve_length(c) for c in curves])
+    order = [i for i in np.argsort(-lengths, kind="stable") if lengths[i] >= shortest]
+    return np.stack([curves[i] for i in order]) if order else np.zeros((0, POINTS, 2))
+
+
+def curve_length(points: np.ndarray) -> np.ndarray:
+    """Distance between the ends of curves [..., K, 2] -> [...]."""
+    return np.linalg.norm(points[..., -1, :] - points[..., 0, :], axis=-1)
+
+
+def principal_lines(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Least-squares line of each curve.
+
+    Args:
+        points: [..., K, 2].
+
+    Returns:
+        Signed distances of the points to it [..., K], and its direction as an angle [...] in (-pi/2, pi/2] [rad],
+        columns towards rows.
+    """
+    x, y = np.moveaxis(points - points.mean(axis=-2, keepdims=True), -1, 0)
+    angle = np.arctan2(2 * (x * y).sum(-1), (x * x - y * y).sum(-1)) / 2
+    return y * np.cos(angle)[..., None] - x * np.sin(angle)[..., None], angle
+
+
+class RotatedCurves:
+    """Curves of a picture whose rows were turned, and what is left of their bends when the rotations are undone.
+
+    Args:
+        points: [..., K, 2] curves (col, row) [px].
+        height, width: of the picture [px].
+        focal_px: focal length [px].
+    """
+
+    def __init__(self, points: np.ndarray, height: int, width: int, focal_px: float):
+        self.points, self.height, self.width, self.focal_px = points, height, width, focal_px
+        angle = principal_lines(points)[1]
+        normals = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)[..., None, :]
+        self._near = np.stack([points, points + normals * _BESIDE])  # [2, ..., K, 2]
+
+    def of(self, index: np.ndarray) -> RotatedCurves:
+        """Some of the curves."""
+        return RotatedCurves(self.points[index], self.height, self.width, self.focal_px)
+
+    def undone(self, rotations: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Rectifies the curves.
+
+        Args:
+            rotations: u = (row + 1/2) / rows [...] -> rotation vectors [..., 3] [rad].
+
+        Returns:
+            Rectified points [..., K, 2], and their distances to the least-squares lines of their curves [..., K],
+            both [px]. Distances are those in the picture as it is (to first order), so that nothing is gained by
+            squeezing or shearing the rectified one.
+        """
+        col, row = self._near[..., 0], self._near[..., 1]
+        undo = rotation_matrix(rotations((row + 0.5) / self.height)).swapaxes(-1, -2)
+        center = ((self.width - 1) / 2, (self.height - 1) / 2)
+        points, beside = np.stack(rotate_position(col, row, undo, self.focal_px, center), axis=-1)
+        distance, angle = principal_lines(points)
+        moved = (beside - points) / _BESIDE
+        growth = moved[..., 1] * np.cos(angle)[..., None] - moved[..., 0] * np.sin(angle)[..., None]
+        return points, distance / np.maximum(np.abs(growth), _LEAST_GROWTH)
+
+
+def link(segments: np.ndarray) -> list[list[int]]:
+    """Chains of segments that continue each other end to end, each segment in one chain.
+
+    Two are linked where each is the best continuation of the other: bright side on the same side (LSD orders end
+    points by it), hardly turned, hardly aside, close. The nearest win.
+
+    Args:
+        segments: [N, 4] end points (col1, row1, col2, row2) [px].
+
+    Returns:
+        Indices of each chain's segments in order.
+    """
+    if not len(segments):
+        return []
+    start, end = segments[:, :2], segments[:, 2:]
+    along = end - start
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)
+    along = along / length[:, None]
+    gap = start[None] - end[:, None]  # [from, to, 2]
+    distance = np.linalg.norm(gap, axis=2)
+    aside = np.maximum(np.abs(_cross(along[:, None], gap)), np.abs(_cross(along[None], gap)))
+    forward = np.minimum(_dot(along[:, None], gap), _dot(along[None], gap))  # negative where they overlap
+    allowed = np.maximum(_WIDEST_GAP * np.minimum(length[:, None], length[None]), _LEAST_GAP)
+    fits = (_dot(along[:, None], along[None]) > np.cos(_WIDEST_TURN)) & (aside < _FARTHEST_ASIDE)
+    fits &= (distance < allowed) & (forward > -_LEAST_GAP) & ~np.eye(len(segments), dtype=bool)
+    cost = np.where(fits, distance + aside, np.inf)
+    best_next, best_last = cost.argmin(axis=1), cost.argmin(axis=0)
+    index = np.arange(len(segments))
+    linked = np.isfinite(cost[index, best_next]) & (best_last[best_next] == index)
+    follows = {int(i): int(best_next[i]) for i in index[linked]}
+    return _chains(follows, len(segments))
+
+
+def _chains(follows: dict[int, int], count: int) -> list[list[int]]:
+    heads = [i for i in range(count) if i not in set(follows.values())]
+    chains, seen = [], set()
+    for first in [*heads, *range(count)]:  # a closed ring has no head: it is opened anywhere
+        chain = []
+        while first not in seen:
+            seen.add(first)
+            chain.append(first)
+            first = follows.get(first, first)
+        if chain:
+            chains.append(chain)
+    return chains
+
+
+def _edge_points(smooth: np.ndarray, segments: np.ndarray) -> np.ndarray:
+    """Points of the edge near a chain of segments [S, 4], where brightness changes fastest across it -> [M, 2]."""
+    samples, normals = [], []
+    for col1, row1, col2, row2 in segments:
+        length = max(np.hypot(col2 - col1, row2 - row1), 1e-9)
+        along = np.array([col2 - col1, row2 - row1]) / length
+        places = np.linspace(0, length, max(int(length / _STEP) + 1, 2))
+        samples.append(np.array([col1, row1]) + places[:, None] * along)
+        normals.append(np.broadcast_to([-along[1], along[0]], (len(places), 2)))
+    at, across = np.concatenate(samples), np.concatenate(normals)
+    looked_at = (at[:, None] + across[:, None] * _ASIDE[:, None]).astype(np.float32)
+    profile = cv2.remap(smooth, looked_at[..., 0], looked_at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    step = _ASIDE[1] - _ASIDE[0]
+    slope = (profile[:, 2:] - profile[:, :-2]).astype(np.float64) / (2 * step)
+    slope = slope * np.sign(slope.sum(axis=0)[len(_ASIDE) // 2 - 1] or 1.0)  # one side is bright all along
+    peak = slope.argmax(axis=1)
+    index = np.arange(len(peak))
+    found = (slope[index, peak] > _FAINTEST) & (peak > 0) & (peak < slope.shape[1] - 1)
+    if found.sum() < max(0.5 * len(found), 2):
+        return at
+    index, peak = index[found], peak[found]
+    before, top, after = (slope[index, peak + k] for k in (-1, 0, 1))
+    offset = _ASIDE[peak + 1] + step * 0.5 * (before - after) / np.minimum(before - 2 * top + after, -1e-9)
+    return at[found] + across[found] * offset[:, None]
+
+
+def _even_points(points: np.ndarray) -> np.ndarray:
+    """POINTS points along a curve [M, 2], each the mean of what lies near it; ends as they are."""
+    middle = points.mean(axis=0)
+    direction = np.linalg.svd(points - middle, full_matrices=False)[2][0]
+    along = (points - middle) @ direction
+    ordered = points[np.argsort(along, kind="stable")]
+    if len(ordered) < 2 * POINTS:
+        at = np.linspace(0, len(ordered) - 1, POINTS)
+        return np.stack([np.interp(at, np.arange(len(ordered)), ordered[:, k]) for k in (0, 1)], axis=1)
+    return np.stack([part.mean(axis=0) for part in np.array_split(ordered, POINTS)])
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

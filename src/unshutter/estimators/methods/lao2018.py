@@ -1,0 +1,119 @@
+"""lao2018: curves that were straight lines -> one angular velocity for the whole picture.
+
+After Lao, Ait-Aider, "A Robust Method for Strong Rolling Shutter Effects Correction Using Lines with Automatic Feature
+Selection" (CVPR 2018): a camera that turns at a constant rate bends lines in a way that four of them tell; curves that
+are not lines of the scene are sorted out by random samples of four. Only the abstract was at hand: the solver, the
+thresholds and the refinement are chosen here and stated in docs/rivals.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unshutter.estimators.base import View
+from unshutter.estimators.lines.curves import RotatedCurves, curve_length, find_curves
+from unshutter.estimators.lines.least_squares import cauchy, minimise, squared
+from unshutter.motion import Motion
+
+SHORT_SIDE = 512  # of the grey copy in which curves are found [px]
+SHORTEST = 0.1  # of the short side: short curves show no bend
+MOST_CURVES = 150
+FEWEST_CURVES = 4
+SAMPLES = 200
+SAMPLE_STEPS = 6  # of Gauss and Newton on each sample
+SAMPLE_PX = 0.2  # error of a point in a sample, against which the motion's size is weighed
+INLIER_PX = 0.5  # root mean square distance of a straight curve from its line [px]
+MOTION_SIGMAS = np.array([0.02, 0.02, 0.15])  # rad over the rows about x, y (which curves hardly show) and z
+LINE_SPREADS = 10.0  # of the distances' median: scale of their cost; high, as neighbouring points err alike
+LEAST_SPREAD = 1e-4  # px
+SEED = 0
+
+
+class Lao2018:
+    """Random samples of four curves, then all that agree."""
+
+    name = "lao2018"
+
+    def estimate(self, view: View) -> Motion:
+        """Uniform rotation; no motion and a reason where fewer than four curves were found or agree."""
+        grey = view.grey(SHORT_SIDE)
+        curves = find_curves(grey, SHORTEST * min(grey.shape))[:MOST_CURVES]
+        if len(curves) < FEWEST_CURVES:
+            return view.no_motion(self.name, f"only {len(curves)} curves found, four are needed")
+        velocity = fit_velocity(curves, grey.shape[0], grey.shape[1], view.focal_px() * grey.shape[0] / view.height)
+        if velocity is None:
+            return view.no_motion(self.name, "fewer than four curves agree on one angular velocity")
+        u = (np.arange(view.height) + 0.5) / view.height
+        return view.rotations(u[:, None] * velocity, self.name)
+
+
+def fit_velocity(curves: np.ndarray, height: int, width: int, focal_px: float) -> np.ndarray | None:
+    """Angular velocity [3] about x, y, z [rad from the first row's start to the last's end]; None where none fits.
+
+    Args:
+        curves: [C, K, 2] points (col, row) [px].
+        height, width: of the picture [px].
+        focal_px: focal length [px].
+    """
+    bends = _Bends(RotatedCurves(curves, height, width, focal_px))
+    rng = np.random.default_rng(SEED)
+    samples = np.stack([rng.permutation(len(curves))[:FEWEST_CURVES] for _ in range(SAMPLES)])
+    solved = np.concatenate([np.zeros((1, 3)), bends.solve(samples)])  # no motion at all is an answer, too
+    best = solved[int(np.argmin([bends.cost(v) for v in solved]))]
+    straight = np.flatnonzero(bends.spread(best) < INLIER_PX)
+    return bends.of(straight).refine(best) if len(straight) >= FEWEST_CURVES else None
+
+
+class _Bends:
+    """How bent curves are left by an angular velocity."""
+
+    def __init__(self, curves: RotatedCurves):
+        self._curves, self._length = curves, curve_length(curves.points)
+
+    def of(self, index: np.ndarray) -> _Bends:
+        """Some of the curves, in any shape."""
+        return _Bends(self._curves.of(index))
+
+    def __call__(self, velocity: np.ndarray) -> np.ndarray:
+        """Distances [..., C, K] of the points of curves [..., C] to their lines under velocities [..., 3] [px]."""
+        return self._curves.undone(lambda u: u[..., None] * velocity[..., None, None, :])[1]
+
+    def solve(self, samples: np.ndarray) -> np.ndarray:
+        """Velocities [S, 3] of samples [S, 4] of curves: least squares from no motion; NaN where that runs away."""
+        sampled, found = self.of(samples), np.zeros((len(samples), 3))
+        holding = (SAMPLE_PX / MOTION_SIGMAS) ** 2
+        for _ in range(SAMPLE_STEPS):
+            r = sampled(found).reshape(len(samples), -1)
+            steps = 1e-6 * np.eye(3)
+            slopes = [(sampled(found + s).reshape(r.shape) - r) / 1e-6 for s in steps]
+            jacobian = np.stack(slopes, axis=-1)  # [S, 4 K, 3]
+            normal = np.swapaxes(jacobian, 1, 2) @ jacobian + np.diag(holding)
+            slope = (np.swapaxes(jacobian, 1, 2) @ r[..., None])[..., 0] + holding * found
+            found = found - np.linalg.solve(normal, slope[..., None])[..., 0]
+        return found
+
+    def spread(self, velocity: np.ndarray) -> np.ndarray:
+        """Root mean square distance of each curve from its line [C] [px]."""
+        return np.sqrt((self(velocity) ** 2).mean(axis=-1))
+
+    def cost(self, velocity: np.ndarray) -> float:
+        """MSAC cost: squared spreads, bounded, long curves counting more."""
+        bounded = np.fmin(self.spread(velocity) / INLIER_PX, 1.0) ** 2  # fmin: a sample that ran away counts as bad
+        return float((bounded * self._length).sum())
+
+    def refine(self, velocity: np.ndarray) -> np.ndarray:
+        """The velocity [3] that fits all curves best; the scale follows what is left."""
+        for _ in range(10):
+            sigma = max(LINE_SPREADS * float(np.median(np.abs(self(velocity)))), LEAST_SPREAD)
+            last = velocity
+            velocity, _ = minimise(
+                lambda v, sigma=sigma: np.concatenate([v / MOTION_SIGMAS, self(v).ravel() / sigma]), velocity, _loss
+            )
+            if np.abs(velocity - last).max() < 1e-7:
+                break
+        return velocity
+
+
+def _loss(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Squares for the motion, Cauchy's for distances."""
+    return tuple(np.concatenate(parts) for parts in zip(squared(r[:3]), cauchy(r[3:]), strict=True))  # type: ignore

@@ -1,0 +1,68 @@
+"""segment-manhattan: segment-transformer's answer and the Manhattan likelihood, weighed against each other.
+
+The network (segment_transformer.py) knows curvature well and shear poorly; right angles tell of the shear, where
+there are any. So its answer enters the likelihood as one more observation, with the covariance of its errors.
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from unshutter.estimators.base import View
+from unshutter.estimators.methods.manhattan import STARTS, likelihood_of, motion_of, segments_of, unusable
+from unshutter.estimators.methods.segment_transformer import SegmentTransformer
+from unshutter.estimators.right_angles.likelihood import SecondOpinion
+from unshutter.estimators.right_angles.search import displacement, explore
+from unshutter.motion import Motion
+
+# Errors of the network's coefficients (t_x [rows], then r_z [rad]) on photos set aside for this (docs/own-model.md):
+# scales and correlations of a t distribution with three degrees of freedom.
+_SPREAD = np.array([0.0232, 0.0295, 0.0063, 0.0312, 0.0324, 0.0053])
+_CORRELATION = np.array(
+    [
+        [1.00, -0.53, -0.11, -0.20, -0.20, 0.19],
+        [-0.53, 1.00, -0.07, 0.46, 0.37, -0.20],
+        [-0.11, -0.07, 1.00, 0.02, 0.07, 0.14],
+        [-0.20, 0.46, 0.02, 1.00, -0.43, -0.03],
+        [-0.20, 0.37, 0.07, -0.43, 1.00, -0.28],
+        [0.19, -0.20, 0.14, -0.03, -0.28, 1.00],
+    ]
+)
+WEIGHTS = SegmentTransformer.name  # the package's, which it runs on
+_SEEN_TILTS = (-15.0, 50.0)  # degrees: the network knows no others
+_USUAL = 25 / 256  # rows of displacement; the larger the network's answer, the less it is trusted
+
+
+class SegmentManhattan:
+    """The posterior's mean with the network's answer weighed in.
+
+    Args:
+        weights: path of an exported network; by default the one in the package.
+    """
+
+    name = "segment-manhattan"
+
+    def __init__(self, weights: str | os.PathLike[str] | None = None):
+        self._network = SegmentTransformer(weights)
+        self._precision = np.linalg.inv(_CORRELATION * np.outer(_SPREAD, _SPREAD))
+
+    def prepare(self) -> None:
+        """Opens the network; the first estimate waits for it."""
+        self._network.prepare()
+
+    def estimate(self, view: View) -> Motion:
+        """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
+        segments, size = segments_of(view)
+        reason = unusable(view, segments)
+        if reason:
+            return view.no_motion(self.name, reason)
+        _, tilt = view.attitude_deg()
+        if tilt is not None and not _SEEN_TILTS[0] <= tilt <= _SEEN_TILTS[1]:
+            return motion_of(explore(likelihood_of(view, segments, size), STARTS), view, self.name)
+        answer = self._network.coefficients(segments, view.up).ravel()
+        doubt = 1 + (displacement(answer) / _USUAL) ** 2
+        opinion = SecondOpinion(answer, self._precision / doubt)
+        posterior = explore(likelihood_of(view, segments, size, opinion=opinion), [answer])
+        return motion_of(posterior, view, self.name)

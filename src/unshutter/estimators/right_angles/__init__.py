@@ -1,0 +1,1 @@
+"""What right angles say about a motion."""

@@ -1,0 +1,184 @@
+"""The posterior of the row motion under the Manhattan likelihood: many starts, all optima, weighed by evidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from unshutter.estimators.right_angles.likelihood import (
+    LOG_FOCAL,
+    MOTION,
+    ROLL,
+    TILT,
+    UNKNOWNS,
+    YAW,
+    ManhattanLikelihood,
+)
+
+HALF_TRUSTED = 3.0  # px at 256 rows: the expected error at which a confidence is a half
+_CAMERA = slice(MOTION.stop, UNKNOWNS)
+_YAWS = np.arange(9) * (math.pi / 2 / 9)
+_TILTS = np.radians([-8, 0, 8, 18, 32])
+_LOG_FOCALS = np.array([-0.35, 0.25])  # about the expected one
+_OTHER_YAW = 0.2  # rad between poses that are tried from one motion
+_FIRST_STEPS = 10  # of every start;
+_FOLLOWED = 4  # then only the best go on
+_LONGEST_STEP = 0.3
+_LEAST_GAIN = 1e-3  # of a step [nats], else the search has arrived
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What the segments and the priors say about the motion.
+
+    Attributes:
+        mean: [6] coefficients of u, u^2, u^3 of t_x [rows] and r_z [rad].
+        covariance: [6, 6] of them.
+        still: probability that there is no motion at all.
+        lines_gain: how much better than chance the segments fit at the best optimum [nats per unit of weight].
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+    still: float
+    lines_gain: float
+
+    @property
+    def expected_error(self) -> float:
+        """Root mean square distance [rows] between the mean's picture and the true one, over a square picture."""
+        return math.sqrt(max(float(np.sum(_DISPLACEMENT * self.covariance)), 0.0))
+
+    @property
+    def size(self) -> float:
+        """Root mean square displacement [rows] that the mean does to a square picture."""
+        return displacement(self.mean)
+
+    @property
+    def confidence(self) -> float:
+        """0 ... 1, falling with the expected error; a half at HALF_TRUSTED."""
+        return 1 / (1 + (self.expected_error * 256 / HALF_TRUSTED) ** 2)
+
+
+def explore(
+    likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], still_prior: float = 0.5, poses: int = 2
+) -> Posterior:
+    """Finds the optima near some motions, with the camera's pose searched for each.
+
+    Args:
+        likelihood: of one photo.
+        motions: [6] coefficients each, to start from; zero motion is always among the starts.
+        still_prior: probability, before the photo is seen, that there is no motion at all.
+        poses: cameras that are tried with each motion.
+    """
+    begin = np.concatenate([_poses(likelihood, motion, poses) for motion in (np.zeros(6), *motions)])
+    everything = slice(0, UNKNOWNS)
+    tried, energy, _ = descend(likelihood, begin, everything, _FIRST_STEPS)
+    promising = tried[_different(tried, energy)[:_FOLLOWED]]
+    found, energy, hessian = descend(likelihood, promising, everything)
+    camera, still_energy, still_hessian = descend(likelihood, begin[:poses], _CAMERA)
+    first_of_each = _different(found, energy)
+    found, energy, hessian = found[first_of_each], energy[first_of_each], hessian[first_of_each]
+    # Laplace's approximation of each optimum's share of the evidence
+    moving = math.log(1 - still_prior) - energy - 0.5 * np.linalg.slogdet(hessian)[1]
+    moving = moving - np.log(likelihood.scales[MOTION]).sum()
+    best = int(np.argmin(still_energy))
+    at_rest = still_hessian[best, _CAMERA, _CAMERA]
+    still = math.log(still_prior) - still_energy[best] - 0.5 * np.linalg.slogdet(at_rest)[1]
+    share = np.exp(np.append(moving, still) - max(moving.max(), still))
+    share = share / share.sum()
+    places = np.concatenate([found[:, MOTION], np.zeros((1, 6))])
+    spreads = np.concatenate([np.linalg.inv(hessian)[:, MOTION, MOTION], np.zeros((1, 6, 6))])
+    mean = share @ places
+    apart = places - mean
+    covariance = np.einsum("k,kij->ij", share, spreads + apart[:, :, None] * apart[:, None, :])
+    top = found[np.argmax(moving)] if share[-1] < 0.5 else camera[best]
+    return Posterior(mean, covariance, float(share[-1]), float(likelihood.lines_gain(top[None])[0]))
+
+
+def descend(
+    likelihood: ManhattanLikelihood, begin: np.ndarray, free: slice, steps: int = 40
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Levenberg-Marquardt from all starts at once; the mixture's weights are renewed with every step (EM).
+
+    Args:
+        likelihood: what is descended.
+        begin: [S, 10] starts.
+        free: the unknowns that may change.
+        steps: at most.
+
+    Returns:
+        Unknowns [S, 10], energies [S], Hessians [S, 10, 10].
+    """
+    at, camera_only = begin.copy(), free == _CAMERA
+    energy, gradient, hessian = likelihood.expanded(at, camera_only)
+    damping = np.full(len(at), 1e-3)
+    going = np.arange(len(at))
+    for _ in range(steps):
+        matrix = hessian[going, free, free]
+        diagonal = np.einsum("sii->si", matrix) * damping[going, None]
+        matrix = matrix + diagonal[:, :, None] * np.eye(matrix.shape[-1])
+        step = -np.linalg.solve(matrix, gradient[going, free, None])[..., 0]
+        tried = at[going]
+        tried[:, free] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+        new_energy, new_gradient, new_hessian = likelihood.expanded(tried, camera_only)
+        gain = energy[going] - new_energy
+        better = gain > 0
+        moved = going[better]
+        at[moved], energy[moved] = tried[better], new_energy[better]
+        gradient[moved], hessian[moved] = new_gradient[better], new_hessian[better]
+        damping[going] *= np.where(better, 0.2, 8.0)
+        arrived = (better & (gain < _LEAST_GAIN)) | (damping[going] > 1e4)
+        going = going[~arrived]
+        if not len(going):
+            break
+    return at, energy, hessian
+
+
+def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> np.ndarray:
+    """[count, 10] the cameras of a grid that fit a motion best, each with another yaw."""
+    tilts = [likelihood.expected[TILT]] if likelihood.knows_tilt else _TILTS
+    yaw, tilt, log_focal = (a.ravel() for a in np.meshgrid(_YAWS, tilts, _LOG_FOCALS))
+    grid = np.zeros((len(yaw), UNKNOWNS))
+    grid[:, MOTION] = motion
+    grid[:, YAW], grid[:, TILT] = yaw, tilt
+    grid[:, ROLL] = likelihood.expected[ROLL]
+    grid[:, LOG_FOCAL] = likelihood.expected[LOG_FOCAL] + log_focal
+    order = np.argsort(likelihood.energy(grid), kind="stable")
+    kept: list[int] = []
+    for k in order:
+        off = [(yaw[k] - yaw[j] + math.pi / 4) % (math.pi / 2) - math.pi / 4 for j in kept]
+        if all(abs(a) > _OTHER_YAW for a in off):
+            kept.append(int(k))
+        if len(kept) == count:
+            break
+    return grid[kept]
+
+
+def _different(found: np.ndarray, energy: np.ndarray) -> list[int]:
+    """One index for each optimum, the best first: several starts may have led to it."""
+    kept: list[int] = []
+    for k in np.argsort(energy, kind="stable"):
+        if all(displacement(found[k, MOTION] - found[j, MOTION]) > _SAME for j in kept):
+            kept.append(int(k))
+    return kept
+
+
+def displacement(motion: np.ndarray) -> float:
+    """Root mean square displacement [rows] that a motion [6] does to a square picture, to first order."""
+    return math.sqrt(max(float(motion @ _DISPLACEMENT @ motion), 0.0))
+
+
+def _displacement() -> np.ndarray:
+    """[6, 6]: motion @ this @ motion is the mean squared displacement [rows^2] that it does to a square picture."""
+    row = np.linspace(-0.5, 0.5, 65)
+    powers = (row[:, None] + 0.5) ** np.arange(1, 4)
+    along = np.concatenate([powers, -row[:, None] * powers], axis=1)
+    across = np.concatenate([0 * powers, powers / math.sqrt(12)], axis=1)  # mean square column: 1 / 12
+    return (along.T @ along + across.T @ across) / len(row)
+
+
+_DISPLACEMENT = _displacement()
+_SAME = 0.3 / 256  # rows: optima closer than this are one

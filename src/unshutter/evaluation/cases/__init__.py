@@ -1,0 +1,1 @@
+"""What is measured: pictures, and how an answer is scored."""

@@ -1,0 +1,147 @@
+"""What every protocol's cases have in common: the contract, and how an estimator's answer is taken and applied."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.estimators import Estimator, View
+from unshutter.evaluation.metrics import psnr, ssim
+from unshutter.motion import Motion
+from unshutter.photo import Photo
+
+# One line of the results: words and numbers only; "suite", "group", "photo", "draw" and "estimator" say whose.
+Record = dict[str, Any]
+Loaded = Callable[[str], Estimator]  # name -> estimator, built once per process
+NOTHING = "none"  # the estimator whose picture is the input
+
+
+class Case(Protocol):
+    """One picture on which estimators are judged; made in one process, judged in another."""
+
+    @property
+    def key(self) -> str:
+        """Unlike that of any other case of the run."""
+        ...
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """What is judged beside the estimators: a ceiling that knows the truth."""
+        ...
+
+    def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
+        """Records of the estimators and rivals of these names.
+
+        Raises:
+            UnshutterError: the picture cannot be read or used.
+        """
+        ...
+
+    def show(self, names: list[str], loaded: Loaded) -> Example:
+        """The pictures and curves behind the records."""
+        ...
+
+
+@dataclass(frozen=True)
+class Example:
+    """One case to look at.
+
+    Attributes:
+        title: whose.
+        pictures: (caption, uint8 [H, W, 3]) each of one size: the input, what each estimator made of it, the truth.
+        curves: name -> motion, "truth" among them where it is known.
+    """
+
+    title: str
+    pictures: list[tuple[str, np.ndarray]]
+    curves: dict[str, Motion]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an estimator said.
+
+    Attributes:
+        motion: with the first row as the reference; zero where it failed.
+        declined: why it gave no motion, in its own words.
+        failed: the error where there should have been an answer.
+    """
+
+    motion: Motion
+    declined: str = ""
+    failed: str = ""
+
+    def about(self) -> Record:
+        """The part of a record that is the same in all protocols.
+
+        The confidence is the motion's own word: None where the estimator states none, and where it declined, for
+        then it states nothing but that it does not know.
+        """
+        scale = 256 / self.motion.height
+        return {
+            "declined": self.declined,
+            "failed": self.failed,
+            "confidence": self.motion.confidence,
+            "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
+            "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),
+        }
+
+
+def ask(estimator: Estimator, view: View) -> Answer:
+    """An estimator's answer; one that raises is on record as failed, and the run goes on.
+
+    Args:
+        estimator: any.
+        view: what it sees.
+    """
+    try:
+        motion = estimator.estimate(view).rereferenced("first")
+    except Exception as error:  # whatever a method stumbles over, the others are still to be judged
+        message = " ".join(f"{type(error).__name__}: {error}".split())
+        return Answer(view.no_motion(estimator.name, "failed"), failed=message)
+    return Answer(motion, declined=motion.reason)
+
+
+def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """(uint8 [H, W, 1 or 3], bool mask [H, W] of what the photo saw), as ``unshutter rectify`` makes them.
+
+    A motion that cannot be undone leaves the photo as it is, as it does for users.
+    """
+    from unshutter.warp.pixels import rectify_pixels, validity_mask
+
+    whole = np.ones((photo.height, photo.width), bool)
+    if motion.is_zero:
+        return in_8_bits(photo), whole
+    try:
+        return in_8_bits(photo.with_pixels(rectify_pixels(photo.pixels, motion))), validity_mask(motion)
+    except UnshutterError:
+        return in_8_bits(photo), whole
+
+
+def picture_scores(made: dict[str, np.ndarray], truth: np.ndarray, mask: np.ndarray) -> Record:
+    """PSNR and SSIM against the truth of several pictures on the same pixels, as ``psnr``, ``psnr_input`` ...
+
+    None where there is no such number: equal pictures, or nothing seen.
+
+    Args:
+        made: ending of the record's keys ("" for what the estimator made) -> uint8 [H, W, bands].
+        truth: the global-shutter picture.
+        mask: bool [H, W], where all of them show something.
+    """
+    scores: Record = {"seen": float(mask.mean())}
+    for name, picture in made.items():
+        ending = f"_{name}" if name else ""
+        values = {f"psnr{ending}": psnr(picture, truth, mask), f"ssim{ending}": ssim(picture, truth, mask)}
+        scores |= {key: value if np.isfinite(value) else None for key, value in values.items()}
+    return scores
+
+
+def in_8_bits(photo: Photo) -> np.ndarray:
+    """The stored pixels without alpha, uint8 [H, W, 1 or 3]: what pictures are compared in."""
+    pixels = photo.to_array().reshape(photo.height, photo.width, -1)
+    pixels = pixels[..., : 3 if pixels.shape[-1] >= 3 else 1]
+    return (pixels >> 8).astype(np.uint8) if pixels.dtype == np.uint16 else pixels

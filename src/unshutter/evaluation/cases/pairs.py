@@ -1,0 +1,85 @@
+"""Real pairs: a rolling-shutter frame, and what a global shutter saw at the moment of its first or middle row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.estimators import View
+from unshutter.evaluation.cases.case import (
+    NOTHING,
+    Answer,
+    Example,
+    Loaded,
+    Record,
+    ask,
+    in_8_bits,
+    picture_scores,
+    rectified,
+)
+from unshutter.evaluation.cases.ceiling import fit_to_pair
+from unshutter.evaluation.cases.folders import Frame
+from unshutter.motion import Reference
+from unshutter.photo import Photo
+
+CEILING = "ceiling"
+
+
+@dataclass(frozen=True)
+class PairCase:
+    """One rolling-shutter frame, judged at every reference row for which there is a global-shutter picture.
+
+    Attributes:
+        group: name of the data set in the tables.
+        frame: its files.
+    """
+
+    group: str
+    frame: Frame
+    rivals: tuple[str, ...] = (CEILING,)
+
+    @property
+    def key(self) -> str:
+        """Unlike that of any other case of the run."""
+        return f"{self.group}|{self.frame.sequence}|{self.frame.rs.name}"
+
+    def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
+        """One record for each estimator or ceiling and reference row."""
+        photo = Photo.open(self.frame.rs)
+        truths = {reference: self._truth(reference, photo) for reference in self.frame.gs}
+        records = []
+        for name in names:
+            answer = None if name == CEILING else ask(loaded(name), View(photo))
+            records += [self._record(name, answer, photo, reference, gs) for reference, gs in truths.items()]
+        return records
+
+    def show(self, names: list[str], loaded: Loaded) -> Example:
+        """The pictures at the last reference row."""
+        photo = Photo.open(self.frame.rs)
+        reference = cast(Reference, list(self.frame.gs)[-1])
+        truth = self._truth(reference, photo)
+        motions = {name: ask(loaded(name), View(photo)).motion.rereferenced(reference) for name in names}
+        motions[CEILING] = fit_to_pair(in_8_bits(photo), truth, reference)
+        pictures = [("input", in_8_bits(photo))]
+        pictures += [(name, rectified(photo, motion)[0]) for name, motion in motions.items() if name != NOTHING]
+        title = f"{self.group} {self.frame.sequence} {self.frame.number}, {reference} row"
+        return Example(title, [*pictures, ("truth", truth)], motions)
+
+    def _record(self, name: str, answer: Answer | None, photo: Photo, reference: str, gs: np.ndarray) -> Record:
+        row = cast(Reference, reference)
+        rs = in_8_bits(photo)
+        found = answer.motion.rereferenced(row) if answer else fit_to_pair(rs, gs, row)
+        made, mask = rectified(photo, found)
+        about = {"suite": f"{reference} row", "group": self.group, "photo": self.frame.sequence}
+        about |= {"draw": self.frame.number, "estimator": name}
+        about |= (answer or Answer(found.rereferenced("first"))).about()
+        return about | picture_scores({"": made, "input": rs}, gs, mask)
+
+    def _truth(self, reference: str, photo: Photo) -> np.ndarray:
+        gs, rs = in_8_bits(Photo.open(self.frame.gs[reference])), in_8_bits(photo)
+        if gs.shape != rs.shape:
+            raise UnshutterError(f"{self.frame.gs[reference]} and {photo.path} differ in size or channels: no pair")
+        return gs

@@ -1,0 +1,153 @@
+"""The protocols: which suites each has, and the cases that they make of the folders given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from unshutter.errors import UsageError
+from unshutter.evaluation.cases.case import Case
+from unshutter.evaluation.cases.folders import logs_in, pairs_in, photos_in, videos_in
+from unshutter.evaluation.cases.pairs import PairCase
+from unshutter.evaluation.cases.synthetic import Suite, SyntheticCase
+from unshutter.evaluation.cases.video import VideoCase
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a run was asked for; together with the code it settles every figure.
+
+    Attributes:
+        protocol: one of PROTOCOLS.
+        data: folders; each is a group in the tables.
+        photos: at most so many of each folder, chosen by the seed; None: all.
+        per_photo: motions for each photo.
+        seed: 0 or more.
+        trajectory: recorded motions, for the protocol of that name.
+    """
+
+    protocol: str
+    data: tuple[Path, ...]
+    photos: int | None = None
+    per_photo: int = 2
+    seed: int = 0
+    trajectory: Path | None = None
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """A way of measuring.
+
+    Attributes:
+        title: of its page.
+        kind: which columns its tables have (tables.py): motion, still, pairs or video.
+        about: what is measured, in a sentence or two.
+        cases: makes them.
+        by_group: whether tables keep the folders apart (else they are pooled, and suites kept apart).
+    """
+
+    title: str
+    kind: str
+    about: str
+    cases: Callable[[Request], list[Case]]
+    by_group: bool = True
+
+
+def _with_motion(*suites: Suite, recorded: bool = False) -> Callable[[Request], list[Case]]:
+    def cases(request: Request) -> list[Case]:
+        logs = logs_in(request.trajectory) if recorded else ()
+        made: list[Case] = []
+        for group, folder in _groups(request).items():
+            photos = photos_in(folder, request.photos, request.seed)
+            for suite in suites:
+                for path in photos:
+                    for draw in range(1 if suite.still else request.per_photo):
+                        name = str(path.relative_to(folder))
+                        made.append(SyntheticCase(suite, group, name, path, draw, request.seed, logs))
+        return made
+
+    return cases
+
+
+def _pairs(request: Request) -> list[Case]:
+    return [PairCase(group, frame) for group, folder in _groups(request).items() for frame in pairs_in(folder)]
+
+
+def _videos(request: Request) -> list[Case]:
+    groups = _groups(request).items()
+    return [VideoCase(group, frames, request.seed) for group, folder in groups for frames in videos_in(folder)]
+
+
+def _groups(request: Request) -> dict[str, Path]:
+    groups = {folder.resolve().name: folder for folder in request.data}
+    if len(groups) < len(request.data):
+        raise UsageError("two of the folders have the same name: they could not be told apart in the tables")
+    return groups
+
+
+PROTOCOLS = {
+    "synthetic": Protocol(
+        "Synthetic motions, 256 px",
+        "motion",
+        "The middle square of each photo at 256 px, with random quadratic motions of Rengarajan et al. 2017: the size "
+        "that the paper's networks see. Every estimator is told the focal length: EXIF's, or as a guess 0.85 (width "
+        "+ height) of the whole photo, scaled to the picture.",
+        _with_motion(Suite("256 px")),
+    ),
+    "native": Protocol(
+        "Synthetic motions, native size",
+        "motion",
+        "The same photos and motions at the photo's own size. Errors are in pixels of 256 rows all the same.",
+        _with_motion(Suite("native size", rows=None)),
+    ),
+    "trajectory": Protocol(
+        "Recorded camera motions",
+        "motion",
+        "Windows of recorded camera rotation (t_x from turning about the vertical, r_z about the optical axis) at "
+        "three strengths: readouts of 20, 50 and 100 ms, focal length 256 px, pictures of 256 px. The logs stand in "
+        "for the trajectories of Köhler et al. 2012 that the paper tests with and that could not be had.",
+        _with_motion(*(Suite(f"readout {ms} ms", readout_s=ms / 1000) for ms in (20, 50, 100)), recorded=True),
+        by_group=False,
+    ),
+    "undistorted": Protocol(
+        "Undistorted photos: do no harm",
+        "still",
+        "Photos as they are: every motion found is wrong.",
+        _with_motion(Suite("256 px", still=True), Suite("native size", rows=None, still=True)),
+    ),
+    "robustness": Protocol(
+        "What photos suffer",
+        "motion",
+        "The same photos and motions (256 px) under JPEG compression (quality 30), noise (sigma 10), blur (sigma 1.5 "
+        "px), at night (gamma 2, half the brightness, noise of sigma 6), at 128 px, enlarged to 2160 px, and lying on "
+        "their side as phones store portrait photos, with and without EXIF saying so.",
+        _with_motion(
+            Suite("as it is"),
+            Suite("JPEG q 30", disturbance="jpeg"),
+            Suite("noise", disturbance="noise"),
+            Suite("blur", disturbance="blur"),
+            Suite("night", disturbance="night"),
+            Suite("128 px", rows=128),
+            Suite("2160 px", rows=2160, of_pictures=False),
+            Suite("on its left side", turned=1, orientation=6),
+            Suite("on its right side", turned=-1, orientation=8),
+            Suite("left side, no EXIF", turned=1),
+        ),
+        by_group=False,
+    ),
+    "pairs": Protocol(
+        "Real pairs",
+        "pairs",
+        "Rolling-shutter frames and what a global shutter saw at the moment of their first or middle row. The ceiling "
+        "is the best cubic t_x and r_z, fitted to both pictures.",
+        _pairs,
+    ),
+    "video": Protocol(
+        "|R_F| over consecutive frames",
+        "video",
+        "The paper gives |R_F| for a video without defining it. **Our reading**: SIFT matches between two consecutive "
+        "rectified frames (middle row) that agree with one fundamental matrix (USAC, 1 px).",
+        _videos,
+    ),
+}

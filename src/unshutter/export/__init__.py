@@ -1,0 +1,1 @@
+"""Motions for other programs and for people: maps, points, plots."""

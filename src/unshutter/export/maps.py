@@ -1,0 +1,185 @@
+"""A motion as a map that other programs apply: for cv2.remap (NPZ), and as an ST map (EXR, TIFF).
+
+Convention: maps are for **stored** pixels (readout.py). Inside the package positions are (col, row) with
+pixel centres at whole numbers. An ST map says the same as shares of the picture, from its bottom left corner:
+s = (col + 0.5) / W to the right, t = 1 - (row + 0.5) / H upwards, as Nuke's STMap reads them.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.estimators import DEFAULT
+from unshutter.motion import Motion, Reference
+from unshutter.photo.libvips import libvips, refusing
+from unshutter.photo.photo import MAX_PIXELS
+from unshutter.storage.files import check_target, written_whole
+from unshutter.warp.grid import SamplingGrid, gs_to_rs_map, rs_to_gs_map
+
+SUFFIXES = (".npz", ".exr", ".tif", ".tiff")
+
+
+@dataclass(frozen=True, eq=False)
+class PixelMap:
+    """Where each pixel of one picture looks in another of the same size; stored orientation.
+
+    Attributes:
+        col, row: float32 [H, W], position that the pixel shows [px], exact to 0.01 px where ``valid``.
+        valid: bool [H, W], whether that position lies inside the picture.
+    """
+
+    col: np.ndarray
+    row: np.ndarray
+    valid: np.ndarray
+
+    @classmethod
+    def of(cls, motion: Motion, inverse: bool = False) -> PixelMap:
+        """The map of a motion.
+
+        Args:
+            motion: for exactly the size that the map is to have.
+            inverse: False: each GS pixel looks in the RS photo (rectifies). True: each RS pixel looks in the
+                GS picture (distorts).
+
+        Raises:
+            UnshutterError: the motion turns faster than rows are read.
+        """
+        size = motion.readout.frame_size(motion.height, motion.width)
+        grid = SamplingGrid.of(rs_to_gs_map(motion) if inverse else gs_to_rs_map(motion), *size)
+        col, row = grid.everywhere()
+        return cls(col, row, grid.inside(col, row))
+
+    def st(self) -> np.ndarray:
+        """The ST map: float32 [H, W, 3], first row on top: s, t, and 1 where valid, else 0."""
+        height, width = self.col.shape
+        s, t = (self.col + 0.5) / width, 1 - (self.row + 0.5) / height
+        return np.stack([s, t, self.valid], axis=-1).astype(np.float32)
+
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Writes the map, whole or not at all.
+
+        Args:
+            path: ``.npz``: arrays ``map_x`` and ``map_y`` (col and row) for cv2.remap. ``.exr`` (extra
+                ``exr``), ``.tif``, ``.tiff``: the ST map, 32-bit float, R = s, G = t, B = valid.
+            overwrite: whether an existing file may be replaced.
+
+        Raises:
+            UsageError: another ending; UnshutterError: the file exists, cannot be written, or the package
+                for EXR is missing.
+        """
+        target = Path(path)
+        check_map_target(target, overwrite)
+        suffix = target.suffix.lower()
+        with written_whole(target) as part:
+            if suffix == ".npz":
+                with part.open("wb") as stream:
+                    np.savez(stream, map_x=self.col, map_y=self.row)
+            elif suffix == ".exr":
+                _write_exr(part, self.st())
+            else:
+                _write_tiff(part, self.st())
+
+
+def map_file(
+    source: Path,
+    target: Path,
+    *,
+    inverse: bool = False,
+    size: str | None = None,
+    estimator: str = DEFAULT,
+    readout: str = "auto",
+    reference: Reference | None = None,
+    overwrite: bool = False,
+    focal_px: float | None = None,
+    roll_deg: float | None = None,
+    tilt_deg: float | None = None,
+) -> Motion:
+    """Writes the map of a photo or of a motion file.
+
+    Args:
+        source: photo whose motion is estimated, or a motion file (``.json``).
+        target, overwrite: see :meth:`PixelMap.save`.
+        inverse: see :meth:`PixelMap.of`.
+        size: ``WxH`` of the map in stored pixels, for a scaled copy of the photo; by default the photo's.
+        estimator, readout: as for :func:`unshutter.estimate`.
+        reference: row at whose moment the GS picture is taken; by default the motion's own, else the first.
+        focal_px, roll_deg, tilt_deg: as for :func:`unshutter.estimate`; not for a motion file.
+
+    Returns:
+        The motion that the map applies.
+
+    Raises:
+        UnshutterError: the photo, motion or target cannot be used; UsageError: an option cannot.
+    """
+    from unshutter.rectification import check_nothing_told, estimate, fitted
+
+    check_map_target(target, overwrite, source)
+    wanted = None if size is None else _parse_size(size)
+    told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
+    if source.suffix.lower() == ".json":
+        check_nothing_told(told)
+        motion = Motion.load(source)
+        height, width = motion.readout.frame_size(motion.height, motion.width)
+        motion = fitted(motion, height, width, readout)
+        motion = motion.rereferenced(reference) if reference else motion
+    else:
+        motion = estimate(source, estimator=estimator, readout=readout, reference=reference or "first", **told)
+    motion = fitted(motion, *wanted) if wanted else motion
+    PixelMap.of(motion, inverse).save(target, overwrite)
+    return motion
+
+
+def _parse_size(size: str) -> tuple[int, int]:
+    """(height, width) of a size written WxH."""
+    sides = size.lower().split("x")
+    if len(sides) != 2 or not all(side.isascii() and side.isdigit() and 1 <= len(side) <= 9 for side in sides):
+        raise UsageError(f"cannot understand the size '{size}': write it like 1920x1080")
+    width, height = map(int, sides)
+    if not 1 <= width * height <= MAX_PIXELS:
+        raise UsageError(f"a map of {size} px cannot be made: it must have 1 to {MAX_PIXELS:,} pixels")
+    return height, width
+
+
+def check_map_target(target: Path, overwrite: bool, original: Path | None = None) -> None:
+    """Says no to a file name before the work rather than after it.
+
+    Raises:
+        UsageError: an ending that maps do not have; UnshutterError: as :func:`unshutter.storage.files.check_target`, or
+            the package that writes EXR is missing.
+    """
+    suffix = target.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise UsageError(f"cannot write a map to {target}: its ending must be one of {', '.join(SUFFIXES)}")
+    check_target(target, overwrite, original)
+    if suffix == ".exr":
+        _openexr()
+
+
+def _openexr():
+    try:
+        import OpenEXR
+    except ImportError:
+        raise UnshutterError("EXR files need the extra: pip install 'unshutter[exr]' (or write .tif)") from None
+    return OpenEXR
+
+
+def _write_exr(path: Path, st: np.ndarray) -> None:
+    exr = _openexr()
+    header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
+    channels = {name: np.ascontiguousarray(st[..., k]) for k, name in enumerate("RGB")}
+    try:
+        with exr.File(header, channels) as file:
+            file.write(str(path))
+    except (RuntimeError, ValueError) as error:
+        raise UnshutterError(f"cannot write the EXR file: {' '.join(str(error).split())}") from None
+
+
+def _write_tiff(path: Path, st: np.ndarray) -> None:
+    with refusing("cannot write the TIFF file"):
+        image = libvips().Image.new_from_array(st).copy(interpretation="srgb")  # else it is written as linear light
+        image.tiffsave(str(path), compression="deflate")  # no predictor: not all readers know that of floats

@@ -1,0 +1,173 @@
+"""The rolling-shutter geometry of a camera that turns about all three axes, for NumPy arrays and torch tensors alike.
+
+Convention: camera axes are columns to the right (x), rows down (y), and the viewing direction (z). With coordinates
+about the picture's centre, a position is the direction d = (col, row, f), f the focal length in pixels. A point that
+the global-shutter (GS) picture shows in direction d_gs appears in the rolling-shutter (RS) picture in direction
+
+    d_rs ~ R(row_rs) d_gs,        R = exp([r_x, r_y, r_z]_x)
+
+where R is the rotation of the RS row that saw it: the row homography K R K^-1. Signs are those of geometry.py:
+
+    r_z alone is Eq. 1 with t_x = 0;   r_y > 0 moves the centre by f tan(r_y) columns to the right;
+    r_x > 0 moves it by f tan(r_x) rows up.
+
+Rotations between two rows lie on the shortest arc between theirs. Nothing is linearised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from unshutter.geometry.rows import Array, constant, namespace
+
+# (row) -> (R [..., 3, 3], its rate w [..., 3] per row: dR / d row = [w]_x R), leading shape that of row
+RowRotation = Callable[[Array], tuple[Array, Array]]
+_SMALL = 1e-4  # rad; below it three terms of a series are exact to double precision
+
+
+def rotation_matrix(vectors: Array) -> Array:
+    """Rodrigues' formula: rotation vectors [..., 3] (axis times angle [rad]) -> matrices [..., 3, 3]."""
+    xp = namespace(vectors)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    square = x * x + y * y + z * z
+    small = square < _SMALL**2
+    angle = xp.sqrt(xp.where(small, xp.ones_like(square), square))
+    sine = xp.where(small, 1 - square / 6 + square**2 / 120, xp.sin(angle) / angle)  # sin(a) / a
+    half = xp.sin(angle / 2) / angle
+    versine = xp.where(small, 0.5 - square / 24, 2 * half * half)  # (1 - cos(a)) / a^2
+    rows = (
+        (1 - versine * (y * y + z * z), versine * x * y - sine * z, versine * x * z + sine * y),
+        (versine * x * y + sine * z, 1 - versine * (x * x + z * z), versine * y * z - sine * x),
+        (versine * x * z - sine * y, versine * y * z + sine * x, 1 - versine * (x * x + y * y)),
+    )
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def rotation_vector(matrices: Array) -> Array:
+    """Matrices [..., 3, 3] -> rotation vectors [..., 3]: the inverse of :func:`rotation_matrix` below half a turn."""
+    xp = namespace(matrices)
+    m = matrices
+    twice = xp.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], axis=-1)
+    square = xp.sum(twice * twice, axis=-1) / 4  # of the sine
+    small = square < _SMALL**2
+    sine = xp.sqrt(xp.where(small, xp.ones_like(square), square))
+    cosine = (m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2] - 1) / 2
+    near_zero = small & (cosine > 0)
+    factor = xp.where(near_zero, 1 + square / 6 + 3 * square**2 / 40, xp.atan2(sine, cosine) / sine)
+    return twice * (factor / 2)[..., None]
+
+
+def rotate_position(col: Array, row: Array, rotation: Array, focal_px: float, center: tuple) -> tuple[Array, Array]:
+    """The homography K R K^-1: where a position goes when the camera's picture is turned by R.
+
+    Args:
+        col, row: positions [px], of one shape [...].
+        rotation: [..., 3, 3], of each position.
+        focal_px: focal length [px].
+        center: (col, row) of the principal point [px].
+
+    Returns:
+        (col, row) [px]; NaN where the direction turns behind the camera.
+    """
+    x, y, z = _turned(col, row, rotation, focal_px, center)
+    return x / z * focal_px + center[0], y / z * focal_px + center[1]
+
+
+def rotated_rs_to_gs(
+    col: Array, row: Array, row_rotation: RowRotation, focal_px: float, center: tuple
+) -> tuple[Array, Array]:
+    """RS positions -> GS positions, closed form: each row's homography undone.
+
+    Args:
+        col, row: RS positions [px], of one shape.
+        row_rotation: RS row -> its rotation; see :func:`row_rotation_from_samples`.
+        focal_px: focal length [px].
+        center: (col, row) of the principal point [px].
+
+    Returns:
+        (col, row) of the GS positions [px]; NaN where the direction lies behind the camera.
+    """
+    rotation, _ = row_rotation(row)
+    return rotate_position(col, row, _transposed(rotation), focal_px, center)
+
+
+def rotated_gs_to_rs(
+    col: Array, row: Array, row_rotation: RowRotation, focal_px: float, center: tuple, steps: int = 8
+) -> tuple[Array, Array]:
+    """GS positions -> RS positions, the exact inverse of :func:`rotated_rs_to_gs`.
+
+    Newton's method on the RS row v, which must be the row to which its own rotation takes the point. The residual
+    is below 1e-3 px for rotations up to 15 degrees about each axis over the rows (tested). In torch the derivative
+    is that of the implicit function: all steps but the last run on constants.
+
+    Args:
+        col, row: GS positions [px], of one shape.
+        row_rotation: RS row -> its rotation and rate.
+        focal_px: focal length [px].
+        center: (col, row) of the principal point [px].
+        steps: Newton steps.
+
+    Returns:
+        (col, row) of the RS positions [px]; NaN where the direction turns behind the camera.
+    """
+    v = constant(row)
+    col_const, row_const = constant(col), constant(row)
+    for _ in range(steps - 1):
+        residual, slope = _row_residual(v, col_const, row_const, row_rotation, focal_px, center)
+        v = constant(v - residual / slope)
+    residual, slope = _row_residual(v, col, row, row_rotation, focal_px, center)
+    v = v - residual / constant(slope)
+    rotation, _ = row_rotation(v)
+    return rotate_position(col, row, rotation, focal_px, center)[0] + 0.0 * v, v  # both NaN or none
+
+
+def _row_residual(
+    v: Array, col: Array, row: Array, row_rotation: RowRotation, focal_px: float, center: tuple
+) -> tuple[Array, Array]:
+    """Row v less the row on which the rotation of row v shows the point, and the slope of that in v."""
+    rotation, rate = row_rotation(v)
+    x, y, z = _turned(col, row, rotation, focal_px, center)
+    residual = v - (y / z * focal_px + center[1])
+    y_rate = rate[..., 2] * x - rate[..., 0] * z  # of w x d
+    z_rate = rate[..., 0] * y - rate[..., 1] * x
+    return residual, 1.0 - focal_px * (y_rate * z - y * z_rate) / (z * z)
+
+
+def _turned(col: Array, row: Array, rotation: Array, focal_px: float, center: tuple) -> tuple[Array, Array, Array]:
+    """R d of the positions' directions d; z is NaN where it is not in front of the camera."""
+    xp = namespace(rotation)
+    dx, dy = (col - center[0]) / focal_px, (row - center[1]) / focal_px
+    x, y, z = (rotation[..., i, 0] * dx + rotation[..., i, 1] * dy + rotation[..., i, 2] for i in range(3))
+    return x, y, xp.where(z > 0, z, xp.full_like(z, xp.nan))
+
+
+def row_rotation_from_samples(rotations: Array) -> RowRotation:
+    """Row rotations from one sample per row, on the shortest arc between them; constant beyond first and last row.
+
+    Arcs do not depend on the pose from which rotations are counted, so that a change of the reference is exact.
+
+    Args:
+        rotations: matrices at rows 0 ... H - 1, shape [H, 3, 3].
+    """
+    xp = namespace(rotations)
+    last = rotations.shape[0] - 1
+    turns = rotation_vector(xp.matmul(rotations[1:], _transposed(rotations[:-1])))
+    turns = xp.concat([turns, xp.zeros_like(rotations[:1, 0])])
+
+    def take(samples: Array, index: Array) -> Array:
+        flat = xp.take(samples, xp.reshape(index, (-1,)), axis=0)
+        return xp.reshape(flat, (*index.shape, *samples.shape[1:]))
+
+    def row_rotation(v: Array) -> tuple[Array, Array]:
+        inside = xp.clip(xp.where(xp.isnan(v), xp.zeros_like(v), v), 0, last)
+        below = xp.astype(xp.clip(xp.floor(inside), 0, max(last - 1, 0)), xp.int64)
+        turn = take(turns, below)
+        on_the_way = rotation_matrix(turn * (inside - xp.astype(below, v.dtype))[..., None])
+        moving = xp.astype((v >= 0) & (v <= last), v.dtype)
+        return xp.matmul(on_the_way, take(rotations, below)), turn * moving[..., None]
+
+    return row_rotation
+
+
+def _transposed(matrices: Array) -> Array:
+    return namespace(matrices).matrix_transpose(matrices)

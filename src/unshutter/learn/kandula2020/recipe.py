@@ -1,0 +1,156 @@
+"""How kandula2020 is trained: the true motion regressed first, then the paper's four losses on pictures."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from unshutter.errors import UsageError
+from unshutter.learn.config import TrainConfig, from_table
+from unshutter.learn.kandula2020.losses import (
+    LossConfig,
+    edge_loss,
+    literal_edge_loss,
+    motion_mse,
+    not_black,
+    visible_mse,
+)
+from unshutter.learn.kandula2020.network import (
+    Kandula2020,
+    Kandula2020Config,
+    from_first_row,
+    rectify,
+    regenerate,
+    rs_positions,
+)
+from unshutter.learn.pixels import PixelConfig, PixelData, Samples, epe, epe_of_nothing, figures
+
+
+class KandulaRecipe:
+    """Recipe of ``kandula2020`` (recipes.py). ``[loss]`` holds the phases and the weights (losses.py)."""
+
+    def __init__(self, config: TrainConfig, device: torch.device):
+        self.config, self.device = config, device
+        self.network_config = from_table(Kandula2020Config, config.network, "[network]")
+        self.weights = from_table(LossConfig, config.loss, "[loss]")
+        pixels = from_table(PixelConfig, config.data, "[data]")
+        if pixels.size != self.network_config.size:
+            raise UsageError(f"[data] size {pixels.size} and [network] size {self.network_config.size} must agree")
+        self.data = PixelData(pixels, device)
+
+    def build(self) -> nn.Module:
+        """A new network."""
+        return Kandula2020(self.network_config).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+        """First phase: error of the motion, on a few photos. Second phase: the paper's Eq. 2."""
+        if self.weights.regress_only or step < self.weights.regress_steps:
+            photos = None if self.weights.regress_only else self.weights.regress_photos or None
+            samples = self.data.batch(self.config.batch, generator, photos)
+            motion, _ = network(samples.rs, rows=False)
+            error = _motion_error(motion, samples)
+            return self.weights.regress * error + _idle(network), {"motion": error.item()}
+        samples = self.data.batch(self.config.batch, generator)
+        motion, row_map = network(samples.rs)
+        losses = picture_losses(samples, motion, row_map, self.weights)
+        total = torch.stack([getattr(self.weights, name) * value for name, value in losses.items()]).sum()
+        log = {name: value.item() for name, value in losses.items()}
+        return total, log | {"motion": _motion_error(motion.detach(), samples).item()}
+
+    @torch.no_grad()
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        """EPE on held-out photos: of the system as it is, and of its motion with the exact inverse."""
+        system, exact, nothing = [], [], []
+        for samples in self.data.validation():
+            motion, row_map = network(samples.rs, rows=not self.weights.regress_only)
+            motion0, shift = from_first_row(motion)
+            system.append(epe(*rs_positions(motion, row_map), samples))
+            exact.append(epe(*rs_positions(motion0, None, shift), samples))
+            nothing.append(epe_of_nothing(samples))
+        both = figures(torch.cat(system), torch.cat(nothing))
+        return both | {"val_epe_exact_inverse": torch.cat(exact).median().item()}
+
+    def export(self, network: nn.Module, path: Path) -> None:
+        """ONNX: rs [batch, 3, r, r] RGB in 0 ... 1 -> motion [batch, 2, r], row_map [batch, r, r] (if trained)."""
+        rows = self.network_config.row_layers > 0 and not self.weights.regress_only
+        names = ["motion", "row_map"] if rows else ["motion"]
+        inner = Exported(network, rows).eval().cpu()
+        rs = torch.rand(1, 3, self.network_config.size, self.network_config.size)
+        with warnings.catch_warnings():  # the tracer's notes about shapes that stay fixed, as they should
+            warnings.simplefilter("ignore")
+            torch.onnx.export(
+                inner,
+                (rs,),
+                str(path),
+                input_names=["rs"],
+                output_names=names,
+                dynamic_axes={name: {0: "batch"} for name in ["rs", *names]},
+                opset_version=18,
+                dynamo=False,
+            )
+
+
+class Exported(nn.Module):
+    """What is shipped: trajectory and, unless there is none or it is untrained, row map. The warp is not in it."""
+
+    def __init__(self, network: nn.Module, rows: bool):
+        super().__init__()
+        self.network, self.rows = network, rows
+
+    def forward(self, rs: Tensor) -> tuple[Tensor, ...]:
+        """Motion [B, 2, r] and, where there is one, row map [B, r, r]."""
+        motion, row_map = self.network(rs, rows=self.rows)
+        return (motion,) if row_map is None else (motion, row_map)
+
+
+def picture_losses(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:
+    """The paper's losses by the name of their weight in LossConfig; those of weight 0 are left out.
+
+    Args:
+        samples: pictures [B, 3, r, r].
+        motion: [B, 2, r] trajectory.
+        row_map: [B, r, r], or None for the exact inverse.
+        config: weights and mask. With ``at_a_time`` each loss is the mean of those of parts of the batch.
+    """
+    count = len(samples.rs)
+    part = config.at_a_time or count
+    losses: dict[str, Tensor] = {}
+    for first in range(0, count, part):
+        some = slice(first, min(first + part, count))
+        found = _losses_of(samples[some], motion[some], None if row_map is None else row_map[some], config)
+        for name, value in found.items():
+            losses[name] = losses.get(name, 0.0) + value * ((some.stop - some.start) / count)
+    return losses
+
+
+def _losses_of(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:
+    literal = config.mask == "black"
+    edges = literal_edge_loss if literal else edge_loss
+    losses = {}
+    if config.rectified or config.rectified_edges:
+        rectified, mask = rectify(samples.rs, samples.rs_valid, motion, row_map)
+        mask = not_black(rectified) if literal else mask
+        losses["rectified"] = visible_mse(rectified, samples.gs, mask)
+        losses["rectified_edges"] = edges(rectified, samples.gs, mask)
+    if config.regenerated or config.regenerated_edges:
+        regenerated, mask = regenerate(samples.gs, motion)
+        if literal:
+            mask = not_black(regenerated)
+        else:
+            mask, regenerated = mask * samples.rs_valid, regenerated * samples.rs_valid
+        losses["regenerated"] = visible_mse(regenerated, samples.rs, mask)
+        losses["regenerated_edges"] = edges(regenerated, samples.rs, mask)
+    return {name: value for name, value in losses.items() if getattr(config, name)}
+
+
+def _motion_error(motion: Tensor, samples: Samples) -> Tensor:
+    return motion_mse(motion[:, 0], motion[:, 1], *samples.row_motion())
+
+
+def _idle(network: nn.Module) -> Tensor:
+    """Zero that depends on the row block: several processes must agree on which weights have gradients."""
+    weights = [w.sum() for name, w in network.named_parameters() if "row_block." in name]
+    return 0.0 * torch.stack(weights).sum() if weights else torch.zeros(())

@@ -1,0 +1,79 @@
+"""How rengarajan2017 is trained: the motion at the key rows regressed (facts of the original's program)."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from unshutter.errors import UsageError
+from unshutter.learn.config import TrainConfig, from_table
+from unshutter.learn.kandula2020.losses import motion_mse
+from unshutter.learn.kandula2020.network import from_first_row, rs_positions
+from unshutter.learn.pixels import PixelConfig, PixelData, epe, epe_of_nothing, figures
+from unshutter.learn.rengarajan2017.network import (
+    KEY_ROWS,
+    SIZE,
+    Rengarajan2017Config,
+    RowColCNN,
+    VanillaCNN,
+    build,
+    quadratic,
+)
+
+_MEAN_BATCHES, _MEAN_SEED = 8, 2**41
+
+
+class RengarajanRecipe:
+    """Recipe of ``rengarajan2017`` (recipes.py)."""
+
+    def __init__(self, config: TrainConfig, device: torch.device):
+        self.config, self.device = config, device
+        self.network_config = from_table(Rengarajan2017Config, config.network, "[network]")
+        pixels = from_table(PixelConfig, config.data, "[data]")
+        if pixels.size != SIZE:
+            raise UsageError(f"[data]: rengarajan2017 reads pictures of {SIZE} px, not {pixels.size}")
+        self.data = PixelData(pixels, device)
+
+    def build(self) -> nn.Module:
+        """A new network that knows the mean RS picture."""
+        network: VanillaCNN | RowColCNN = build(self.network_config)
+        generator = torch.Generator(self.device).manual_seed(_MEAN_SEED)
+        means = [self.data.batch(16, generator).rs.mean(0) for _ in range(_MEAN_BATCHES)]
+        network.mean.copy_(torch.stack(means).mean(0))
+        return network
+
+    def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+        """MSE of (t_x / 100 px, r_z / rad) at the key rows."""
+        samples = self.data.batch(self.config.batch, generator)
+        tx, rz = network(samples.rs).unbind(1)
+        true_tx, true_rz = samples.row_motion()
+        rows = list(KEY_ROWS)
+        return motion_mse(tx, rz, true_tx[:, rows], true_rz[:, rows]), {}
+
+    @torch.no_grad()
+    def validate(self, network: nn.Module) -> dict[str, float]:
+        """EPE on held-out photos."""
+        error, nothing = [], []
+        for samples in self.data.validation():
+            motion, shift = from_first_row(quadratic(network(samples.rs)))
+            error.append(epe(*rs_positions(motion, None, shift), samples))
+            nothing.append(epe_of_nothing(samples))
+        return figures(torch.cat(error), torch.cat(nothing))
+
+    def export(self, network: nn.Module, path: Path) -> None:
+        """ONNX: rs [batch, 3, 256, 256] RGB in 0 ... 1 -> key_rows [batch, 2, 15] (t_x [px], r_z [rad])."""
+        with warnings.catch_warnings():  # the tracer's notes about shapes that stay fixed, as they should
+            warnings.simplefilter("ignore")
+            torch.onnx.export(
+                network.eval().cpu(),
+                (torch.rand(1, 3, SIZE, SIZE),),
+                str(path),
+                input_names=["rs"],
+                output_names=["key_rows"],
+                dynamic_axes={"rs": {0: "batch"}, "key_rows": {0: "batch"}},
+                opset_version=18,
+                dynamo=False,
+            )

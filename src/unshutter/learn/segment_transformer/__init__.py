@@ -1,0 +1,1 @@
+"""The network of segment-transformer and its training."""

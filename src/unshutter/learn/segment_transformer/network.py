@@ -1,0 +1,152 @@
+"""The network of the estimator ``segment-transformer``: line segments in, row motion out.
+
+A set of segments (tokens) goes through a small transformer without positional encoding; learned latents read
+it out; a head gives the coefficients of two cubics. The estimate moves the segments to where a global shutter
+would have seen them, and the same network corrects what is left, ``iterations`` times.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from unshutter.geometry import rows as geometry
+
+
+@dataclass(frozen=True)
+class SegmentTransformerConfig:
+    """Size of the network."""
+
+    width: int = 96
+    layers: int = 4
+    heads: int = 4
+    latents: int = 4
+    iterations: int = 2  # in training
+    iterations_in_use: int = 3  # of the exported network
+
+
+class SegmentTransformer(nn.Module):
+    """Tokens and mask -> polynomial coefficients of the row motion.
+
+    Input: tokens [B, N, 6] and mask [B, N] as drawn in scenes.py (end points in rows, centred; unit vector to
+    the scene's top). Output: the motion after each iteration, [iterations, B, 2, 3]: coefficients of u, u^2,
+    u^3 of t_x [rows] and r_z [rad], u = row coordinate + 1/2; and the camera [B, 3] (roll, tilt, log focal).
+    """
+
+    def __init__(self, config: SegmentTransformerConfig):
+        super().__init__()
+        self.config = config
+        d = config.width
+        self.embed = nn.Sequential(nn.Linear(_FEATURES, d), nn.GELU(), nn.Linear(d, d))
+        self.blocks = nn.ModuleList(_Block(d, config.heads) for _ in range(config.layers))
+        self.latents = nn.Parameter(torch.randn(config.latents, d) * 0.5)
+        self.pool = _Attention(d, config.heads)
+        self.pool_norm = nn.LayerNorm(d)
+        pooled = d * config.latents
+        self.head = nn.Sequential(
+            nn.LayerNorm(pooled), nn.Linear(pooled, 2 * d), nn.GELU(), last := nn.Linear(2 * d, 9)
+        )
+        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.bias)
+        self.register_buffer("basis", _legendre_to_powers(), persistent=False)
+
+    def forward(self, tokens: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
+        """See the class."""
+        motion = tokens.new_zeros(tokens.shape[0], 2, 3)
+        history = []
+        camera = tokens.new_zeros(tokens.shape[0], 3)
+        for _ in range(self.config.iterations):
+            correction, camera = self.correct(tokens, mask, motion.detach())
+            motion = motion.detach() + correction
+            history.append(motion)
+        return torch.stack(history), camera
+
+    def correct(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
+        """What is missing from ``motion`` [B, 2, 3], and the camera [B, 3]."""
+        x = self.embed(_features(tokens, _moved(tokens, motion)))
+        bias = torch.zeros_like(mask, dtype=x.dtype).masked_fill(~mask, -1e4)[:, None, None]  # [B, 1, 1, N]
+        for block in self.blocks:
+            x = block(x, bias)
+        latents = self.latents[None].expand(x.shape[0], -1, -1)
+        pooled = self.pool(latents, self.pool_norm(x), bias)
+        out = self.head(pooled.flatten(1))
+        legendre = out[:, :6].view(-1, 2, 3) * out.new_tensor([[0.1], [0.06]])
+        return legendre @ self.basis, out[:, 6:]
+
+
+class _Attention(nn.Module):
+    def __init__(self, d: int, heads: int):
+        super().__init__()
+        self.heads = heads
+        self.query, self.key_value, self.out = nn.Linear(d, d), nn.Linear(d, 2 * d), nn.Linear(d, d)
+
+    def forward(self, x: Tensor, context: Tensor, bias: Tensor) -> Tensor:
+        def split(t: Tensor) -> Tensor:  # [B, N, d] -> [B, heads, N, d / heads]
+            return t.unflatten(-1, (self.heads, -1)).transpose(1, 2)
+
+        key, value = self.key_value(context).chunk(2, -1)
+        y = F.scaled_dot_product_attention(split(self.query(x)), split(key), split(value), attn_mask=bias)
+        return self.out(y.transpose(1, 2).flatten(2))
+
+
+class _Block(nn.Module):
+    def __init__(self, d: int, heads: int):
+        super().__init__()
+        self.norm1, self.norm2 = nn.LayerNorm(d), nn.LayerNorm(d)
+        self.attention = _Attention(d, heads)
+        self.mlp = nn.Sequential(nn.Linear(d, 2 * d), nn.GELU(), nn.Linear(2 * d, d))
+
+    def forward(self, x: Tensor, bias: Tensor) -> Tensor:
+        y = self.norm1(x)
+        x = x + self.attention(y, y, bias)
+        return x + self.mlp(self.norm2(x))
+
+
+def _moved(tokens: Tensor, motion: Tensor) -> Tensor:
+    """End points [B, N, 4] where a global shutter would have seen them, were this the motion (Eq. 1)."""
+    x, y = tokens[..., 0:4:2], tokens[..., 1:4:2]  # [B, N, 2 ends]
+    u = y + 0.5
+    constant = torch.zeros_like(motion[:, :, :1])
+    coefficients = torch.cat([constant, motion], -1)[:, :, None, None]  # [B, 2, 1, 1, 4]
+    tx, rz = geometry.polynomial(coefficients[:, 0], u), geometry.polynomial(coefficients[:, 1], u)
+    x, y = geometry.rs_to_gs(x, y, tx, rz)
+    return torch.stack([x[..., 0], y[..., 0], x[..., 1], y[..., 1]], -1)
+
+
+_FOURIER = 4
+_FEATURES = 2 + 2 + 1 + 2 * 5 + 4 + 2 + 4 * _FOURIER + 2
+
+
+def _features(tokens: Tensor, moved: Tensor) -> Tensor:
+    """[B, N, features] of the moved segments; nothing depends on which end comes first."""
+    first, second = moved[..., :2], moved[..., 2:]
+    middle = (first + second) / 2
+    step = second - first
+    length = step.square().sum(-1, keepdim=True).clamp(min=1e-12).sqrt()
+    cos, sin = (step / length).unbind(-1)
+    # all even in the direction's sign: double angles, and the deviation from vertical and from horizontal
+    cos2, sin2 = cos * cos - sin * sin, 2 * sin * cos
+    angles = [cos2, sin2]
+    for _ in range(4):  # 4, 8, 16, 32 times the angle
+        c, s = angles[-2], angles[-1]
+        angles += [c * c - s * s, 2 * s * c]
+    lean = cos * torch.sign(sin + 1e-9)
+    rise = sin * torch.sign(cos + 1e-9)
+    fine = [torch.tanh(k * a) for a in (lean, rise) for k in (6.0, 25.0)]
+    rows = tokens[..., 1:4:2]  # when each end was read
+    rows = torch.stack([rows.amin(-1), rows.amax(-1)], -1)
+    waves = [f(2 * math.pi * 2.0**k / 4 * middle[..., i]) for k in range(_FOURIER) for i in (0, 1) for f in _WAVES]
+    scalars = torch.stack(angles + fine + waves, -1)
+    return torch.cat([middle, step.abs() / (length + 0.02), torch.log(length) + 3, scalars, rows, tokens[..., 4:]], -1)
+
+
+_WAVES = (torch.sin, torch.cos)
+
+
+def _legendre_to_powers() -> Tensor:
+    """[3, 3]: shifted Legendre polynomials of degree 1 to 3, less their value at u = 0, in powers of u."""
+    return torch.tensor([[2.0, 0.0, 0.0], [-6.0, 6.0, 0.0], [12.0, -30.0, 20.0]])

@@ -1,0 +1,272 @@
+"""From a Motion to pixels: the sampling map, the warp in both directions, and the picture's edges.
+
+The output is made tile by tile, several at a time: beside the picture before and after, memory does not grow
+with its size.
+
+Convention: everything here takes and gives **stored** pixels (readout.py); positions are (col, row),
+pixel centres at whole numbers. A position lies *inside* a picture of W columns and H rows when
+0 <= col <= W - 1 and 0 <= row <= H - 1 (within the 0.01 px to which the map is exact).
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Literal, get_args
+
+import cv2
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.motion import Motion
+from unshutter.storage.large_arrays import new_array
+from unshutter.warp.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
+
+Edges = Literal["keep", "crop", "fill"]
+EDGES = get_args(Edges)
+_LEAST_CROP = 0.1  # of the photo's area
+_CROP_SEARCH_CELLS = 1_000_000
+_MOST_THREADS = 16
+_LONGEST_SOURCE = 32_000  # px; cv2.remap has 16 bits for a position
+_REACH = 3  # px that interpolation looks beyond a position
+
+
+def rectify_pixels(pixels: np.ndarray, motion: Motion, edges: Edges = "keep") -> np.ndarray:
+    """The global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
+
+    Args:
+        pixels: [H, W] or [H, W, 1..4] stored pixels, uint8 or uint16; the last of 2 or 4 bands is alpha, and
+            colours are then interpolated premultiplied.
+        motion: the photo's motion, for exactly its size.
+        edges: for pixels whose RS position lies outside the photo: ``keep`` makes them black (and alpha
+            0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
+            repeats the nearest border pixel.
+
+    Returns:
+        New pixels of the same type and bands, and size (smaller for ``crop``); ``pixels`` itself when the motion is
+        zero.
+
+    Raises:
+        UnshutterError: the motion is of another size, turns faster than rows are read, or ``crop`` would
+            leave less than a tenth of the photo.
+        UsageError: unknown ``edges``.
+    """
+    if edges not in EDGES:
+        raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
+    _check_size(pixels, motion)
+    if motion.is_zero:
+        return pixels
+    height, width = pixels.shape[:2]
+    grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
+    window = grid.whole
+    if edges == "crop":
+        left, top, w, h = largest_valid_rectangle(_mask(grid))
+        if w * h < _LEAST_CROP * width * height:
+            raise UnshutterError(
+                f"cropping would leave {100 * w * h / (width * height):.0f} % of the photo: "
+                "use other edges, keep or fill"
+            )
+        window = Tile(top, top + h, left, left + w)
+    return _warped(pixels, grid, window, cv2.INTER_CUBIC, blacken=edges == "keep")
+
+
+def distort_pixels(pixels: np.ndarray, motion: Motion) -> np.ndarray:
+    """The rolling-shutter picture of a global-shutter one, bilinear: the synthesis of training pairs.
+
+    Each RS pixel shows the GS picture at its GS position (closed form); outside it is black, alpha 0.
+
+    Args:
+        pixels: as for :func:`rectify_pixels`.
+        motion: for exactly the picture's size.
+
+    Raises:
+        UnshutterError: the motion is of another size or turns faster than rows are read.
+    """
+    _check_size(pixels, motion)
+    if motion.is_zero:
+        return pixels
+    height, width = pixels.shape[:2]
+    grid = SamplingGrid.of(rs_to_gs_map(motion), height, width)
+    return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, blacken=True)
+
+
+def backward_map(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """RS position of every GS pixel, as ``cv2.remap`` takes it.
+
+    Returns:
+        (col, row), each float32 [H, W] in stored orientation [px], exact to 0.01 px inside the photo.
+    """
+    size = motion.readout.frame_size(motion.height, motion.width)
+    return SamplingGrid.of(gs_to_rs_map(motion), *size).everywhere()
+
+
+def validity_mask(motion: Motion) -> np.ndarray:
+    """Which pixels of the rectified picture exist in the photo.
+
+    Returns:
+        bool [H, W] in stored orientation: True where the RS position lies inside the photo.
+    """
+    size = motion.readout.frame_size(motion.height, motion.width)
+    return _mask(SamplingGrid.of(gs_to_rs_map(motion), *size))
+
+
+def largest_valid_rectangle(mask: np.ndarray) -> tuple[int, int, int, int]:
+    """The largest upright rectangle of True pixels with the mask's aspect, the nearest to the centre.
+
+    Exact up to a million pixels; above, the mask is searched in blocks all of whose pixels are True,
+    which loses a few pixels (at 12 megapixels up to 8 of 4000).
+
+    Args:
+        mask: bool [H, W].
+
+    Returns:
+        (left, top, width, height) [px]; width and height 0 where nothing is True.
+    """
+    height, width = mask.shape
+    block = int(np.ceil(np.sqrt(height * width / _CROP_SEARCH_CELLS)))
+    rows, cols = height // block, width // block
+    whole = mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3))
+    filled = np.pad(whole.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+
+    def size_at(blocks_long: int) -> tuple[int, int]:  # px
+        if width >= height:
+            w = min(blocks_long * block, width)
+            return w, max(round(w * height / width), 1)
+        h = min(blocks_long * block, height)
+        return max(round(h * width / height), 1), h
+
+    def places_at(blocks_long: int) -> np.ndarray:  # [N, 2] top and left block of the rectangles that fit
+        w, h = (-(-side // block) for side in size_at(blocks_long))
+        count = filled[h:, w:] - filled[:-h, w:] - filled[h:, :-w] + filled[:-h, :-w]
+        return np.argwhere(count == h * w)
+
+    fits, too_long = 0, max(rows, cols) + 1  # a rectangle that fits contains every smaller one
+    while too_long - fits > 1:
+        middle = (fits + too_long) // 2
+        fits, too_long = (middle, too_long) if len(places_at(middle)) else (fits, middle)
+    if fits == 0:
+        return 0, 0, 0, 0
+    (w, h), places = size_at(fits), places_at(fits) * block
+    top, left = min(places.tolist(), key=lambda p: (p[0] + h / 2 - height / 2) ** 2 + (p[1] + w / 2 - width / 2) ** 2)
+    return left, top, w, h
+
+
+def _check_size(pixels: np.ndarray, motion: Motion) -> None:
+    height, width = motion.readout.frame_size(motion.height, motion.width)
+    if pixels.shape[:2] != (height, width):
+        raise UnshutterError(
+            f"the motion is for a picture of {width}x{height} px but this one has "
+            f"{pixels.shape[1]}x{pixels.shape[0]} px: "
+            "resize the motion, or choose the readout direction it was found with"
+        )
+
+
+def _mask(grid: SamplingGrid) -> np.ndarray:
+    mask = np.empty((grid.height, grid.width), dtype=bool)
+    for tile in grid.whole.tiles():
+        mask[tile.within(grid.whole)] = grid.inside(*grid.positions(tile))
+    return mask
+
+
+def _warped(pixels: np.ndarray, grid: SamplingGrid, window: Tile, interpolation: int, blacken: bool) -> np.ndarray:
+    """A window of the output; both directions of the warp end here.
+
+    Args:
+        blacken: make what lies outside the picture 0; otherwise the border is repeated.
+    """
+    cv2.setNumThreads(1)  # the threads are here
+    result = new_array((window.bottom - window.top, window.right - window.left, *pixels.shape[2:]), pixels.dtype)
+    pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
+
+    how = {"method": interpolation, "blacken": blacken, "scratch": _Scratch()}
+    make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, **how)
+    with ThreadPoolExecutor(_thread_count()) as threads:
+        for _ in threads.map(make, window.tiles()):
+            pass  # errors come out here
+    return result
+
+
+class _Scratch(threading.local):
+    """Arrays that a thread uses again for each tile: to the system, giving it fresh memory is a third of the work."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, np.ndarray] = {}
+
+    def array(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
+        """A float32 array whose contents do not matter, valid until the next of that name."""
+        size = math.prod(shape)
+        if name not in self._arrays or self._arrays[name].size < size:
+            self._arrays[name] = np.empty(size, np.float32)
+        return self._arrays[name][:size].reshape(shape)
+
+
+def _make(
+    tile: Tile,
+    pixels: np.ndarray,
+    out: np.ndarray,
+    grid: SamplingGrid,
+    window: Tile,
+    method: int,
+    blacken: bool,
+    scratch: _Scratch,
+) -> None:
+    """A tile of the output.
+
+    No closure: one that calls itself would keep both pictures until the interpreter looks for cycles.
+    """
+    extent = grid.extent(tile)
+    positions = scratch.array("positions", (2, tile.bottom - tile.top, tile.right - tile.left))
+    if _too_long(extent):
+        extent = Extent.of(*grid.positions(tile, out=positions))
+        if _too_long(extent):
+            for half in tile.halves():
+                _make(half, pixels, out, grid, window, method, blacken, scratch)
+            return
+    source, left, top = _cut(pixels, extent)
+    col, row = grid.positions(tile, left, top, out=positions)
+    made = out[tile.within(window)]
+    _sample(source, col, row, method, made, scratch)
+    if blacken and not grid.contains(extent):
+        made[~grid.inside(col, row, left, top)] = 0
+
+
+def _thread_count() -> int:
+    """As many as libvips takes: one per processor, or what VIPS_CONCURRENCY says."""
+    told = os.environ.get("VIPS_CONCURRENCY", "")
+    return min(int(told) if told.isdigit() and int(told) else os.cpu_count() or 1, _MOST_THREADS)
+
+
+def _too_long(extent: Extent) -> bool:
+    return max(extent.right - extent.left, extent.bottom - extent.top) > _LONGEST_SOURCE
+
+
+def _cut(pixels: np.ndarray, extent: Extent) -> tuple[np.ndarray, int, int]:
+    """The part of the picture that interpolation within the extent mixes, its left and its top."""
+    height, width = pixels.shape[:2]
+    left, right = (min(max(int(c), 0), width - 1) for c in (extent.left - _REACH, extent.right + _REACH))
+    top, bottom = (min(max(int(r), 0), height - 1) for r in (extent.top - _REACH, extent.bottom + _REACH))
+    return pixels[top : bottom + 1, left : right + 1], left, top
+
+
+def _sample(
+    image: np.ndarray, col: np.ndarray, row: np.ndarray, method: int, out: np.ndarray, scratch: _Scratch
+) -> None:
+    """Writes the image at positions, its border repeated, into out [rows, cols, bands]."""
+    has_alpha, top = image.shape[2] in (2, 4), np.iinfo(image.dtype).max
+    if image.dtype == np.uint8 and not has_alpha:
+        cv2.remap(image, col, row, method, dst=out, borderMode=cv2.BORDER_REPLICATE)
+        return
+    source, sampled = scratch.array("source", image.shape), scratch.array("sampled", out.shape)
+    np.copyto(source, image)  # 16 bits too: as float a quarter faster, the result the same
+    if has_alpha:
+        source[..., :-1] *= source[..., -1:] / top
+    cv2.remap(source, col, row, method, dst=sampled, borderMode=cv2.BORDER_REPLICATE)
+    if has_alpha:
+        alpha = sampled[..., -1:]
+        with np.errstate(divide="ignore"):
+            sampled[..., :-1] *= np.where(alpha >= 0.5, top / alpha, 0)
+    np.rint(sampled.clip(0, top, out=sampled), out=sampled)
+    np.copyto(out, sampled, casting="unsafe")

@@ -1,0 +1,322 @@
+"""Whole evaluations, as a user runs them."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import unshutter.estimators
+from unshutter.cli import main
+from unshutter.evaluation.cases.case import Record
+from unshutter.evaluation.cases.protocols import PROTOCOLS, Request
+from unshutter.evaluation.pages.tables import overview, tables
+from unshutter.evaluation.results import Results
+from unshutter.photo import Photo
+from unshutter.synthesis.pairs import synthesize_folder
+
+
+@pytest.fixture(scope="session")
+def photos(tmp_path_factory: pytest.TempPathFactory, facade: np.ndarray) -> Path:
+    folder = tmp_path_factory.mktemp("data") / "houses"
+    (folder / "more").mkdir(parents=True)
+    Photo.from_array(facade[:300, :400]).save(folder / "a.png")
+    Photo.from_array(facade[100:, 150:]).save(folder / "more" / "b.jpg")
+    return folder
+
+
+def run(photos: Path, out: Path, *more: str, estimators: str = "none,segment-transformer", jobs: int = 1) -> int:
+    words = ["evaluate", "--data", str(photos), "--estimators", estimators, "-o", str(out), "--jobs", str(jobs)]
+    return main([*words, *more])
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "results.csv").read_text().splitlines()))
+
+
+def one_line(capsys: pytest.CaptureFixture[str]) -> str:
+    message = capsys.readouterr().err.strip()
+    assert message.startswith("unshutter: ") and "\n" not in message and "Traceback" not in message
+    return message
+
+
+# ---- what a run leaves --------------------------------------------------------------------------------------
+
+
+def test_a_run_leaves_tables_figures_plots_and_sheets(photos: Path, tmp_path: Path) -> None:
+    assert run(photos, tmp_path / "out", "--per-photo", "2") == 0
+    names = {p.name for p in (tmp_path / "out").iterdir()}
+    assert {"results.md", "results.json", "results.csv", "epe.png", "size.png", "curves.png", "sheet_1.jpg"} <= names
+    rows = rows_of(tmp_path / "out")
+    assert len(rows) == 2 * 2 * 2  # photos, draws, estimators
+    assert {row["photo"] for row in rows} == {"a.png", "more/b.jpg"}
+    page = (tmp_path / "out" / "results.md").read_text()
+    assert "unshutter evaluate --protocol synthetic --data" in page
+    own = np.array([float(row["epe"]) for row in rows if row["estimator"] == "segment-transformer"])
+    assert f"{np.median(own):.2f}" in page
+    assert page.count("![") == sum(name in page for name in names if name.endswith((".png", ".jpg")))
+
+
+def test_twice_the_same_figures_whatever_the_number_of_processes(photos: Path, tmp_path: Path) -> None:
+    for name, jobs in (("one", 1), ("two", 2)):
+        assert run(photos, tmp_path / name, jobs=jobs) == 0
+    for file in ("results.csv", "results.json", "results.md", "epe.png", "sheet_1.jpg"):
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes(), file
+
+
+def test_a_run_that_was_killed_goes_on(photos: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert run(photos, out) == 0
+    before = rows_of(out)
+    journal = out / "records.jsonl"
+    lines = journal.read_text().splitlines()
+    marked = json.loads(lines[1])
+    marked["records"][0]["tx_rmse"] = 77.0  # not measured again: it must show up
+    journal.write_text("\n".join([lines[0], json.dumps(marked), lines[2], lines[3][:40]]))
+    assert run(photos, out) == 0
+    rows = rows_of(out)
+    assert float(rows[0]["tx_rmse"]) == 77.0
+    assert rows[1:] == before[1:]
+    assert len(journal.read_text().splitlines()) == len(lines)
+
+
+def test_another_estimator_is_added_to_a_run(photos: Path, tmp_path: Path) -> None:
+    assert run(photos, tmp_path / "out", estimators="none") == 0
+    assert run(photos, tmp_path / "out") == 0
+    both = (tmp_path / "out" / "results.csv").read_text()
+    assert run(photos, tmp_path / "new") == 0
+    assert both == (tmp_path / "new" / "results.csv").read_text()
+
+
+def test_another_run_in_the_folder_is_not_mixed_in(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run(photos, out, estimators="none") == 0
+    assert run(photos, out, "--seed", "1", estimators="none") == 2
+    assert "--overwrite" in one_line(capsys)
+    assert run(photos, out, "--seed", "1", "--overwrite", estimators="none") == 0
+    assert "Seed 1" in (out / "results.md").read_text()
+
+
+def test_fewer_photos_are_chosen_by_the_seed(photos: Path, tmp_path: Path) -> None:
+    chosen = set()
+    for seed in (0, 1, 2):
+        assert run(photos, tmp_path / str(seed), "--photos", "1", "--seed", str(seed), estimators="none") == 0
+        chosen |= {row["photo"] for row in rows_of(tmp_path / str(seed))}
+    assert chosen == {"a.png", "more/b.jpg"}
+
+
+@pytest.mark.parametrize("protocol", ["native", "undistorted"])
+def test_other_protocols_of_photos(protocol: str, photos: Path, tmp_path: Path) -> None:
+    assert run(photos, tmp_path, "--protocol", protocol, "--photos", "1") == 0
+    assert "segment-transformer" in (tmp_path / "results.md").read_text()
+
+
+def test_recorded_motions(photos: Path, tmp_path: Path) -> None:
+    t = np.linspace(0, 3, 301)
+    np.savez(tmp_path / "log.npz", t_s=t, gyro_rad_s=np.stack([np.sin(t), t * 0, np.cos(3 * t)], axis=1))
+    more = ["--protocol", "trajectory", "--trajectory", str(tmp_path), "--photos", "1", "--per-photo", "1"]
+    assert run(photos, tmp_path / "out", *more, estimators="none") == 0
+    rows = rows_of(tmp_path / "out")
+    epes = [float(row["epe"]) for row in rows]
+    assert [row["suite"] for row in rows] == ["readout 20 ms", "readout 50 ms", "readout 100 ms"]
+    assert epes[0] < epes[1] < epes[2]
+
+
+def test_every_suite_of_robustness_can_be_made(photos: Path, tmp_path: Path) -> None:
+    more = ["--protocol", "robustness", "--photos", "1", "--per-photo", "1"]
+    assert run(photos, tmp_path / "out", *more, estimators="none") == 0
+    page = (tmp_path / "out" / "results.md").read_text()
+    for suite in ("as it is", "JPEG q 30", "noise", "blur", "night", "128 px", "2160 px", "left side, no EXIF"):
+        assert f"### {suite}" in page
+
+
+# ---- pairs and frames ---------------------------------------------------------------------------------------
+
+
+def sequence(folder: Path, frames: int = 1, gs_size: tuple[int, int] = (80, 100)) -> Path:
+    folder.mkdir(parents=True)
+    noise = np.random.default_rng(0).integers(0, 255, (12, 14, 3), np.uint8).repeat(10, 0).repeat(10, 1)
+    for k in range(frames):
+        Photo.from_array(noise[k : k + 80, :100]).save(folder / f"rs_{k}.png")
+        Photo.from_array(noise[k : k + gs_size[0], : gs_size[1]]).save(folder / f"gs_{k}_middle.png")
+    return folder
+
+
+def test_pairs(tmp_path: Path) -> None:
+    sequence(tmp_path / "camera" / "seq", frames=2)
+    assert run(tmp_path / "camera", tmp_path / "out", "--protocol", "pairs") == 0
+    rows = rows_of(tmp_path / "out")
+    assert [row["estimator"] for row in rows] == ["none", "segment-transformer", "ceiling"] * 2
+    assert "*ceiling*" in (tmp_path / "out" / "results.md").read_text()
+
+
+def test_pairs_are_measured_against_the_ceiling() -> None:
+    """Gains of 1 and -0.5 dB on two frames where 4 and 1 were to be had: a tenth of it, and better on one of them."""
+
+    def record(estimator: str, photo: str, psnr: float) -> dict:
+        about = {"suite": "middle row", "group": "g", "photo": photo, "estimator": estimator, "declined": False}
+        return {**about, "failed": False, "psnr": psnr, "psnr_input": 20.0, "ssim": 0.5, "ssim_input": 0.5}
+
+    gains = {"ours": (1.0, -0.5), "none": (0.0, 0.0), "ceiling": (4.0, 1.0)}
+    records = [record(name, str(k), 20 + gain) for name, both in gains.items() for k, gain in enumerate(both)]
+    text = tables(Results.of(Request("pairs", (Path("g"),)), ["ours", "none"], ["ceiling"], records))
+    rows = {cells[2].strip(" *"): cells for line in text.splitlines() if len(cells := line.split("|")) > 5}
+    heads = [cell.strip() for cell in rows["estimator"]]
+    at = [heads.index(title) for title in ("of the ceiling's", "better than the input")]
+    found = {name: [rows[name][k].strip(" *") for k in at] for name in gains}
+    assert found == {"ours": ["10%", "50%"], "none": ["0%", "0%"], "ceiling": ["100%", "100%"]}
+
+
+def test_pairs_that_synthesize_wrote(photos: Path, tmp_path: Path) -> None:
+    synthesize_folder([photos / "a.png"], tmp_path / "made")
+    assert run(tmp_path / "made", tmp_path / "out", "--protocol", "pairs", estimators="none") == 0
+    (tmp_path / "made" / "gs" / "a_00.png").unlink()
+    assert run(tmp_path / "made", tmp_path / "out2", "--protocol", "pairs", estimators="none") == 1
+
+
+def test_frames(tmp_path: Path) -> None:
+    sequence(tmp_path / "camera" / "seq", frames=3)
+    assert run(tmp_path / "camera", tmp_path / "out", "--protocol", "video") == 0
+    rows = rows_of(tmp_path / "out")
+    assert [row["estimator"] for row in rows] == ["none", "segment-transformer", "true global shutter"] * 2
+    assert "Our reading" in (tmp_path / "out" / "results.md").read_text()
+
+
+# ---- what goes wrong ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (["--estimators", "nonesuch"], 2, "unknown estimator 'nonesuch'"),
+        (["--protocol", "nonesuch"], 2, "nonesuch"),
+        (["--photos", "0"], 2, "at least one"),
+        (["--seed", "-1"], 2, "seed"),
+        (["--jobs", "0"], 2, "at least one process"),
+        (["--protocol", "trajectory"], 2, "--trajectory"),
+        (["--protocol", "trajectory", "--trajectory", "missing.npz"], 1, "no recorded motion in missing.npz"),
+        (["--protocol", "pairs"], 1, "no pairs in folder"),
+        (["--data", "missing"], 1, "there is no folder missing"),
+        (["--data", "empty"], 1, "no photos in folder empty"),
+        (["--data", "empty", "--protocol", "video"], 1, "no photos in folder empty"),
+        (["--data", "empty/", "other/empty"], 2, "same name"),
+        (["--data", "text.txt"], 1, "text.txt is not a folder"),
+        (["--output", "text.txt"], 1, "cannot write to folder text.txt"),
+    ],
+)
+def test_mistakes_get_one_line(
+    words: list[str],
+    code: int,
+    says: str,
+    photos: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("empty", "other/empty"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "text.txt").write_text("no folder")
+    before = sorted(tmp_path.rglob("*"))
+    given = {"--data": [str(photos)], "--estimators": ["none"], "--output": ["out"], "--jobs": ["1"]}
+    for word in words:
+        if word.startswith("--"):
+            option = given[word] = []
+        else:
+            option.append(word)
+    assert main(["evaluate", *(w for name, values in given.items() for w in (name, *values))]) == code
+    assert says in one_line(capsys)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_mismatched_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sequence(tmp_path / "camera" / "seq", gs_size=(60, 90))
+    assert run(tmp_path / "camera", tmp_path / "out", "--protocol", "pairs", estimators="none") == 1
+    message = one_line(capsys)
+    assert "100x80 px" in message and "90x60 px" in message and "no pair" in message
+    (tmp_path / "camera" / "seq" / "gs_0_middle.png").unlink()
+    assert run(tmp_path / "camera", tmp_path / "out", "--protocol", "pairs", estimators="none") == 1
+    assert "no global-shutter picture" in one_line(capsys)
+
+
+def test_a_single_frame_is_no_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sequence(tmp_path / "camera" / "seq")
+    assert run(tmp_path / "camera", tmp_path / "out", "--protocol", "video", estimators="none") == 1
+    assert "no consecutive frames" in one_line(capsys)
+
+
+def test_a_missing_extra_is_told_before_the_work(
+    photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
+    assert run(photos, tmp_path / "out", estimators="none") == 1
+    assert "unshutter[plot]" in one_line(capsys)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_damaged_photo_is_told_and_the_others_are_measured(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    (folder / "good.png").write_bytes((photos / "a.png").read_bytes())
+    (folder / "half.png").write_bytes((photos / "a.png").read_bytes()[:9000])
+    assert run(folder, tmp_path / "out", estimators="none") == 1
+    assert "half.png" in one_line(capsys)
+    assert "photos 1" in (tmp_path / "out" / "results.md").read_text()
+
+
+def test_whatever_is_registered_can_be_measured(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(unshutter.estimators.ESTIMATORS, "wrong", "support.wrong_estimator:Wrong")
+    assert run(photos, tmp_path / "out", "--protocol", "undistorted", estimators="none,wrong") == 0
+    wrong = [row for row in rows_of(tmp_path / "out") if row["estimator"] == "wrong"]
+    assert all(float(row["most_tx"]) == pytest.approx(0.3 * 256, rel=0.01) for row in wrong)
+    assert all(float(row["epe"]) > 20 for row in wrong)
+
+
+# ---- tables -------------------------------------------------------------------------------------------------
+
+
+def record(estimator: str, epe: float, group: str = "g", **more: object) -> Record:
+    scores = {"curvature_epe": epe / 2, "tx_rmse": epe, "rz_rmse": 0.5, "declined": "", "failed": ""}
+    place = {"suite": "256 px", "group": group, "photo": f"{epe}", "draw": 0, "estimator": estimator}
+    return place | {"epe": epe, "epe_nothing": 4.0} | scores | more
+
+
+def test_tables_by_hand() -> None:
+    records = [record("a", e) for e in (1, 2, 3, 10)] + [record("b", 4.0) for _ in range(4)]
+    table = tables(Results(Request("synthetic", (Path("g"),)), ["a", "b"], [], records)).splitlines()
+    cells = [cell.strip() for cell in table[2].split("|")[1:-1]]
+    assert cells[:7] == ["g", "a", "4", "**2.50**", "**4.00**", "7.90", "**75%**"]
+    assert [cell.strip() for cell in table[3].split("|")[4:8]] == ["4.00", "**4.00**", "**4.00**", "0%"]
+
+
+def test_pictures_without_a_figure_do_not_count() -> None:
+    scores = {"psnr": 20.0, "psnr_input": 17.0, "ssim": None, "ssim_input": None}
+    records = [record("a", 1.0, **scores), record("a", 2.0, psnr=None, psnr_input=None, ssim=None, ssim_input=None)]
+    results = Results(Request("pairs", (Path("g"),)), ["a"], [], records)
+    assert "| 20.00 dB | 17.00 dB | +3.00 dB | – | 100% | – | – |" in tables(results)
+    ((_, figures, column),) = overview(results)
+    assert column.text(figures["a"]) == "+3.00 dB"
+
+
+def test_results_come_back_from_their_file(tmp_path: Path) -> None:
+    request = Request("trajectory", (Path("x/g"),), 3, 1, 7, Path("logs"))
+    results = Results(request, ["a"], ["ceiling"], [record("a", 1.0)], {"unshutter": "1"}, {})
+    (tmp_path / "results.json").write_text(results.to_json())
+    assert Results.load(tmp_path / "results.json") == results
+    assert results.command == (
+        "unshutter evaluate --protocol trajectory --data x/g --trajectory logs --photos 3 --per-photo 1 --seed 7 "
+        "--estimators a"
+    )
+
+
+def test_the_command_line_knows_every_protocol() -> None:
+    from typing import get_args
+
+    from unshutter.cli.research import Protocol
+
+    assert set(get_args(Protocol)) == set(PROTOCOLS)

@@ -1,0 +1,303 @@
+"""What single pictures are made of and what estimates of them score."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import skimage.metrics as skimage
+
+from support.drawn_photos import textured
+from unshutter import Motion
+from unshutter.estimators import View, load
+from unshutter.evaluation.cases.case import in_8_bits
+from unshutter.evaluation.cases.ceiling import fit_to_pair
+from unshutter.evaluation.cases.disturbances import DISTURBANCES
+from unshutter.evaluation.cases.folders import Frame
+from unshutter.evaluation.cases.pairs import PairCase
+from unshutter.evaluation.cases.synthetic import Suite, SyntheticCase
+from unshutter.evaluation.cases.video import VideoCase, agreeing_matches
+from unshutter.evaluation.metrics import motion_error
+from unshutter.motion import RotationMotion
+from unshutter.photo import Photo
+from unshutter.synthesis.pairs import synthesize
+from unshutter.synthesis.row_motions import draw_quadratic
+from unshutter.warp.pixels import backward_map, validity_mask
+
+
+class Fixed:
+    """Answers with one motion, resized to the photo."""
+
+    name = "fixed"
+
+    def __init__(self, motion: Motion) -> None:
+        self.motion, self.seen = motion, []
+
+    def estimate(self, view: View) -> Motion:
+        self.seen.append(view)
+        return self.motion.resized(view.height, view.width)
+
+
+class Broken:
+    name = "broken"
+
+    def estimate(self, view: View) -> Motion:
+        raise ValueError("not of\nthis world")
+
+
+@pytest.fixture(scope="session")
+def photo(tmp_path_factory: pytest.TempPathFactory, facade: np.ndarray) -> Path:
+    path = tmp_path_factory.mktemp("photos") / "facade.png"
+    Photo.from_array(facade).save(path)
+    return path
+
+
+def case(photo: Path, suite: Suite, draw: int = 0, logs: tuple[Path, ...] = ()) -> SyntheticCase:
+    return SyntheticCase(suite, "drawn", photo.name, photo, draw, 0, logs)
+
+
+# ---- pictures with known motion -----------------------------------------------------------------------------
+
+
+def test_doing_nothing_scores_as_the_input(photo: Path) -> None:
+    (record,) = case(photo, Suite("256 px")).judge(["none"], load)
+    assert record["epe"] == record["epe_nothing"] > 1
+    assert record["psnr"] == record["psnr_input"] < record["psnr_oracle"]
+    assert record["ssim"] == record["ssim_input"] < record["ssim_oracle"] <= 1
+    assert record["most_tx"] == record["most_rz"] == 0
+    assert record["declined"] and not record["failed"]
+
+
+def test_the_truth_scores_as_the_oracle(photo: Path) -> None:
+    made = case(photo, Suite("256 px"))
+    truth = made.show([], load).curves["truth"]
+    (record,) = made.judge(["truth"], lambda name: Fixed(truth))
+    assert record["epe"] == pytest.approx(0, abs=1e-6)
+    assert record["psnr"] == record["psnr_oracle"] > record["psnr_input"] + 5
+    assert record["most_tx"] == pytest.approx(np.abs(truth.tx_px).max())
+
+
+def test_a_record_holds_the_confidence_that_the_motion_states(photo: Path) -> None:
+    made = case(photo, Suite("256 px"))
+    sure = Motion.from_polynomials([0, 20], [0], 256, 256, confidence=0.25)
+    (record,) = made.judge(["sure"], lambda name: Fixed(sure))
+    assert record["confidence"] == 0.25
+    silent = Motion.from_polynomials([0, 20], [0], 256, 256)
+    for estimator in (Fixed(silent), load("none"), Broken()):  # says nothing, declines, fails
+        (record,) = made.judge([estimator.name], lambda name, estimator=estimator: estimator)
+        assert record["confidence"] is None
+    (record,) = made.judge(["manhattan"], load)
+    assert 0 < record["confidence"] < 1
+
+
+def test_pictures_are_compared_where_truth_and_estimate_see_something(photo: Path) -> None:
+    """The same figures from OpenCV's warp and scikit-image, in half a decibel: their bicubics differ."""
+    made = case(photo, Suite("256 px"), draw=1)
+    shear = Motion.from_polynomials([0, 20], [0], 256, 256)
+    (record,) = made.judge(["shear"], lambda name: Fixed(shear))
+    shown = made.show([], load)
+    rs, gs = (dict(shown.pictures)[k] for k in (shown.pictures[0][0], "truth"))
+    seen = validity_mask(shear) & validity_mask(shown.curves["truth"])
+    warped = cv2.remap(rs, *backward_map(shear), cv2.INTER_CUBIC)
+    by_others = skimage.peak_signal_noise_ratio(gs[seen], warped[seen])
+    assert record["seen"] == pytest.approx(seen.mean())
+    assert record["psnr"] == pytest.approx(by_others, abs=0.5)
+    assert record["psnr_input"] == pytest.approx(skimage.peak_signal_noise_ratio(gs[seen], rs[seen]), rel=1e-9)
+
+
+def test_motions_are_the_same_at_every_size(photo: Path) -> None:
+    sizes = [Suite("256 px"), Suite("native", rows=None), Suite("128 px", rows=128), Suite("600 px", rows=600)]
+    epes = [case(photo, suite).judge(["none"], load)[0]["epe"] for suite in sizes]
+    assert epes == pytest.approx([epes[0]] * 4, rel=0.03)
+
+
+def test_draws_depend_on_seed_draw_and_photo_only(photo: Path) -> None:
+    made = case(photo, Suite("256 px"))
+    assert made.judge(["none"], load) == made.judge(["none"], load)
+    others = [replace(made, draw=1), replace(made, seed=1)]
+    epes = {other.judge(["none"], load)[0]["epe"] for other in (made, *others)}
+    assert len(epes) == 3
+    renamed = replace(made, photo="other.png", group="elsewhere")
+    assert renamed.judge(["none"], load)[0]["epe"] in epes
+
+
+def test_undistorted_photos_have_no_motion(photo: Path) -> None:
+    for rows in (256, None):
+        (record,) = case(photo, Suite("still", rows=rows, still=True)).judge(["none"], load)
+        assert record["epe"] == 0 and "psnr" not in record
+
+
+def test_portrait_photos_lie_on_their_side_and_say_so(photo: Path) -> None:
+    upright = case(photo, Suite("a", still=True)).show([], load).pictures[0][1]
+    for turned, orientation, up in ((1, 6, (-1, 0)), (-1, 8, (1, 0)), (1, 1, (0, -1))):
+        suite = Suite("b", turned=turned, orientation=orientation, still=True)
+        estimator = Fixed(Motion.zero(256, 256))
+        shown = case(photo, suite).show(["fixed"], lambda name, e=estimator: e)
+        np.testing.assert_array_equal(shown.pictures[0][1], np.rot90(upright, turned))
+        assert estimator.seen[0].up == up
+
+
+def test_estimators_are_told_the_focal_length_of_the_whole_photo(photo: Path) -> None:
+    """420 x 560 px give 0.85 * 980; the middle 302 px of it are shown at 256."""
+    estimator = Fixed(Motion.zero(256, 256))
+    case(photo, Suite("256 px")).judge(["fixed"], lambda name: estimator)
+    assert estimator.seen[0].focal_px() == pytest.approx(0.85 * 980 * 256 / 302)
+
+
+def test_rotations_are_judged_by_where_they_look(photo: Path) -> None:
+    """A tilt has neither t_x nor r_z at the centre, but moves rows: it must not look like nothing."""
+    tilt = RotationMotion(width=256, rotations=np.linspace([0, 0, 0], [0.02, 0, 0], 256), focal_px=400)
+    (record,) = case(photo, Suite("still", still=True)).judge(["tilt"], lambda name: Answering(tilt))
+    assert record["epe"] > 2
+    assert record["most_tx"] == pytest.approx(0, abs=1e-9)
+
+
+class Answering(Fixed):
+    def estimate(self, view: View) -> Motion:
+        return self.motion
+
+
+def test_an_estimator_that_breaks_is_on_record_and_stops_nobody(photo: Path) -> None:
+    estimators = {"broken": Broken(), "none": load("none")}
+    broken, none = case(photo, Suite("256 px")).judge(["broken", "none"], estimators.__getitem__)
+    assert broken["failed"] == "ValueError: not of this world"
+    assert broken["epe"] == none["epe"] and not none["failed"]
+
+
+def test_a_motion_that_cannot_be_undone_leaves_the_input(photo: Path) -> None:
+    folding = Motion(256, np.zeros(256), np.where(np.arange(256) % 2, 0.5, 0.0))
+    (record,) = case(photo, Suite("256 px")).judge(["folding"], lambda name: Fixed(folding))
+    assert record["psnr"] == record["psnr_input"]
+    assert np.isfinite(record["epe"]) and record["epe"] > record["epe_nothing"]
+
+
+def test_recorded_motions(photo: Path, tmp_path: Path) -> None:
+    """A camera that turns left at 1 rad/s for 50 ms at f = 256 px: t_x = 256 tan(0.05 * 255 / 256)."""
+    t = np.linspace(0, 2, 201)
+    log = tmp_path / "left.npz"
+    np.savez(log, t_s=t, gyro_rad_s=np.tile([1.0, 0, 0], (201, 1)))
+    suite = Suite("50 ms", readout_s=0.05)
+    truth = case(photo, suite, logs=(log,)).show([], load).curves["truth"]
+    assert truth.tx_px[-1] == pytest.approx(256 * np.tan(0.05 * 255 / 256), rel=1e-3)
+    assert np.abs(truth.rz_rad).max() == pytest.approx(0, abs=1e-9)
+
+
+# ---- disturbances -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", DISTURBANCES)
+def test_disturbances_repeat_and_change_something(name: str) -> None:
+    picture = textured(90, 120)
+    before = picture.copy()
+    a, b = (DISTURBANCES[name](picture, np.random.default_rng(4)) for _ in range(2))
+    np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(picture, before)
+    assert a.shape == picture.shape and a.dtype == np.uint8
+    assert np.abs(a.astype(int) - picture).mean() > 0.2
+
+
+def test_disturbances_are_as_strong_as_they_say() -> None:
+    grey = np.full((200, 200, 3), 128, np.uint8)
+    rng = np.random.default_rng(0)
+    assert (DISTURBANCES["noise"](grey, rng).astype(float) - 128).std() == pytest.approx(10, rel=0.02)
+    night = DISTURBANCES["night"](grey, rng).astype(float)
+    assert night.mean() == pytest.approx(0.5 * 255 * (128 / 255) ** 2, rel=0.02)
+    assert night.std() == pytest.approx(6, rel=0.02)
+    edge = np.repeat(np.where(np.arange(100) < 50, 0, 255)[None, :, None], 100, 0).repeat(3, 2).astype(np.uint8)
+    step = np.diff(DISTURBANCES["blur"](edge, rng)[50, :, 0].astype(float))
+    spread = np.sqrt((step * (np.arange(99) - 49) ** 2).sum() / step.sum())
+    assert spread == pytest.approx(1.5, rel=0.05)
+
+
+# ---- pairs --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="session")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Frame, dict[str, Motion]]:
+    """A scene of which a rolling shutter saw the middle, and global shutters at the moments of two of its rows."""
+    folder = tmp_path_factory.mktemp("pair")
+    scene = cv2.GaussianBlur(textured(280, 280), (0, 0), 2.0)
+    drawn = draw_quadratic(np.random.default_rng(5), 200, 280)
+    rs, gs = synthesize(scene, drawn)
+    motions = {reference: drawn.crop.rereferenced(reference) for reference in ("first", "middle")}
+    col, row = np.meshgrid(np.arange(200.0), np.arange(200.0))
+    at = drawn.crop.rs_to_gs(*motions["middle"].gs_to_rs(col, row))  # where the middle row's picture sees the first's
+    x, y = ((a + drawn.margin).astype(np.float32) for a in at)
+    pictures = {"rs_0": rs, "gs_0_first": gs, "gs_0_middle": cv2.remap(scene, x, y, cv2.INTER_CUBIC)}
+    for name, picture in pictures.items():
+        Photo.from_array(picture).save(folder / f"{name}.png")
+    files = {reference: folder / f"gs_0_{reference}.png" for reference in motions}
+    return Frame("pair", 0, folder / "rs_0.png", files), motions
+
+
+@pytest.mark.parametrize("reference", ["first", "middle"])
+def test_the_ceiling_finds_the_motion_of_a_pair(pair: tuple[Frame, dict[str, Motion]], reference: str) -> None:
+    frame, motions = pair
+    rs, gs = (in_8_bits(Photo.open(path)) for path in (frame.rs, frame.gs[reference]))
+    found = fit_to_pair(rs, gs, reference)
+    assert found.reference == reference
+    assert motion_error(found, motions[reference]).epe < 0.25
+
+
+def test_pairs_are_compared_at_their_reference_row(pair: tuple[Frame, dict[str, Motion]]) -> None:
+    frame, motions = pair
+    truth = Fixed(motions["first"])
+    records = PairCase("drawn", frame).judge(["none", "truth"], lambda name: load("none") if name == "none" else truth)
+    assert [(r["suite"], r["estimator"]) for r in records] == [
+        ("first row", "none"),
+        ("middle row", "none"),
+        ("first row", "truth"),
+        ("middle row", "truth"),
+    ]
+    for none, best in zip(records[:2], records[2:], strict=True):
+        assert none["psnr"] == none["psnr_input"] < best["psnr"] - 8
+        assert best["psnr"] > 33 and best["ssim"] > 0.97
+
+
+# ---- |R_F| --------------------------------------------------------------------------------------------------
+
+
+def seen(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return picture, np.ones(picture.shape[:2], bool)
+
+
+def spotted(height: int, width: int) -> np.ndarray:
+    """Blobs of a few pixels, as SIFT likes them."""
+    noise = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 1, (height, width, 3)), (0, 0), 2.0)
+    return np.clip(128 + 100 * noise / np.abs(noise).max(), 0, 255).astype(np.uint8)
+
+
+def test_matches_that_agree_are_counted_and_repeat() -> None:
+    scene = spotted(260, 340)
+    left, right = seen(scene[:, :-20]), seen(scene[:, 20:])
+    first = agreeing_matches(left, right, seed=0)
+    assert first == agreeing_matches(left, right, seed=0)
+    assert first[1] > 50 and first[0] > 0.95 * first[1]
+
+
+def test_wobble_makes_matches_disagree() -> None:
+    """Rows displaced to and fro by 8 px, across and along: no fundamental matrix explains that."""
+    scene = spotted(260, 340)
+    col, row = np.meshgrid(np.arange(340, dtype=np.float32), np.arange(260, dtype=np.float32))
+    wobbling = cv2.remap(scene, col + 8 * np.sin(row / 9), row + 8 * np.sin(col / 13), cv2.INTER_LINEAR)
+    still, wobble = (agreeing_matches(seen(scene), seen(p), seed=0) for p in (scene, wobbling))
+    assert wobble[0] < 0.7 * still[0]
+
+
+def test_pictures_without_features_have_no_matches() -> None:
+    flat = np.full((100, 100, 3), 90, np.uint8)
+    assert agreeing_matches(seen(flat), seen(flat), seed=0) == (0, 0)
+
+
+def test_frames_of_a_video(tmp_path: Path) -> None:
+    for name, picture in {"rs_0": spotted(120, 160), "gs_0_middle": spotted(120, 160)}.items():
+        Photo.from_array(picture).save(tmp_path / f"{name}.png")
+    frame = Frame("video", 0, tmp_path / "rs_0.png", {"middle": tmp_path / "gs_0_middle.png"})
+    case = VideoCase("drawn", (frame, replace(frame, number=1)), 0)
+    assert case.rivals == ("true global shutter",)
+    sheared = Fixed(Motion.from_polynomials([0, 9], [0], 120, 160))
+    records = case.judge(["none", "fixed", *case.rivals], lambda name: load("none") if name == "none" else sheared)
+    assert [r["estimator"] for r in records] == ["none", "fixed", "true global shutter"]
+    assert records[0]["inliers"] == records[0]["inliers_input"] > 20
+    assert all(r["inliers"] <= r["matches"] for r in records)

@@ -1,0 +1,163 @@
+"""The paper's system: both phases of its training, its export, its ablations and the shipped configurations."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from support.small_kandula2020 import DATA, NETWORK, PICTURE_LOSSES
+from unshutter.errors import UsageError
+from unshutter.learn.config import TrainConfig, as_table, load_config
+from unshutter.learn.kandula2020.losses import LossConfig
+from unshutter.learn.kandula2020.recipe import KandulaRecipe
+from unshutter.learn.recipes import make_recipe
+from unshutter.learn.train import _optimiser, _schedule, run
+
+torch.set_num_threads(1)
+CPU = torch.device("cpu")
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+# ---- training ---------------------------------------------------------------------------------------------
+
+
+def write_config(path: Path, loss: str = "regress_steps = 3\nregress_photos = 2", network: str = "") -> Path:
+    path.write_text(
+        'model = "kandula2020"\nsteps = 6\nbatch = 2\noptimiser = "adam"\nbeta2 = 0.99\nweight_decay = 0.0\n'
+        'schedule = "constant"\nlog_every = 1\nvalidate_every = 3\n'
+        f"[network]\nsize = 64\nwidth = 4\nhidden = 16\nrow_width = 4\n{network}\n"
+        "[data]\nsize = 64\ncanvas = 88\ndrawn = 5\nheld_out = 2\nvalidation_motions = 1\n"
+        f"[loss]\n{loss}\n"
+    )
+    return path
+
+
+def read_log(folder: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((folder / "log.csv").read_text().splitlines()))
+
+
+def test_training_runs_both_phases_and_resumes(tmp_path):
+    config = write_config(tmp_path / "small.toml")
+    whole = run(config, tmp_path / "whole", device="cpu")
+    log = read_log(whole)
+    assert [bool(row["rectified"]) for row in log] == [False] * 3 + [True] * 3
+    assert all(
+        float(log[-1][name]) > 0 for name in (*PICTURE_LOSSES, "motion", "val_epe_median", "val_epe_exact_inverse")
+    )
+
+    stopped = run(config, tmp_path / "parts", steps=4, device="cpu")
+    run(config, tmp_path / "parts", device="cpu")
+    states = [torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (whole, stopped)]
+    for name, weights in states[0]["network"].items():
+        torch.testing.assert_close(states[1]["network"][name], weights, msg=name)
+
+
+def test_export_is_the_network(tmp_path):
+    import onnxruntime
+
+    torch.manual_seed(0)
+    recipe = KandulaRecipe(TrainConfig("kandula2020", network=NETWORK, data=DATA), CPU)
+    network = recipe.build()
+    nn.init.normal_(network.row_block.layers[-1].weight, std=0.1)
+    network(torch.rand(4, 3, 64, 64))  # batch statistics that are not those of the start
+    network.eval()
+    rs = torch.rand(3, 3, 64, 64)
+    with torch.no_grad():
+        expected = network(rs)
+    recipe.export(network, tmp_path / "model.onnx")
+    session = onnxruntime.InferenceSession(str(tmp_path / "model.onnx"), providers=["CPUExecutionProvider"])
+    assert [o.name for o in session.get_outputs()] == ["motion", "row_map"]
+    for ours, theirs in zip(expected, session.run(None, {"rs": rs.numpy()}), strict=True):
+        np.testing.assert_allclose(theirs, ours.numpy(), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("network", "loss", "logged"),
+    [
+        ("", "regress_only = true", set()),
+        ("", "regress_steps = 0\nregenerated = 0\nregenerated_edges = 0", {"rectified", "rectified_edges"}),
+        ("", "regress_steps = 0\nrectified_edges = 0\nregenerated_edges = 0", {"rectified", "regenerated"}),
+        ("trajectory_degree = -1", "regress_steps = 0", set(PICTURE_LOSSES)),
+        ("row_layers = 0", "regress_steps = 0", set(PICTURE_LOSSES)),
+        ("row_layers = 3", "regress_steps = 0", set(PICTURE_LOSSES)),
+    ],
+)
+def test_ablations_train_and_export(tmp_path, network, loss, logged):
+    config = write_config(tmp_path / "ablation.toml", loss, network)
+    folder = run(config, tmp_path, steps=2, device="cpu")
+    last = read_log(folder)[-1]
+    assert {name for name in PICTURE_LOSSES if last.get(name)} == logged
+    assert (folder / "model.onnx").exists()
+
+
+def test_size_of_data_and_network_must_agree():
+    with pytest.raises(UsageError, match="must agree"):
+        KandulaRecipe(TrainConfig("kandula2020", network=NETWORK), CPU)
+
+
+# ---- configurations ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*2*.toml")), ids=lambda p: p.stem)
+def test_shipped_configurations_can_be_built(path):
+    config = load_config(path)
+    config = replace(config, data={**config.data, "folder": "", "validation_folder": "", "drawn": 3, "held_out": 1})
+    recipe = make_recipe(config, CPU)
+    with torch.device("meta"):
+        network = recipe.build() if config.model == "kandula2020" else None
+    if network is not None:
+        assert sum(w.numel() for w in network.parameters()) * 4 < 20e6
+    assert _schedule(0, config) > 0
+
+
+def test_the_paper_run_is_the_paper_run():
+    config = load_config(CONFIGS / "kandula2020.toml")
+    assert (config.optimiser, config.learning_rate, config.momentum, config.beta2) == ("adam", 1e-3, 0.9, 0.99)
+    assert config.data["photos"] == 400
+    assert config.steps * config.batch % 80_000 == 0
+    assert (config.loss["regress_photos"], config.loss["regress_steps"]) == (50, 50 * 200 * 5 // 64)
+    defaults = LossConfig()
+    assert [getattr(defaults, name) for name in PICTURE_LOSSES] == [1, 1, 0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("name", "difference"),
+    [
+        ("regressed", {"loss": {"regress_only": True}}),
+        ("no-regeneration", {"loss": {"regenerated": 0, "regenerated_edges": 0}}),
+        ("no-edges", {"loss": {"rectified_edges": 0, "regenerated_edges": 0}}),
+        ("no-trajectory", {"network": {"trajectory_degree": -1}}),
+        ("exact-inverse", {"network": {"row_layers": 0}}),
+        ("row3", {"network": {"row_layers": 3}}),
+    ],
+)
+def test_ablations_differ_in_one_thing(name, difference):
+    base = as_table(load_config(CONFIGS / "kandula2020.toml"))
+    ablation = as_table(load_config(CONFIGS / f"kandula2020-{name}.toml"))
+    for table, values in difference.items():
+        base[table] = {**base[table], **values}
+    assert ablation == base
+
+
+def test_optimisers_and_schedules():
+    config = TrainConfig("any", steps=100, warmup=10, learning_rate=0.5, momentum=0.8, beta2=0.97, weight_decay=0.25)
+    network = nn.Linear(2, 2)
+    adamw, adam, sgd = (_optimiser(network, replace(config, optimiser=name)) for name in ("adamw", "adam", "sgd"))
+    assert (type(adamw), type(adam), type(sgd)) == (torch.optim.AdamW, torch.optim.Adam, torch.optim.SGD)
+    assert adam.defaults["betas"] == (0.8, 0.97) and sgd.defaults["momentum"] == 0.8
+    assert {o.defaults["weight_decay"] for o in (adamw, adam, sgd)} == {0.25}
+    assert TrainConfig("any").optimiser == "adamw" and (TrainConfig("any").momentum, TrainConfig("any").beta2) == (
+        0.9,
+        0.98,
+    )
+    assert _schedule(4, config) == pytest.approx(0.5, abs=0.01) and _schedule(50, config) == pytest.approx(0.5)
+    assert _schedule(99, replace(config, schedule="constant")) == 1
+    stairs = replace(config, schedule="stairs", stair=40)
+    assert [_schedule(s, stairs) for s in (20, 39, 40, 80)] == pytest.approx([1, 1, 0.1, 0.01])
+    for bad in ({"optimiser": "lion"}, {"schedule": "sine"}, {"schedule": "stairs"}):
+        with pytest.raises(UsageError):
+            _optimiser(network, replace(config, **bad)), _schedule(0, replace(config, **bad))

@@ -1,0 +1,57 @@
+"""Folders of small photos, and the command run over them as users run it."""
+
+import hashlib
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from support.drawn_photos import drawn
+from unshutter import Motion
+from unshutter.cli import main
+from unshutter.photo import Photo
+
+HEIGHT, WIDTH = 72, 96
+
+
+def make_photos(folder: Path, names: list[str]) -> None:
+    """Small pictures, each a little different, of the formats that the names ask for."""
+    for k, name in enumerate(names):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pixels = drawn(HEIGHT, WIDTH)
+        pixels[: k % 50 + 3, : k // 50 + 5] = k % 251
+        Photo.from_array(pixels).save(path)
+
+
+def make_motion(path: Path) -> Path:
+    """A motion that changes every small photo, for batches that are not about estimating."""
+    Motion.from_polynomials([0, 6, -9], [0, 0.05], HEIGHT, WIDTH).save(path)
+    return path
+
+
+def rectify(*arguments: object) -> int:
+    """``unshutter rectify`` in this process; its exit code."""
+    return main(["rectify", *map(str, arguments)])
+
+
+def start_rectify(*arguments: object, **options) -> subprocess.Popen:
+    """``unshutter rectify`` in a process of its own."""
+    command = [sys.executable, "-m", "unshutter", "rectify", *map(str, arguments)]
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # these tests run in the background of a shell
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+def results(folder: Path) -> dict[str, str]:
+    """Relative path -> digest of every picture below a folder, temporary files among them."""
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.suffix not in (".jsonl", ".json")
+    }
+
+
+def leftovers(folder: Path) -> list[str]:
+    """Temporary files below a folder."""
+    return [path.name for path in folder.rglob(".unshutter-*")]

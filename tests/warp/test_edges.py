@@ -1,0 +1,89 @@
+"""The edges of a rectified picture, where nothing was seen: kept black, cropped or filled."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from support.shaken_scenes import drawn_scene, inside, shake
+from unshutter.errors import UnshutterError
+from unshutter.motion import Motion
+from unshutter.warp.pixels import backward_map, largest_valid_rectangle, rectify_pixels, validity_mask
+
+
+@pytest.mark.parametrize("bands", [1, 2, 3, 4])
+def test_keep_is_black_and_transparent_exactly_where_the_mask_says(bands):
+    pixels = np.full((90, 120, bands), 200, dtype=np.uint8)
+    motion = shake(90, 120)
+    kept = rectify_pixels(pixels, motion, "keep")
+    mask = validity_mask(motion)
+    assert 0.5 < mask.mean() < 0.99
+    assert (kept[mask] == 200).all()
+    assert (kept[~mask] == 0).all()
+
+
+def test_fill_repeats_the_border():
+    pixels = drawn_scene(90, 120)
+    motion = shake(90, 120)
+    filled = rectify_pixels(pixels, motion, "fill").astype(int)
+    kept = rectify_pixels(pixels, motion, "keep")
+    mask = validity_mask(motion)
+    assert np.array_equal(filled[mask], kept[mask])
+    col, row = backward_map(motion)
+    nearest = pixels[np.rint(row).clip(0, 89).astype(int), np.rint(col).clip(0, 119).astype(int)]
+    far = ~inside(col, row, 90, 120, -1) & (inside(col, col, 120, 120) | inside(row, row, 90, 90))
+    assert far.any()
+    assert np.abs(filled - nearest)[far].max() <= 25  # within half a pixel along the border
+    beyond_both = (col < -2) & (row < -2) | (col > 121) & (row > 91)
+    assert np.array_equal(filled[beyond_both], nearest[beyond_both])
+
+
+def test_crop_keeps_the_aspect_and_only_valid_pixels():
+    for height, width in ((90, 120), (150, 100), (77, 77)):
+        motion = shake(height, width)
+        cropped = rectify_pixels(np.full((height, width), 200, np.uint8), motion, "crop")
+        assert (cropped == 200).all()
+        rows, cols = cropped.shape[:2]
+        assert abs(cols * height / width - rows) <= 1
+        assert rows * cols > 0.5 * height * width
+        left, top, w, h = largest_valid_rectangle(validity_mask(motion))
+        assert (w, h) == (cols, rows)
+        kept = rectify_pixels(drawn_scene(height, width), motion)[top : top + h, left : left + w]
+        assert np.array_equal(rectify_pixels(drawn_scene(height, width), motion, "crop"), kept)
+
+
+@settings(deadline=None, max_examples=60)
+@given(seed=st.integers(0, 10**6), height=st.integers(1, 12), width=st.integers(1, 12), holes=st.integers(0, 6))
+def test_largest_rectangle_equals_brute_force(seed, height, width, holes):
+    rng = np.random.default_rng(seed)
+    mask = np.ones((height, width), dtype=bool)
+    mask[rng.integers(0, height, holes), rng.integers(0, width, holes)] = False
+    left, top, w, h = largest_valid_rectangle(mask)
+    best = 0
+    for long in range(1, max(height, width) + 1):
+        if width >= height:
+            size = long, max(round(long * height / width), 1)
+        else:
+            size = max(round(long * width / height), 1), long
+        for y in range(height - size[1] + 1):
+            for x in range(width - size[0] + 1):
+                if mask[y : y + size[1], x : x + size[0]].all():
+                    best = max(best, size[0] * size[1])
+    assert w * h == best
+    assert best == 0 or mask[top : top + h, left : left + w].all()
+
+
+def test_largest_rectangle_of_a_large_mask_is_valid_and_hardly_smaller():
+    row, col = np.mgrid[:1500, :2003]
+    mask = (np.hypot(row - 700, col - 1100) < 600) & (col > 700)
+    left, top, w, h = largest_valid_rectangle(mask)
+    assert mask[top : top + h, left : left + w].all()
+    assert w >= 4 * largest_valid_rectangle(mask[::4, ::4])[2] - 16
+
+
+def test_crop_that_leaves_nothing_says_so():
+    image = np.full((100, 100), 9, np.uint8)
+    with pytest.raises(UnshutterError, match="9 % of the photo: use other edges, keep or fill"):
+        rectify_pixels(image, Motion(100, np.full(100, 70.0), np.zeros(100)), "crop")
+    with pytest.raises(UnshutterError, match="0 % of the photo"):
+        rectify_pixels(image, Motion(100, np.full(100, 500.0), np.zeros(100)), "crop")
