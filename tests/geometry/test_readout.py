@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from support.stored import as_stored
 from unshutter import Readout, UsageError
 from unshutter.geometry.readout import scene_up
 
@@ -18,7 +19,7 @@ def test_the_line_read_first_becomes_the_top_row(readout: Readout) -> None:
     frame = readout.turn(stored)
     assert frame.shape == readout.frame_size(3, 4)
     assert sorted(frame[0]) == sorted(FIRST_LINE[readout.value](stored))
-    np.testing.assert_array_equal(readout.turn_back(frame), stored)
+    np.testing.assert_array_equal(as_stored(frame, readout), stored)
 
 
 @pytest.mark.parametrize("readout", list(Readout))

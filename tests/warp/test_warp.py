@@ -8,6 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from support.shaken_scenes import drawn_scene, inside, shake
+from support.stored import as_stored
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion
@@ -129,7 +130,7 @@ def test_signs_on_a_drawn_bar(readout):
     frame = np.zeros((80, 100), dtype=np.uint8)
     frame[:, 30] = 200
     motion = Motion.from_polynomials([0, 20], [0, 0], 80, 100, readout=readout)
-    rs = distort_pixels(readout.turn_back(frame), motion)
+    rs = distort_pixels(as_stored(frame, readout), motion)
     in_frame = readout.turn(rs)
     middle = (in_frame * np.arange(100)).sum(1) / in_frame.sum(1)
     assert middle == pytest.approx(30 + motion.tx_px, abs=0.05)
@@ -176,7 +177,7 @@ def test_round_trip_is_within_half_a_decibel_of_the_interpolation_limit(seed):
 def test_readouts_give_the_same_picture_turned(readout, edges):
     frame = drawn_scene(120, 160, dtype=np.uint16)
     upright = rectify_pixels(frame, shake(120, 160), edges)
-    stored = rectify_pixels(readout.turn_back(frame), shake(120, 160, readout=readout), edges)
+    stored = rectify_pixels(as_stored(frame, readout), shake(120, 160, readout=readout), edges)
     if edges == "crop":  # of two equally good places the first is taken, and turning may change which
         assert readout.turn(stored).shape == upright.shape
         return

@@ -7,10 +7,12 @@ mirrored) so that the line read first is the top row. Only this file knows how t
 from __future__ import annotations
 
 from enum import StrEnum
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from unshutter.errors import UsageError
+
+if TYPE_CHECKING:
+    import numpy as np  # not imported above: options are checked while a photo is being decoded
 
 
 class Readout(StrEnum):
@@ -52,11 +54,9 @@ class Readout(StrEnum):
 
     def turn(self, pixels: np.ndarray) -> np.ndarray:
         """Stored pixels [H, W, ...] -> readout frame."""
-        return np.rot90(pixels, self.quarter_turns)
+        import numpy as np
 
-    def turn_back(self, pixels: np.ndarray) -> np.ndarray:
-        """Readout frame [H, W, ...] -> stored pixels."""
-        return np.rot90(pixels, -self.quarter_turns)
+        return np.rot90(pixels, self.quarter_turns)
 
     def points_to_frame(self, col, row, height: int, width: int):
         """Stored pixel positions (of a stored picture height x width) -> positions in the readout frame."""

@@ -1,0 +1,186 @@
+"""What can be asked for: one frozen value for each kind of question, checked once, when it is made.
+
+The Python API, the command line, batches and their workers pass these values on as they are. A field's ``help`` is what
+``unshutter COMMAND --help`` prints; its flag is its name with dashes. To add an option, add a field here and use it
+where the work is done.
+
+Nothing here imports NumPy: a photo is being decoded before that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from unshutter.errors import UsageError
+from unshutter.geometry.readout import Readout
+
+DEFAULT_ESTIMATOR = "segment-manhattan"
+MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
+MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
+
+ReadoutWord = Literal["auto", "top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
+Reference = Literal["first", "middle", "last"]
+Edges = Literal["keep", "crop", "fill"]
+PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
+Subsampling = Literal["4:4:4", "4:2:0"]
+
+
+def option(default: Any, help: str, **more: Any) -> Any:
+    """A field with its help; ``more`` is for the command line (cli/arguments.py)."""
+    return field(default=default, metadata={"help": help, **more})
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What is known of the camera beside the photo itself.
+
+    Attributes:
+        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        focal_px: focal length [px of the full-size photo]; None: EXIF's, else a guess.
+        roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
+        tilt_deg: how far it looked up, -90 is straight down; None: unknown.
+
+    Raises:
+        UsageError: an unknown direction, a focal length that is not positive, an angle out of range.
+    """
+
+    readout: ReadoutWord = option(
+        "auto", "Direction in which the sensor was read, if an editor has turned the file. Default: top-to-bottom."
+    )
+    focal_px: float | None = option(
+        None,
+        "Focal length in px of the photo, for methods that use it. Default: EXIF's, else 0.85 (width + height).",
+    )
+    roll_deg: float | None = option(
+        None, "How far the camera was turned clockwise from upright, where you know it, for methods that use it."
+    )
+    tilt_deg: float | None = option(None, "How far it looked up, where you know it; -90 is straight down.")
+
+    def __post_init__(self) -> None:
+        Readout.parse(self.readout)
+        if self.focal_px is not None and not 0 < self.focal_px < math.inf:
+            raise UsageError(f"the focal length must be positive, got {self.focal_px:g} px")
+        for name, angle, most in (("roll", self.roll_deg, MOST_ROLL_DEG), ("tilt", self.tilt_deg, MOST_TILT_DEG)):
+            if angle is not None and not -most <= angle <= most:
+                raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
+
+    @property
+    def direction(self) -> Readout:
+        """The readout direction, ``auto`` resolved."""
+        return Readout.parse(self.readout)
+
+    @property
+    def says_nothing(self) -> bool:
+        """Whether focal length, roll and tilt are all left open."""
+        return self.focal_px is None and self.roll_deg is None and self.tilt_deg is None
+
+
+@dataclass(frozen=True)
+class Find:
+    """How a photo's motion is found.
+
+    Attributes:
+        estimator: name of the method, or NAME@FILE with weights of your own.
+        camera: what is known of the camera.
+    """
+
+    estimator: str = option(DEFAULT_ESTIMATOR, "Method that finds the camera's motion; `unshutter models` lists them.")
+    camera: Camera = field(default_factory=Camera)
+
+
+@dataclass(frozen=True)
+class Undo:
+    """How a motion is undone.
+
+    Attributes:
+        reference: row at whose moment the picture is taken; None: the motion's own.
+        strength: 0 (nothing) to 1 (the whole motion).
+        edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
+            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
+
+    Raises:
+        UsageError: a value that is none of its choices.
+    """
+
+    reference: Reference | None = option(None, "Row at whose moment the picture is taken. Default: first.")
+    strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
+    edges: Edges = option(
+        "keep", "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour."
+    )
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.strength <= 1:
+            raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
+        if self.edges not in get_args(Edges):
+            raise UsageError(f"unknown edges '{self.edges}': choose keep, crop or fill")
+        if self.reference not in (None, *get_args(Reference)):
+            raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
+
+
+@dataclass(frozen=True)
+class Save:
+    """How a picture is written.
+
+    Attributes:
+        format: of the file; None: the photo's own, AVIF for HEIC, 16-bit TIFF for raw files.
+        quality: of JPEG, WebP and AVIF, 1 to 100; None: like the original.
+        subsampling: of the chroma of JPEG and AVIF; None: like the original.
+
+    Raises:
+        UsageError: a value that is none of its choices.
+    """
+
+    format: PictureFormat | None = option(
+        None, "Format of the results. Default: that of each photo; AVIF for HEIC, 16-bit TIFF for raw files."
+    )
+    quality: int | None = option(None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.")
+    subsampling: Subsampling | None = option(
+        None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
+    )
+
+    def __post_init__(self) -> None:
+        if self.quality is not None and not 1 <= self.quality <= 100:
+            raise UsageError(f"quality must lie between 1 and 100, got {self.quality}")
+        if self.subsampling not in (None, *get_args(Subsampling)):
+            choices = ", ".join(get_args(Subsampling))
+            raise UsageError(f"unknown subsampling '{self.subsampling}': choose one of {choices}")
+        if self.format not in (None, *get_args(PictureFormat)):
+            choices = ", ".join(get_args(PictureFormat))
+            raise UsageError(f"unknown picture format '{self.format}': choose one of {choices}")
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a command works through its photos, which changes nothing about its results.
+
+    Attributes:
+        overwrite: whether outputs that exist may be replaced; originals never are.
+        jobs: processes on this machine; None: this one.
+        scheduler: address of a Dask scheduler; None: none.
+        dry_run: only say what would be done.
+        json_log: file to add what happens to, one JSON object a line.
+        max_pixels: photos with more are refused.
+
+    Raises:
+        UsageError: a number below 1, or both ``jobs`` and ``scheduler``.
+    """
+
+    overwrite: bool = option(False, "Replace outputs that exist already, finished ones too.")
+    jobs: int | None = option(None, "Work in so many processes, each on one processor. Default: in this one.")
+    scheduler: str | None = option(
+        None, "Address (tcp://HOST:PORT) of a Dask scheduler whose workers do the work (needs the extra `dask`)."
+    )
+    dry_run: bool = option(False, "Only say what would be done.")
+    json_log: Path | None = option(None, "Add what happens to this file, one JSON object a line.")
+    max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
+
+    def __post_init__(self) -> None:
+        if self.jobs is not None and self.jobs < 1:
+            raise UsageError(f"--jobs must be at least 1, got {self.jobs}")
+        if self.max_pixels < 1:
+            raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
+        if self.jobs is not None and self.scheduler is not None:
+            raise UsageError("--jobs is for this machine, --scheduler for a cluster: choose one of them")

@@ -1,0 +1,10 @@
+"""Pictures as a sensor that is read in another direction would have stored them."""
+
+import numpy as np
+
+from unshutter import Readout
+
+
+def as_stored(frame: np.ndarray, readout: Readout) -> np.ndarray:
+    """Readout frame [H, W, ...] -> stored pixels."""
+    return np.rot90(frame, -readout.quarter_turns)
