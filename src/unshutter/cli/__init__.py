@@ -11,7 +11,7 @@ from unshutter.cli.arguments import Command, parse
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.version import __version__
 
-# name -> what it does. The command NAME is ``COMMAND`` in cli/NAME.py.
+# name -> what it does; the rest is in commands/NAME.py
 COMMANDS = {
     "rectify": "straighten photos: write what a global shutter would have seen",
     "estimate": "find the camera's motion during each photo, as JSON",
@@ -72,7 +72,7 @@ def _run_command(words: list[str]) -> int:
     elif name == "--version":
         print(__version__)
     elif name in COMMANDS:
-        command: Command = import_module(f"unshutter.cli.{name}").COMMAND
+        command: Command = import_module(f"unshutter.cli.commands.{name}").COMMAND
         try:
             given = parse(name, command, words[1:])
         except SystemExit:  # its help was asked for
