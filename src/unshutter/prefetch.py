@@ -18,7 +18,7 @@ from unshutter.estimators.register import load, method
 from unshutter.options import MAX_PIXELS, Camera, Find
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
-from unshutter.storage.places import Place, read_place
+from unshutter.storage.places import Place, open_photo
 
 if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator
@@ -133,9 +133,3 @@ class Coming:
 
         return estimate_photo(photo, estimator, self._camera or Camera())
 
-
-def open_photo(place: Place, max_pixels: int = MAX_PIXELS) -> Photo:
-    """The photo of a place, a file or an object behind a URL; errors are those of ``Photo.open``."""
-    from pathlib import Path
-
-    return Photo.open(place, max_pixels) if isinstance(place, Path) else Photo.from_bytes(read_place(place), max_pixels)

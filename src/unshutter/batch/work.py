@@ -98,7 +98,7 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
     if job.motion_target is not None:
         save_text(result.motion.to_json() + "\n", job.motion_target)
-    save_picture(result, job.target, job.overwrite, wanted.save)
+    save_picture(result, job.target, job.overwrite, wanted.save.quality, wanted.save.subsampling)
     return Outcome(
         note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",
         source_is=source_is,

@@ -86,7 +86,7 @@ def _add(parser: argparse.ArgumentParser, kind: type) -> None:
 
 def _add_to(parser: argparse.ArgumentParser, group: Any, kind: type) -> None:
     for each, type_ in _fields(kind):
-        if dataclasses.is_dataclass(type_):
+        if _is_group(type_):
             title = (type_.__doc__ or "").partition("\n")[0].rstrip(".")
             _add_to(parser, parser.add_argument_group(title), type_)
         else:
@@ -123,7 +123,7 @@ def _made(kind: type, given: argparse.Namespace) -> Any:
     values = vars(given)
     return kind(
         **{
-            each.name: _made(type_, given) if dataclasses.is_dataclass(type_) else values[each.name]
+            each.name: _made(type_, given) if _is_group(type_) else values[each.name]
             for each, type_ in _fields(kind)
         }
     )
@@ -133,6 +133,10 @@ def _fields(kind: type) -> Iterator[tuple[dataclasses.Field, Any]]:
     """Fields of a dataclass with their types."""
     hints = typing.get_type_hints(kind)
     return ((each, hints[each.name]) for each in dataclasses.fields(kind))
+
+
+def _is_group(type_: Any) -> bool:
+    return dataclasses.is_dataclass(type_)
 
 
 def _placed(each: dataclasses.Field) -> bool:
