@@ -132,4 +132,3 @@ class Coming:
         from unshutter.rectification import estimate_photo
 
         return estimate_photo(photo, estimator, self._camera or Camera())
-

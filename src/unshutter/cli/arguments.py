@@ -122,10 +122,7 @@ def _made(kind: type, given: argparse.Namespace) -> Any:
     """The dataclass with the values that were given."""
     values = vars(given)
     return kind(
-        **{
-            each.name: _made(type_, given) if _is_group(type_) else values[each.name]
-            for each, type_ in _fields(kind)
-        }
+        **{each.name: _made(type_, given) if _is_group(type_) else values[each.name] for each, type_ in _fields(kind)}
     )
 
 
