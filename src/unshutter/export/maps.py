@@ -102,7 +102,8 @@ def map_file(
     Args:
         source: photo whose motion is estimated, or a motion file (``.json``).
         target, overwrite: see :meth:`PixelMap.save`.
-        find: how the motion is found, by default as :func:`unshutter.estimate` does; of a motion file, only the readout direction may be given.
+        find: how the motion is found, by default as :func:`unshutter.estimate` does; of a motion file, only the
+            readout direction may be given.
         reference: row at whose moment the GS picture is taken; by default the motion's own, else the first.
         inverse: see :meth:`PixelMap.of`.
         size: ``WxH`` of the map in stored pixels, for a scaled copy of the photo; by default the photo's.
