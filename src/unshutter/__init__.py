@@ -12,9 +12,10 @@ from unshutter.version import __version__
 
 if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator, View
-    from unshutter.estimators.register import Method, load
+    from unshutter.estimators.method import Method
+    from unshutter.estimators.register import load
     from unshutter.geometry.readout import Readout
-    from unshutter.motion import Motion
+    from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.rectification import Rectified, estimate, rectify
 
 __all__ = [
@@ -23,6 +24,9 @@ __all__ = [
     "Motion",
     "Readout",
     "Rectified",
+    "RotationMotion",
+    "RowMapMotion",
+    "RowMotion",
     "UnshutterError",
     "UsageError",
     "View",
@@ -34,10 +38,13 @@ __all__ = [
 
 _HOMES = {
     "Estimator": "estimators.base",
-    "Method": "estimators.register",
+    "Method": "estimators.method",
     "Motion": "motion",
     "Readout": "geometry.readout",
     "Rectified": "rectification",
+    "RotationMotion": "motion",
+    "RowMapMotion": "motion",
+    "RowMotion": "motion",
     "View": "estimators.base",
     "estimate": "rectification",
     "load": "estimators.register",

@@ -10,8 +10,8 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.register import load
 from unshutter.geometry.readout import Readout
-from unshutter.motion import Motion, Reference
-from unshutter.options import DEFAULT_ESTIMATOR, Camera, ReadoutWord
+from unshutter.motion import Motion
+from unshutter.options import DEFAULT_ESTIMATOR, Camera, ReadoutWord, Reference
 from unshutter.photo import Photo
 
 if TYPE_CHECKING:

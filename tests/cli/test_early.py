@@ -14,9 +14,10 @@ from unshutter import early
 from unshutter.errors import UnshutterError
 from unshutter.estimators import ahead
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.method import Method
 from unshutter.estimators.methods.manhattan import Manhattan
 from unshutter.estimators.methods.segment_manhattan import SegmentManhattan
-from unshutter.estimators.register import Method, load
+from unshutter.estimators.register import load
 from unshutter.motion import Motion
 from unshutter.options import DEFAULT_ESTIMATOR, Camera
 from unshutter.photo import Photo

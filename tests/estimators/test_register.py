@@ -16,7 +16,7 @@ from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.photo import Photo
 
 TILTED = """
-from unshutter import Estimator, Method, Motion, View
+from unshutter import Estimator, Method, Motion, RowMotion, View
 
 TILTED = Method("tilted", "tells the tilt that it was told", "tilted:Tilted", grey_px=96)
 
@@ -24,7 +24,8 @@ TILTED = Method("tilted", "tells the tilt that it was told", "tilted:Tilted", gr
 class Tilted(Estimator):
     def estimate(self, view: View) -> Motion:
         assert view.grey(96).shape[0] == 96
-        return Motion.from_polynomials([0, view.attitude_deg()[1]], [0], view.height, view.width, estimator=self.name)
+        tilt = view.attitude_deg()[1]
+        return RowMotion.from_polynomials([0, tilt], [0], view.height, view.width, estimator=self.name)
 """
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators.register import Method
+from unshutter.estimators.method import Method
 from unshutter.geometry.readout import Readout, scene_up
-from unshutter.motion import Motion, RotationMotion
+from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera
 from unshutter.photo import Photo
 
@@ -70,7 +70,7 @@ class View:
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""
-        return Motion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=reason)
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=reason)
 
     def cubic_motion(self, coefficients: np.ndarray, estimator: str, confidence: float | None = None) -> Motion:
         """The answer of an estimator that found a cubic row motion, first row as the reference.
@@ -82,7 +82,7 @@ class View:
         """
         u = (np.arange(self.height) + 0.5) / self.height
         tx, rz = (c[0] * u + c[1] * u**2 + c[2] * u**3 for c in coefficients)
-        return Motion(
+        return RowMotion(
             width=self.width,
             tx_px=(tx - tx[0]) * self.height,
             rz_rad=rz - rz[0],

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
 
 SIZE = 256  # px of the square
 
@@ -42,7 +42,7 @@ def motion_of_square(
     scale = side_of(view) / SIZE
     at = (rows + 0.5) * scale - 0.5 + corner_of(view)[1]
     tx, rz = samples[0] * scale, samples[1]
-    return Motion.from_key_rows(
+    return RowMotion.from_key_rows(
         at.tolist(),
         tx.tolist(),
         rz.tolist(),

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.motion import Motion, Reference
-from unshutter.options import DEFAULT_ESTIMATOR
+from unshutter.motion import Motion
+from unshutter.options import DEFAULT_ESTIMATOR, Reference
 from unshutter.photo.libvips import libvips, refusing
 from unshutter.photo.photo import MAX_PIXELS
 from unshutter.storage.files import check_target, written_whole

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.method import Method
 from unshutter.estimators.onnx import open_network
-from unshutter.estimators.register import Method
 from unshutter.estimators.square import SIZE, corner_of, motion_of_square, side_of, square_of
-from unshutter.motion import Motion, RowMapMotion
+from unshutter.motion import Motion, RowMap, RowMapMotion
 
 
 class Kandula2020(Estimator):
@@ -37,9 +37,11 @@ class Kandula2020(Estimator):
             rz_rad=motion.rz_rad,
             readout=view.readout,
             estimator=self.name,
-            row_residual=(row_map - np.arange(SIZE)[:, None]) * (side / SIZE),
-            corner=corner_of(view),
-            side=side,
+            row_map=RowMap(
+                residual_px=(row_map - np.arange(SIZE)[:, None]) * (side / SIZE),
+                corner=corner_of(view),
+                size=(side, side),
+            ),
         )
         return mapped.rereferenced("first")
 
