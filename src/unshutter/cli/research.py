@@ -116,30 +116,30 @@ def models() -> None:
 @app.command
 def train(
     *,
-    config: Path,
+    config: str,
     out: Path = Path("runs"),
     steps: int | None = None,
     device: str = "auto",
     photos: Path | None = None,
-    base: Path | None = None,
+    base: str | None = None,
     start: Path | None = None,
 ) -> int:
-    """Train a network as a TOML file says (needs the extra `train`).
+    """Train a network as a configuration says (needs the extra `train`).
 
     Parameters
     ----------
     config
-        TOML file; configs/ in the repository has those of the shipped models.
+        Name of a configuration that comes with unshutter (docs/training.md lists them), or a TOML file.
     out
-        Folder for checkpoints, log and the exported model. A run that is there is taken up again.
+        Folder for checkpoints, log and the exported model. A run that is there is resumed.
     steps
-        Stop after this many steps in all instead of the config's.
+        Stop after this many steps in all, instead of the config's.
     device
         auto, cpu or cuda.
     photos
-        Folder of photos, for networks that read pixels; instead of the config's.
+        Folder of photos, for networks that read pixels, instead of the config's.
     base
-        Another TOML file for what the config does not say itself.
+        Another configuration, by name or file, for what this one does not say itself.
     start
         Checkpoint of another run whose weights this one begins with.
     """
