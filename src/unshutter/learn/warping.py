@@ -36,12 +36,12 @@ def sample(pictures: Tensor, col: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
     return values * inside, inside
 
 
-def polynomial_motion(tx: Tensor, rz: Tensor, size: int) -> geometry.RowMotion:
+def polynomial_motion(tx: Tensor, rz: Tensor, size: int) -> geometry.MotionAtRow:
     """Row motion of a batch: coefficients [B, K] in u = row / size, for rows that broadcast to [B, h, w]."""
     return geometry.row_motion_from_polynomial(tx[:, None, None], rz[:, None, None], first=0.0, last=float(size))
 
 
-def sampled_motion(motion: Tensor) -> geometry.RowMotion:
+def sampled_motion(motion: Tensor) -> geometry.MotionAtRow:
     """Row motion of a batch by linear interpolation of its samples [B, 2, r], for rows [B, h, w]."""
     last = motion.shape[-1] - 1
 

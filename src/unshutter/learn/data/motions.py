@@ -44,7 +44,7 @@ def draw_motions(
     return tx * has_tx * size, rz * has_rz * size
 
 
-def cubic_motion(tx: Tensor, rz: Tensor) -> geometry.RowMotion:
+def cubic_motion(tx: Tensor, rz: Tensor) -> geometry.MotionAtRow:
     """Row motion of a batch: coefficients [B, 3] of u, u^2, u^3, for centred row coordinates [B, N] in rows."""
     constant = torch.zeros_like(tx[:, :1])
     full = [torch.cat([constant, c], -1)[:, None] for c in (tx, rz)]  # [B, 1, 4]

@@ -74,7 +74,7 @@ class Samples:
         return (self.size - 1) / 2, (self.size - 1) / 2
 
     @property
-    def motion(self) -> geometry.RowMotion:
+    def motion(self) -> geometry.MotionAtRow:
         """The true motion, for rows that broadcast against [B, 1, 1]."""
         return polynomial_motion(self.tx_coefficients, self.rz_coefficients, self.size)
 
