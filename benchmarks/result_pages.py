@@ -145,8 +145,8 @@ def _overview(runs: dict[str, Results]) -> str:
     for estimator in names:
         cells = []
         for _, _, figures, column in columns:
-            rivals = [figures[n] for n in names if n in figures]
-            cells.append(marked(figures[estimator], rivals, column) if estimator in figures else "–")
+            others = [figures[n] for n in names if n in figures]
+            cells.append(marked(figures[estimator], others, column) if estimator in figures else "–")
         lines.append(f"| {estimator} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
