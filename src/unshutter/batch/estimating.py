@@ -37,7 +37,7 @@ def estimate_files(
     if inputs.many and plot:
         raise UsageError("--plot draws the motion of one photo only")
     ahead = ReadAhead(list(inputs.photos), max_pixels or MAX_PIXELS, whole=False)
-    from unshutter.estimators import load
+    from unshutter.estimators.register import load
     from unshutter.motion.speed import check_readout_ms, json_with_speed
     from unshutter.rectification import estimate
 

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from unshutter.batch.workers import settle_worker
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.estimators import ESTIMATORS, Estimator, check_name, load
+from unshutter.estimators import register
+from unshutter.estimators.base import Estimator
 from unshutter.evaluation.cases.case import Case, Record
 from unshutter.evaluation.cases.protocols import PROTOCOLS, Request
 from unshutter.evaluation.pages.plots import check_matplotlib
@@ -52,7 +53,7 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
     check_matplotlib()
     cases = PROTOCOLS[request.protocol].cases(request)
     for name in names:
-        load(name)  # so that a missing extra is reported before the work
+        register.load(name)  # so that a missing extra is reported before the work
     store = Store(output, {key: _plain(value) for key, value in asdict(request).items()}, overwrite)
     measured = _measure(cases, names, store, jobs or os.cpu_count() or 1)
     oracles = list(dict.fromkeys(oracle for case in cases for oracle in case.oracles))
@@ -84,9 +85,9 @@ def _measure(cases: list[Case], names: list[str], store: Store, jobs: int) -> li
 
 
 def _chosen(estimators: str) -> list[str]:
-    names = list(ESTIMATORS) if estimators == "all" else [name.strip() for name in estimators.split(",")]
+    names = register.names() if estimators == "all" else [name.strip() for name in estimators.split(",")]
     for name in names:
-        check_name(name)
+        register.check_name(name)
     return list(dict.fromkeys(names))
 
 
@@ -133,7 +134,7 @@ def _judge(case: Case, names: list[str]) -> list[Record] | str:
 @cache
 def _loaded(name: str) -> Estimator:
     """The estimator of that name, made once per process."""
-    return load(name)
+    return register.load(name)
 
 
 def _plain(value: object) -> object:
