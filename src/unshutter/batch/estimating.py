@@ -10,7 +10,7 @@ from unshutter.batch.read_ahead import ReadAhead
 from unshutter.batch.report import Tell, each_photo
 from unshutter.errors import UsageError
 from unshutter.photo.photo import MAX_PIXELS
-from unshutter.storage.places import Place, check_place, make_folder, save_text
+from unshutter.storage.places import Place, check_place, make_folder, write
 
 if TYPE_CHECKING:
     from unshutter.motion import Reference
@@ -63,7 +63,7 @@ def estimate_files(
             plot_motion(motion, plot, title=photo.name, readout_ms=readout_ms)
         text = motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)
         if target:
-            save_text(text + "\n", target)
+            write(f"{text}\n".encode(), target)
         else:
             print(text)
 

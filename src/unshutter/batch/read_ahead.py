@@ -8,10 +8,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from unshutter import early
+from unshutter.batch.photos import open_photo
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
 from unshutter.photo.photo import MAX_PIXELS
-from unshutter.storage.places import Place, open_photo
+from unshutter.storage.places import Place
 
 Look = Callable[[Photo, Executor], None]
 

@@ -9,10 +9,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unshutter.batch.photos import open_photo, save_picture
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
-from unshutter.storage.places import Place, check_place, fingerprint, open_photo, save_picture, save_text
+from unshutter.storage.places import Place, check_place, fingerprint, write
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion, Reference
@@ -49,7 +50,7 @@ class Job:
         motion_target: its motion file, if one is wanted.
         overwrite: whether the target may replace what is there.
         max_pixels: of a photo that is read.
-        told_twice: whether the job may come to a worker a second time, because the first one died before anybody
+        may_repeat: whether the job may come to a worker a second time, because the first one died before anybody
             heard how it went.
         before: fingerprint of what was at the target when the job was first given away.
     """
@@ -59,7 +60,7 @@ class Job:
     motion_target: Place | None
     overwrite: bool
     max_pixels: int
-    told_twice: bool = False
+    may_repeat: bool = False
     before: str | None = None
 
 
@@ -96,7 +97,7 @@ def do_job(
         motion: text of the motion file that ``options`` name: other machines may not have it.
         opened: gives photos that have been read ahead.
     """
-    if job.told_twice and fingerprint(job.target) not in (None, job.before):
+    if job.may_repeat and fingerprint(job.target) not in (None, job.before):
         return _done_before(job)
     start = time.perf_counter()
     outcomes: list[Outcome] = []
@@ -129,7 +130,7 @@ def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[
         tilt_deg=options.tilt_deg,
     )
     if job.motion_target is not None:
-        save_text(result.motion.to_json() + "\n", job.motion_target)
+        write(f"{result.motion.to_json()}\n".encode(), job.motion_target)
     save_picture(result, job.target, job.overwrite, options.quality, options.subsampling)
     return Outcome(
         note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",

@@ -21,15 +21,15 @@ _LEFT_S = 3600  # without locks, a temporary file this old is nobody's
 
 
 def check_target(target: Path, overwrite: bool, original: Path | None = None) -> None:
-    """Says no before the work rather than after it.
+    """Checks that a file may be written, before the work on what goes into it begins.
 
     Args:
         target: file to be written.
-        overwrite: whether it may replace an existing file.
-        original: a file that it never replaces, not even through a link.
+        overwrite: whether an existing file may be replaced.
+        original: a file that is never replaced, not even through a link.
 
     Raises:
-        UnshutterError: it may not or cannot be written.
+        UnshutterError: it may not be written, or cannot.
     """
     try:
         if original is not None and target.exists() and original.exists() and target.samefile(original):
