@@ -13,13 +13,16 @@ from unshutter.version import __version__
 if TYPE_CHECKING:
     from unshutter.estimators import load
     from unshutter.geometry.readout import Readout
-    from unshutter.motion import Motion
+    from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.rectification import Rectified, estimate, rectify
 
 __all__ = [
     "Motion",
     "Readout",
     "Rectified",
+    "RotationMotion",
+    "RowMapMotion",
+    "RowMotion",
     "UnshutterError",
     "UsageError",
     "__version__",
@@ -32,6 +35,9 @@ _HOMES = {
     "Motion": "motion",
     "Readout": "geometry.readout",
     "Rectified": "rectification",
+    "RotationMotion": "motion",
+    "RowMapMotion": "motion",
+    "RowMotion": "motion",
     "estimate": "rectification",
     "load": "estimators",
     "rectify": "rectification",

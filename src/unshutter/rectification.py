@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import DEFAULT, Estimator, View, load
 from unshutter.geometry.readout import Readout
-from unshutter.motion import Motion, Reference
+from unshutter.motion import Motion
+from unshutter.options import Reference
 from unshutter.photo import Photo
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import unshutter
-from unshutter import Motion, UsageError
+from unshutter import Motion, RowMotion, UsageError
 from unshutter.cli import main
 from unshutter.estimators import DEFAULT, ESTIMATORS, View
 from unshutter.estimators.lines.segments import find_segments, in_rows
@@ -39,7 +39,7 @@ def test_segments_come_longest_first_and_in_rows() -> None:
 def test_the_shipped_model_finds_the_motion_of_a_photo(basilica: tuple[np.ndarray, Motion]) -> None:
     picture, truth = basilica
     found = unshutter.estimate(picture)
-    nothing = motion_error(Motion.zero(truth.height, truth.width), truth).epe
+    nothing = motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
     assert nothing > 5
     assert (found.height, found.width, found.estimator) == (truth.height, truth.width, DEFAULT)
     assert found.tx_px[0] == found.rz_rad[0] == 0
@@ -56,14 +56,14 @@ def test_the_size_of_the_photo_does_not_matter_much(basilica: tuple[np.ndarray, 
     picture, truth = basilica
     half = np.asarray(picture.reshape(245, 2, 245, 2, 3).mean((1, 3)), np.uint8)
     found = unshutter.estimate(half).resized(490, 490)
-    assert motion_error(found, truth).epe < 0.5 * motion_error(Motion.zero(490, 490), truth).epe
+    assert motion_error(found, truth).epe < 0.5 * motion_error(RowMotion.zero(490, 490), truth).epe
 
 
 def test_mirroring_mirrors_the_motion(basilica: tuple[np.ndarray, Motion]) -> None:
     """Up to what the detector finds differently."""
     picture, _ = basilica
     found, mirrored = unshutter.estimate(picture), unshutter.estimate(picture[:, ::-1].copy())
-    opposite = Motion(found.width, -mirrored.tx_px, -mirrored.rz_rad)
+    opposite = RowMotion(found.width, -mirrored.tx_px, -mirrored.rz_rad)
     assert motion_error(opposite, found).epe < 1.0
 
 

@@ -15,7 +15,6 @@ from unshutter.learn.kandula2020.network import (
 )
 from unshutter.learn.kandula2020.recipe import KandulaRecipe
 from unshutter.learn.pixels import draw_picture
-from unshutter.motion import Motion
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -61,7 +60,7 @@ def test_the_estimator_runs_what_was_trained(exported):
     positions = found.gs_to_rs(*from_first)
     np.testing.assert_allclose(np.stack(positions), torch.cat(expected), atol=0.01)
     assert np.abs(row_map[0].numpy() - row).max() > 0.5
-    plain = Motion(256, found.tx_px, found.rz_rad, center_shift_px=found.center_shift_px)
+    plain = found.row_motion
     assert np.abs(plain.gs_to_rs(*from_first)[0] - positions[0]).max() > 0.1  # the row map matters
     again = found.rereferenced("last").rereferenced("first")
     np.testing.assert_allclose(again.gs_to_rs(col, row), found.gs_to_rs(col, row), atol=1e-9)
@@ -73,13 +72,13 @@ def test_what_runs_is_the_row_map(exported):
 
     estimator, pixels = Estimator(exported[1]), np.ascontiguousarray(draw_picture(300, 7).transpose(1, 2, 0))
     motion = unshutter.estimate(pixels, estimator=estimator)
-    plain = Motion(300, motion.tx_px, motion.rz_rad, center_shift_px=motion.center_shift_px)
+    plain = motion.row_motion
     by_row_map = unshutter.rectify(pixels, estimator=estimator)
     assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=motion))
     assert not np.array_equal(by_row_map, unshutter.rectify(pixels, motion=plain))
     assert np.array_equal(pixels, unshutter.rectify(pixels, estimator=estimator, strength=0))
-    with pytest.raises(UnshutterError, match="cannot be resized"):
-        motion.resized(600, 600)
+    saved = unshutter.Motion.from_json(motion.to_json())
+    assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=saved))
 
 
 def test_the_estimator_scales_to_the_photo(exported):

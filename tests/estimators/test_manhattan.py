@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import unshutter
-from unshutter import Motion
+from unshutter import Motion, RowMotion
 from unshutter.estimators import View
 from unshutter.estimators.methods.manhattan import Manhattan, segments_of
 from unshutter.estimators.right_angles.likelihood import UNKNOWNS, Beliefs, ManhattanLikelihood, SecondOpinion
@@ -49,7 +49,7 @@ def rolled(segments: np.ndarray, motion: np.ndarray) -> np.ndarray:
 def error_px(found: np.ndarray, truth: np.ndarray) -> float:
     u = (np.arange(256) + 0.5) / 256
     powers = np.stack([u, u**2, u**3])
-    one, other = (Motion(256, 256 * (c[:3] @ powers), c[3:] @ powers) for c in (found, truth))
+    one, other = (RowMotion(256, 256 * (c[:3] @ powers), c[3:] @ powers) for c in (found, truth))
     return motion_error(one, other).epe
 
 
@@ -149,7 +149,7 @@ def test_a_photo_smaller_than_wanted_is_enlarged_without_a_shift(facade: np.ndar
 def test_a_photo_is_rectified(name: str, basilica: tuple[np.ndarray, Motion]) -> None:
     picture, truth = basilica
     found = unshutter.estimate(picture, estimator=name)
-    nothing = motion_error(Motion.zero(truth.height, truth.width), truth).epe
+    nothing = motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
     assert motion_error(found, truth).epe < 0.4 * nothing
     assert found.confidence is not None
     assert 0 < found.confidence < 1

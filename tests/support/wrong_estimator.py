@@ -1,7 +1,7 @@
 """An estimator that others brought along, and that is wrong."""
 
 import unshutter
-from unshutter import Motion
+from unshutter import Motion, RowMotion
 
 
 class Wrong:
@@ -10,4 +10,4 @@ class Wrong:
     name = "wrong"
 
     def estimate(self, view: unshutter.estimators.View) -> Motion:
-        return Motion.from_polynomials([0, 0.3 * view.width], [0], view.height, view.width)
+        return RowMotion.from_polynomials([0, 0.3 * view.width], [0], view.height, view.width)

@@ -13,7 +13,7 @@ from unshutter.photo.photo import MAX_PIXELS
 from unshutter.storage.places import Place, check_place, make_folder, write
 
 if TYPE_CHECKING:
-    from unshutter.motion import Reference
+    from unshutter.options import Reference
 
 
 def estimate_files(

@@ -16,7 +16,8 @@ from unshutter.photo import Photo
 from unshutter.storage.places import Place, check_place, fingerprint, write
 
 if TYPE_CHECKING:
-    from unshutter.motion import Motion, Reference
+    from unshutter.motion import Motion
+    from unshutter.options import Reference
     from unshutter.photo.codecs import Subsampling
     from unshutter.warp.pixels import Edges
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.geometry.readout import Readout, scene_up
-from unshutter.motion import Motion, RotationMotion
+from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.photo import Photo
 from unshutter.photo.attitude import MOST_ROLL, MOST_TILT
 
@@ -79,7 +79,7 @@ class View:
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""
-        return Motion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=reason)
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=reason)
 
     def rotations(self, rotations: np.ndarray, estimator: str) -> Motion:
         """The answer of an estimator that found rotations about three axes, first row as the reference.

@@ -15,7 +15,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import DEFAULT
-from unshutter.motion import Motion, Reference
+from unshutter.motion import Motion
+from unshutter.options import Reference
 from unshutter.photo.libvips import libvips, refusing
 from unshutter.photo.photo import MAX_PIXELS
 from unshutter.storage.files import check_target, written_whole

@@ -13,7 +13,7 @@ import numpy as np
 
 from unshutter.estimators.base import View
 from unshutter.estimators.onnx import open_network
-from unshutter.motion import Motion, RowMapMotion
+from unshutter.motion import Motion, RowMap, RowMapMotion, RowMotion
 
 SIZE = 256  # px of the square that networks of the paper read
 
@@ -43,9 +43,11 @@ class Kandula2020:
             rz_rad=motion.rz_rad,
             readout=view.readout,
             estimator=self.name,
-            row_residual=(row_map - np.arange(SIZE)[:, None]) * (side / SIZE),
-            corner=_corner(view),
-            side=side,
+            row_map=RowMap(
+                residual_px=(row_map - np.arange(SIZE)[:, None]) * (side / SIZE),
+                corner=_corner(view),
+                size=(side, side),
+            ),
         )
         return mapped.rereferenced("first")
 
@@ -84,7 +86,7 @@ def motion_of_square(view: View, rows: np.ndarray, samples: np.ndarray, name: st
     at = (rows + 0.5) * (side / SIZE) - 0.5 + _corner(view)[1]
     tx, rz = samples[0] * (side / SIZE), samples[1]
     about = {"readout": view.readout, "estimator": name}
-    return Motion.from_key_rows(at.tolist(), tx.tolist(), rz.tolist(), view.height, view.width, degree, **about)
+    return RowMotion.from_key_rows(at.tolist(), tx.tolist(), rz.tolist(), view.height, view.width, degree, **about)
 
 
 def _corner(view: View) -> tuple[int, int]:

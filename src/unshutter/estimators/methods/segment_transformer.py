@@ -14,7 +14,7 @@ import numpy as np
 from unshutter.estimators.base import View
 from unshutter.estimators.lines.segments import find_segments, in_rows
 from unshutter.estimators.onnx import open_network
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
 
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
@@ -87,7 +87,7 @@ def cubic_motion(coefficients: np.ndarray, view: View, estimator: str, confidenc
     """
     u = (np.arange(view.height) + 0.5) / view.height
     tx, rz = (c[0] * u + c[1] * u**2 + c[2] * u**3 for c in coefficients)
-    return Motion(
+    return RowMotion(
         width=view.width,
         tx_px=(tx - tx[0]) * view.height,
         rz_rad=rz - rz[0],

@@ -22,7 +22,7 @@ from unshutter.evaluation.cases.case import (
 )
 from unshutter.evaluation.cases.ceiling import fit_to_pair
 from unshutter.evaluation.cases.folders import Frame
-from unshutter.motion import Reference
+from unshutter.options import Reference
 from unshutter.photo import Photo
 
 CEILING = "ceiling"
