@@ -16,10 +16,10 @@ from unshutter.storage.places import (
     is_folder,
     objects_below,
     place,
-    read,
+    read_place,
     remove,
     way,
-    write,
+    write_place,
 )
 
 
@@ -34,28 +34,28 @@ def test_paths_are_paths_and_nothing_is_imported_for_them() -> None:
 def test_written_read_and_removed(folder) -> None:
     target = folder / "a.txt"
     assert fingerprint(target) is None
-    write(b"one", target)
+    write_place(b"one", target)
     first = fingerprint(target)
-    assert read(target) == b"one"
+    assert read_place(target) == b"one"
     assert first is not None and first.startswith("3:")
-    write(b"another", target)
+    write_place(b"another", target)
     assert fingerprint(target) != first
     assert is_folder(folder) and not is_folder(target)
     remove(target)
     remove(target)  # gone already: nothing happens
     assert fingerprint(target) is None
     with pytest.raises(UnshutterError, match=r"cannot reach .*a\.txt: no such file"):
-        read(target)
+        read_place(target)
 
 
 def test_what_is_there_is_only_replaced_when_asked(folder) -> None:
     target, original = folder / "a.jpg", folder / "b.jpg"
     check_place(target, False, original)
-    write(b"mine", target)
+    write_place(b"mine", target)
     with pytest.raises(UnshutterError, match="--overwrite"):
         check_place(target, False, original)
     check_place(target, True, original)
-    write(b"photo", original)
+    write_place(b"photo", original)
     with pytest.raises(UnshutterError, match="never overwritten"):
         check_place(original, True, original)
 
@@ -74,7 +74,7 @@ def test_a_path_is_made_absolute_without_following_links(tmp_path: Path, monkeyp
 
 def test_objects_are_listed_relative_to_their_folder(memory) -> None:
     for name in ("b.jpg", "trip/day 2/a.jpg", "trip#1/c.jpg"):
-        write(b"x", memory / name)
+        write_place(b"x", memory / name)
     assert [str(name) for name in objects_below(memory)] == ["b.jpg", "trip#1/c.jpg", "trip/day 2/a.jpg"]
     assert [str(name) for name in objects_below(place("memory://archive/trip/"))] == ["day 2/a.jpg"]
 

@@ -10,7 +10,7 @@ from unshutter.batch.read_ahead import ReadAhead
 from unshutter.batch.report import Tell, each_photo
 from unshutter.errors import UsageError
 from unshutter.photo.photo import MAX_PIXELS
-from unshutter.storage.places import Place, check_place, make_folder, write
+from unshutter.storage.places import Place, check_place, make_folder, write_place
 
 if TYPE_CHECKING:
     from unshutter.options import Reference
@@ -63,7 +63,7 @@ def estimate_files(
             plot_motion(motion, plot, title=photo.name, readout_ms=readout_ms)
         text = motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)
         if target:
-            write(f"{text}\n".encode(), target)
+            write_place(f"{text}\n".encode(), target)
         else:
             print(text)
 

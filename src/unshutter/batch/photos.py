@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.photo import Photo
 from unshutter.photo.codecs import for_suffix
-from unshutter.storage.places import Place, read, write
+from unshutter.storage.places import Place, read_place, write_place
 
 if TYPE_CHECKING:
     from unshutter.photo.codecs import Subsampling
@@ -20,7 +20,7 @@ def open_photo(where: Place, max_pixels: int) -> Photo:
     Raises:
         UnshutterError: see ``Photo.open``.
     """
-    return Photo.open(where, max_pixels) if isinstance(where, Path) else Photo.from_bytes(read(where), max_pixels)
+    return Photo.open(where, max_pixels) if isinstance(where, Path) else Photo.from_bytes(read_place(where), max_pixels)
 
 
 def save_picture(
@@ -34,4 +34,4 @@ def save_picture(
     if isinstance(target, Path):
         result.save(target, overwrite=overwrite, quality=quality, subsampling=subsampling)
     else:
-        write(result.photo.to_bytes(for_suffix(Path(target.name)).name, quality, subsampling), target)
+        write_place(result.photo.to_bytes(for_suffix(Path(target.name)).name, quality, subsampling), target)

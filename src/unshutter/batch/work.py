@@ -13,7 +13,7 @@ from unshutter.batch.photos import open_photo, save_picture
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
-from unshutter.storage.places import Place, check_place, fingerprint, write
+from unshutter.storage.places import Place, check_place, fingerprint, write_place
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
@@ -131,7 +131,7 @@ def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[
         tilt_deg=options.tilt_deg,
     )
     if job.motion_target is not None:
-        write(f"{result.motion.to_json()}\n".encode(), job.motion_target)
+        write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target)
     save_picture(result, job.target, job.overwrite, options.quality, options.subsampling)
     return Outcome(
         note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
-from unshutter.storage.places import Place, make_folder, objects_below, read, remove, write
+from unshutter.storage.places import Place, make_folder, objects_below, read_place, remove, write_place
 
 if TYPE_CHECKING:
     from upath import UPath
@@ -116,7 +116,7 @@ class ObjectJournal(Journal):
         self._lines: list[str] = []  # of this run
         self._pieces: list[int] = [0]  # how many of the lines were written with each
         names = [below for below in objects_below(folder) if below.parts[0] == name and below.suffix == ".jsonl"]
-        self._unseen = b"\n".join(read(folder / below) for below in names)
+        self._unseen = b"\n".join(read_place(folder / below) for below in names)
 
     def news(self) -> bytes:
         """See :meth:`Journal.news`."""
@@ -131,14 +131,14 @@ class ObjectJournal(Journal):
     def flush(self) -> None:
         """See :meth:`Journal.flush`."""
         if len(self._lines) > self._pieces[-1]:
-            write("".join(self._lines[self._pieces[-1] :]).encode(), self._piece(len(self._pieces)))
+            write_place("".join(self._lines[self._pieces[-1] :]).encode(), self._piece(len(self._pieces)))
             self._pieces.append(len(self._lines))
 
     def close(self) -> None:
         """Makes one of the pieces."""
         self.flush()
         if len(self._pieces) > 2:
-            write("".join(self._lines).encode(), self._piece(0))
+            write_place("".join(self._lines).encode(), self._piece(0))
             for number in range(1, len(self._pieces)):
                 remove(self._piece(number))
 

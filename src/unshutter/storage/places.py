@@ -106,7 +106,7 @@ def fingerprint(where: Place) -> str | None:
     return ":".join([str(info.get("size")), *stamps[:1]])
 
 
-def read(where: Place) -> bytes:
+def read_place(where: Place) -> bytes:
     """All bytes of a file or an object.
 
     Raises:
@@ -116,7 +116,7 @@ def read(where: Place) -> bytes:
         return where.read_bytes()
 
 
-def write(data: bytes, target: Place) -> None:
+def write_place(data: bytes, target: Place) -> None:
     """Writes a file or an object whole, replacing what is there.
 
     Raises:
