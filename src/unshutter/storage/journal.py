@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
 from unshutter.storage.places import Place, make_folder, objects_below, read_place, remove, write_place
+from unshutter.storage.plain_files import open_plain
 
 if TYPE_CHECKING:
     from upath import UPath
@@ -65,7 +66,7 @@ def open_journal(folder: Place, name: str, run: str) -> Journal:
 
 
 class FileJournal(Journal):
-    """One file, which each line reaches at once."""
+    """One file, which each line reaches at once. One that is a link, or has a second name, is refused."""
 
     def __init__(self, folder: Path, name: str):
         self._path = folder / f"{name}.jsonl"
@@ -74,7 +75,7 @@ class FileJournal(Journal):
     def news(self) -> bytes:
         """See :meth:`Journal.news`."""
         try:
-            with self._path.open("rb") as stream:
+            with open(open_plain(self._path, os.O_RDONLY), "rb") as stream:
                 stream.seek(self._read_to)
                 added = stream.read()
         except FileNotFoundError:
@@ -89,7 +90,7 @@ class FileJournal(Journal):
         """See :meth:`Journal.add`."""
         make_folder(self._path.parent)
         try:
-            descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+            descriptor = open_plain(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
             try:
                 size = os.fstat(descriptor).st_size
                 torn = size > 0 and _last_byte(descriptor, size) != b"\n"  # by a run that ended in the middle

@@ -17,6 +17,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, TypeAlias
 
 from unshutter.errors import UnshutterError
+from unshutter.storage import plain_files
 from unshutter.storage.files import check_target, written_whole
 
 if TYPE_CHECKING:
@@ -116,18 +117,39 @@ def read_place(where: Place) -> bytes:
         return where.read_bytes()
 
 
-def write_place(data: bytes, target: Place) -> None:
-    """Writes a file or an object whole, replacing what is there.
+def write_place(data: bytes, target: Place, overwrite: bool = True, mode_of: Place | None = None) -> None:
+    """Writes a file or an object whole.
+
+    Args:
+        data: its bytes.
+        target: where to.
+        overwrite: whether what is there is replaced; without, the very same bytes may be there already.
+        mode_of: file whose permissions a new file gets.
 
     Raises:
-        UnshutterError: it cannot be written.
+        UnshutterError: it cannot be written, or exists and may not be replaced.
     """
     if isinstance(target, Path):
-        with written_whole(target) as part:
+        with written_whole(target, overwrite, mode_of if isinstance(mode_of, Path) else None) as part:
             part.write_bytes(data)
-    else:
-        with _one_line(target):
-            target.fs.pipe_file(target.path, data)
+        return
+    if not overwrite and fingerprint(target) is not None:
+        if read_place(target) != data:
+            raise UnshutterError(f"{target} exists already: use --overwrite to replace it")
+        return
+    with _one_line(target):
+        target.fs.pipe_file(target.path, data)
+
+
+def digest(where: Place) -> str | None:
+    """A hash of a file's or an object's content; None where there is nothing, or something else.
+
+    Raises:
+        UnshutterError: the store cannot be reached.
+    """
+    if isinstance(where, Path):
+        return plain_files.digest(where)
+    return plain_files.digest_of(read_place(where)) if fingerprint(where) is not None else None
 
 
 def remove(where: Place) -> None:
@@ -149,7 +171,7 @@ def make_folder(folder: Place) -> None:
             raise UnshutterError(f"cannot make folder {folder}: {error.strerror}") from None
 
 
-def check_place(target: Place, overwrite: bool, original: Place) -> None:
+def check_place(target: Place, overwrite: bool, original: Place | None = None) -> None:
     """As :func:`unshutter.storage.files.check_target`, for both kinds of places."""
     if isinstance(target, Path):
         return check_target(target, overwrite, original if isinstance(original, Path) else None)
