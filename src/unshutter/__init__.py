@@ -11,12 +11,15 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
-    from unshutter.estimators import load
+    from unshutter.estimators.base import Estimator, View
+    from unshutter.estimators.register import Method, load
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.rectification import Rectified, estimate, rectify
 
 __all__ = [
+    "Estimator",
+    "Method",
     "Motion",
     "Readout",
     "Rectified",
@@ -25,6 +28,7 @@ __all__ = [
     "RowMotion",
     "UnshutterError",
     "UsageError",
+    "View",
     "__version__",
     "estimate",
     "load",
@@ -32,14 +36,17 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Estimator": "estimators.base",
+    "Method": "estimators.register",
     "Motion": "motion",
     "Readout": "geometry.readout",
     "Rectified": "rectification",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",
     "RowMotion": "motion",
+    "View": "estimators.base",
     "estimate": "rectification",
-    "load": "estimators",
+    "load": "estimators.register",
     "rectify": "rectification",
 }
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import unshutter
-from unshutter import Motion, RowMotion, UsageError
+from unshutter import Motion, RowMotion
 from unshutter.cli import main
-from unshutter.estimators import DEFAULT, ESTIMATORS, View
 from unshutter.estimators.lines.segments import find_segments, in_rows
 from unshutter.evaluation.metrics import motion_error
+from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.photo import Photo
 
 
@@ -41,7 +41,7 @@ def test_the_shipped_model_finds_the_motion_of_a_photo(basilica: tuple[np.ndarra
     found = unshutter.estimate(picture)
     nothing = motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
     assert nothing > 5
-    assert (found.height, found.width, found.estimator) == (truth.height, truth.width, DEFAULT)
+    assert (found.height, found.width, found.estimator) == (truth.height, truth.width, DEFAULT_ESTIMATOR)
     assert found.tx_px[0] == found.rz_rad[0] == 0
     assert motion_error(found, truth).epe < 0.35 * nothing
 
@@ -80,22 +80,6 @@ def test_a_panorama_is_declined() -> None:
     motion = unshutter.estimate(np.zeros((100, 400), np.uint8))
     assert motion.is_zero
     assert "2.5 times" in motion.reason
-
-
-@pytest.mark.parametrize("name", list(ESTIMATORS))
-def test_every_estimator_keeps_the_contract(name: str, rolling_facade: np.ndarray) -> None:
-    estimator = unshutter.load(name)
-    assert estimator is unshutter.load(name)  # built once
-    assert estimator.name == name
-    motion = estimator.estimate(View(Photo.from_array(rolling_facade)))
-    assert (motion.height, motion.width) == rolling_facade.shape[:2]
-    assert motion.estimator == name
-    assert motion.reference == "first"
-
-
-def test_unknown_estimators_are_named() -> None:
-    with pytest.raises(UsageError, match="unknown estimator 'magic'"):
-        unshutter.load("magic")
 
 
 @pytest.mark.parametrize("name", ["segment-transformer", "segment-manhattan", "kandula2020", "rengarajan2017"])

@@ -5,8 +5,8 @@ import pytest
 
 import unshutter
 from unshutter import Motion, RowMotion
-from unshutter.estimators import View
-from unshutter.estimators.methods.manhattan import Manhattan, segments_of
+from unshutter.estimators.base import View
+from unshutter.estimators.methods.manhattan import segments_of
 from unshutter.estimators.right_angles.likelihood import UNKNOWNS, Beliefs, ManhattanLikelihood, SecondOpinion
 from unshutter.estimators.right_angles.search import explore
 from unshutter.evaluation.metrics import motion_error
@@ -163,7 +163,7 @@ def test_an_undistorted_facade_is_left_alone(name: str, facade: np.ndarray) -> N
 
 
 def test_what_cannot_be_used_is_declined() -> None:
-    estimator = Manhattan()
+    estimator = unshutter.load("manhattan")
     blank = estimator.estimate(View(Photo.from_array(np.full((200, 300), 128, np.uint8))))
     assert blank.is_zero
     assert "0 straight segments" in blank.reason

@@ -10,7 +10,8 @@ import skimage.metrics as skimage
 
 from support.drawn_photos import textured
 from unshutter import Motion, RowMotion
-from unshutter.estimators import View, load
+from unshutter.estimators.base import View
+from unshutter.estimators.register import load
 from unshutter.evaluation.cases.case import in_8_bits
 from unshutter.evaluation.cases.ceiling import fit_to_pair
 from unshutter.evaluation.cases.disturbances import DISTURBANCES

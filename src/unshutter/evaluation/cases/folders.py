@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.batch import PHOTO_SUFFIXES, RECTIFIED
+from unshutter.batch.inputs import PHOTO_SUFFIXES, RECTIFIED
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
 

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators import View
+from unshutter.estimators.base import View
 from unshutter.evaluation.cases.case import (
     NOTHING,
     Answer,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.estimators import Estimator, View
+from unshutter.estimators.base import Estimator, View
 from unshutter.evaluation.cases.case import (
     NOTHING,
     Answer,
@@ -27,6 +27,7 @@ from unshutter.evaluation.cases.case import (
 from unshutter.evaluation.cases.disturbances import DISTURBANCES
 from unshutter.evaluation.metrics import UNIT_ROWS, motion_error
 from unshutter.motion import Motion, RowMotion
+from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.synthesis.pairs import synthesize, synthesize_native
 from unshutter.synthesis.rotation_log import RotationLog
@@ -162,8 +163,8 @@ class SyntheticCase:
             rs = DISTURBANCES[self.suite.disturbance](rs, rng)
         photo = replace(Photo.from_array(rs), orientation=self.suite.orientation)
         focal *= len(gs) / kept
-        told = {"given_focal_px": focal} if known else {"guessed_focal_px": focal}
-        return _Exam(View(photo, **told), gs, truth)
+        view = View(photo, Camera(focal_px=focal)) if known else View(photo, guessed_focal_px=focal)
+        return _Exam(view, gs, truth)
 
     def _drawn(self, rng: np.random.Generator) -> DrawnMotion:
         rows = self.suite.rows or UNIT_ROWS

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unshutter.estimators import View
+from unshutter.estimators.base import View
 from unshutter.evaluation.cases.case import NOTHING, Answer, Example, Loaded, Record, ask, in_8_bits, rectified
 from unshutter.evaluation.cases.folders import Frame
 from unshutter.motion import RowMotion
