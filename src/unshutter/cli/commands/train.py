@@ -26,9 +26,7 @@ class Arguments:
     photos: Path | None = option(
         None, "Folder of photos, for networks that read pixels; instead of the configuration's."
     )
-    base: str | None = option(
-        None, "Another configuration, by name or file, for what this one does not say itself."
-    )
+    base: str | None = option(None, "Another configuration, by name or file, for what this one does not say itself.")
     start: Path | None = option(None, "Checkpoint of another run whose weights this one begins with.")
 
 
