@@ -14,10 +14,12 @@ if TYPE_CHECKING:
     from unshutter.estimators import load
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion
+    from unshutter.photo import Photo
     from unshutter.rectification import Rectified, estimate, rectify
 
 __all__ = [
     "Motion",
+    "Photo",
     "Readout",
     "Rectified",
     "UnshutterError",
@@ -30,6 +32,7 @@ __all__ = [
 
 _HOMES = {
     "Motion": "motion",
+    "Photo": "photo",
     "Readout": "geometry.readout",
     "Rectified": "rectification",
     "estimate": "rectification",

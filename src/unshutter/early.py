@@ -51,7 +51,7 @@ def _opened(path: Path, estimator: str | None) -> Photo:
     photo = Photo.open(path)
     # For the default's sake the rest waits until it is asked for: decoding all would hold up what it does alone.
     is_default = estimator == DEFAULT_ESTIMATOR
-    photo.start_decoding(grey=is_default, whole=not is_default)
+    photo.start_decoding(grey_px=768 if is_default else None, whole=not is_default)
     return photo
 
 

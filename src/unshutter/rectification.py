@@ -15,7 +15,7 @@ from unshutter.photo import Photo
 if TYPE_CHECKING:
     import numpy as np
 
-    from unshutter.photo.codecs import Subsampling
+    from unshutter.options import Subsampling
     from unshutter.warp.pixels import Edges
 
 SMALLEST_SIDE = 64  # px
@@ -178,7 +178,7 @@ def rectify(
     opened = _open(photo)
     _check_size(opened)
     name = estimator if isinstance(estimator, str) else estimator.name
-    opened.start_decoding(grey=motion is None and name == DEFAULT)
+    opened.start_decoding(grey_px=768 if motion is None and name == DEFAULT else None)
     if motion is None:
         found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first", **told)
     else:

@@ -9,7 +9,7 @@ from unshutter.batch.inputs import find_photos, is_folder, motion_name, plan_tar
 from unshutter.batch.read_ahead import ReadAhead
 from unshutter.batch.report import Tell, each_photo
 from unshutter.errors import UsageError
-from unshutter.photo.photo import MAX_PIXELS
+from unshutter.options import MAX_PIXELS
 from unshutter.storage.places import Place, check_place, make_folder, save_text
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from unshutter import early
 from unshutter.errors import UnshutterError
+from unshutter.options import MAX_PIXELS
 from unshutter.photo import Photo
-from unshutter.photo.photo import MAX_PIXELS
 from unshutter.storage.places import Place, open_photo
 
 Look = Callable[[Photo, Executor], None]
@@ -29,7 +29,7 @@ class ReadAhead:
     """
 
     def __init__(self, files: list[Place], max_pixels: int, grey: bool = True, whole: bool = True):
-        self._max_pixels, self._wanted = max_pixels, (grey, whole)
+        self._max_pixels, self._wanted = max_pixels, (768 if grey else None, whole)
         self._files = iter(files)
         self._left = set(files)
         self._reader, self._looker = ThreadPoolExecutor(1), ThreadPoolExecutor(1)

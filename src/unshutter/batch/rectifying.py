@@ -21,7 +21,8 @@ from unshutter.batch.work import Job, RectifyOptions, do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
 from unshutter.default_estimator import DEFAULT_ESTIMATOR
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.photo.photo import MAX_PIXELS, Photo
+from unshutter.options import MAX_PIXELS
+from unshutter.photo import Photo
 from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import absolute, check_place, fingerprint, make_folder, place
 

@@ -16,7 +16,7 @@ from unshutter.storage.places import Place, check_place, fingerprint, open_photo
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion, Reference
-    from unshutter.photo.codecs import Subsampling
+    from unshutter.options import Subsampling
     from unshutter.warp.pixels import Edges
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.geometry.readout import Readout, scene_up
 from unshutter.motion import Motion, RotationMotion
+from unshutter.options import MOST_ROLL_DEG, MOST_TILT_DEG
 from unshutter.photo import Photo
-from unshutter.photo.attitude import MOST_ROLL, MOST_TILT
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,10 @@ class View:
     def __post_init__(self) -> None:
         if self.given_focal_px is not None and not 0 < self.given_focal_px < float("inf"):
             raise UsageError(f"the focal length must be positive, got {self.given_focal_px:g} px")
-        for name, angle, most in (("roll", self.given_roll_deg, MOST_ROLL), ("tilt", self.given_tilt_deg, MOST_TILT)):
+        for name, angle, most in (
+            ("roll", self.given_roll_deg, MOST_ROLL_DEG),
+            ("tilt", self.given_tilt_deg, MOST_TILT_DEG),
+        ):
             if angle is not None and not -most <= angle <= most:
                 raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
 

@@ -16,8 +16,8 @@ import numpy as np
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import DEFAULT
 from unshutter.motion import Motion, Reference
+from unshutter.options import MAX_PIXELS
 from unshutter.photo.libvips import libvips, refusing
-from unshutter.photo.photo import MAX_PIXELS
 from unshutter.storage.files import check_target, written_whole
 from unshutter.warp.grid import SamplingGrid, gs_to_rs_map, rs_to_gs_map
 

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
-from unshutter.photo.codecs import for_suffix
+from unshutter.photo.formats import of_target
 from unshutter.storage.files import check_target, written_whole
 
 if TYPE_CHECKING:
-    from unshutter.photo.codecs import Subsampling
+    from unshutter.options import Subsampling
     from unshutter.rectification import Rectified
 
 # What file systems call that which changes when an object does.
@@ -227,7 +227,7 @@ def save_picture(
     if isinstance(target, Path):
         result.save(target, overwrite=overwrite, quality=quality, subsampling=subsampling)
     else:
-        target.write(result.photo.to_bytes(for_suffix(Path(target.name)).name, quality, subsampling))
+        target.write(result.photo.to_bytes(of_target(Path(target.name)).name, quality, subsampling))
 
 
 def save_text(text: str, target: Place) -> None:
