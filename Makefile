@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install -q -c constraints.txt
 
-.PHONY: demo test lint types docs bench results clean
+.PHONY: demo test lint types docs layers bench results clean
 
 demo: .venv/core  ## rectify the photo that the repository ships
 	$(BIN)/unshutter rectify examples/demo.jpg -o examples/demo.rectified.jpg --overwrite --edges crop
@@ -20,6 +20,9 @@ types: .venv/dev
 
 docs: .venv/dev  ## fails on a broken link
 	$(BIN)/mkdocs build --strict -q
+
+layers: .venv/dev  ## fails where a room imports one that it should not know
+	$(BIN)/lint-imports --no-cache --no-logo
 
 bench: .venv/dev
 	$(BIN)/python benchmarks/bench_rectify.py

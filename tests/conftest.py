@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from unshutter import Motion
+from unshutter import Motion, RowMotion
 
 
 def draw_facade(height: int = 420, width: int = 560) -> np.ndarray:
@@ -41,7 +41,7 @@ def facade(facade_canvas: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def facade_motion() -> Motion:
-    return Motion.from_polynomials([0, 50, -90], [0, 0.05], 420, 560)
+    return RowMotion.from_polynomials([0, 50, -90], [0, 0.05], 420, 560)
 
 
 @pytest.fixture(scope="session")
@@ -54,7 +54,7 @@ def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarr
     tx, rz = (
         np.polynomial.Polynomial.fit(np.arange(420), a, 2)(rows) for a in (facade_motion.tx_px, facade_motion.rz_rad)
     )
-    whole = Motion(facade_canvas.shape[1], tx, rz)
+    whole = RowMotion(facade_canvas.shape[1], tx, rz)
     photo = Photo.from_array(facade_canvas)
     distorted = distort_pixels(photo.pixels, whole)
     return distorted[MARGIN:-MARGIN, MARGIN:-MARGIN].copy()

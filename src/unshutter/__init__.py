@@ -11,19 +11,27 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
-    from unshutter.estimators import load
+    from unshutter.estimators.base import Estimator, View
+    from unshutter.estimators.method import Method
+    from unshutter.estimators.register import load
     from unshutter.geometry.readout import Readout
-    from unshutter.motion import Motion
+    from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
     from unshutter.rectification import Rectified, estimate, rectify
 
 __all__ = [
+    "Estimator",
+    "Method",
     "Motion",
     "Photo",
     "Readout",
     "Rectified",
+    "RotationMotion",
+    "RowMapMotion",
+    "RowMotion",
     "UnshutterError",
     "UsageError",
+    "View",
     "__version__",
     "estimate",
     "load",
@@ -31,12 +39,18 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Estimator": "estimators.base",
+    "Method": "estimators.method",
     "Motion": "motion",
     "Photo": "photo",
     "Readout": "geometry.readout",
     "Rectified": "rectification",
+    "RotationMotion": "motion",
+    "RowMapMotion": "motion",
+    "RowMotion": "motion",
+    "View": "estimators.base",
     "estimate": "rectification",
-    "load": "estimators",
+    "load": "estimators.register",
     "rectify": "rectification",
 }
 

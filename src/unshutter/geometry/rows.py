@@ -18,7 +18,7 @@ from typing import Any
 
 Array = Any
 # (row) -> (t_x, r_z, d r_z / d row), each of the shape of row
-RowMotion = Callable[[Array], tuple[Array, Array, Array]]
+MotionAtRow = Callable[[Array], tuple[Array, Array, Array]]
 
 
 def rs_to_gs(col: Array, row: Array, tx: Array, rz: Array, center: tuple = (0.0, 0.0)) -> tuple[Array, Array]:
@@ -59,7 +59,7 @@ def gs_to_rs_by_row_map(col: Array, row: Array, tx: Array, rz: Array, center: tu
 
 
 def gs_to_rs(
-    col: Array, row: Array, row_motion: RowMotion, center: tuple = (0.0, 0.0), steps: int = 6
+    col: Array, row: Array, row_motion: MotionAtRow, center: tuple = (0.0, 0.0), steps: int = 6
 ) -> tuple[Array, Array]:
     """GS positions -> RS positions, the exact inverse of :func:`rs_to_gs`.
 
@@ -92,7 +92,7 @@ def gs_to_rs(
     return x * xp.cos(rz) - y * xp.sin(rz) + tx + center[0], v
 
 
-def _row_residual(v: Array, x: Array, y: Array, row_motion: RowMotion, center_row: Any) -> tuple[Array, Array]:
+def _row_residual(v: Array, x: Array, y: Array, row_motion: MotionAtRow, center_row: Any) -> tuple[Array, Array]:
     _, rz, rz_slope = row_motion(v)
     xp = namespace(rz)
     cos, sin = xp.cos(rz), xp.sin(rz)
@@ -115,7 +115,7 @@ def constant(a: Array) -> Array:
     return a.detach() if hasattr(a, "detach") else a
 
 
-def row_motion_from_samples(tx: Array, rz: Array) -> RowMotion:
+def row_motion_from_samples(tx: Array, rz: Array) -> MotionAtRow:
     """Row motion by linear interpolation of one sample per row; constant beyond the first and last row.
 
     Args:
@@ -142,7 +142,7 @@ def row_motion_from_samples(tx: Array, rz: Array) -> RowMotion:
     return row_motion
 
 
-def row_motion_from_polynomial(tx_coefficients: Array, rz_coefficients: Array, first: Any, last: Any) -> RowMotion:
+def row_motion_from_polynomial(tx_coefficients: Array, rz_coefficients: Array, first: Any, last: Any) -> MotionAtRow:
     """Row motion from polynomials in u = (row - first) / (last - first); constant beyond u = 0 and 1.
 
     Args:

@@ -4,7 +4,8 @@ import pytest
 
 from support.drawn_photos import drawn
 from support.tagged_files import ATTRIBUTES, ELEMENTS, jpeg_of_drone
-from unshutter.estimators import View
+from unshutter.estimators.base import View
+from unshutter.options import Camera
 from unshutter.photo import Photo
 
 
@@ -24,7 +25,7 @@ def test_a_drone_says_how_its_camera_was_held(
     photo = Photo.from_bytes(jpeg_of_drone(drawn(), roll, tilt, form))
     assert photo.attitude_deg() == known
     assert View(photo).attitude_deg() == (known or (None, None))
-    assert View(photo, given_tilt_deg=3.0).attitude_deg() == (known[0] if known else None, 3.0)
+    assert View(photo, Camera(tilt_deg=3.0)).attitude_deg() == (known[0] if known else None, 3.0)
 
 
 def test_a_photo_without_xmp_says_nothing() -> None:

@@ -1,6 +1,6 @@
-"""Pictures with a known motion: how each suite makes them, and what an estimate of it scores.
+"""Pictures with a known motion: how each suite makes them, and how an estimate of it is scored.
 
-What is drawn for a photo depends on the seed and the photo's own bytes alone, as in ``unshutter synthesize``.
+The motions of a photo depend on the seed and the photo's own bytes alone, as in ``unshutter synthesize``.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.estimators import Estimator, View
+from unshutter.estimators.base import Estimator, View
 from unshutter.evaluation.cases.case import (
     NOTHING,
     Answer,
+    Case,
     Example,
     Loaded,
     Record,
@@ -26,7 +27,8 @@ from unshutter.evaluation.cases.case import (
 )
 from unshutter.evaluation.cases.disturbances import DISTURBANCES
 from unshutter.evaluation.metrics import UNIT_ROWS, motion_error
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
+from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.synthesis.pairs import synthesize, synthesize_native
 from unshutter.synthesis.rotation_log import RotationLog
@@ -45,9 +47,9 @@ class Suite:
         rows: side of the pictures [px]; None: the photo's own size.
         readout_s: time of a readout with a recorded motion [s]; None: drawn quadratics.
         still: no motion at all.
-        disturbance: one of DISTURBANCES, put upon the rolling-shutter picture.
+        disturbance: one of DISTURBANCES, done to the rolling-shutter picture.
         turned: counter-clockwise quarter turns of the scene before the motion is put in.
-        orientation: what EXIF says of the picture.
+        orientation: of the picture, in EXIF.
         of_pictures: whether PSNR and SSIM are computed.
     """
 
@@ -78,7 +80,7 @@ class _Exam:
 
 
 @dataclass(frozen=True)
-class SyntheticCase:
+class SyntheticCase(Case):
     """One picture with known motion.
 
     Attributes:
@@ -98,27 +100,31 @@ class SyntheticCase:
     draw: int
     seed: int
     logs: tuple[Path, ...] = ()
-    rivals: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
-        """Unlike that of any other case of the run."""
+        """Its suite, photo and motion."""
         return f"{self.suite.name}|{self.group}|{self.photo}|{self.draw}"
+
+    @property
+    def oracles(self) -> tuple[str, ...]:
+        """None: each record has the scores of the true motion."""
+        return ()
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
         """One record for each estimator."""
         exam = self._exam()
-        nothing = motion_error(Motion.zero(exam.truth.height, exam.truth.width), exam.truth)
+        nothing = motion_error(RowMotion.zero(exam.truth.height, exam.truth.width), exam.truth)
         oracle = rectified(exam.photo, exam.truth) if self._of_pictures else None
         records = []
         for name in names:
             answer = exam.ask(loaded(name))
-            about = {"suite": self.suite.name, "group": self.group, "photo": self.photo, "draw": self.draw}
+            record: Record = {"suite": self.suite.name, "group": self.group, "photo": self.photo, "draw": self.draw}
             error = motion_error(answer.motion, exam.truth)
-            about |= {"estimator": name, **vars(error), "epe_nothing": nothing.epe, **answer.about()}
+            record |= {"estimator": name, **vars(error), "epe_nothing": nothing.epe, **answer.figures()}
             if oracle:
-                about |= self._picture_scores(exam, answer, oracle)
-            records.append(about)
+                record |= self._picture_scores(exam, answer, oracle)
+            records.append(record)
         return records
 
     def show(self, names: list[str], loaded: Loaded) -> Example:
@@ -126,7 +132,7 @@ class SyntheticCase:
         exam = self._exam()
         curves = {name: exam.ask(loaded(name)).motion for name in names}
         errors = {name: motion_error(motion, exam.truth).epe for name, motion in curves.items()}
-        nothing = motion_error(Motion.zero(exam.truth.height, exam.truth.width), exam.truth).epe
+        nothing = motion_error(RowMotion.zero(exam.truth.height, exam.truth.width), exam.truth).epe
         pictures = [(f"input {nothing:.1f} px", in_8_bits(exam.photo))]
         for name in names:
             if name != NOTHING:
@@ -157,13 +163,13 @@ class SyntheticCase:
         else:
             (rs, gs), truth = synthesize(pixels, drawn), drawn.crop
         if self.suite.still:
-            rs, truth = gs, Motion.zero(*gs.shape[:2])
+            rs, truth = gs, RowMotion.zero(*gs.shape[:2])
         if self.suite.disturbance:
             rs = DISTURBANCES[self.suite.disturbance](rs, rng)
         photo = replace(Photo.from_array(rs), orientation=self.suite.orientation)
         focal *= len(gs) / kept
-        told = {"given_focal_px": focal} if known else {"guessed_focal_px": focal}
-        return _Exam(View(photo, **told), gs, truth)
+        view = View(photo, Camera(focal_px=focal)) if known else View(photo, guessed_focal_px=focal)
+        return _Exam(view, gs, truth)
 
     def _drawn(self, rng: np.random.Generator) -> DrawnMotion:
         rows = self.suite.rows or UNIT_ROWS
@@ -175,10 +181,10 @@ class SyntheticCase:
 
 
 def _photo(path: Path) -> tuple[np.ndarray, int, float, bool]:
-    """uint8 [H, W, 3] of a photo, the digest of its file by which motions are drawn, its focal length [px], if known.
+    """uint8 [H, W, 3] of a photo, digest of its file, focal length [px], and whether EXIF knows it.
 
-    The focal length is what estimators would take for the whole photo: EXIF's, or else the usual guess by its size
-    (the last value is False). They are told, because a picture cut from the middle does not show it.
+    Estimators are given the focal length that they would take for the whole photo (EXIF's, else the usual guess by its
+    size), because a picture that is cut from the middle does not show it.
     """
     photo = Photo.open(path)
     pixels = in_8_bits(photo)

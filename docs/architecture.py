@@ -1,0 +1,65 @@
+"""Writes the table of modules in architecture.md: ``python docs/architecture.py``.
+
+What each does is the first line of its docstring; rooms are in the order of the layers that pyproject.toml demands.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "src" / "unshutter"
+PAGE = ROOT / "docs" / "architecture.md"
+BEGIN, END = "<!-- modules: docs/architecture.py writes them -->\n", "<!-- end of modules -->\n"
+
+
+def page() -> str:
+    """The page as it should be: what is there, with a new table between the marks."""
+    before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    lines = ["| module | what it does |", "|---|---|", *rows()]
+    return "\n".join([before + BEGIN, *lines, "", END + after])
+
+
+def rows() -> Iterator[str]:
+    """The package's face, then every file and folder of its top, from the highest layer to the lowest."""
+    yield row(PACKAGE / "__init__.py")
+    for name in layers():
+        if (PACKAGE / name).is_dir():
+            yield from room(PACKAGE / name)
+        elif (PACKAGE / f"{name}.py").exists():  # prefetch is on its way
+            yield row(PACKAGE / f"{name}.py")
+
+
+def layers() -> list[str]:
+    """What the contract of layers names, the highest first."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contract = next(c for c in settings["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
+    return [name for layer in contract["layers"] for name in re.findall(r"\w+", layer)]
+
+
+def room(folder: Path) -> Iterator[str]:
+    """A folder, its files, and then the folders in it."""
+    yield row(folder / "__init__.py")
+    for path in sorted(folder.glob("*.py")):
+        if path.name != "__init__.py":
+            yield row(path)
+    for inner in sorted(folder.glob("*/__init__.py")):
+        yield from room(inner.parent)
+
+
+def row(path: Path) -> str:
+    """One module in the table; folders in bold."""
+    first_line = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").partition("\n")[0]
+    said = re.sub(r"(?::\w+:)?`+([^`]+)`+", r"`\1`", first_line).removesuffix(".").replace("|", r"\|")
+    if path.name == "__init__.py" and path.parent != PACKAGE:
+        return f"| **`{path.parent.relative_to(PACKAGE).as_posix()}/`** | **{said}** |"
+    return f"| `{path.relative_to(PACKAGE).as_posix()}` | {said} |"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

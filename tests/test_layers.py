@@ -1,0 +1,33 @@
+"""The house: what the contracts in pyproject.toml (``make layers``) cannot see of it."""
+
+import subprocess
+import sys
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import grimp
+import pytest
+
+import unshutter
+
+
+def test_no_module_imports_one_that_imports_it() -> None:
+    """A folder's ``__init__`` counts as a module; imports inside functions and for annotations count, too."""
+    graph = grimp.build_graph("unshutter", cache_dir=None)
+    imports = {module: graph.find_modules_directly_imported_by(module) for module in graph.modules}
+    try:
+        TopologicalSorter(imports).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])), pytrace=False)
+
+
+@pytest.mark.parametrize("module", ["unshutter", "unshutter.options"])
+def test_what_the_command_line_starts_with_needs_no_numpy(module: str) -> None:
+    """A photo is being decoded while NumPy is imported."""
+    code = f"import sys, {module}; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_few_files_lie_loose_at_the_top() -> None:
+    loose = sorted(path.name for path in Path(unshutter.__file__).parent.glob("*.py"))
+    assert len(loose) <= 10, loose
