@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.photo.codecs import for_suffix
+from unshutter.photo.formats import of_target
 from unshutter.storage.places import Place, write_place
 
 if TYPE_CHECKING:
@@ -22,5 +22,5 @@ def save_picture(result: Rectified, target: Place, overwrite: bool, save: Save) 
     if isinstance(target, Path):
         result.save(target, overwrite=overwrite, quality=save.quality, subsampling=save.subsampling)
     else:
-        name = for_suffix(Path(target.name)).name
+        name = of_target(Path(target.name)).name
         write_place(result.photo.to_bytes(name, save.quality, save.subsampling), target)
