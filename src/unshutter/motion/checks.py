@@ -26,9 +26,9 @@ def read_only(values: Any, dtype: type = np.float64) -> np.ndarray:
 def check_size(height: int, width: int) -> None:
     """Raises UnshutterError where no photo has this size."""
     if width < 1:
-        raise UnshutterError(f"a motion needs a width of at least 1 px, got {width}")
+        raise UnshutterError("a motion needs a width of at least 1 px")
     if max(height, width) > MOST_SIDE:
-        raise UnshutterError(f"no photo is as large as this motion says: {width}x{height} px")
+        raise UnshutterError(f"the motion is for a picture of more than {MOST_SIDE} px a side, and none is that large")
 
 
 def check_finite(*values: Any) -> None:

@@ -56,14 +56,12 @@ class RotationMotion(Motion, kind="rotations"):
     @cached_property
     def tx_px(self) -> np.ndarray:
         """[H] columns by which each row's rotation moves the picture's centre [px]."""
-        matrices = rotation_geometry.rotation_matrix(self.rotations)
-        return checks.read_only(self.focal_px * matrices[:, 0, 2] / matrices[:, 2, 2])
+        return checks.read_only(self.focal_px * self._matrices[:, 0, 2] / self._matrices[:, 2, 2])
 
     @cached_property
     def rz_rad(self) -> np.ndarray:
         """[H] angle by which each row's rotation turns a line of pixels there [rad]."""
-        matrices = rotation_geometry.rotation_matrix(self.rotations)
-        return checks.read_only(np.arctan2(-matrices[:, 0, 1], matrices[:, 1, 1]))
+        return checks.read_only(np.arctan2(-self._matrices[:, 0, 1], self._matrices[:, 1, 1]))
 
     @property
     def center(self) -> tuple[float, float]:
@@ -98,7 +96,7 @@ class RotationMotion(Motion, kind="rotations"):
         if speed.max() >= 1:
             raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
         corners = np.array([[sx * reach, sy * self.height / 2, self.focal_px] for sx in (-1, 1) for sy in (-1, 1)])
-        matrices = rotation_geometry.rotation_matrix(self.rotations)
+        matrices = self._matrices
         if min((corners @ m[2]).min() for m in (*matrices, *matrices.transpose(0, 2, 1))) <= 0:
             raise UnshutterError("the motion turns part of the picture behind the camera")
 
@@ -107,15 +105,19 @@ class RotationMotion(Motion, kind="rotations"):
 
         It moves by the rates (w_x, w_y, w_z) x (0, 0, 1).
         """
-        rotation = rotation_geometry.rotation_matrix(self.rotations)  # [H, 3, 3]
-        rates = slope(rotation) @ rotation.transpose(0, 2, 1)
+        rates = slope(self._matrices) @ self._matrices.transpose(0, 2, 1)
         wx, wy, wz = rates[:, 2, 1], rates[:, 0, 2], rates[:, 1, 0]
         return wz, self.focal_px * np.stack([wy, -wx], axis=-1)
 
     @cached_property
+    def _matrices(self) -> np.ndarray:
+        """[H, 3, 3] rotation matrix of every row."""
+        return rotation_geometry.rotation_matrix(self.rotations)
+
+    @cached_property
     def _rotation_at(self) -> rotation_geometry.RowRotation:
         """The rotation of any row; carried on smoothly past the first and the last, as a RowMotion is."""
-        rotations = _continued(rotation_geometry.rotation_matrix(self.rotations), BEYOND)
+        rotations = _continued(self._matrices, BEYOND)
         look_up = rotation_geometry.row_rotation_from_samples(rotations)
         return lambda row: look_up(row + BEYOND)
 
@@ -129,8 +131,7 @@ class RotationMotion(Motion, kind="rotations"):
         row = row_index(reference, self.height)
         if not self.rotations[row].any():
             return replace(self, reference=reference)
-        matrices = rotation_geometry.rotation_matrix(self.rotations)
-        rotations = rotation_geometry.rotation_vector(matrices @ matrices[row].T)
+        rotations = rotation_geometry.rotation_vector(self._matrices @ self._matrices[row].T)
         rotations[row] = 0.0
         return replace(self, reference=reference, rotations=rotations)
 

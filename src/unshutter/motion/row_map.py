@@ -15,6 +15,7 @@ from unshutter.motion import checks
 from unshutter.motion.sampling import positions
 
 _MOST_CELLS_A_SIDE = 4096  # a network's row map has 256
+_SMALLEST_AREA_PX = 1e-3  # a side
 
 
 @final
@@ -47,7 +48,7 @@ class RowMap:
         _check_shape(residual.shape)
         checks.check_lengths(residual, *self.corner, *self.size, self.pose[0])
         checks.check_turns(self.pose[1])
-        if min(self.size) <= 0:
+        if min(self.size) < _SMALLEST_AREA_PX:
             raise UnshutterError("the area of a row map must be larger than nothing")
 
     def __eq__(self, other: object) -> bool:
@@ -126,7 +127,7 @@ class RowMap:
 
 def _check_shape(shape: tuple[int, ...]) -> None:
     if len(shape) != 2 or min(shape) < 2 or max(shape) > _MOST_CELLS_A_SIDE:
-        raise UnshutterError(f"a row map has 2 to {_MOST_CELLS_A_SIDE} rows and columns, got shape {shape}")
+        raise UnshutterError(f"a row map has 2 to {_MOST_CELLS_A_SIDE} rows and columns")
 
 
 def _bilinear(table: np.ndarray, col: np.ndarray, row: np.ndarray) -> np.ndarray:
