@@ -80,8 +80,8 @@ class RotatedCurves:
         normals = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)[..., None, :]
         self._near = np.stack([points, points + normals * _BESIDE])  # [2, ..., K, 2]
 
-    def of(self, index: np.ndarray) -> RotatedCurves:
-        """Some of the curves."""
+    def __getitem__(self, index: np.ndarray) -> RotatedCurves:
+        """Some of the curves, in the shape of the index."""
         return RotatedCurves(self.points[index], self.height, self.width, self.focal_px)
 
     def undone(self, rotations: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -48,9 +48,9 @@ def minimise(
     damping = 1e-3
     for _ in range(steps):
         weights = loss(r)[1]
-        jacobian = _jacobian(residuals, x, r)
-        normal = (jacobian.T * weights) @ jacobian
-        gradient = jacobian.T @ (weights * r)
+        J = forward_differences(residuals, x, r, 1e-7 * np.maximum(1.0, np.abs(x)))
+        normal = (J.T * weights) @ J
+        gradient = J.T @ (weights * r)
         while damping < 1e12:
             diagonal = damping * np.maximum(np.diag(normal), 1e-9 * max(float(np.trace(normal)), 1e-300))
             step = -np.linalg.solve(normal + np.diag(diagonal), gradient)
@@ -68,11 +68,21 @@ def minimise(
     return x, cost
 
 
-def _jacobian(residuals: Residuals, x: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Forward differences [N, P]; r are the residuals at x."""
+def forward_differences(residuals: Residuals, x: np.ndarray, r: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """The Jacobian dr/dx, to the first order of the steps.
+
+    Args:
+        residuals: unknowns [..., P] -> residuals [..., N].
+        x: where.
+        r: residuals at x.
+        steps: [P] by which each unknown is changed.
+
+    Returns:
+        [..., N, P].
+    """
     columns = []
-    for k in range(len(x)):
-        step = np.zeros_like(x)
-        step[k] = 1e-7 * max(1.0, abs(x[k]))
-        columns.append((residuals(x + step) - r) / step[k])
-    return np.stack(columns, axis=1)
+    for k, step in enumerate(steps):
+        moved = x.copy()
+        moved[..., k] += step
+        columns.append((residuals(moved) - r) / step)
+    return np.stack(columns, axis=-1)

@@ -9,6 +9,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+FEWEST_SEGMENTS = 8  # below this a photo does not say how the camera moved
+WIDEST_ASPECT = 2.5  # a little beyond what the network was trained on; beyond it, nothing was measured
 _SCALE = 0.8  # LSD looks at a copy scaled by this, against the staircase of slanted edges
 # LSD maps a position of its scaled copy back without regard to pixel centres; this is what is missing.
 _PIXEL_SHIFT = 0.5 / _SCALE - 0.5
@@ -38,3 +40,12 @@ def in_rows(segments: np.ndarray, height: int, width: int) -> np.ndarray:
     """[N, 4] pixel positions in a picture of that size -> centred units of rows."""
     center = np.array([(width - 1) / 2, (height - 1) / 2] * 2)
     return (segments - center) / height
+
+
+def unusable(segments: np.ndarray, height: int, width: int) -> str:
+    """Why these segments of a photo of that size do not tell its motion; empty where they may."""
+    if max(width / height, height / width) > WIDEST_ASPECT:
+        return f"the photo's sides differ by more than {WIDEST_ASPECT:g} times"
+    if len(segments) < FEWEST_SEGMENTS:
+        return f"only {len(segments)} straight segments found"
+    return ""
