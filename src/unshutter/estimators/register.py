@@ -125,12 +125,13 @@ def names() -> list[str]:
 
 
 def method(name: str) -> Method:
-    """The method of that name; one of the package's comes before an installed one.
+    """The method of that name, or of NAME@FILE; one of the package's comes before an installed one.
 
     Raises:
         UsageError: there is none.
         UnshutterError: the installed package that has it is broken.
     """
+    name = name.partition("@")[0]
     for known in METHODS:
         if known.name == name:
             return known
