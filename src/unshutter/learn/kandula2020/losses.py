@@ -4,8 +4,8 @@ The paper writes squared L2 norms; here every loss is a mean over valid pixels (
 1, 1, 0.5, 0.5 mean the same at every picture size and batch.
 
 Masks: a pixel of a warped picture is valid where its sampling position lies inside a valid part of the source, so that
-a black pixel of the scene counts. The paper's literal rule, which takes as valid what is not black, is ``mask = "black"``;
-for the MSE both agree wherever the scene has no black.
+a black pixel of the scene counts. The paper's literal rule, by which all is valid that is not black, is
+``mask = "black"``; for the MSE both agree wherever the scene has no black.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """rengarajan2017: the learned predecessor (Rengarajan, Balaji, Rajagopalan, CVPR 2017), both its networks.
 
 A picture of 256 x 256 px, less the mean picture, goes through convolutions without padding; fully connected layers
-give t_x and r_z at 15 key rows, and the least-squares quadratic through these gives every row. We rectify with the exact
-inverse of that motion, which the original's search over rows approximates.
+give t_x and r_z at 15 key rows, and the least-squares quadratic through these gives every row. We rectify with the
+exact inverse of that motion, which the original's search over rows approximates.
 """
 
 from __future__ import annotations
