@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from unshutter.batch.photos import save_picture
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
 from unshutter.prefetch import Prefetch
-from unshutter.storage.places import Place, check_place, fingerprint, save_picture, save_text
+from unshutter.storage.places import Place, check_place, fingerprint, write_place
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
@@ -27,7 +28,7 @@ class Job:
         motion_target: its motion file, if one is wanted.
         overwrite: whether the target may replace what is there.
         max_pixels: of a photo that is read.
-        told_twice: whether the job may come to a worker a second time, because the first one died before anybody
+        may_repeat: whether the job may come to a worker a second time, because the first one died before anybody
             heard how it went.
         before: fingerprint of what was at the target when the job was first given away.
     """
@@ -37,7 +38,7 @@ class Job:
     motion_target: Place | None
     overwrite: bool
     max_pixels: int
-    told_twice: bool = False
+    may_repeat: bool = False
     before: str | None = None
 
 
@@ -72,7 +73,7 @@ def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefe
         motion: text of the motion file that ``wanted`` names: other machines may not have it.
         prefetch: where the photo comes from; by default it is read now.
     """
-    if job.told_twice and fingerprint(job.target) not in (None, job.before):
+    if job.may_repeat and fingerprint(job.target) not in (None, job.before):
         return _done_before(job)
     start = time.perf_counter()
     outcomes: list[Outcome] = []
@@ -97,8 +98,8 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     found = coming.motion() if motion is None else _parsed(motion)
     result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
     if job.motion_target is not None:
-        save_text(result.motion.to_json() + "\n", job.motion_target)
-    save_picture(result, job.target, job.overwrite, wanted.save.quality, wanted.save.subsampling)
+        write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target)
+    save_picture(result, job.target, job.overwrite, wanted.save)
     return Outcome(
         note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",
         source_is=source_is,

@@ -19,7 +19,7 @@ class Arguments:
     )
     out: Path = option(
         Path("runs"),
-        "Folder for checkpoints, log and the exported model. A run that is there goes on. Default: runs.",
+        "Folder for checkpoints, log and the exported model. A run that is there is resumed. Default: runs.",
     )
     steps: int | None = option(None, "Stop after this many steps in all, instead of the configuration's.")
     device: str = option("auto", "auto, cpu or cuda. Default: auto.")
