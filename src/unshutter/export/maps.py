@@ -91,7 +91,7 @@ def map_file(
     source: Path,
     target: Path,
     *,
-    find: Find,
+    find: Find | None = None,
     reference: Reference | None = None,
     inverse: bool = False,
     size: str | None = None,
@@ -102,7 +102,8 @@ def map_file(
     Args:
         source: photo whose motion is estimated, or a motion file (``.json``).
         target, overwrite: see :meth:`PixelMap.save`.
-        find: how the motion is found; of a motion file, only the readout direction may be given.
+        find: how the motion is found, by default as :func:`unshutter.estimate` does; of a motion file, only the
+            readout direction may be given.
         reference: row at whose moment the GS picture is taken; by default the motion's own, else the first.
         inverse: see :meth:`PixelMap.of`.
         size: ``WxH`` of the map in stored pixels, for a scaled copy of the photo; by default the photo's.
@@ -114,6 +115,7 @@ def map_file(
         UnshutterError: the photo, motion or target cannot be used; UsageError: an option cannot.
     """
     check_map_target(target, overwrite, source)
+    find = find or Find()
     wanted = None if size is None else _parse_size(size)
     if source.suffix.lower() == ".json":
         find.camera.check_unused()
