@@ -72,7 +72,7 @@ def spread(values: list[float]) -> str:
 
 
 def main() -> None:
-    from unshutter.estimators import ESTIMATORS
+    from unshutter.estimators.register import names as all_names
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--estimators", default="all")
@@ -80,7 +80,7 @@ def main() -> None:
     parser.add_argument("--megapixels", default="0.065,2,12")
     parser.add_argument("-o", "--output", type=Path, help="also write every figure as JSON")
     given = parser.parse_args()
-    names = list(ESTIMATORS) if given.estimators == "all" else given.estimators.split(",")
+    names = all_names() if given.estimators == "all" else given.estimators.split(",")
     sizes = [float(size) for size in given.megapixels.split(",")]
     found = measure(names, sizes, given.rounds)
     commit = subprocess.run(

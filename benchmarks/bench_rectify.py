@@ -36,8 +36,8 @@ QUALITY = 92
 FORMATS = {"jpeg": (".jpg", f"jpegsave(sys.argv[2], Q={QUALITY})"), "tiff16": (".tif", "tiffsave(sys.argv[2])")}
 LIBRARIES = """
 import numpy, cv2, onnxruntime, pyvips, cyclopts
-from unshutter.estimators.methods.segment_transformer import SegmentTransformer
-SegmentTransformer().prepare()
+import unshutter
+unshutter.load("segment-transformer").prepare()
 """
 FOLDER = 5  # photos
 # Installed packages are compiled; a checkout is by its first run, unless this forbids it.

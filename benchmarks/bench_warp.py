@@ -31,15 +31,15 @@ photo.with_pixels(rectify_pixels(photo.pixels, motion, '{edges}')).save(sys.argv
 """
 WRITE = "out.jpegsave(sys.argv[2], Q=92)"
 SHAKE = """
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
 from unshutter.warp.pixels import rectify_pixels
 unit = image.width / 100
-motion = Motion.from_polynomials([0, 3 * unit, -2 * unit], [0, 0.02, -0.01], image.height, image.width)
+motion = RowMotion.from_polynomials([0, 3 * unit, -2 * unit], [0, 0.02, -0.01], image.height, image.width)
 """
 JITTER = """
 import numpy
 jitter = numpy.random.default_rng(0).normal(0, 0.1, image.height)  # px on every row: no grid fits
-motion = Motion(image.width, motion.tx_px + jitter, motion.rz_rad)
+motion = RowMotion(image.width, motion.tx_px + jitter, motion.rz_rad)
 """
 IDENTITY = """
 index = pyvips.Image.xyz(image.width, image.height)

@@ -49,15 +49,15 @@ def facade(facade_canvas: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def facade_motion() -> Motion:
-    from unshutter import Motion
+    from unshutter import RowMotion
 
-    return Motion.from_polynomials([0, 50, -90], [0, 0.05], 420, 560)
+    return RowMotion.from_polynomials([0, 50, -90], [0, 0.05], 420, 560)
 
 
 @pytest.fixture(scope="session")
 def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarray:
     """The facade as a rolling shutter would have taken it: the motion goes on beyond the rows that are kept."""
-    from unshutter import Motion
+    from unshutter import RowMotion
     from unshutter.photo import Photo
     from unshutter.warp.pixels import distort_pixels
 
@@ -65,7 +65,7 @@ def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarr
     tx, rz = (
         np.polynomial.Polynomial.fit(np.arange(420), a, 2)(rows) for a in (facade_motion.tx_px, facade_motion.rz_rad)
     )
-    whole = Motion(facade_canvas.shape[1], tx, rz)
+    whole = RowMotion(facade_canvas.shape[1], tx, rz)
     photo = Photo.from_array(facade_canvas)
     distorted = distort_pixels(photo.pixels, whole)
     return distorted[MARGIN:-MARGIN, MARGIN:-MARGIN].copy()

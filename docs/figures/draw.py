@@ -5,7 +5,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from unshutter import Motion
+from unshutter import RowMotion
 
 HERE = Path(__file__).parent
 plt.rcParams["svg.hashsalt"] = "unshutter"  # same drawing, same bytes
@@ -14,7 +14,7 @@ plt.rcParams["svg.hashsalt"] = "unshutter"  # same drawing, same bytes
 def conventions() -> None:
     """A house under a global and a rolling shutter, with the axes and signs of Eq. 1."""
     size = 256
-    motion = Motion.from_polynomials([0, 60, -20], [0, 0.12], size, size)
+    motion = RowMotion.from_polynomials([0, 60, -20], [0, 0.12], size, size)
     across, tall = np.meshgrid(np.linspace(60, 195, 6), np.linspace(40, 225, 5))
     lines = [np.stack([np.full(80, c), np.linspace(40, 225, 80)]) for c in across[0]]
     lines += [np.stack([np.linspace(60, 195, 80), np.full(80, r)]) for r in tall[:, 0]]

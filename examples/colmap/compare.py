@@ -22,8 +22,8 @@ import pycolmap
 from scene import Camera, Frame, draw_scene, photograph, walk
 
 import unshutter
-from unshutter.estimators import DEFAULT
 from unshutter.geometry.rotations import rotation_matrix
+from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.photo import Photo
 
 _SENSOR_DEG = 0.3  # error of an accelerometer or gimbal
@@ -176,7 +176,7 @@ def main() -> None:
         help="largest turn during the readout: up and down, left and right, roll [deg]",
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--estimator", default=DEFAULT)
+    parser.add_argument("--estimator", default=DEFAULT_ESTIMATOR)
     chosen = parser.parse_args()
     camera = Camera()
     frames = walk(camera, chosen.frames, tuple(chosen.turn), chosen.seed)

@@ -11,17 +11,24 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
-    from unshutter.estimators import load
+    from unshutter.estimators.base import Estimator, View
+    from unshutter.estimators.register import Method, load
     from unshutter.geometry.readout import Readout
-    from unshutter.motion import Motion
+    from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.rectification import Rectified, estimate, rectify
 
 __all__ = [
+    "Estimator",
+    "Method",
     "Motion",
     "Readout",
     "Rectified",
+    "RotationMotion",
+    "RowMapMotion",
+    "RowMotion",
     "UnshutterError",
     "UsageError",
+    "View",
     "__version__",
     "estimate",
     "load",
@@ -29,11 +36,17 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Estimator": "estimators.base",
+    "Method": "estimators.register",
     "Motion": "motion",
     "Readout": "geometry.readout",
     "Rectified": "rectification",
+    "RotationMotion": "motion",
+    "RowMapMotion": "motion",
+    "RowMotion": "motion",
+    "View": "estimators.base",
     "estimate": "rectification",
-    "load": "estimators",
+    "load": "estimators.register",
     "rectify": "rectification",
 }
 

@@ -32,7 +32,8 @@ def begin(path: Path, estimator: str | None = None) -> None:
     import numpy  # noqa: F401 (what the decoder needs next)
 
     if estimator is not None:
-        from unshutter.estimators import View, ahead
+        from unshutter.estimators import ahead
+        from unshutter.estimators.base import View
 
         looker = ThreadPoolExecutor(1)
         with suppress(UnshutterError):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast, overload
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.estimators import DEFAULT, Estimator, View, load
+from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.register import load
 from unshutter.geometry.readout import Readout
-from unshutter.motion import Motion, Reference
+from unshutter.motion import Motion
+from unshutter.options import DEFAULT_ESTIMATOR, Camera, ReadoutWord, Reference
 from unshutter.photo import Photo
 
 if TYPE_CHECKING:
@@ -66,7 +68,7 @@ class Rectified:
 def estimate(
     photo: str | os.PathLike[str] | bytes | np.ndarray | Photo,
     *,
-    estimator: str | Estimator = DEFAULT,
+    estimator: str | Estimator = DEFAULT_ESTIMATOR,
     readout: str | Readout = "auto",
     reference: Reference = "first",
     focal_px: float | None = None,
@@ -77,7 +79,7 @@ def estimate(
 
     Args:
         photo: path, encoded file as bytes, pixels [H, W] or [H, W, 1..4] (uint8 or uint16), or a Photo.
-        estimator: name (see ``unshutter.estimators.ESTIMATORS``) or one made by :func:`unshutter.load`.
+        estimator: name (``unshutter models`` lists them) or one made by :func:`unshutter.load`.
         readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
         reference: row at whose moment the global-shutter picture is taken: first, middle or last.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
@@ -104,13 +106,7 @@ def view_of(
     tilt_deg: float | None = None,
 ) -> View:
     """What an estimator is given of a photo; arguments and errors are :func:`estimate`'s."""
-    return View(
-        photo,
-        Readout.parse(readout),
-        given_focal_px=focal_px,
-        given_roll_deg=roll_deg,
-        given_tilt_deg=tilt_deg,
-    )
+    return View(photo, Camera(cast(ReadoutWord, readout), focal_px, roll_deg, tilt_deg))
 
 
 class _Options(TypedDict, total=False):
@@ -134,7 +130,7 @@ def rectify(photo: np.ndarray, **options: Unpack[_Options]) -> np.ndarray: ...
 def rectify(
     photo: Any,
     *,
-    estimator: str | Estimator = DEFAULT,
+    estimator: str | Estimator = DEFAULT_ESTIMATOR,
     motion: Motion | None = None,
     readout: str | Readout = "auto",
     reference: Reference | None = None,
@@ -178,7 +174,7 @@ def rectify(
     opened = _open(photo)
     _check_size(opened)
     name = estimator if isinstance(estimator, str) else estimator.name
-    opened.start_decoding(grey=motion is None and name == DEFAULT)
+    opened.start_decoding(grey=motion is None and name == DEFAULT_ESTIMATOR)
     if motion is None:
         found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first", **told)
     else:

@@ -11,7 +11,7 @@ import pytest
 
 from support.batches import start_rectify
 from support.drawn_photos import textured
-from unshutter import Motion
+from unshutter import Motion, RowMotion
 from unshutter.photo import Photo
 from unshutter.warp.pixels import rectify_pixels
 
@@ -20,7 +20,7 @@ HEIGHT, WIDTH = 300, 400
 
 @pytest.fixture
 def motion() -> Motion:
-    return Motion.from_polynomials([0, 6, -9], [0, 0.05], HEIGHT, WIDTH)
+    return RowMotion.from_polynomials([0, 6, -9], [0, 0.05], HEIGHT, WIDTH)
 
 
 def test_pictures_go_when_nobody_needs_them(motion: Motion) -> None:

@@ -141,11 +141,11 @@ def test_bad_input_gets_one_line_and_leaves_nothing(
 
 
 def test_bad_motions_get_one_line(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    good = json.loads(unshutter.Motion.zero(420, 560).to_json())
+    good = json.loads(unshutter.RowMotion.zero(420, 560).to_json())
     cases = {
         "nan": {**good, "tx_px": [float("nan")] * 420},
         "short": {**good, "tx_px": [0.0] * 10},
-        "shape": json.loads(unshutter.Motion.zero(560, 420).to_json()),
+        "shape": json.loads(unshutter.RowMotion.zero(560, 420).to_json()),
     }
     for name, data in cases.items():
         path = photo.parent / f"{name}.json"
@@ -261,8 +261,8 @@ def test_python_names_what_is_wrong() -> None:
 
 def test_a_focal_length_beside_a_motion_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     motion = tmp_path / "motion.json"
-    unshutter.Motion.zero(100, 100).save(motion)
+    unshutter.RowMotion.zero(100, 100).save(motion)
     assert main(["rectify", str(tmp_path / "x.jpg"), "--motion", str(motion), "--focal-px", "500"]) == 2
     assert "leave it out" in capsys.readouterr().err
     with pytest.raises(unshutter.UsageError, match="leave them out"):
-        unshutter.rectify(np.zeros((100, 100), np.uint8), motion=unshutter.Motion.zero(100, 100), focal_px=500.0)
+        unshutter.rectify(np.zeros((100, 100), np.uint8), motion=unshutter.RowMotion.zero(100, 100), focal_px=500.0)

@@ -12,10 +12,13 @@ import unshutter
 from support.batches import rectify
 from unshutter import early
 from unshutter.errors import UnshutterError
-from unshutter.estimators import DEFAULT, View, ahead, load
+from unshutter.estimators import ahead
+from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.methods.manhattan import Manhattan
 from unshutter.estimators.methods.segment_manhattan import SegmentManhattan
+from unshutter.estimators.register import Method, load
 from unshutter.motion import Motion
+from unshutter.options import DEFAULT_ESTIMATOR, Camera
 from unshutter.photo import Photo
 
 
@@ -75,7 +78,7 @@ def test_a_photo_beyond_the_limit_is_not_decoded_early(
     assert rectify(photo, "--estimator=manhattan", "-o", tmp_path / "out.png", "--overwrite") == 0
     assert rectify(photo, "-o", tmp_path / "out.png", "--overwrite") == 0
     assert rectify(photo, "--tilt-deg", "2", "-o", tmp_path / "out.png", "--overwrite") == 0
-    assert begun == [(photo, name) for name in ("none", "manhattan", DEFAULT, None)]
+    assert begun == [(photo, name) for name in ("none", "manhattan", DEFAULT_ESTIMATOR, None)]
 
 
 def test_a_folder_opens_the_network_once(
@@ -102,12 +105,11 @@ def test_a_folder_opens_the_network_once(
     assert len(opened) == 1
 
 
-class Counting:
+class Counting(Estimator):
     """Says how often it was asked; fails where it is told to."""
 
-    name = "counting"
-
     def __init__(self, fail_at: int = 0):
+        super().__init__(Method("counting", "counts", "nowhere:Counting"))
         self.asked, self.fail_at = 0, fail_at
 
     def estimate(self, view: View) -> Motion:
@@ -137,7 +139,7 @@ def test_an_estimate_begun_for_another_view_is_not_used(view: View) -> None:
     estimator = ahead.EstimatorAhead(Counting())
     with ThreadPoolExecutor(1) as thread:
         estimator.begin(view, thread)
-    assert estimator.estimate(View(view.photo, given_focal_px=900.0)).reason == "asked 2 times"
+    assert estimator.estimate(View(view.photo, Camera(focal_px=900.0))).reason == "asked 2 times"
     assert estimator.estimate(View(Photo.from_array(view.photo.to_array()))).reason == "asked 3 times"
 
 
@@ -154,7 +156,7 @@ def test_what_goes_wrong_ahead_is_tried_again_where_it_is_asked_for(view: View) 
 
 def test_estimates_that_nobody_asks_for_are_dropped(view: View) -> None:
     estimator = ahead.EstimatorAhead(Counting())
-    views = [View(view.photo, given_focal_px=100.0 + k) for k in range(5)]
+    views = [View(view.photo, Camera(focal_px=100.0 + k)) for k in range(5)]
     with ThreadPoolExecutor(1) as thread:
         for each in views:
             estimator.begin(each, thread)

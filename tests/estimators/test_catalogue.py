@@ -4,20 +4,21 @@ from importlib.resources import files
 import pytest
 
 from unshutter.cli import main
-from unshutter.estimators import DEFAULT, ESTIMATORS
-from unshutter.estimators.catalogue import Model, as_text, list_models
+from unshutter.estimators.catalogue import Listed, as_text, list_models
+from unshutter.estimators.register import Method, names
+from unshutter.options import DEFAULT_ESTIMATOR
 
 
 def test_every_estimator_is_listed_and_the_default_first():
     models = list_models()
-    assert models[0].name == DEFAULT
-    assert {m.name for m in models} == set(ESTIMATORS)
-    assert all(m.about and "\n" not in m.about for m in models)
+    assert models[0].method.name == DEFAULT_ESTIMATOR
+    assert {m.method.name for m in models} == set(names())
+    assert all(m.method.summary and "\n" not in m.method.summary for m in models)
 
 
 def test_sizes_are_those_of_the_files():
     for model in list_models():
-        network = {"segment-manhattan": "segment-transformer"}.get(model.name, model.name)
+        network = {"segment-manhattan": "segment-transformer"}.get(model.method.name, model.method.name)
         path = files("unshutter") / "weights" / f"{network}.onnx"
         assert model.weights_mb == pytest.approx(len(path.read_bytes()) / 1e6 if path.is_file() else 0)
 
@@ -26,11 +27,16 @@ def test_scores_are_those_of_the_results():
     path = files("unshutter") / "weights" / "scores.json"
     expected = json.loads(path.read_text()) if path.is_file() else {}
     for model in list_models():
-        assert set(model.scores) == set(expected.get(model.name, {}))
+        assert set(model.scores) == set(expected.get(model.method.name, {}))
 
 
 def test_the_table_says_what_was_measured_and_what_was_not():
-    text = as_text([Model("ours", "does it", 1.84, {"streets": (1.234, 0.956)}), Model("theirs", "does, too", 0, {})])
+    text = as_text(
+        [
+            Listed(Method("ours", "does it", "m:C"), 1.84, {"streets": (1.234, 0.956)}),
+            Listed(Method("theirs", "does, too", "m:C"), 0, {}),
+        ]
+    )
     first, ours, theirs, *_ = text.splitlines()
     assert first.split() == ["name", "weights", "streets"]
     assert ours.split() == ["ours", "1.8", "MB", "1.23", "96", "%"]
@@ -39,4 +45,4 @@ def test_the_table_says_what_was_measured_and_what_was_not():
 
 def test_the_command_prints_the_list(capsys):
     assert main(["models"]) == 0
-    assert DEFAULT in capsys.readouterr().out
+    assert DEFAULT_ESTIMATOR in capsys.readouterr().out

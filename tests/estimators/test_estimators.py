@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import unshutter
-from unshutter import Motion, UsageError
+from unshutter import Motion, RowMotion
 from unshutter.cli import main
-from unshutter.estimators import DEFAULT, ESTIMATORS, View
 from unshutter.estimators.lines.segments import find_segments, in_rows
 from unshutter.evaluation.metrics import motion_error
+from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.photo import Photo
 
 
@@ -39,9 +39,9 @@ def test_segments_come_longest_first_and_in_rows() -> None:
 def test_the_shipped_model_finds_the_motion_of_a_photo(basilica: tuple[np.ndarray, Motion]) -> None:
     picture, truth = basilica
     found = unshutter.estimate(picture)
-    nothing = motion_error(Motion.zero(truth.height, truth.width), truth).epe
+    nothing = motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
     assert nothing > 5
-    assert (found.height, found.width, found.estimator) == (truth.height, truth.width, DEFAULT)
+    assert (found.height, found.width, found.estimator) == (truth.height, truth.width, DEFAULT_ESTIMATOR)
     assert found.tx_px[0] == found.rz_rad[0] == 0
     assert motion_error(found, truth).epe < 0.35 * nothing
 
@@ -56,14 +56,14 @@ def test_the_size_of_the_photo_does_not_matter_much(basilica: tuple[np.ndarray, 
     picture, truth = basilica
     half = np.asarray(picture.reshape(245, 2, 245, 2, 3).mean((1, 3)), np.uint8)
     found = unshutter.estimate(half).resized(490, 490)
-    assert motion_error(found, truth).epe < 0.5 * motion_error(Motion.zero(490, 490), truth).epe
+    assert motion_error(found, truth).epe < 0.5 * motion_error(RowMotion.zero(490, 490), truth).epe
 
 
 def test_mirroring_mirrors_the_motion(basilica: tuple[np.ndarray, Motion]) -> None:
     """Up to what the detector finds differently."""
     picture, _ = basilica
     found, mirrored = unshutter.estimate(picture), unshutter.estimate(picture[:, ::-1].copy())
-    opposite = Motion(found.width, -mirrored.tx_px, -mirrored.rz_rad)
+    opposite = RowMotion(found.width, -mirrored.tx_px, -mirrored.rz_rad)
     assert motion_error(opposite, found).epe < 1.0
 
 
@@ -80,22 +80,6 @@ def test_a_panorama_is_declined() -> None:
     motion = unshutter.estimate(np.zeros((100, 400), np.uint8))
     assert motion.is_zero
     assert "2.5 times" in motion.reason
-
-
-@pytest.mark.parametrize("name", list(ESTIMATORS))
-def test_every_estimator_keeps_the_contract(name: str, rolling_facade: np.ndarray) -> None:
-    estimator = unshutter.load(name)
-    assert estimator is unshutter.load(name)  # built once
-    assert estimator.name == name
-    motion = estimator.estimate(View(Photo.from_array(rolling_facade)))
-    assert (motion.height, motion.width) == rolling_facade.shape[:2]
-    assert motion.estimator == name
-    assert motion.reference == "first"
-
-
-def test_unknown_estimators_are_named() -> None:
-    with pytest.raises(UsageError, match="unknown estimator 'magic'"):
-        unshutter.load("magic")
 
 
 @pytest.mark.parametrize("name", ["segment-transformer", "segment-manhattan", "kandula2020", "rengarajan2017"])

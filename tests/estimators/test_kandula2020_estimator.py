@@ -15,7 +15,6 @@ from unshutter.learn.kandula2020.network import (
 )
 from unshutter.learn.kandula2020.recipe import KandulaRecipe
 from unshutter.learn.pixels import draw_picture
-from unshutter.motion import Motion
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -40,8 +39,8 @@ def exported(tmp_path_factory):
 
 
 def test_the_estimator_runs_what_was_trained(exported):
-    from unshutter.estimators import View
-    from unshutter.estimators.methods.kandula2020 import Kandula2020 as Estimator
+    from unshutter.estimators.base import View
+    from unshutter.estimators.register import load
     from unshutter.photo import Photo
 
     network, path = exported
@@ -49,7 +48,10 @@ def test_the_estimator_runs_what_was_trained(exported):
     with torch.no_grad():
         motion, row_map = network(torch.from_numpy(pixels)[None].float() / 255)
         expected = rs_positions(motion, row_map)
-    estimator, view = Estimator(path), View(Photo.from_array(np.ascontiguousarray(pixels.transpose(1, 2, 0))))
+    estimator, view = (
+        load(f"kandula2020@{path}"),
+        View(Photo.from_array(np.ascontiguousarray(pixels.transpose(1, 2, 0)))),
+    )
     found = estimator.estimate(view)
     np.testing.assert_allclose(found.tx_px, motion[0, 0] - motion[0, 0, 0], atol=1e-3)
     np.testing.assert_allclose(found.rz_rad, motion[0, 1] - motion[0, 1, 0], atol=1e-5)
@@ -61,7 +63,7 @@ def test_the_estimator_runs_what_was_trained(exported):
     positions = found.gs_to_rs(*from_first)
     np.testing.assert_allclose(np.stack(positions), torch.cat(expected), atol=0.01)
     assert np.abs(row_map[0].numpy() - row).max() > 0.5
-    plain = Motion(256, found.tx_px, found.rz_rad, center_shift_px=found.center_shift_px)
+    plain = found.row_motion
     assert np.abs(plain.gs_to_rs(*from_first)[0] - positions[0]).max() > 0.1  # the row map matters
     again = found.rereferenced("last").rereferenced("first")
     np.testing.assert_allclose(again.gs_to_rs(col, row), found.gs_to_rs(col, row), atol=1e-9)
@@ -69,25 +71,28 @@ def test_the_estimator_runs_what_was_trained(exported):
 
 def test_what_runs_is_the_row_map(exported):
     import unshutter
-    from unshutter.estimators.methods.kandula2020 import Kandula2020 as Estimator
+    from unshutter.estimators.register import load
 
-    estimator, pixels = Estimator(exported[1]), np.ascontiguousarray(draw_picture(300, 7).transpose(1, 2, 0))
+    estimator, pixels = (
+        load(f"kandula2020@{exported[1]}"),
+        np.ascontiguousarray(draw_picture(300, 7).transpose(1, 2, 0)),
+    )
     motion = unshutter.estimate(pixels, estimator=estimator)
-    plain = Motion(300, motion.tx_px, motion.rz_rad, center_shift_px=motion.center_shift_px)
+    plain = motion.row_motion
     by_row_map = unshutter.rectify(pixels, estimator=estimator)
     assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=motion))
     assert not np.array_equal(by_row_map, unshutter.rectify(pixels, motion=plain))
     assert np.array_equal(pixels, unshutter.rectify(pixels, estimator=estimator, strength=0))
-    with pytest.raises(UnshutterError, match="cannot be resized"):
-        motion.resized(600, 600)
+    saved = unshutter.Motion.from_json(motion.to_json())
+    assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=saved))
 
 
 def test_the_estimator_scales_to_the_photo(exported):
-    from unshutter.estimators import View
-    from unshutter.estimators.methods.kandula2020 import Kandula2020 as Estimator
+    from unshutter.estimators.base import View
+    from unshutter.estimators.register import load
     from unshutter.photo import Photo
 
-    estimator = Estimator(exported[1])
+    estimator = load(f"kandula2020@{exported[1]}")
     small = np.ascontiguousarray(draw_picture(256, 7).transpose(1, 2, 0))
     large = np.pad(small.repeat(2, 0).repeat(2, 1), ((0, 0), (40, 40), (0, 0)))  # the square in the middle
     views = [View(Photo.from_array(p)) for p in (small, large)]
@@ -105,18 +110,19 @@ def test_the_estimator_scales_to_the_photo(exported):
 
 @pytest.mark.parametrize("shape", [(300, 200), (70, 90, 4), (64, 64, 1)])
 def test_the_estimator_takes_any_photo(exported, shape):
-    from unshutter.estimators import View
-    from unshutter.estimators.methods.kandula2020 import Kandula2020 as Estimator
+    from unshutter.estimators.base import View
+    from unshutter.estimators.register import load
     from unshutter.geometry.readout import Readout
+    from unshutter.options import Camera
     from unshutter.photo import Photo
 
     photo = Photo.from_array(np.full(shape, 40_000, np.uint16))
-    found = Estimator(exported[1]).estimate(View(photo, Readout.LEFT_TO_RIGHT))
+    found = load(f"kandula2020@{exported[1]}").estimate(View(photo, Camera("left-to-right")))
     assert (found.height, found.width) == (shape[1], shape[0]) and found.readout == Readout.LEFT_TO_RIGHT
 
 
 def test_weights_of_ones_own(exported, tmp_path):
-    from unshutter.estimators import load
+    from unshutter.estimators.register import load
 
     assert load(f"kandula2020@{exported[1]}").name == "kandula2020"
     with pytest.raises(UnshutterError, match="no such file"):

@@ -10,7 +10,7 @@ import unshutter
 from support.line_scenes import FOCAL, HEIGHT, WIDTH, drawn_picture, manhattan_segments, seen_curves, turning
 from unshutter import UsageError
 from unshutter.cli import main
-from unshutter.estimators import View
+from unshutter.estimators.base import View
 from unshutter.estimators.lines.curves import POINTS, RotatedCurves, find_curves, link, principal_lines
 from unshutter.estimators.lines.least_squares import cauchy, geman_mcclure, minimise, squared
 from unshutter.estimators.methods.lao2018 import fit_velocity
@@ -18,6 +18,7 @@ from unshutter.estimators.methods.purkait2017 import fit_rate, line_polynomials,
 from unshutter.estimators.methods.rengarajan2016 import fit_rotations, polynomial_rotations
 from unshutter.evaluation.metrics import motion_error
 from unshutter.motion import Motion, RotationMotion
+from unshutter.options import Camera
 from unshutter.photo import Photo
 
 U = (np.arange(HEIGHT) + 0.5) / HEIGHT
@@ -274,9 +275,9 @@ def test_a_world_without_three_directions_is_declined() -> None:
 def test_the_focal_length_is_the_given_one_or_a_guess() -> None:
     photo = Photo.from_array(np.zeros((100, 200), np.uint8))
     assert View(photo).focal_px() == pytest.approx(0.85 * 300)
-    assert View(photo, given_focal_px=123.0).focal_px() == 123
+    assert View(photo, Camera(focal_px=123.0)).focal_px() == 123
     with pytest.raises(UsageError, match="focal length"):
-        View(photo, given_focal_px=0.0)
+        View(photo, Camera(focal_px=0.0))
 
 
 def test_the_focal_length_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import unshutter
-from unshutter import Motion
-from unshutter.estimators import View
-from unshutter.estimators.methods.manhattan import Manhattan, segments_of
+from unshutter import Motion, RowMotion
+from unshutter.estimators.base import View
+from unshutter.estimators.methods.manhattan import segments_of
 from unshutter.estimators.right_angles.likelihood import UNKNOWNS, Beliefs, ManhattanLikelihood, SecondOpinion
 from unshutter.estimators.right_angles.search import explore
 from unshutter.evaluation.metrics import motion_error
@@ -49,7 +49,7 @@ def rolled(segments: np.ndarray, motion: np.ndarray) -> np.ndarray:
 def error_px(found: np.ndarray, truth: np.ndarray) -> float:
     u = (np.arange(256) + 0.5) / 256
     powers = np.stack([u, u**2, u**3])
-    one, other = (Motion(256, 256 * (c[:3] @ powers), c[3:] @ powers) for c in (found, truth))
+    one, other = (RowMotion(256, 256 * (c[:3] @ powers), c[3:] @ powers) for c in (found, truth))
     return motion_error(one, other).epe
 
 
@@ -149,7 +149,7 @@ def test_a_photo_smaller_than_wanted_is_enlarged_without_a_shift(facade: np.ndar
 def test_a_photo_is_rectified(name: str, basilica: tuple[np.ndarray, Motion]) -> None:
     picture, truth = basilica
     found = unshutter.estimate(picture, estimator=name)
-    nothing = motion_error(Motion.zero(truth.height, truth.width), truth).epe
+    nothing = motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
     assert motion_error(found, truth).epe < 0.4 * nothing
     assert found.confidence is not None
     assert 0 < found.confidence < 1
@@ -163,7 +163,7 @@ def test_an_undistorted_facade_is_left_alone(name: str, facade: np.ndarray) -> N
 
 
 def test_what_cannot_be_used_is_declined() -> None:
-    estimator = Manhattan()
+    estimator = unshutter.load("manhattan")
     blank = estimator.estimate(View(Photo.from_array(np.full((200, 300), 128, np.uint8))))
     assert blank.is_zero
     assert "0 straight segments" in blank.reason

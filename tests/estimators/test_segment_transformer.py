@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from unshutter import Motion
+from unshutter import Motion, RowMotion
 from unshutter.learn.config import TrainConfig
 from unshutter.learn.scenes import SceneConfig, Scenes, draw_scenes
 from unshutter.learn.segment_transformer.network import (
@@ -97,7 +97,7 @@ def test_epe_against_the_motion_type() -> None:
     def motion(coefficients) -> Motion:
         u = (np.arange(256) + 0.5) / 256
         t, r = (np.asarray(c) @ np.stack([u, u**2, u**3]) for c in coefficients)
-        return Motion(256, t * 256, r)
+        return RowMotion(256, t * 256, r)
 
     col, row = np.meshgrid(np.arange(16) * 16 + 7.5, np.arange(16) * 16 + 7.5)
     true, found = motion((tx[0], rz[0])).rs_to_gs(col, row), motion(estimate[0]).rs_to_gs(col, row)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import unshutter.estimators
+from support.installed import install
 from unshutter.cli import main
 from unshutter.evaluation.cases.case import Record
 from unshutter.evaluation.cases.protocols import PROTOCOLS, Request
@@ -269,8 +269,10 @@ def test_a_damaged_photo_is_told_and_the_others_are_measured(
     assert "photos 1" in (tmp_path / "out" / "results.md").read_text()
 
 
-def test_whatever_is_registered_can_be_measured(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(unshutter.estimators.ESTIMATORS, "wrong", "support.wrong_estimator:Wrong")
+def test_whatever_is_installed_can_be_measured(photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "site").mkdir()
+    install(tmp_path / "site", "wrong-estimators", {"wrong": "support.wrong_estimator:WRONG"})
+    monkeypatch.syspath_prepend(tmp_path / "site")
     assert run(photos, tmp_path / "out", "--protocol", "undistorted", estimators="none,wrong") == 0
     wrong = [row for row in rows_of(tmp_path / "out") if row["estimator"] == "wrong"]
     assert all(float(row["most_tx"]) == pytest.approx(0.3 * 256, rel=0.01) for row in wrong)

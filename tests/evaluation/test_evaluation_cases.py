@@ -9,8 +9,9 @@ import pytest
 import skimage.metrics as skimage
 
 from support.drawn_photos import textured
-from unshutter import Motion
-from unshutter.estimators import View, load
+from unshutter import Motion, RowMotion
+from unshutter.estimators.base import View
+from unshutter.estimators.register import load
 from unshutter.evaluation.cases.case import in_8_bits
 from unshutter.evaluation.cases.ceiling import fit_to_pair
 from unshutter.evaluation.cases.disturbances import DISTURBANCES
@@ -80,10 +81,10 @@ def test_the_truth_scores_as_the_oracle(photo: Path) -> None:
 
 def test_a_record_holds_the_confidence_that_the_motion_states(photo: Path) -> None:
     made = case(photo, Suite("256 px"))
-    sure = Motion.from_polynomials([0, 20], [0], 256, 256, confidence=0.25)
+    sure = RowMotion.from_polynomials([0, 20], [0], 256, 256, confidence=0.25)
     (record,) = made.judge(["sure"], lambda name: Fixed(sure))
     assert record["confidence"] == 0.25
-    silent = Motion.from_polynomials([0, 20], [0], 256, 256)
+    silent = RowMotion.from_polynomials([0, 20], [0], 256, 256)
     for estimator in (Fixed(silent), load("none"), Broken()):  # says nothing, declines, fails
         (record,) = made.judge([estimator.name], lambda name, estimator=estimator: estimator)
         assert record["confidence"] is None
@@ -94,7 +95,7 @@ def test_a_record_holds_the_confidence_that_the_motion_states(photo: Path) -> No
 def test_pictures_are_compared_where_truth_and_estimate_see_something(photo: Path) -> None:
     """The same figures from OpenCV's warp and scikit-image, in half a decibel: their bicubics differ."""
     made = case(photo, Suite("256 px"), draw=1)
-    shear = Motion.from_polynomials([0, 20], [0], 256, 256)
+    shear = RowMotion.from_polynomials([0, 20], [0], 256, 256)
     (record,) = made.judge(["shear"], lambda name: Fixed(shear))
     shown = made.show([], load)
     rs, gs = (dict(shown.pictures)[k] for k in (shown.pictures[0][0], "truth"))
@@ -132,7 +133,7 @@ def test_portrait_photos_lie_on_their_side_and_say_so(photo: Path) -> None:
     upright = case(photo, Suite("a", still=True)).show([], load).pictures[0][1]
     for turned, orientation, up in ((1, 6, (-1, 0)), (-1, 8, (1, 0)), (1, 1, (0, -1))):
         suite = Suite("b", turned=turned, orientation=orientation, still=True)
-        estimator = Fixed(Motion.zero(256, 256))
+        estimator = Fixed(RowMotion.zero(256, 256))
         shown = case(photo, suite).show(["fixed"], lambda name, e=estimator: e)
         np.testing.assert_array_equal(shown.pictures[0][1], np.rot90(upright, turned))
         assert estimator.seen[0].up == up
@@ -140,7 +141,7 @@ def test_portrait_photos_lie_on_their_side_and_say_so(photo: Path) -> None:
 
 def test_estimators_are_told_the_focal_length_of_the_whole_photo(photo: Path) -> None:
     """420 x 560 px give 0.85 * 980; the middle 302 px of it are shown at 256."""
-    estimator = Fixed(Motion.zero(256, 256))
+    estimator = Fixed(RowMotion.zero(256, 256))
     case(photo, Suite("256 px")).judge(["fixed"], lambda name: estimator)
     assert estimator.seen[0].focal_px() == pytest.approx(0.85 * 980 * 256 / 302)
 
@@ -166,7 +167,7 @@ def test_an_estimator_that_breaks_is_on_record_and_stops_nobody(photo: Path) -> 
 
 
 def test_a_motion_that_cannot_be_undone_leaves_the_input(photo: Path) -> None:
-    folding = Motion(256, np.zeros(256), np.where(np.arange(256) % 2, 0.5, 0.0))
+    folding = RowMotion(256, np.zeros(256), np.where(np.arange(256) % 2, 0.5, 0.0))
     (record,) = case(photo, Suite("256 px")).judge(["folding"], lambda name: Fixed(folding))
     assert record["psnr"] == record["psnr_input"]
     assert np.isfinite(record["epe"]) and record["epe"] > record["epe_nothing"]
@@ -296,7 +297,7 @@ def test_frames_of_a_video(tmp_path: Path) -> None:
     frame = Frame("video", 0, tmp_path / "rs_0.png", {"middle": tmp_path / "gs_0_middle.png"})
     case = VideoCase("drawn", (frame, replace(frame, number=1)), 0)
     assert case.rivals == ("true global shutter",)
-    sheared = Fixed(Motion.from_polynomials([0, 9], [0], 120, 160))
+    sheared = Fixed(RowMotion.from_polynomials([0, 9], [0], 120, 160))
     records = case.judge(["none", "fixed", *case.rivals], lambda name: load("none") if name == "none" else sheared)
     assert [r["estimator"] for r in records] == ["none", "fixed", "true global shutter"]
     assert records[0]["inliers"] == records[0]["inliers_input"] > 20

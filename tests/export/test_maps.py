@@ -9,7 +9,7 @@ import pytest
 
 import unshutter
 from support.drawn_photos import one_line, textured
-from unshutter import Motion, Readout, UnshutterError, UsageError
+from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.export.maps import PixelMap, map_file
 from unshutter.photo import Photo
@@ -21,7 +21,7 @@ HEIGHT, WIDTH = 150, 200
 def shake(readout: str = "top-to-bottom", **about) -> Motion:
     direction = Readout(readout)
     height, width = direction.frame_size(HEIGHT, WIDTH)
-    return Motion.from_polynomials([0, 14, -5], [0, -0.02, 0.06], height, width, readout=direction, **about)
+    return RowMotion.from_polynomials([0, 14, -5], [0, -0.02, 0.06], height, width, readout=direction, **about)
 
 
 def stored(tmp_path: Path, motion: Motion) -> Path:
@@ -89,7 +89,7 @@ def test_an_st_map_rectifies(tmp_path: Path, readout: Readout, suffix: str) -> N
 
 def test_the_st_map_of_no_motion_is_the_ramp_that_nuke_users_write() -> None:
     """Red (x + 0.5) / width, green (y + 0.5) / height, y counted from the lowest row."""
-    st = PixelMap.of(Motion.zero(3, 5)).st()
+    st = PixelMap.of(RowMotion.zero(3, 5)).st()
     assert st[2, 0, :2] == pytest.approx([0.1, 1 / 6])  # lower left
     assert st[0, 4, :2] == pytest.approx([0.9, 5 / 6])  # upper right
     assert (st[..., 2] == 1).all()
@@ -114,7 +114,7 @@ def test_the_inverse_map_distorts(tmp_path: Path) -> None:
     """A bar drawn upright stands, after the inverse map, where t_x says."""
     gs = np.zeros((HEIGHT, WIDTH), np.uint8)
     gs[:, 100] = 200
-    motion = Motion.from_polynomials([0, 20], [0, 0], HEIGHT, WIDTH)
+    motion = RowMotion.from_polynomials([0, 20], [0, 0], HEIGHT, WIDTH)
     made = PixelMap.of(motion, inverse=True)
     rs = cv2.remap(gs, made.col, made.row, cv2.INTER_LINEAR)
     at = (rs * np.arange(float(WIDTH))).sum(1) / rs.sum(1)
@@ -213,7 +213,7 @@ def test_existing_files_and_originals_stay(tmp_path: Path) -> None:
 def test_a_motion_that_folds_and_a_file_that_is_none(tmp_path: Path) -> None:
     rz = np.concatenate([np.zeros(50), np.full(50, 0.1)])
     with pytest.raises(UnshutterError, match="faster than rows are read"):
-        map_file(stored(tmp_path, Motion(100, np.zeros(100), rz)), tmp_path / "m.npz")
+        map_file(stored(tmp_path, RowMotion(100, np.zeros(100), rz)), tmp_path / "m.npz")
     (tmp_path / "motion.json").write_text(json.dumps({"format": "something else"}))
     with pytest.raises(UnshutterError, match="not a motion file"):
         map_file(tmp_path / "motion.json", tmp_path / "m.npz")
@@ -247,6 +247,6 @@ def test_what_is_known_of_the_camera_reaches_the_estimate(tmp_path: Path, rollin
 
 @pytest.mark.parametrize("flag", ["--roll-deg", "--tilt-deg", "--focal-px"])
 def test_a_motion_file_leaves_nothing_to_be_told(flag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    motion = stored(tmp_path, Motion.zero(80, 120))
+    motion = stored(tmp_path, RowMotion.zero(80, 120))
     assert main(["map", str(motion), "-o", str(tmp_path / "m.npz"), flag, "4"]) == 2
     assert "leave them out" in capsys.readouterr().err and not (tmp_path / "m.npz").exists()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from support.drawn_photos import one_line
-from unshutter import Motion, Readout, UnshutterError
+from unshutter import Motion, Readout, RowMotion, UnshutterError
 from unshutter.cli import main
 from unshutter.export.maps import PixelMap
 from unshutter.export.points import PointTable, move_file, move_points
@@ -18,7 +18,7 @@ HEIGHT, WIDTH = 300, 400
 def shake(readout: str = "top-to-bottom") -> Motion:
     direction = Readout(readout)
     height, width = direction.frame_size(HEIGHT, WIDTH)
-    return Motion.from_polynomials([0, 30, -12], [0, -0.02, 0.06], height, width, readout=direction)
+    return RowMotion.from_polynomials([0, 30, -12], [0, -0.02, 0.06], height, width, readout=direction)
 
 
 def positions(path: Path) -> np.ndarray:
@@ -70,7 +70,7 @@ def test_points_agree_with_the_maps(readout: Readout, kind) -> None:
 
 def test_signs() -> None:
     """t_x > 0 has moved the scene to the right, so a point of the photo belongs further left."""
-    motion = Motion.from_polynomials([0, 30], [0, 0], HEIGHT, WIDTH)
+    motion = RowMotion.from_polynomials([0, 30], [0, 0], HEIGHT, WIDTH)
     x, y = move_points(motion, np.array([200.0]), np.array([299.0]))
     assert (x[0], y[0]) == pytest.approx((170, 299))
 
@@ -87,7 +87,7 @@ def test_other_columns_and_the_header_stay(tmp_path: Path, points: Path, capsys:
 
 def test_without_a_header_the_first_two_columns_are_x_and_y(tmp_path: Path) -> None:
     (tmp_path / "in.csv").write_text('10,20,"a, quoted"\n\n30,40,b\n')
-    total, unseen = move_file(Motion.zero(HEIGHT, WIDTH), tmp_path / "in.csv", tmp_path / "out.csv")
+    total, unseen = move_file(RowMotion.zero(HEIGHT, WIDTH), tmp_path / "in.csv", tmp_path / "out.csv")
     assert (total, unseen) == (2, 0)
     assert (tmp_path / "out.csv").read_text() == '10.0000,20.0000,"a, quoted"\n30.0000,40.0000,b\n'
 

@@ -21,7 +21,7 @@ from unshutter.learn.kandula2020.network import (
 )
 from unshutter.learn.kandula2020.recipe import picture_losses
 from unshutter.learn.pixels import PixelConfig, PixelData
-from unshutter.motion import Motion
+from unshutter.motion import RowMotion
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -95,7 +95,7 @@ def test_exact_inverse_is_that_of_motion():
     x, y = rs_positions(motion, None)
     row, col = np.mgrid[0:64, 0:64].astype(float)
     for i in range(2):
-        expected = Motion(64, *motion[i].double().numpy()).gs_to_rs(col, row)
+        expected = RowMotion(64, *motion[i].double().numpy()).gs_to_rs(col, row)
         seen = (expected[1] >= 0) & (expected[1] <= 63)  # beyond, the two carry the motion on differently
         np.testing.assert_allclose(x[i][seen], expected[0][seen], atol=2e-4)
         np.testing.assert_allclose(y[i][seen], expected[1][seen], atol=2e-4)
@@ -121,7 +121,7 @@ def test_row_map_chooses_the_motion():
 def test_from_first_row_is_rereferenced():
     motion = small_motion(1) + torch.tensor([4.0, 0.03])[:, None]
     relative, shift = from_first_row(motion)
-    expected = Motion(64, *motion[0].double().numpy()).rereferenced("first")
+    expected = RowMotion(64, *motion[0].double().numpy()).rereferenced("first")
     np.testing.assert_allclose(relative[0, 0], expected.tx_px, atol=1e-5)
     np.testing.assert_allclose(relative[0, 1], expected.rz_rad, atol=1e-6)
     assert shift.item() == pytest.approx(expected.center_shift_px)

@@ -20,7 +20,7 @@ from unshutter.learn.pixels import (
     sample,
     synthesise,
 )
-from unshutter.motion import Motion
+from unshutter.motion import RowMotion
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -68,7 +68,7 @@ def test_rotation_matches_motion_and_opencv():
     canvas = torch.from_numpy(draw_picture(88, 3))[None]
     samples = synthesise(canvas, *shear(-0.3, 0.15), 64)
     rows = np.arange(64)
-    motion = Motion(64, -0.3 * rows, 0.15 * rows / 64)
+    motion = RowMotion(64, -0.3 * rows, 0.15 * rows / 64)
     row, col = np.mgrid[0:64, 0:64].astype(float)
     x, y = motion.rs_to_gs(col, row)
     whole = canvas[0].permute(1, 2, 0).numpy().astype(np.float32) / 255
@@ -96,7 +96,7 @@ def test_epe_of_a_shear_is_its_mean_shift_over_what_is_seen():
 
 def test_epe_of_the_truth_is_zero():
     samples = PixelData(SMALL, CPU).batch(4, dice())
-    motions = [Motion(64, tx, rz) for tx, rz in zip(*(m.numpy() for m in samples.row_motion()), strict=True)]
+    motions = [RowMotion(64, tx, rz) for tx, rz in zip(*(m.numpy() for m in samples.row_motion()), strict=True)]
     row, col = np.mgrid[0:64, 0:64].astype(float)
     positions = np.stack([m.gs_to_rs(col, row) for m in motions], 1)
     x, y = torch.from_numpy(positions).float()

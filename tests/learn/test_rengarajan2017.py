@@ -8,8 +8,8 @@ import torch
 from torch import nn
 
 from unshutter.errors import UsageError
-from unshutter.estimators import View
-from unshutter.estimators.methods.rengarajan2017 import Rengarajan2017
+from unshutter.estimators.base import View
+from unshutter.estimators.register import load
 from unshutter.learn.config import TrainConfig
 from unshutter.learn.rengarajan2017.network import KEY_ROWS, Rengarajan2017Config, build, quadratic
 from unshutter.learn.rengarajan2017.recipe import RengarajanRecipe
@@ -102,7 +102,7 @@ def test_training_and_export(tmp_path):
     np.testing.assert_allclose(theirs, ours.numpy(), atol=1e-3)  # px
 
     pixels = (rs[0].permute(1, 2, 0).numpy() * 65535).round().astype(np.uint16)
-    found = Rengarajan2017(folder / "model.onnx").estimate(View(Photo.from_array(pixels)))
+    found = load(f"rengarajan2017@{folder / 'model.onnx'}").estimate(View(Photo.from_array(pixels)))
     expected = quadratic(ours)[0].numpy()
     np.testing.assert_allclose(found.tx_px, expected[0] - expected[0, 0], atol=0.01)
     np.testing.assert_allclose(found.rz_rad, expected[1] - expected[1, 0], atol=1e-4)

@@ -6,15 +6,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from unshutter import Motion, Readout, UnshutterError, UsageError, __version__
+from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError, __version__
 
 
 def wavy(height: int = 60, width: int = 80, **about) -> Motion:
-    return Motion.from_polynomials([0, 12, -5], [0, 0.08, -0.03], height, width, **about)
+    return RowMotion.from_polynomials([0, 12, -5], [0, 0.08, -0.03], height, width, **about)
 
 
 def test_polynomials_run_from_the_first_to_the_last_row() -> None:
-    motion = Motion.from_polynomials([0, 10], [0, 0.2, -0.1], 101, 50)
+    motion = RowMotion.from_polynomials([0, 10], [0, 0.2, -0.1], 101, 50)
     assert motion.height == 101
     assert motion.tx_px[[0, 50, 100]] == pytest.approx([0, 5, 10])
     assert motion.rz_rad[[0, 50, 100]] == pytest.approx([0, 0.075, 0.1])
@@ -22,13 +22,13 @@ def test_polynomials_run_from_the_first_to_the_last_row() -> None:
 
 def test_key_rows_linear_and_fitted() -> None:
     rows = [0, 10, 20]
-    linear = Motion.from_key_rows(rows, [0, 1, 4], [0, 0, 0], 31, 30)
+    linear = RowMotion.from_key_rows(rows, [0, 1, 4], [0, 0, 0], 31, 30)
     assert linear.tx_px[[5, 15, 30]] == pytest.approx([0.5, 2.5, 7.0])  # the last slope goes on
-    fitted = Motion.from_key_rows(rows, [0, 1, 4], [0, 0.1, 0.4], 31, 30, degree=2)
+    fitted = RowMotion.from_key_rows(rows, [0, 1, 4], [0, 0.1, 0.4], 31, 30, degree=2)
     assert fitted.tx_px[30] == pytest.approx(9)
     assert fitted.rz_rad[30] == pytest.approx(0.9)
     with pytest.raises(UnshutterError, match="increasing"):
-        Motion.from_key_rows([0, 5, 5], [0, 1, 2], [0, 0, 0], 31, 30)
+        RowMotion.from_key_rows([0, 5, 5], [0, 1, 2], [0, 0, 0], 31, 30)
 
 
 def test_samples_cannot_be_changed() -> None:
@@ -96,18 +96,11 @@ def test_strength_scales_both_motions() -> None:
         wavy().scaled(1.5)
 
 
-def test_smoothing_is_a_least_squares_polynomial() -> None:
-    noisy = Motion(50, np.random.default_rng(0).normal(size=64), np.zeros(64))
-    u = np.arange(64) / 63
-    np.testing.assert_allclose(noisy.smoothed(3).tx_px, np.polyval(np.polyfit(u, noisy.tx_px, 3), u), atol=1e-9)
-    with pytest.raises(UsageError):
-        noisy.smoothed(64)
-
-
 def test_the_json_contract() -> None:
     data = json.loads(wavy(estimator="x", confidence=0.25, readout=Readout.LEFT_TO_RIGHT).to_json())
     assert list(data) == [
         "format",
+        "kind",
         "height",
         "width",
         "readout",
@@ -119,7 +112,7 @@ def test_the_json_contract() -> None:
         "confidence",
         "unshutter",
     ]
-    assert data["format"] == "unshutter-motion/1"
+    assert (data["format"], data["kind"]) == ("unshutter-motion/1", "rows")
     assert (data["height"], data["width"], data["readout"]) == (60, 80, "left-to-right")
     assert (data["reference"], data["reference_row"]) == ("first", 0)
     assert len(data["tx_px"]) == len(data["rz_rad"]) == 60

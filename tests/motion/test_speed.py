@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unshutter import Motion, UnshutterError, UsageError
+from unshutter import Motion, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.motion import RotationMotion
 from unshutter.motion.speed import Speed, json_with_speed
@@ -14,7 +14,7 @@ from unshutter.motion.speed import Speed, json_with_speed
 
 def test_a_steady_turn_and_shift() -> None:
     """3 degrees and 60 px in 30 ms are 100 deg/s and 2000 px/s."""
-    motion = Motion.from_polynomials([0, 60], [0, np.radians(3)], 301, 400)
+    motion = RowMotion.from_polynomials([0, 60], [0, np.radians(3)], 301, 400)
     speed = Speed.of(motion, 30)
     assert speed.angular_deg_s == pytest.approx(np.full(301, 100), abs=1e-6)
     assert speed.velocity_px_s[:, 0] == pytest.approx(np.full(301, 2000), abs=0.5)
@@ -25,21 +25,21 @@ def test_a_steady_turn_and_shift() -> None:
 
 
 def test_the_sign_of_the_peak() -> None:
-    motion = Motion.from_polynomials([0], [0, 0.01, -0.08], 200, 300)
+    motion = RowMotion.from_polynomials([0], [0, 0.01, -0.08], 200, 300)
     summary = Speed.of(motion, 20).summary()
     assert summary["angular_deg_s"]["peak"] == pytest.approx(np.degrees(0.01 - 0.16) / 0.02, rel=0.01)
 
 
 @pytest.mark.parametrize("reference", ["middle", "last"])
 def test_the_reference_row_does_not_matter(reference) -> None:
-    motion = Motion.from_polynomials([0, 60, -90], [0, 0.02, 0.05], 300, 400)
+    motion = RowMotion.from_polynomials([0, 60, -90], [0, 0.02, 0.05], 300, 400)
     speed, other = Speed.of(motion, 25), Speed.of(motion.rereferenced(reference), 25)
     assert other.angular_deg_s == pytest.approx(speed.angular_deg_s, abs=1e-6)
     assert other.velocity_px_s == pytest.approx(speed.velocity_px_s, abs=1e-3)
 
 
 def test_rows_that_curve() -> None:
-    motion = Motion.from_polynomials([0, 60, -90], [0, 0.02, 0.05], 300, 400)
+    motion = RowMotion.from_polynomials([0, 60, -90], [0, 0.02, 0.05], 300, 400)
     speed, u = Speed.of(motion, 25), np.arange(300) / 299
     assert speed.velocity_px_s[1:-1, 0] == pytest.approx(((60 - 180 * u) / 0.025)[1:-1], abs=2)
     assert speed.angular_deg_s[1:-1] == pytest.approx((np.degrees(0.02 + 0.1 * u) / 0.025)[1:-1], abs=0.01)
@@ -60,13 +60,13 @@ def test_in_plane_rotations_agree_with_row_motion() -> None:
     """A camera that turns about its axis is both kinds of motion."""
     rz = np.radians(4) * np.linspace(0, 1, 300) ** 2
     turning = RotationMotion(400, rotations=np.stack([0 * rz, 0 * rz, rz], axis=-1), focal_px=500)
-    speed, other = Speed.of(turning, 30), Speed.of(Motion(400, 0 * rz, rz), 30)
+    speed, other = Speed.of(turning, 30), Speed.of(RowMotion(400, 0 * rz, rz), 30)
     assert speed.angular_deg_s == pytest.approx(other.angular_deg_s, abs=0.01)
     assert speed.velocity_px_s == pytest.approx(other.velocity_px_s, abs=0.5)
 
 
 def test_a_file_with_speed_is_still_a_motion_file() -> None:
-    motion = Motion.from_polynomials([0, 60], [0, 0.05], 300, 400)
+    motion = RowMotion.from_polynomials([0, 60], [0, 0.05], 300, 400)
     text = json_with_speed(motion, 30)
     assert json.loads(text)["speed"]["readout_ms"] == 30
     assert np.array_equal(Motion.from_json(text).tx_px, motion.tx_px)
@@ -102,6 +102,6 @@ def test_a_time_that_is_none(tmp_path: Path, rolling_facade: np.ndarray, wrong: 
 
 def test_too_few_rows() -> None:
     with pytest.raises(UsageError, match="positive"):
-        Speed.of(Motion.zero(5, 5), -1)
+        Speed.of(RowMotion.zero(5, 5), -1)
     with pytest.raises(UnshutterError, match="two rows"):
-        Speed.of(Motion.zero(1, 5), 10)
+        Speed.of(RowMotion.zero(1, 5), 10)

@@ -12,7 +12,8 @@ import unshutter
 from unshutter import Motion
 from unshutter.cli import main
 from unshutter.errors import UsageError
-from unshutter.estimators import View
+from unshutter.estimators.base import View
+from unshutter.options import Camera
 from unshutter.photo import Photo
 
 
@@ -85,7 +86,7 @@ def test_a_drone_says_how_its_camera_was_held(
     photo = Photo.from_bytes(jpeg_of_drone(leaning, roll, tilt, form))
     assert photo.attitude_deg() == known
     assert View(photo).attitude_deg() == (known or (None, None))
-    assert View(photo, given_tilt_deg=3.0).attitude_deg() == (known[0] if known else None, 3.0)
+    assert View(photo, Camera(tilt_deg=3.0)).attitude_deg() == (known[0] if known else None, 3.0)
 
 
 def test_the_gimbals_roll_is_not_taken_for_motion(leaning: np.ndarray) -> None:

@@ -14,7 +14,7 @@ from PIL.JpegImagePlugin import get_sampling
 import unshutter
 from support.camera_files import dng, exif_blob, heic, linear
 from support.drawn_photos import drawn, encoded, one_line
-from unshutter import Motion
+from unshutter import RowMotion
 from unshutter.cli import main
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo, metadata, raw_tags
@@ -230,7 +230,7 @@ def test_folders_with_files_of_all_kinds(folder: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(("format", "ending"), [("jpeg", ".jpg"), ("tiff", ".tif"), ("avif", ".avif")])
 def test_folders_into_one_format(folder: Path, tmp_path: Path, format: str, ending: str) -> None:
     out, motion = tmp_path / "out", tmp_path / "motion.json"
-    Motion.from_polynomials([0, 9], [0], 200, 300).save(motion)
+    RowMotion.from_polynomials([0, 9], [0], 200, 300).save(motion)
     command = ["rectify", str(folder), "-o", str(out), "--format", format, "--motion", str(motion)]
     assert main([*command, "--subsampling", "4:4:4"]) == 0
     pictures = sorted(p.name for p in out.iterdir() if p.suffix != ".jsonl")
@@ -252,7 +252,7 @@ def test_results_are_not_named_like_files_that_are_only_read(folder: Path, capsy
 
 def test_bytes_in_bytes_out(rolling_facade: np.ndarray) -> None:
     pixels = rolling_facade[:200, :300]
-    motion = Motion.from_polynomials([0, 9], [0], 200, 300)
+    motion = RowMotion.from_polynomials([0, 9], [0], 200, 300)
     for data, format in ((heic(pixels), "avif"), (dng(linear(pixels)), "tiff")):
         assert Photo.from_bytes(unshutter.rectify(data, motion=motion)).format == format
 

@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from support.drawn_photos import drawn, encoded
-from unshutter import Motion, UnshutterError
+from unshutter import Motion, RowMotion, UnshutterError
 from unshutter.photo import Photo
 
 CASES = int(os.environ.get("UNSHUTTER_FUZZ_CASES", "300"))
@@ -209,7 +209,7 @@ def test_beginnings_of_photos_with_anything_after(beginning: bytes, rest: bytes)
 @thorough
 @given(st.data())
 def test_damaged_motion_files(data: st.DataObject) -> None:
-    text = Motion.from_polynomials([0, 3, 1], [0, 0.01], 12, 16).to_json()
+    text = RowMotion.from_polynomials([0, 3, 1], [0, 0.01], 12, 16).to_json()
     at = data.draw(st.integers(0, len(text)))
     until = data.draw(st.integers(at, min(at + 40, len(text))))
     odd = st.sampled_from(["", "1e999", "-1", "null", "[]", "{}", '"', "NaN", "9" * 400, "[" * 3000, '"last"'])

@@ -12,7 +12,7 @@ from PIL import Image, ImageOps
 import unshutter
 from support.camera_files import AS_STORED, MIRRORED, ORIENTATIONS, dng, exif_blob, heic, linear
 from support.drawn_photos import encoded, textured
-from unshutter import Motion, Readout
+from unshutter import Motion, Readout, RowMotion
 from unshutter.cli import main
 from unshutter.photo import Photo
 from unshutter.warp.pixels import distort_pixels
@@ -44,9 +44,9 @@ def taken(request: pytest.FixtureRequest, facade_canvas: np.ndarray) -> tuple[np
     """A photo as a viewer shows it, 360 x 500 px, and its motion, for each direction in which it was read."""
     readout = request.param
     height, width = facade_canvas.shape[:2]
-    motion = Motion.from_polynomials([0, 40, -70], [0, 0.05], *readout.frame_size(height, width), readout=readout)
+    motion = RowMotion.from_polynomials([0, 40, -70], [0, 0.05], *readout.frame_size(height, width), readout=readout)
     distorted = distort_pixels(facade_canvas, motion)
-    return distorted[120:480, 120:620].copy(), Motion.from_polynomials(
+    return distorted[120:480, 120:620].copy(), RowMotion.from_polynomials(
         [0, 30, -50], [0, 0.05, -0.02], *readout.frame_size(360, 500), readout=readout
     )
 
@@ -135,7 +135,7 @@ def test_heic_is_read_as_the_sensor_was(tmp_path: Path, rolling_facade: np.ndarr
     photo = Photo.open(path)
     assert (photo.orientation, photo.height, photo.width) == (orientation, 360, 500)
     assert np.abs(photo.to_array().astype(int) - stored).mean() < 1.5
-    motion = Motion.from_polynomials([0, 30, -50], [0, 0.05], 360, 500)
+    motion = RowMotion.from_polynomials([0, 30, -50], [0, 0.05], 360, 500)
     expected = unshutter.rectify(stored, motion=motion)
     motion.save(tmp_path / "motion.json")
     for name in ("out.png", "out.avif", "out.jpg", "out.tif"):
@@ -175,7 +175,7 @@ def test_raw_rows_stay_rows_of_the_sensor(tmp_path: Path, rolling_facade: np.nda
     photo = Photo.open(path)
     assert (photo.format, photo.orientation, photo.height, photo.width) == ("raw", orientation, 360, 500)
     assert np.abs(photo.to_array() / 257 - stored).mean() < 4
-    motion = Motion.from_polynomials([0, 30, -50], [0, 0.05], 360, 500)
+    motion = RowMotion.from_polynomials([0, 30, -50], [0, 0.05], 360, 500)
     motion.save(tmp_path / "motion.json")
     assert main(["rectify", str(path), "--motion", str(tmp_path / "motion.json")]) == 0
     result = Photo.open(tmp_path / "photo.dng.rectified.tif")

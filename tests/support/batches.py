@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from support.drawn_photos import drawn
-from unshutter import Motion
+from unshutter import RowMotion
 from unshutter.cli import main
 from unshutter.photo import Photo
 
@@ -26,7 +26,7 @@ def make_photos(folder: Path, names: list[str]) -> None:
 
 def make_motion(path: Path) -> Path:
     """A motion that changes every small photo, for batches that are not about estimating."""
-    Motion.from_polynomials([0, 6, -9], [0, 0.05], HEIGHT, WIDTH).save(path)
+    RowMotion.from_polynomials([0, 6, -9], [0, 0.05], HEIGHT, WIDTH).save(path)
     return path
 
 

@@ -33,11 +33,11 @@ from support.rich_files import (
     file_of,
     rich_file,
 )
-from unshutter import Motion, UnshutterError
+from unshutter import RowMotion, UnshutterError
 
 PAGE = Path(__file__).parents[2] / "docs" / "formats.md"
 BEGIN, END = "<!-- measured: python tests/format_table.py -->\n", "<!-- end -->"
-MOTION = Motion.from_polynomials([0, 12], [0, 0.03], HEIGHT, WIDTH)
+MOTION = RowMotion.from_polynomials([0, 12], [0, 0.03], HEIGHT, WIDTH)
 RESULTS = COLUMNS | {"HEIC": ".avif", RAW: ".tif"}
 NONE = "–"
 

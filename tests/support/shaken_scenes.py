@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from unshutter.motion import Motion
+from unshutter.motion import RowMotion
 
 
 def drawn_scene(height, width, bands=3, dtype: type = np.uint8, finest=24.0):
@@ -21,7 +21,7 @@ def drawn_scene(height, width, bands=3, dtype: type = np.uint8, finest=24.0):
 def shake(height, width, share=1.0, **about):
     """Motion with t_x up to 6 % of the width and r_z up to 3 degrees, times a share."""
     tx, rz = (0, 0.09 * width * share, -0.03 * width * share), (0, -0.02 * share, 0.07 * share)
-    return Motion.from_polynomials(tx, rz, height, width, **about)
+    return RowMotion.from_polynomials(tx, rz, height, width, **about)
 
 
 def inside(col, row, height, width, margin=0.0):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from support.shaken_scenes import drawn_scene, inside, shake
 from unshutter.errors import UnshutterError
-from unshutter.motion import Motion
+from unshutter.motion import RowMotion
 from unshutter.warp.pixels import backward_map, largest_valid_rectangle, rectify_pixels, validity_mask
 
 
@@ -84,6 +84,6 @@ def test_largest_rectangle_of_a_large_mask_is_valid_and_hardly_smaller():
 def test_crop_that_leaves_nothing_says_so():
     image = np.full((100, 100), 9, np.uint8)
     with pytest.raises(UnshutterError, match="9 % of the photo: use other edges, keep or fill"):
-        rectify_pixels(image, Motion(100, np.full(100, 70.0), np.zeros(100)), "crop")
+        rectify_pixels(image, RowMotion(100, np.full(100, 70.0), np.zeros(100)), "crop")
     with pytest.raises(UnshutterError, match="0 % of the photo"):
-        rectify_pixels(image, Motion(100, np.full(100, 500.0), np.zeros(100)), "crop")
+        rectify_pixels(image, RowMotion(100, np.full(100, 500.0), np.zeros(100)), "crop")

@@ -11,7 +11,7 @@ from support.shaken_scenes import drawn_scene, inside, shake
 from support.stored import as_stored
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.geometry.readout import Readout
-from unshutter.motion import Motion
+from unshutter.motion import RowMotion
 from unshutter.storage import large_arrays
 from unshutter.synthesis.row_motions import draw_quadratic
 from unshutter.warp import grid as sampling_map
@@ -82,7 +82,7 @@ def test_map_and_mask_equal_the_exact_inverse_at_every_pixel(height, width, read
     if not 0.5 <= rows / cols <= 2:
         rows = cols
         height, width = readout.frame_size(rows, cols)
-    motion = Motion.from_polynomials((0, *(t * rows for t in tx)), (0, *rz), rows, cols, readout=readout)
+    motion = RowMotion.from_polynomials((0, *(t * rows for t in tx)), (0, *rz), rows, cols, readout=readout)
     col, row = positions_by_motion(motion)
     found_col, found_row = backward_map(motion)
     mask = validity_mask(motion)
@@ -98,7 +98,7 @@ def test_map_and_mask_equal_the_exact_inverse_at_every_pixel(height, width, read
 def test_map_of_a_large_picture(jitter):
     rng = np.random.default_rng(0)
     smooth = shake(1500, 2000)
-    motion = Motion(2000, smooth.tx_px + rng.normal(0, jitter, 1500) if jitter else smooth.tx_px, smooth.rz_rad)
+    motion = RowMotion(2000, smooth.tx_px + rng.normal(0, jitter, 1500) if jitter else smooth.tx_px, smooth.rz_rad)
     found_col, found_row = backward_map(motion)
     at = rng.integers(0, (1500, 2000), (20000, 2))
     col, row = motion.gs_to_rs(at[:, 1], at[:, 0])
@@ -118,7 +118,7 @@ def test_a_smooth_motion_needs_few_nodes(readout):
 def test_a_motion_that_folds_the_picture_is_refused():
     rz = np.concatenate([np.zeros(50), np.full(50, 0.1)])
     with pytest.raises(UnshutterError, match="faster than rows are read"):
-        backward_map(Motion(100, np.zeros(100), rz))
+        backward_map(RowMotion(100, np.zeros(100), rz))
 
 
 # ---- what is drawn ----------------------------------------------------------------------------------------
@@ -129,7 +129,7 @@ def test_signs_on_a_drawn_bar(readout):
     """t_x > 0 moves what a row saw to the right; a distorted bar stands where t_x says, and upright again after."""
     frame = np.zeros((80, 100), dtype=np.uint8)
     frame[:, 30] = 200
-    motion = Motion.from_polynomials([0, 20], [0, 0], 80, 100, readout=readout)
+    motion = RowMotion.from_polynomials([0, 20], [0, 0], 80, 100, readout=readout)
     rs = distort_pixels(as_stored(frame, readout), motion)
     in_frame = readout.turn(rs)
     middle = (in_frame * np.arange(100)).sum(1) / in_frame.sum(1)
@@ -143,7 +143,7 @@ def test_signs_on_a_turned_dot():
     """r_z > 0 turns the scene clockwise: what is right of the centre moves down."""
     gs = np.zeros((101, 101), dtype=np.uint8)
     gs[50, 80] = 250
-    turned = Motion(101, np.zeros(101), np.full(101, np.radians(30)))
+    turned = RowMotion(101, np.zeros(101), np.full(101, np.radians(30)))
     rs = distort_pixels(gs, turned)
     row, col = np.unravel_index(rs.argmax(), rs.shape)
     assert (row, col) == (50 + round(30 * np.sin(np.radians(30))), 50 + round(30 * np.cos(np.radians(30))))
@@ -193,9 +193,9 @@ def test_no_displacement_gives_bit_identical_pixels(bands, dtype):
     pixels = np.random.default_rng(0).integers(0, np.iinfo(dtype).max + 1, (70, 90, bands)).astype(dtype)
     if bands in (2, 4):
         pixels[..., -1] = np.iinfo(dtype).max
-    assert rectify_pixels(pixels, Motion.zero(70, 90)) is pixels
-    assert distort_pixels(pixels, Motion.zero(70, 90)) is pixels
-    barely = Motion(90, np.full(70, 1e-9), np.zeros(70))  # goes the whole way nevertheless
+    assert rectify_pixels(pixels, RowMotion.zero(70, 90)) is pixels
+    assert distort_pixels(pixels, RowMotion.zero(70, 90)) is pixels
+    barely = RowMotion(90, np.full(70, 1e-9), np.zeros(70))  # goes the whole way nevertheless
     for edges in ("keep", "crop", "fill"):
         np.testing.assert_array_equal(rectify_pixels(pixels, barely, edges), pixels, strict=True)
     np.testing.assert_array_equal(distort_pixels(pixels, barely), pixels, strict=True)
@@ -218,7 +218,7 @@ def test_transparent_colours_do_not_bleed():
     pixels = np.full((40, 60, 4), 255, dtype=np.uint8)
     pixels[:, :30] = (50, 60, 70, 255)
     pixels[:, 30:, 3] = 0  # white, but transparent
-    result = rectify_pixels(pixels, Motion(60, np.full(40, 3.5), np.zeros(40)), "keep")
+    result = rectify_pixels(pixels, RowMotion(60, np.full(40, 3.5), np.zeros(40)), "keep")
     seen = result[..., 3] > 0
     assert np.abs(result[seen][:, :3].astype(int) - (50, 60, 70)).max() <= 1
     assert 0 < result[20, 26, 3] < 255  # the edge is half covered: column 26 looks at 29.5
@@ -229,7 +229,7 @@ def test_transparent_colours_do_not_bleed():
 def test_half_transparent_colours_stay(dtype, bands):
     unit = 1 if dtype == np.uint8 else 257
     pixels = np.full((40, 60, bands), (77, 131, 200, 99)[-bands:], dtype) * dtype(unit)
-    motion = Motion(60, np.linspace(0, 3.3, 40), np.zeros(40))
+    motion = RowMotion(60, np.linspace(0, 3.3, 40), np.zeros(40))
     result = rectify_pixels(pixels, motion, "fill")
     assert result.dtype == dtype
     assert np.abs(result.astype(int) - pixels).max() <= unit // 257  # uint8: exact
@@ -265,7 +265,7 @@ def test_threads_are_those_that_libvips_may_use(monkeypatch):
 
 def test_a_picture_wider_than_remap_takes():
     pixels = np.tile(np.arange(40_000) // 200 % 256, (64, 1)).astype(np.uint8)
-    motion = Motion(40_000, np.linspace(0, 300, 64), np.zeros(64))
+    motion = RowMotion(40_000, np.linspace(0, 300, 64), np.zeros(64))
     rectified = rectify_pixels(pixels, motion, "fill")
     for row, shift in ((0, 0), (63, 300)):
         expected = pixels[row, np.minimum(np.arange(40_000) + shift, 39_999)]
@@ -278,8 +278,8 @@ def test_a_picture_wider_than_remap_takes():
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 50), (50, 1), (2, 3)])
 def test_tiny_pictures(height, width):
     pixels = np.full((height, width), 90, np.uint8)
-    motion = Motion(width, np.linspace(0, 0.3, height), np.linspace(0, 0.001, height), reference="first")
-    motion = motion if height > 1 else Motion(width, np.array([0.3]), np.array([0.0]))
+    motion = RowMotion(width, np.linspace(0, 0.3, height), np.linspace(0, 0.001, height), reference="first")
+    motion = motion if height > 1 else RowMotion(width, np.array([0.3]), np.array([0.0]))
     for edges in ("keep", "fill"):
         result = rectify_pixels(pixels, motion, edges)
         assert result.shape == (height, width)

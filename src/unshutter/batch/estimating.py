@@ -13,7 +13,7 @@ from unshutter.photo.photo import MAX_PIXELS
 from unshutter.storage.places import Place, check_place, make_folder, save_text
 
 if TYPE_CHECKING:
-    from unshutter.motion import Reference
+    from unshutter.options import Reference
 
 
 def estimate_files(
@@ -37,7 +37,7 @@ def estimate_files(
     if inputs.many and plot:
         raise UsageError("--plot draws the motion of one photo only")
     ahead = ReadAhead(list(inputs.photos), max_pixels or MAX_PIXELS, whole=False)
-    from unshutter.estimators import load
+    from unshutter.estimators.register import load
     from unshutter.motion.speed import check_readout_ms, json_with_speed
     from unshutter.rectification import estimate
 

@@ -15,7 +15,8 @@ from unshutter.photo import Photo
 from unshutter.storage.places import Place, check_place, fingerprint, open_photo, save_picture, save_text
 
 if TYPE_CHECKING:
-    from unshutter.motion import Motion, Reference
+    from unshutter.motion import Motion
+    from unshutter.options import Reference
     from unshutter.photo.codecs import Subsampling
     from unshutter.warp.pixels import Edges
 

@@ -8,13 +8,14 @@ from functools import lru_cache
 from threading import Lock
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators import Estimator, View, load
+from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.register import load
 from unshutter.motion import Motion
 
 _MOST_BEGUN = 2  # an answer that nobody asks for keeps its photo
 
 
-class EstimatorAhead:
+class EstimatorAhead(Estimator):
     """Does what the estimator does, and begins where it is told to.
 
     Args:
@@ -22,14 +23,14 @@ class EstimatorAhead:
     """
 
     def __init__(self, estimator: Estimator):
-        self.name = estimator.name
+        super().__init__(estimator.method, estimator.weights)
         self._estimator = estimator
         self._begun: dict[View, Future[Motion]] = {}
         self._lock = Lock()  # one thread begins, another asks
 
     def prepare(self) -> None:
         """Does what can be done before there is a photo."""
-        getattr(self._estimator, "prepare", lambda: None)()
+        self._estimator.prepare()
 
     def begin(self, view: View, executor: Executor) -> None:
         """Lets the executor estimate; what goes wrong is told where the answer is asked for."""

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError
+from unshutter.estimators.register import Method
 from unshutter.geometry.readout import Readout, scene_up
-from unshutter.motion import Motion, RotationMotion
+from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.options import Camera
 from unshutter.photo import Photo
-from unshutter.photo.attitude import MOST_ROLL, MOST_TILT
 
 
 @dataclass(frozen=True)
@@ -20,29 +22,18 @@ class View:
 
     Attributes:
         photo: as it was read.
-        readout: direction in which the stored pixels were read.
-        given_focal_px: focal length that the user knows [px of the full-size picture]; None: EXIF's or a guess.
+        camera: what the user knows of the camera; what is left open the photo is asked for.
         guessed_focal_px: a better guess than by the picture's size, as for one cut out of a larger photo.
-        given_roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
-        given_tilt_deg: how far it looked up, -90 is straight down; None: unknown.
-
-    Raises:
-        UsageError: a focal length that is not positive, an angle out of range.
     """
 
     photo: Photo
-    readout: Readout = Readout.TOP_TO_BOTTOM
-    given_focal_px: float | None = None
+    camera: Camera = field(default_factory=Camera)
     guessed_focal_px: float | None = None
-    given_roll_deg: float | None = None
-    given_tilt_deg: float | None = None
 
-    def __post_init__(self) -> None:
-        if self.given_focal_px is not None and not 0 < self.given_focal_px < float("inf"):
-            raise UsageError(f"the focal length must be positive, got {self.given_focal_px:g} px")
-        for name, angle, most in (("roll", self.given_roll_deg, MOST_ROLL), ("tilt", self.given_tilt_deg, MOST_TILT)):
-            if angle is not None and not -most <= angle <= most:
-                raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
+    @property
+    def readout(self) -> Readout:
+        """Direction in which the stored pixels were read."""
+        return self.camera.direction
 
     @property
     def height(self) -> int:
@@ -69,19 +60,38 @@ class View:
 
     def known_focal_px(self) -> float | None:
         """Focal length [px of the full-size picture]: the given one, else EXIF's, else None."""
-        return self.given_focal_px or self.photo.focal_px()
+        return self.camera.focal_px or self.photo.focal_px()
 
     def attitude_deg(self) -> tuple[float | None, float | None]:
         """Roll and tilt of the camera [degrees], each where it is known: the given ones, else the photo's own."""
         roll, tilt = self.photo.attitude_deg() or (None, None)
-        given = self.given_roll_deg, self.given_tilt_deg
-        return roll if given[0] is None else given[0], tilt if given[1] is None else given[1]
+        given = self.camera
+        return roll if given.roll_deg is None else given.roll_deg, tilt if given.tilt_deg is None else given.tilt_deg
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""
-        return Motion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=reason)
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=reason)
 
-    def rotations(self, rotations: np.ndarray, estimator: str) -> Motion:
+    def cubic_motion(self, coefficients: np.ndarray, estimator: str, confidence: float | None = None) -> Motion:
+        """The answer of an estimator that found a cubic row motion, first row as the reference.
+
+        Args:
+            coefficients: [2, 3] of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
+            estimator: its name.
+            confidence: see :class:`Motion`.
+        """
+        u = (np.arange(self.height) + 0.5) / self.height
+        tx, rz = (c[0] * u + c[1] * u**2 + c[2] * u**3 for c in coefficients)
+        return RowMotion(
+            width=self.width,
+            tx_px=(tx - tx[0]) * self.height,
+            rz_rad=rz - rz[0],
+            readout=self.readout,
+            estimator=estimator,
+            confidence=confidence,
+        )
+
+    def rotation_motion(self, rotations: np.ndarray, estimator: str) -> Motion:
         """The answer of an estimator that found rotations about three axes, first row as the reference.
 
         Args:
@@ -91,30 +101,50 @@ class View:
         Returns:
             The motion; none, with the reason, where it would fold the picture over itself.
         """
-        about = {"width": self.width, "readout": self.readout, "estimator": estimator}
         try:
-            motion = RotationMotion(rotations=rotations, focal_px=self.focal_px(), **about).rereferenced("first")
+            motion = RotationMotion(
+                width=self.width,
+                rotations=rotations,
+                focal_px=self.focal_px(),
+                readout=self.readout,
+                estimator=estimator,
+            ).rereferenced("first")
             motion.check_unfolded()
         except UnshutterError as error:
             return self.no_motion(estimator, f"what fits the lines is no motion of a camera: {error}")
         return motion
 
 
-class Estimator(Protocol):
-    """Finds the row motion of a photo.
+class Estimator(ABC):
+    """Finds the row motion of a photo; may be asked by several threads at once.
 
-    May have a method ``prepare()`` that does beforehand what the first estimate would else wait for, and may be asked
-    by several threads at once.
-
-    Attributes:
-        name: under which it is registered.
+    Args:
+        method: what is known of it without importing it.
+        weights: file that it is to run on; None where it needs none.
     """
 
-    name: str
+    def __init__(self, method: Method, weights: Path | None = None):
+        self.method = method
+        self.weights = weights
 
+    @property
+    def name(self) -> str:
+        """By which it was asked for; its motions bear it."""
+        return self.method.name
+
+    def prepare(self) -> None:
+        """Does beforehand what the first estimate would otherwise wait for: opens a network, say.
+
+        The one method with a body that may be overridden: most have nothing to prepare. May be called twice.
+
+        Raises:
+            UnshutterError: the weights cannot be used.
+        """
+        return
+
+    @abstractmethod
     def estimate(self, view: View) -> Motion:
         """The motion of the full-size photo in its readout frame, first row as the reference.
 
         Where the photo does not say enough the motion is zero and carries a reason; it never raises for that.
         """
-        ...

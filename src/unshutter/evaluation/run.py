@@ -13,7 +13,8 @@ from pathlib import Path
 
 from unshutter.batch.workers import settle_worker
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.estimators import ESTIMATORS, Estimator, check_name, load
+from unshutter.estimators import register
+from unshutter.estimators.base import Estimator
 from unshutter.evaluation.cases.case import Case, Record
 from unshutter.evaluation.cases.protocols import PROTOCOLS, Request
 from unshutter.evaluation.pages.plots import check_matplotlib
@@ -55,7 +56,7 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
     check_matplotlib()
     cases = PROTOCOLS[request.protocol].cases(request)
     for name in names:
-        load(name)  # a missing extra is told before the work, not after
+        register.load(name)  # a missing extra is told before the work, not after
     store = Store(output, {key: _plain(value) for key, value in asdict(request).items()}, overwrite)
     rivals = list(dict.fromkeys(rival for case in cases for rival in case.rivals))
     tasks = [(case, store.missing(case.key, [*names, *case.rivals])) for case in cases]
@@ -82,9 +83,9 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
 
 
 def _chosen(estimators: str) -> list[str]:
-    names = list(ESTIMATORS) if estimators == "all" else [name.strip() for name in estimators.split(",")]
+    names = register.names() if estimators == "all" else [name.strip() for name in estimators.split(",")]
     for name in names:
-        check_name(name)
+        register.check_name(name)
     return list(dict.fromkeys(names))
 
 
@@ -121,7 +122,7 @@ def _judge(case: Case, names: list[str]) -> list[Record] | str:
 @cache
 def _loaded(name: str) -> Estimator:
     """Every estimator once per process, however many there are."""
-    return load(name)
+    return register.load(name)
 
 
 def _plain(value: object) -> object:

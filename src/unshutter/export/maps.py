@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.estimators import DEFAULT
-from unshutter.motion import Motion, Reference
+from unshutter.motion import Motion
+from unshutter.options import DEFAULT_ESTIMATOR, Reference
 from unshutter.photo.libvips import libvips, refusing
 from unshutter.photo.photo import MAX_PIXELS
 from unshutter.storage.files import check_target, written_whole
@@ -91,7 +91,7 @@ def map_file(
     *,
     inverse: bool = False,
     size: str | None = None,
-    estimator: str = DEFAULT,
+    estimator: str = DEFAULT_ESTIMATOR,
     readout: str = "auto",
     reference: Reference | None = None,
     overwrite: bool = False,

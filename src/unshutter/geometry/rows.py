@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Array = Any
 # (row) -> (t_x, r_z, d r_z / d row), each of the shape of row
-RowMotion = Callable[[Array], tuple[Array, Array, Array]]
+MotionAtRow = Callable[[Array], tuple[Array, Array, Array]]
 
 
 def rs_to_gs(
@@ -76,7 +76,7 @@ def gs_to_rs_by_row_map(
 def gs_to_rs(
     col: Real[Array, "*#at"],
     row: Real[Array, "*#at"],
-    row_motion: RowMotion,
+    row_motion: MotionAtRow,
     center: tuple = (0.0, 0.0),
     steps: int = 6,
 ) -> tuple[Float[Array, "*#at"], Float[Array, "*at"]]:
@@ -111,7 +111,7 @@ def gs_to_rs(
     return x * xp.cos(rz) - y * xp.sin(rz) + tx + center[0], v
 
 
-def _row_residual(v: Array, x: Array, y: Array, row_motion: RowMotion, center_row: Any) -> tuple[Array, Array]:
+def _row_residual(v: Array, x: Array, y: Array, row_motion: MotionAtRow, center_row: Any) -> tuple[Array, Array]:
     _, rz, rz_slope = row_motion(v)
     xp = namespace(rz)
     cos, sin = xp.cos(rz), xp.sin(rz)
@@ -134,7 +134,7 @@ def constant(a: Array) -> Array:
     return a.detach() if hasattr(a, "detach") else a
 
 
-def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) -> RowMotion:
+def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) -> MotionAtRow:
     """Row motion by linear interpolation of one sample per row; constant beyond the first and last row.
 
     Args:
@@ -166,7 +166,7 @@ def row_motion_from_polynomial(
     rz_coefficients: Float[Array, "*#batch rz_terms"],
     first: Any,
     last: Any,
-) -> RowMotion:
+) -> MotionAtRow:
     """Row motion from polynomials in u = (row - first) / (last - first); constant beyond u = 0 and 1.
 
     Args:

@@ -78,7 +78,7 @@ class Samples:
         return (self.size - 1) / 2, (self.size - 1) / 2
 
     @property
-    def motion(self) -> geometry.RowMotion:
+    def motion(self) -> geometry.MotionAtRow:
         """The true motion, for rows that broadcast against [B, 1, 1]."""
         return polynomial_motion(self.tx_coefficients, self.rz_coefficients, self.size)
 
@@ -180,7 +180,7 @@ def pixel_grid(size: int, like: Tensor) -> tuple[Tensor, Tensor]:
     return line[None], line[:, None]
 
 
-def polynomial_motion(tx: Tensor, rz: Tensor, size: int) -> geometry.RowMotion:
+def polynomial_motion(tx: Tensor, rz: Tensor, size: int) -> geometry.MotionAtRow:
     """Row motion of a batch: coefficients [B, K] in u = row / size, for rows that broadcast to [B, h, w]."""
     return geometry.row_motion_from_polynomial(tx[:, None, None], rz[:, None, None], first=0.0, last=float(size))
 

@@ -121,7 +121,7 @@ def draw_motions(batch: int, config: SceneConfig, generator: torch.Generator) ->
     return tx * has_tx * size, rz * has_rz * size
 
 
-def row_motion(tx: Tensor, rz: Tensor) -> geometry.RowMotion:
+def row_motion(tx: Tensor, rz: Tensor) -> geometry.MotionAtRow:
     """Coefficients [B, 3] of u, u^2, u^3 -> row motion for row coordinates [B, N] in units of rows."""
     constant = torch.zeros_like(tx[:, :1])
     full = [torch.cat([constant, c], -1)[:, None] for c in (tx, rz)]  # [B, 1, 4]

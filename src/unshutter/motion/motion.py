@@ -1,124 +1,154 @@
-"""Motion: how the camera moved while the rows of one photo were read out."""
+"""Motion: how the camera moved while the rows of one photo were read out; what all kinds of motion have in common."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from abc import ABC, abstractmethod
+from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
-from unshutter.geometry import rows as geometry
+from unshutter.errors import UnshutterError
 from unshutter.geometry.readout import Readout
+from unshutter.motion import checks, motion_file
+from unshutter.motion.sampling import row_index
+from unshutter.options import Reference
 from unshutter.storage.files import written_whole
 from unshutter.version import __version__
 
-Reference = Literal["first", "middle", "last"]
-BEYOND = 128  # rows past the first and the last on which the motion goes on smoothly
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(ABC):
+    """How the camera moved while one photo was read out, in its readout frame (readout.py).
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Row motion of one photo, in its readout frame (readout.py), signs as in geometry.py (paper, Eq. 1).
+    Abstract: each kind of motion is a final class of its own that says how positions are mapped, and none overrides
+    what is written out here. A new kind is a subclass, ``class MyMotion(Motion, kind="my-tag")``, that
+    ``motion/__init__.py`` imports; its tag says in motion files which class reads them.
 
     Attributes:
         width: columns of the readout frame [px].
-        tx_px: [H] t_x of every row [px], positive moves the scene to the right.
-        rz_rad: [H] r_z of every row [rad], positive turns the scene clockwise as seen in the picture.
         reference: the row (first | middle | last) at whose moment the global-shutter picture is taken;
-            both motions are zero there.
+            the motion is zero there.
         readout: direction in which the stored pixels were read.
         estimator: what found this motion.
         confidence: 0 ... 1, or None where the estimator gives none.
-        center_shift_px: offset of the rotation centre from the picture's centre along the columns [px];
-            non-zero only after :meth:`rereferenced`.
         reason: why there is no motion, when an estimator declined; empty otherwise.
         version: version of unshutter that made it.
 
     Raises:
-        UnshutterError: samples that are not finite, or not one per row.
+        UnshutterError: numbers that are not finite, that do not fit together, or that no photo can have.
+        UsageError: an unknown reference row.
     """
 
+    kind: ClassVar[str]
+    _kinds: ClassVar[dict[str, type[Motion]]] = {}
+
     width: int
-    tx_px: np.ndarray
-    rz_rad: np.ndarray
+    _: KW_ONLY
     reference: Reference = "first"
     readout: Readout = Readout.TOP_TO_BOTTOM
     estimator: str = "given"
     confidence: float | None = None
-    center_shift_px: float = 0.0
     reason: str = ""
-    version: str = field(default=__version__)
+    version: str = __version__
+
+    def __init_subclass__(cls, *, kind: str) -> None:
+        super().__init_subclass__()
+        cls.kind = kind
+        Motion._kinds[kind] = cls
 
     def __post_init__(self) -> None:
-        tx, rz = (np.array(a, dtype=np.float64) for a in (self.tx_px, self.rz_rad))
-        if tx.ndim != 1 or tx.shape != rz.shape or tx.size < 1:
-            raise UnshutterError(f"a motion needs one t_x and one r_z per row, got shapes {tx.shape} and {rz.shape}")
-        if self.width < 1:
-            raise UnshutterError(f"a motion needs a width of at least 1 px, got {self.width}")
-        if not (np.isfinite(tx).all() and np.isfinite(rz).all() and np.isfinite(self.center_shift_px)):
-            raise UnshutterError("the motion contains values that are not finite numbers")
-        if self.reference not in ("first", "middle", "last"):
-            raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
-        tx.setflags(write=False)
-        rz.setflags(write=False)
-        object.__setattr__(self, "tx_px", tx)
-        object.__setattr__(self, "rz_rad", rz)
+        self._settle()
+        checks.check_row_motion(self.tx_px, self.rz_rad)
+        checks.check_size(self.height, self.width)
+        checks.check_confidence(self.confidence)
+        row_index(self.reference, self.height)
 
-    # ---- made from -------------------------------------------------------------------------------------
+    # ---- what each kind says for itself ----------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def tx_px(self) -> np.ndarray:
+        """[H] t_x of every row [px], positive moves the scene to the right (paper, Eq. 1)."""
+
+    @property
+    @abstractmethod
+    def rz_rad(self) -> np.ndarray:
+        """[H] r_z of every row [rad], positive turns the scene clockwise as seen in the picture (paper, Eq. 1)."""
+
+    @property
+    @abstractmethod
+    def is_zero(self) -> bool:
+        """Whether rectifying with this motion changes nothing."""
+
+    @abstractmethod
+    def rs_to_gs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+        """RS positions [px] of the readout frame -> GS positions [px]."""
+
+    @abstractmethod
+    def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+        """GS positions [px] of the readout frame -> RS positions [px]."""
+
+    @abstractmethod
+    def check_unfolded(self) -> None:
+        """Passes where every place of the scene was seen by one row only.
+
+        Raises:
+            UnshutterError: the motion turns faster than rows are read.
+        """
+
+    @abstractmethod
+    def rates(self) -> tuple[np.ndarray, np.ndarray]:
+        """How fast the picture moved at each row, of at least two; the same whatever the reference row.
+
+        Returns:
+            turning [H] about the viewing axis [rad per row], positive clockwise as seen in the picture, and
+            velocity [H, 2], (col, row) of the scene in the middle of the picture [px per row].
+        """
+
+    @abstractmethod
+    def rereferenced(self, reference: Reference) -> Self:
+        """The same camera motion, with the picture taken at another row's moment."""
+
+    @abstractmethod
+    def resized(self, height: int, width: int) -> Self:
+        """The same motion for the picture scaled to another size.
+
+        Rows are matched at their centres; the first and last slope carry on to the new borders.
+
+        Raises:
+            UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not stay one).
+        """
+
+    @abstractmethod
+    def scaled(self, strength: float) -> Self:
+        """The whole motion times ``strength``: 0 does nothing, 1 is this motion.
+
+        Raises:
+            UsageError: a strength outside 0 ... 1.
+        """
+
+    @abstractmethod
+    def _settle(self) -> None:
+        """Checks what only this kind has, and makes its arrays read-only; the first step when one is made."""
+
+    @abstractmethod
+    def _own_data(self) -> dict[str, Any]:
+        """What the motion file keeps of this kind beside the common keys, as JSON takes it."""
 
     @classmethod
-    def zero(cls, height: int, width: int, **about: Any) -> Motion:
-        """No motion at all; ``about`` sets further attributes (estimator, reason, readout ...)."""
-        return cls(width, np.zeros(height), np.zeros(height), **about)
-
-    @classmethod
-    def from_polynomials(
-        cls, tx_coefficients: Sequence[float], rz_coefficients: Sequence[float], height: int, width: int, **about: Any
-    ) -> Motion:
-        """Motion whose t_x [px] and r_z [rad] are polynomials in u = row / (height - 1).
+    @abstractmethod
+    def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> Self:
+        """Made from what a motion file says.
 
         Args:
-            tx_coefficients, rz_coefficients: of u^0, u^1, ...; a constant term is kept as it is given.
+            data: the whole file, see :meth:`_own_data`.
+            common: the common attributes, checked.
         """
-        u = np.arange(height) / max(height - 1, 1)
-        tx = geometry.polynomial(np.asarray(tx_coefficients, dtype=np.float64), u)
-        rz = geometry.polynomial(np.asarray(rz_coefficients, dtype=np.float64), u)
-        return cls(width, tx, rz, **about)
 
-    @classmethod
-    def from_key_rows(
-        cls,
-        rows: Sequence[float],
-        tx_px: Sequence[float],
-        rz_rad: Sequence[float],
-        height: int,
-        width: int,
-        degree: int | None = None,
-        **about: Any,
-    ) -> Motion:
-        """Motion known at some rows only (increasing, at least two).
-
-        Args:
-            rows: row of each sample [px].
-            degree: fit a polynomial of this degree (the predecessor: 2); None interpolates linearly and
-                carries the first and last slope to the borders.
-        """
-        known = np.asarray(rows, dtype=np.float64)
-        if known.size < 2 or (np.diff(known) <= 0).any():
-            raise UnshutterError("key rows must be at least two, in increasing order")
-        every_row = np.arange(height, dtype=np.float64)
-        if degree is None:
-            tx, rz = (_interpolate(every_row, known, np.asarray(a, dtype=np.float64)) for a in (tx_px, rz_rad))
-        else:
-            tx, rz = (np.polynomial.Polynomial.fit(known, a, degree)(every_row) for a in (tx_px, rz_rad))
-        return cls(width, tx, rz, **about)
-
-    # ---- what it says ----------------------------------------------------------------------------------
+    # ---- what is the same for all ----------------------------------------------------------------------
 
     @property
     def height(self) -> int:
@@ -128,131 +158,60 @@ class Motion:
     @property
     def reference_row(self) -> int:
         """Index of the row that has zero motion."""
-        return {"first": 0, "middle": self.height // 2, "last": self.height - 1}[self.reference]
+        return row_index(self.reference, self.height)
 
     @property
-    def center(self) -> tuple[float, float]:
-        """(col, row) of the rotation centre [px]."""
-        return (self.width - 1) / 2 + self.center_shift_px, (self.height - 1) / 2
+    def common(self) -> dict[str, Any]:
+        """The attributes that all kinds have, by name."""
+        return {field.name: getattr(self, field.name) for field in fields(Motion)}
 
-    @property
-    def is_zero(self) -> bool:
-        """Whether rectifying with this motion changes nothing."""
-        return not (self.tx_px.any() or self.rz_rad.any())
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        return all(_same(getattr(self, field.name), getattr(other, field.name)) for field in fields(self))
 
-    def rs_to_gs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
-        """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
-        col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
-        tx, rz, _ = self._at(row)
-        return geometry.rs_to_gs(col, row, tx, rz, self.center)
+    def __hash__(self) -> int:
+        return hash((self.kind, self.height, self.tx_px.tobytes(), *self.common.values()))
 
-    def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
-        """GS positions [px] of the readout frame -> RS positions [px] (exact inverse)."""
-        col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
-        return geometry.gs_to_rs(col, row, self._at, self.center)
+    def __repr__(self) -> str:
+        parts = [
+            f"{self.height} rows x {self.width}",
+            f"t_x up to {np.abs(self.tx_px).max():.1f} px",
+            f"r_z up to {np.degrees(np.abs(self.rz_rad).max()):.1f} deg",
+            self.estimator,
+        ]
+        if self.confidence is not None:
+            parts.append(f"confidence {self.confidence:.2f}")
+        if self.reason:
+            parts.append(self.reason)
+        return f"{type(self).__name__}({', '.join(parts)})"
 
-    def check_unfolded(self) -> None:
-        """Passes where every place of the scene was seen by one row only.
-
-        Raises:
-            UnshutterError: the motion turns faster than rows are read.
-        """
-        turning = np.abs(np.diff(self.rz_rad)).max(initial=0.0)
-        if turning * (self.width / 2 + np.abs(self.tx_px).max() + abs(self.center_shift_px)) >= 1:
-            raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
-
-    @cached_property
-    def _at(self) -> geometry.RowMotion:
-        """The motion of any row; carried on smoothly past the first and the last, where no photo looks.
-
-        (Kinked there, the map would be costly to interpolate in the cells that straddle the border.)
-        """
-        tx, rz = (np.pad(a, BEYOND, mode="reflect", reflect_type="odd") for a in (self.tx_px, self.rz_rad))
-        look_up = geometry.row_motion_from_samples(tx, rz)
-        return lambda row: look_up(row + BEYOND)
-
-    # ---- changed into ----------------------------------------------------------------------------------
-
-    def rereferenced(self, reference: Reference) -> Motion:
-        """The same camera motion, with the picture taken at another row's moment.
-
-        Exact: the new GS picture is the old one turned by r_z and moved by t_x of the new reference row m.
-        Substituting p_m = R(r_m) p + t_m in Eq. 1 gives t - t_m, r - r_m and a rotation centre moved by t_m.
-        """
-        row = replace(self, reference=reference).reference_row
-        tx, rz = self.tx_px[row], self.rz_rad[row]
-        shift = self.center_shift_px + float(tx)
-        if not (self.rz_rad - rz).any():  # nothing rotates: the centre does not matter
-            shift = 0.0
-        return replace(self, reference=reference, tx_px=self.tx_px - tx, rz_rad=self.rz_rad - rz, center_shift_px=shift)
-
-    def resized(self, height: int, width: int) -> Motion:
-        """The same motion for the picture scaled to another size: t_x scales with the width, r_z stays.
-
-        Rows are matched at their centres; the first and last slope carry on to the new borders.
-
-        Raises:
-            UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not stay one).
-        """
-        self._check_aspect(height, width)
-        if (height, width) == (self.height, self.width):
-            return self
-        at = (np.arange(height) + 0.5) * (self.height / height) - 0.5
-        known = np.arange(self.height, dtype=np.float64)
-        scale = width / self.width
-        tx, rz = (_interpolate(at, known, a) for a in (self.tx_px * scale, self.rz_rad))
-        moved = replace(self, width=width, tx_px=tx, rz_rad=rz, center_shift_px=self.center_shift_px * scale)
-        return moved.rereferenced(self.reference)
-
-    def scaled(self, strength: float) -> Motion:
-        """Both motions times ``strength``: 0 does nothing, 1 is this motion."""
-        if not 0 <= strength <= 1:
-            raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
-        return replace(
-            self,
-            tx_px=self.tx_px * strength,
-            rz_rad=self.rz_rad * strength,
-            center_shift_px=self.center_shift_px * strength,
-        )
-
-    def smoothed(self, degree: int) -> Motion:
-        """Least-squares polynomials of the given degree over the rows (the paper's trajectory module: 3)."""
-        tx, rz = self._smooth(np.stack([self.tx_px, self.rz_rad]), degree)
-        return replace(self, tx_px=tx, rz_rad=rz)
-
-    def _check_aspect(self, height: int, width: int) -> None:
-        if abs((width / self.width) / (height / self.height) - 1) > 0.02 + 1 / min(height, self.height):
-            raise UnshutterError(
-                f"cannot fit a motion of {self.width}x{self.height} px to {width}x{height} px: "
-                "the aspect ratio differs, it belongs to another photo or readout direction"
-            )
-
-    def _smooth(self, samples: np.ndarray, degree: int) -> np.ndarray:
-        """Samples [K, H] replaced by their least-squares polynomials over the rows."""
-        if not 0 <= degree < self.height:
-            raise UsageError(f"a polynomial over {self.height} rows needs a degree from 0 to {self.height - 1}")
-        coefficients = samples @ geometry.polynomial_projection(self.height, degree, like=samples)
-        u = np.arange(self.height) / max(self.height - 1, 1)
-        return np.stack([geometry.polynomial(c, u) for c in coefficients])
+    def __reduce__(self) -> tuple:  # look-ups that are cached in an object cannot be pickled: they are made anew
+        return _made, (type(self), {field.name: getattr(self, field.name) for field in fields(self)})
 
     # ---- file form -------------------------------------------------------------------------------------
 
     def to_json(self) -> str:
         """The motion as JSON text, format ``unshutter-motion/1`` (docs/conventions)."""
-        from unshutter.motion.motion_file import to_json
-
-        return to_json(self)
+        rows = {name: getattr(self, name) for name in ("height", "reference_row", "tx_px", "rz_rad")}
+        return motion_file.written(self.kind, self.common, rows, self._own_data())
 
     @staticmethod
     def from_json(text: str) -> Motion:
-        """Reads what :meth:`to_json` wrote.
+        """Reads what :meth:`to_json` wrote; the motion is of the kind that was written.
 
         Raises:
             UnshutterError: the text is no motion of this format, or its numbers do not fit together.
         """
-        from unshutter.motion.motion_file import from_json
-
-        return from_json(text)
+        with motion_file.reading():
+            data = motion_file.parsed(text)
+            kind, height = motion_file.kind_of(data), int(data["height"])
+            if kind not in Motion._kinds:
+                raise UnshutterError(f"the motion file is of a kind that this version does not know: '{kind:.40}'")
+            motion = Motion._kinds[kind]._of_data(data, motion_file.common_of(data))
+        if height != motion.height:
+            raise UnshutterError(f"the motion file says height {height} but has {motion.height} rows")
+        return motion
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes :meth:`to_json` to a file, replacing what is there.
@@ -265,7 +224,7 @@ class Motion:
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Motion:
-        """Reads a motion file.
+        """Reads a motion file; the motion is of the kind that was saved.
 
         Raises:
             UnshutterError: the file cannot be read or is no motion.
@@ -281,13 +240,9 @@ class Motion:
             raise UnshutterError(f"{path}: {error}") from None
 
 
-def _interpolate(at: np.ndarray, known_at: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Linear interpolation that carries the first and the last slope on beyond the ends."""
-    inner = np.interp(at, known_at, values)
-    if len(known_at) < 2:
-        return inner
-    first = (values[1] - values[0]) / (known_at[1] - known_at[0])
-    last = (values[-1] - values[-2]) / (known_at[-1] - known_at[-2])
-    before = np.minimum(at - known_at[0], 0.0) * first
-    after = np.maximum(at - known_at[-1], 0.0) * last
-    return inner + before + after
+def _same(one: Any, other: Any) -> bool:
+    return np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
+
+
+def _made(kind: type[Motion], attributes: dict[str, Any]) -> Motion:
+    return kind(**attributes)

@@ -1,84 +1,97 @@
-"""The file form of a Motion: JSON, format ``unshutter-motion/1`` (docs/conventions)."""
+"""The file form of a motion: JSON, format ``unshutter-motion/1`` (docs/conventions). Knows no kind of motion."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.geometry.readout import Readout
-from unshutter.motion.motion import Motion
-from unshutter.motion.rotation_motion import RotationMotion
 
 FORMAT = "unshutter-motion/1"
 
 
-def to_json(motion: Motion) -> str:
-    """The motion as JSON text."""
-    data: dict[str, Any] = {
+def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[str, Any]) -> str:
+    """A motion as JSON text.
+
+    Args:
+        kind: its tag.
+        common: its attributes that all kinds have.
+        rows: height, reference_row, tx_px and rz_rad.
+        own: further keys of its kind.
+    """
+    data = {
         "format": FORMAT,
-        "height": motion.height,
-        "width": motion.width,
-        "readout": str(motion.readout),
-        "reference": motion.reference,
-        "reference_row": motion.reference_row,
-        "tx_px": motion.tx_px.tolist(),
-        "rz_rad": motion.rz_rad.tolist(),
-        "estimator": motion.estimator,
-        "confidence": motion.confidence,
-        "unshutter": motion.version,
+        "kind": kind,
+        "height": rows["height"],
+        "width": common["width"],
+        "readout": str(common["readout"]),
+        "reference": common["reference"],
+        "reference_row": rows["reference_row"],
+        "tx_px": rows["tx_px"].tolist(),
+        "rz_rad": rows["rz_rad"].tolist(),
+        "estimator": common["estimator"],
+        "confidence": common["confidence"],
+        "unshutter": common["version"],
+        **own,
     }
-    if isinstance(motion, RotationMotion):  # what maps positions; t_x and r_z are worked out from it
-        data["rotations_rad"] = motion.rotations.tolist()
-        data["focal_px"] = motion.focal_px
-    if motion.center_shift_px:
-        data["center_shift_px"] = motion.center_shift_px
-    if motion.reason:
-        data["reason"] = motion.reason
+    if common["reason"]:
+        data["reason"] = common["reason"]
     return json.dumps(data)
 
 
-def from_json(text: str) -> Motion:
-    """Reads what :func:`to_json` wrote.
+def parsed(text: str) -> dict[str, Any]:
+    """The keys and values of a motion file; to be read inside :func:`reading`.
 
     Raises:
-        UnshutterError: the text is no motion of this format, or its numbers do not fit together.
+        UnshutterError: it is of another format.
+    """
+    data = json.loads(text)
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise UnshutterError(f'not a motion file: its "format" is not "{FORMAT}"')
+    return data
+
+
+def kind_of(data: dict[str, Any]) -> str:
+    """The tag of the motion's kind; the first files had none."""
+    return str(data.get("kind", "rotations" if "rotations_rad" in data else "rows"))
+
+
+def common_of(data: dict[str, Any]) -> dict[str, Any]:
+    """The attributes that all kinds of motion have."""
+    confidence = data.get("confidence")
+    return {
+        "width": int(data["width"]),
+        "reference": data.get("reference", "first"),
+        "readout": Readout.parse(data.get("readout", "auto")),
+        "estimator": str(data.get("estimator", "given")),
+        "confidence": None if confidence is None else float(confidence),
+        "reason": str(data.get("reason", "")),
+        "version": str(data.get("unshutter", "")),
+    }
+
+
+def numbers(values: Any) -> np.ndarray:
+    """Nested lists of a file as an array; ValueError or TypeError where they are none of numbers."""
+    return np.array(values, dtype=np.float64)
+
+
+@contextmanager
+def reading() -> Iterator[None]:
+    """Whatever is wrong with a stranger's file is told in one line.
+
+    Raises:
+        UnshutterError: instead of what Python and NumPy raise.
     """
     try:
-        data = json.loads(text)
-        if not isinstance(data, dict) or data.get("format") != FORMAT:
-            raise UnshutterError(f'not a motion file: its "format" is not "{FORMAT}"')
-        confidence = data.get("confidence")
-        about: dict[str, Any] = {
-            "width": int(data["width"]),
-            "reference": data.get("reference", "first"),
-            "readout": Readout.parse(data.get("readout", "auto")),
-            "estimator": str(data.get("estimator", "given")),
-            "confidence": None if confidence is None else float(confidence),
-            "reason": str(data.get("reason", "")),
-            "version": str(data.get("unshutter", "")),
-        }
-        tx, rz = (np.array(data[key], dtype=np.float64) for key in ("tx_px", "rz_rad"))
-        if "rotations_rad" in data:
-            rotations = np.array(data["rotations_rad"], dtype=np.float64)
-            motion = RotationMotion(rotations=rotations, focal_px=float(data["focal_px"]), **about)
-            if not (_same(tx, motion.tx_px) and _same(rz, motion.rz_rad)):
-                raise UnshutterError("the motion file contradicts itself: t_x and r_z are not those of its rotations")
-        else:
-            motion = Motion(tx_px=tx, rz_rad=rz, center_shift_px=float(data.get("center_shift_px", 0.0)), **about)
-        height = int(data["height"])
+        yield
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise UnshutterError(f"not a motion file: {error}") from None
     except KeyError as error:
         raise UnshutterError(f"not a motion file: {error} is missing") from None
     except (TypeError, ValueError, OverflowError) as error:
         raise UnshutterError(f"not a usable motion file: {error}") from None
-    if height != motion.height:
-        raise UnshutterError(f"the motion file says height {height} but has {motion.height} rows")
-    return motion
-
-
-def _same(written: np.ndarray, worked_out: np.ndarray) -> bool:
-    return written.shape == worked_out.shape and bool(np.allclose(written, worked_out, rtol=1e-6, atol=1e-6))

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError
 from unshutter.geometry import rotations as rotation_geometry
-from unshutter.motion.motion import BEYOND, Motion, Reference
+from unshutter.motion import checks
+from unshutter.motion.motion import Motion
+from unshutter.motion.motion_file import numbers
+from unshutter.motion.sampling import BEYOND, matching_rows, positions, row_index, slope
+from unshutter.options import Reference
 
 _FARTHEST = np.pi / 2  # rad; at a right angle nothing of the centre's neighbourhood stays in front of the camera
 
 
-@dataclass(frozen=True, eq=False)
-class RotationMotion(Motion):
-    """Rotation of the camera's picture at every row, about all three axes; exact, signs as in rotation_geometry.py.
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class RotationMotion(Motion, kind="rotations"):
+    """Rotation of the camera's picture at every row, about all three axes; exact, signs as in geometry/rotations.py.
 
     ``tx_px`` and ``rz_rad`` are worked out from the rotations and say what they do at the picture's centre: how many
     columns the row's homography moves it, and by how much it turns a line of pixels there. That is all of a motion
@@ -33,30 +38,35 @@ class RotationMotion(Motion):
             is not positive.
     """
 
-    tx_px: np.ndarray = field(init=False)
-    rz_rad: np.ndarray = field(init=False)
-    center_shift_px: float = field(init=False, default=0.0)
-    rotations: np.ndarray = field(kw_only=True)
-    focal_px: float = field(kw_only=True)
+    rotations: np.ndarray
+    focal_px: float
 
-    def __post_init__(self) -> None:
-        rotations = np.array(self.rotations, dtype=np.float64)
+    def _settle(self) -> None:
+        rotations = checks.read_only(self.rotations)
+        object.__setattr__(self, "rotations", rotations)
         if rotations.ndim != 2 or rotations.shape[1] != 3 or len(rotations) < 1:
             raise UnshutterError(f"a motion needs three rotations per row, got an array of shape {rotations.shape}")
-        if not (np.isfinite(rotations).all() and np.isfinite(self.focal_px)):
-            raise UnshutterError("the motion contains values that are not finite numbers")
-        if self.focal_px <= 0:
-            raise UnshutterError(f"the focal length must be positive, got {self.focal_px:g} px")
+        checks.check_turns(rotations)
+        checks.check_focal(self.focal_px)
         if np.linalg.norm(rotations, axis=1).max() >= _FARTHEST:
             raise UnshutterError("the motion turns the camera by 90 degrees or more")
-        rotations.setflags(write=False)
-        matrices = rotation_geometry.rotation_matrix(rotations)
-        object.__setattr__(self, "rotations", rotations)
-        object.__setattr__(self, "tx_px", self.focal_px * matrices[:, 0, 2] / matrices[:, 2, 2])
-        object.__setattr__(self, "rz_rad", np.arctan2(-matrices[:, 0, 1], matrices[:, 1, 1]))
-        super().__post_init__()
 
     # ---- what it says ----------------------------------------------------------------------------------
+
+    @cached_property
+    def tx_px(self) -> np.ndarray:
+        """[H] columns by which each row's rotation moves the picture's centre [px]."""
+        return checks.read_only(self.focal_px * self._matrices[:, 0, 2] / self._matrices[:, 2, 2])
+
+    @cached_property
+    def rz_rad(self) -> np.ndarray:
+        """[H] angle by which each row's rotation turns a line of pixels there [rad]."""
+        return checks.read_only(np.arctan2(-self._matrices[:, 0, 1], self._matrices[:, 1, 1]))
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """(col, row) of the principal point: the picture's centre [px]."""
+        return (self.width - 1) / 2, (self.height - 1) / 2
 
     @property
     def is_zero(self) -> bool:
@@ -65,11 +75,11 @@ class RotationMotion(Motion):
 
     def rs_to_gs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
         """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
-        return rotation_geometry.rotated_rs_to_gs(*_positions(col, row), self._rotation_at, self.focal_px, self.center)
+        return rotation_geometry.rotated_rs_to_gs(*positions(col, row), self._rotation_at, self.focal_px, self.center)
 
     def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
         """GS positions [px] of the readout frame -> RS positions [px] (exact inverse)."""
-        return rotation_geometry.rotated_gs_to_rs(*_positions(col, row), self._rotation_at, self.focal_px, self.center)
+        return rotation_geometry.rotated_gs_to_rs(*positions(col, row), self._rotation_at, self.focal_px, self.center)
 
     def check_unfolded(self) -> None:
         """Passes where every place of the scene was seen by one row only, and all of it in front of the camera.
@@ -86,14 +96,28 @@ class RotationMotion(Motion):
         if speed.max() >= 1:
             raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
         corners = np.array([[sx * reach, sy * self.height / 2, self.focal_px] for sx in (-1, 1) for sy in (-1, 1)])
-        matrices = rotation_geometry.rotation_matrix(self.rotations)
+        matrices = self._matrices
         if min((corners @ m[2]).min() for m in (*matrices, *matrices.transpose(0, 2, 1))) <= 0:
             raise UnshutterError("the motion turns part of the picture behind the camera")
 
+    def rates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Turning [H] [rad per row] and velocity [H, 2] [px per row] of the middle, whose ray is (0, 0, 1).
+
+        It moves by the rates (w_x, w_y, w_z) x (0, 0, 1).
+        """
+        rates = slope(self._matrices) @ self._matrices.transpose(0, 2, 1)
+        wx, wy, wz = rates[:, 2, 1], rates[:, 0, 2], rates[:, 1, 0]
+        return wz, self.focal_px * np.stack([wy, -wx], axis=-1)
+
+    @cached_property
+    def _matrices(self) -> np.ndarray:
+        """[H, 3, 3] rotation matrix of every row."""
+        return rotation_geometry.rotation_matrix(self.rotations)
+
     @cached_property
     def _rotation_at(self) -> rotation_geometry.RowRotation:
-        """The rotation of any row; carried on smoothly past the first and the last, as Motion does."""
-        rotations = _continued(rotation_geometry.rotation_matrix(self.rotations), BEYOND)
+        """The rotation of any row; carried on smoothly past the first and the last, as a RowMotion is."""
+        rotations = _continued(self._matrices, BEYOND)
         look_up = rotation_geometry.row_rotation_from_samples(rotations)
         return lambda row: look_up(row + BEYOND)
 
@@ -104,14 +128,12 @@ class RotationMotion(Motion):
 
         Exact: the new GS picture is the old one turned by R of the new reference row m, so R(row) R(m)^T remains.
         """
-        changed = replace(self, reference=reference)
-        row = changed.reference_row
+        row = row_index(reference, self.height)
         if not self.rotations[row].any():
-            return changed
-        matrices = rotation_geometry.rotation_matrix(self.rotations)
-        rotations = rotation_geometry.rotation_vector(matrices @ matrices[row].T)
+            return replace(self, reference=reference)
+        rotations = rotation_geometry.rotation_vector(self._matrices @ self._matrices[row].T)
         rotations[row] = 0.0
-        return replace(changed, rotations=rotations)
+        return replace(self, reference=reference, rotations=rotations)
 
     def resized(self, height: int, width: int) -> RotationMotion:
         """The same motion for the picture scaled to another size: the focal length scales with the width.
@@ -121,35 +143,37 @@ class RotationMotion(Motion):
         Raises:
             UnshutterError: the aspect ratio changes by more than two per cent.
         """
-        self._check_aspect(height, width)
         if (height, width) == (self.height, self.width):
             return self
-        at = (np.arange(height) + 0.5) * (self.height / height) - 0.5
-        rotations = rotation_geometry.rotation_vector(self._rotation_at(at)[0])
+        checks.check_aspect(self.height, self.width, height, width)
+        rotations = rotation_geometry.rotation_vector(self._rotation_at(matching_rows(self.height, height))[0])
         moved = replace(self, width=width, rotations=rotations, focal_px=self.focal_px * width / self.width)
         return moved.rereferenced(self.reference)
 
     def scaled(self, strength: float) -> RotationMotion:
         """All rotation angles times ``strength``: 0 does nothing, 1 is this motion."""
-        if not 0 <= strength <= 1:
-            raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
+        checks.check_strength(strength)
         return replace(self, rotations=self.rotations * strength)
 
-    def smoothed(self, degree: int) -> RotationMotion:
-        """Least-squares polynomials of the given degree over the rows, of each rotation."""
-        return replace(self, rotations=self._smooth(self.rotations.T, degree).T)
+    # ---- file form -------------------------------------------------------------------------------------
 
+    def _own_data(self) -> dict[str, Any]:
+        return {"rotations_rad": self.rotations.tolist(), "focal_px": self.focal_px}
 
-def _positions(col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Two float64 arrays of one shape."""
-    col, row = np.broadcast_arrays(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
-    return col, row
+    @classmethod
+    def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> RotationMotion:
+        motion = cls(rotations=numbers(data["rotations_rad"]), focal_px=float(data["focal_px"]), **common)
+        for key, worked_out in (("tx_px", motion.tx_px), ("rz_rad", motion.rz_rad)):
+            written = numbers(data[key])
+            if written.shape != worked_out.shape or not np.allclose(written, worked_out, rtol=1e-6, atol=1e-6):
+                raise UnshutterError("the motion file contradicts itself: t_x and r_z are not those of its rotations")
+        return motion
 
 
 def _continued(rotations: np.ndarray, rows: int) -> np.ndarray:
     """Matrices [H, 3, 3] with so many rows more at both ends: the turns from the end, mirrored in time.
 
-    R(-k) = R(0) R(k)^T R(0): the odd reflection that Motion uses, for rotations that do not commute.
+    R(-k) = R(0) R(k)^T R(0): the odd reflection that RowMotion uses, for rotations that do not commute.
     """
     for end in (-1, 1):
         missing = rows

@@ -1,82 +1,122 @@
-"""A motion with the paper's row map, which says which row's motion each pixel of the GS picture is given."""
+"""A row motion with the paper's row map, which says which row's motion each pixel of the GS picture is given."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, final
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
 from unshutter.geometry import rows as geometry
-from unshutter.motion.motion import Motion, Reference
+from unshutter.motion.motion import Motion
+from unshutter.motion.row_map import RowMap
+from unshutter.motion.row_motion import RowMotion
+from unshutter.motion.sampling import positions, row_index
+from unshutter.options import Reference
 
 
-@dataclass(frozen=True, eq=False)
-class RowMapMotion(Motion):
-    """Row motion whose GS -> RS map follows a row map (paper, row block) instead of the exact inverse.
+@final
+@dataclass(frozen=True, eq=False, repr=False)
+class RowMapMotion(Motion, kind="row-map"):
+    """A :class:`RowMotion` whose GS -> RS map follows a row map (paper, row block) instead of the exact inverse.
 
-    ``gs_to_rs`` differs from that of a plain :class:`Motion` by the row map's error; ``rs_to_gs`` is the same. The
-    file form keeps t_x and r_z only.
+    ``gs_to_rs`` differs from that of its ``row_motion`` by the row map's error; everything else is the same.
 
     Attributes:
-        row_residual: [h, w] row map less the pixel's own row [px], over the square from ``corner``.
-        corner: (left, top) of that square in the readout frame [px].
-        side: of that square [px]; beyond it the residual of its border goes on.
-        map_pose: (t_x [px], r_z [rad]) of the GS picture in the frame for which the row map was made.
+        tx_px: [H] t_x of every row [px], positive moves the scene to the right.
+        rz_rad: [H] r_z of every row [rad], positive turns the scene clockwise as seen in the picture.
+        row_map: the row whose motion each GS pixel is given.
+        center_shift_px: see :class:`RowMotion`.
     """
 
-    row_residual: np.ndarray = field(default_factory=lambda: np.zeros((2, 2)))
-    corner: tuple[int, int] = (0, 0)
-    side: int = 2
-    map_pose: tuple[float, float] = (0.0, 0.0)
+    __slots__ = ("rz_rad", "tx_px")  # so that fields can stand for Motion's abstract properties
+
+    tx_px: np.ndarray
+    rz_rad: np.ndarray
+    row_map: RowMap
+    center_shift_px: float = 0.0
+
+    def _settle(self) -> None:
+        object.__setattr__(self, "tx_px", self.row_motion.tx_px)
+        object.__setattr__(self, "rz_rad", self.row_motion.rz_rad)
+
+    @cached_property
+    def row_motion(self) -> RowMotion:
+        """The same motion without its row map."""
+        return RowMotion(tx_px=self.tx_px, rz_rad=self.rz_rad, center_shift_px=self.center_shift_px, **self.common)
+
+    # ---- what it says ----------------------------------------------------------------------------------
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether rectifying with this motion changes nothing: whatever row is looked up, it did not move."""
+        return self.row_motion.is_zero
+
+    def rs_to_gs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+        """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
+        return self.row_motion.rs_to_gs(col, row)
 
     def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
         """GS positions [px] of the readout frame -> RS positions [px], Eq. 1 with the row map's motion."""
-        col, row = np.broadcast_arrays(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
-        middle = ((self.width - 1) / 2, (self.height - 1) / 2)
-        turned, moved = np.float64(self.map_pose[1]), self.map_pose[0]
-        mapped_col, mapped_row = geometry.rs_to_gs(col, row, moved, turned, middle)
-        seen_by = np.clip(mapped_row + self._residual(mapped_col, mapped_row), 0, self.height - 1)
-        tx, rz, _ = self._at(seen_by)
-        return geometry.gs_to_rs_by_row_map(col, row, tx, rz, self.center)
+        col, row = positions(col, row)
+        seen_by = self.row_map.row_at(col, row, ((self.width - 1) / 2, (self.height - 1) / 2))
+        tx, rz, _ = self.row_motion.at(np.clip(seen_by, 0, self.height - 1))
+        return geometry.gs_to_rs_by_row_map(col, row, tx, rz, self.row_motion.center)
+
+    def check_unfolded(self) -> None:
+        """Passes where every place of the scene was seen by one row only.
+
+        Raises:
+            UnshutterError: the motion turns faster than rows are read.
+        """
+        self.row_motion.check_unfolded()
+
+    def rates(self) -> tuple[np.ndarray, np.ndarray]:
+        """Turning [H] [rad per row] and velocity [H, 2] [px per row] of its row motion."""
+        return self.row_motion.rates()
+
+    # ---- changed into ----------------------------------------------------------------------------------
 
     def rereferenced(self, reference: Reference) -> RowMapMotion:
         """The same camera motion, with the picture taken at another row's moment; exact."""
-        row = replace(self, reference=reference).reference_row
-        pose = (self.map_pose[0] + float(self.tx_px[row]), self.map_pose[1] + float(self.rz_rad[row]))
-        return replace(super().rereferenced(reference), map_pose=pose)  # type: ignore[return-value]
+        row = row_index(reference, self.height)
+        row_map = self.row_map.moved(float(self.tx_px[row]), float(self.rz_rad[row]))
+        return self._with(self.row_motion.rereferenced(reference), row_map)
 
-    def resized(self, height: int, width: int) -> Motion:
-        """Its own size only: a row map belongs to one photo.
+    def resized(self, height: int, width: int) -> RowMapMotion:
+        """The same motion for the picture scaled to another size: the row map scales with it.
 
         Raises:
-            UnshutterError: another size.
+            UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not stay one).
         """
-        if (height, width) != (self.height, self.width):
-            raise UnshutterError("a motion with a row map cannot be resized: estimate it for the photo itself")
-        return self
+        if (height, width) == (self.height, self.width):
+            return self
+        row_map = self.row_map.resized(width / self.width, height / self.height)
+        return self._with(self.row_motion.resampled(height, width), row_map).rereferenced(self.reference)
 
     def scaled(self, strength: float) -> RowMapMotion:
-        """Motion and row map times ``strength``."""
-        pose = (self.map_pose[0] * strength, self.map_pose[1] * strength)
-        residual = self.row_residual * strength
-        return replace(super().scaled(strength), row_residual=residual, map_pose=pose)  # type: ignore[return-value]
+        """Motion and row map times ``strength``: 0 does nothing, 1 is this motion."""
+        return self._with(self.row_motion.scaled(strength), self.row_map.scaled(strength))
 
-    def _residual(self, col: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Row map less the row [px], bilinear."""
-        height, width = self.row_residual.shape
-        x = (col - self.corner[0] + 0.5) * (width / self.side) - 0.5
-        y = (row - self.corner[1] + 0.5) * (height / self.side) - 0.5
-        return _bilinear(self.row_residual, np.nan_to_num(x), np.nan_to_num(y))
+    def _with(self, rows: RowMotion, row_map: RowMap) -> RowMapMotion:
+        """Another motion and another map of the same photo."""
+        return RowMapMotion(
+            tx_px=rows.tx_px, rz_rad=rows.rz_rad, center_shift_px=rows.center_shift_px, row_map=row_map, **rows.common
+        )
 
+    # ---- file form -------------------------------------------------------------------------------------
 
-def _bilinear(table: np.ndarray, col: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """Values of a table [h, w] at positions, the border's beyond it."""
-    height, width = table.shape
-    x, y = np.clip(col, 0, width - 1), np.clip(row, 0, height - 1)
-    left, top = (np.minimum(np.floor(p).astype(int), last) for p, last in ((x, width - 2), (y, height - 2)))
-    u, v = x - left, y - top
-    above = table[top, left] * (1 - u) + table[top, left + 1] * u
-    below = table[top + 1, left] * (1 - u) + table[top + 1, left + 1] * u
-    return above * (1 - v) + below * v
+    def _own_data(self) -> dict[str, Any]:
+        return {**self.row_motion._own_data(), "row_map": self.row_map.to_data()}
+
+    @classmethod
+    def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> RowMapMotion:
+        rows = RowMotion._of_data(data, common)
+        return cls(
+            tx_px=rows.tx_px,
+            rz_rad=rows.rz_rad,
+            center_shift_px=rows.center_shift_px,
+            row_map=RowMap.of_data(data["row_map"]),
+            **common,
+        )

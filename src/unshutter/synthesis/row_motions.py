@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
 from unshutter.synthesis.rotation_log import RotationLog
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class DrawnMotion:
         tx, rz = tx_px - tx_px[margin], rz_rad - rz_rad[margin]
         kept = slice(margin, margin + rows)
         about = {"estimator": "drawn", "confidence": 1.0}
-        return cls(Motion(canvas, tx, rz, **about), Motion(rows, tx[kept], rz[kept], **about), parameters)
+        return cls(RowMotion(canvas, tx, rz, **about), RowMotion(rows, tx[kept], rz[kept], **about), parameters)
 
     @property
     def margin(self) -> int:
@@ -73,7 +73,7 @@ class DrawnMotion:
         scale, margin = rows / self.crop.height, (canvas - rows) // 2
         known = (np.arange(self.canvas.height) - self.margin + 0.5) * scale - 0.5 + margin
         tx, rz = self.canvas.tx_px * scale, self.canvas.rz_rad
-        whole = Motion.from_key_rows(known.tolist(), tx.tolist(), rz.tolist(), canvas, canvas)
+        whole = RowMotion.from_key_rows(known.tolist(), tx.tolist(), rz.tolist(), canvas, canvas)
         return DrawnMotion.of_canvas(whole.tx_px, whole.rz_rad, rows, self.parameters)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.estimators.base import View
+from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.curves import RotatedCurves, curve_length, find_curves
 from unshutter.estimators.lines.least_squares import cauchy, minimise, squared
 from unshutter.motion import Motion
@@ -29,10 +29,8 @@ LEAST_SPREAD = 1e-4  # px
 SEED = 0
 
 
-class Lao2018:
+class Lao2018(Estimator):
     """Random samples of four curves, then all that agree."""
-
-    name = "lao2018"
 
     def estimate(self, view: View) -> Motion:
         """Uniform rotation; no motion and a reason where fewer than four curves were found or agree."""
@@ -44,7 +42,7 @@ class Lao2018:
         if velocity is None:
             return view.no_motion(self.name, "fewer than four curves agree on one angular velocity")
         u = (np.arange(view.height) + 0.5) / view.height
-        return view.rotations(u[:, None] * velocity, self.name)
+        return view.rotation_motion(u[:, None] * velocity, self.name)
 
 
 def fit_velocity(curves: np.ndarray, height: int, width: int, focal_px: float) -> np.ndarray | None:

@@ -10,9 +10,8 @@ import math
 import cv2
 import numpy as np
 
-from unshutter.estimators.base import View
+from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.segments import find_segments, in_rows
-from unshutter.estimators.methods.segment_transformer import cubic_motion
 from unshutter.estimators.right_angles.likelihood import Beliefs, ManhattanLikelihood, SecondOpinion
 from unshutter.estimators.right_angles.search import Posterior, explore
 from unshutter.motion import Motion
@@ -29,10 +28,8 @@ WIDEST_ASPECT = 2.5  # beyond it, nothing was measured
 STARTS = [np.eye(6)[k] * size for k, size in ((0, 0.12), (0, -0.12), (3, 0.08), (3, -0.08))]
 
 
-class Manhattan:
+class Manhattan(Estimator):
     """The mean of the posterior under the Manhattan likelihood, over all optima found."""
-
-    name = "manhattan"
 
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
@@ -87,4 +84,4 @@ def motion_of(posterior: Posterior, view: View, estimator: str) -> Motion:
         return view.no_motion(estimator, "the photo shows no right angles")
     if posterior.size > LARGEST:
         return view.no_motion(estimator, "what fits the lines is more motion than hands can do")
-    return cubic_motion(posterior.mean.reshape(2, 3), view, estimator, posterior.confidence)
+    return view.cubic_motion(posterior.mean.reshape(2, 3), estimator, posterior.confidence)

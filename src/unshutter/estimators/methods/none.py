@@ -1,13 +1,11 @@
 """The estimator that leaves photos as they are: the baseline of every table."""
 
-from unshutter.estimators.base import View
+from unshutter.estimators.base import Estimator, View
 from unshutter.motion import Motion
 
 
-class DoNothing:
+class DoNothing(Estimator):
     """Always answers with no motion."""
-
-    name = "none"
 
     def estimate(self, view: View) -> Motion:
         """Zero motion."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from unshutter.estimators.base import View
+from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.least_squares import geman_mcclure, minimise
 from unshutter.estimators.lines.segments import find_segments
 from unshutter.geometry.rotations import rotation_matrix
@@ -30,10 +30,8 @@ CONFIDENCE = 0.999
 SEED = 0
 
 
-class Purkait2017:
+class Purkait2017(Estimator):
     """MSAC over samples of four segments, then a refinement on all that agree."""
-
-    name = "purkait2017"
 
     def estimate(self, view: View) -> Motion:
         """Uniform rotation about z; no motion and a reason below eight segments or 75 % of inliers."""
@@ -52,7 +50,7 @@ class Purkait2017:
         if share < FEWEST_INLIERS:
             return view.no_motion(self.name, f"only {share:.0%} of the segments fit a Manhattan world")
         y = (np.arange(view.height) - (view.height - 1) / 2) / view.focal_px()
-        return view.rotations(np.stack([0 * y, 0 * y, -rate * y], axis=1), self.name)
+        return view.rotation_motion(np.stack([0 * y, 0 * y, -rate * y], axis=1), self.name)
 
 
 def fit_rate(segments: np.ndarray) -> tuple[float, float] | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.estimators.base import View
+from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.curves import RotatedCurves, curve_length, find_curves, principal_lines
 from unshutter.estimators.lines.least_squares import cauchy, geman_mcclure, minimise
 from unshutter.motion import Motion
@@ -33,10 +33,8 @@ LENGTH_SIGMA = 0.01  # with this scale
 MOTION_SIGMAS = np.array([0.005, 0.15, 0.1])  # rad; of the coefficients about x (which curves hardly show), y and z
 
 
-class Rengarajan2016:
+class Rengarajan2016(Estimator):
     """Minimises line cost + angle cost + length cost, the Lagrangian form of the method's constrained problem."""
-
-    name = "rengarajan2016"
 
     def estimate(self, view: View) -> Motion:
         """Polynomial rotations; no motion and a reason where too few curves were found."""
@@ -48,7 +46,7 @@ class Rengarajan2016:
         if found is None:
             return view.no_motion(self.name, "none of the curves is near-vertical or near-horizontal")
         u = (np.arange(view.height) + 0.5) / view.height
-        return view.rotations(polynomial_rotations(found, u), self.name)
+        return view.rotation_motion(polynomial_rotations(found, u), self.name)
 
 
 def polynomial_rotations(coefficients: np.ndarray, u: np.ndarray) -> np.ndarray:

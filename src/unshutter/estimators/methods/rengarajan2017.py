@@ -5,33 +5,29 @@ Trained by ``unshutter.learn``; its weights are too large to be shipped (40 MB a
 
 from __future__ import annotations
 
-import os
+from pathlib import Path
 
 import numpy as np
 
-from unshutter.estimators.base import View
-from unshutter.estimators.methods.kandula2020 import SIZE, motion_of_square, square
+from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.onnx import open_network
+from unshutter.estimators.register import Method
+from unshutter.estimators.square import SIZE, motion_of_square, square_of
 from unshutter.motion import Motion
 
 KEY_ROWS = np.arange(0, SIZE, 18)
 
 
-class Rengarajan2017:
-    """Runs the exported network.
+class Rengarajan2017(Estimator):
+    """Runs the exported network."""
 
-    Args:
-        weights: path of an exported network; by default the one in the package.
-    """
-
-    name = "rengarajan2017"
-
-    def __init__(self, weights: str | os.PathLike[str] | None = None):
-        self._session = open_network(self.name, ["rs"], "key_rows", weights)
+    def __init__(self, method: Method, weights: Path | None = None):
+        super().__init__(method, weights)
+        self._session = open_network(self.name, weights, ["rs"], "key_rows")
 
     def estimate(self, view: View) -> Motion:
         """Quadratic t_x and r_z through the key rows, first row as the reference."""
-        (answer,) = self._session.run(None, {"rs": square(view)})
+        (answer,) = self._session.run(None, {"rs": square_of(view)})
         key_rows = np.asarray(answer, dtype=np.float64)[0]
         motion = motion_of_square(view, KEY_ROWS, key_rows, self.name, degree=2)
         return motion.rereferenced("first")

@@ -1,20 +1,21 @@
 """segment-manhattan: segment-transformer's answer and the Manhattan likelihood, weighed against each other.
 
-The network (segment_transformer.py) knows curvature well and shear poorly; right angles tell of the shear, where
+The network (segment_network.py) knows curvature well and shear poorly; right angles tell of the shear, where
 there are any. So its answer enters the likelihood as one more observation, with the covariance of its errors.
 """
 
 from __future__ import annotations
 
-import os
+from pathlib import Path
 
 import numpy as np
 
-from unshutter.estimators.base import View
+from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.methods.manhattan import STARTS, likelihood_of, motion_of, segments_of, unusable
-from unshutter.estimators.methods.segment_transformer import SegmentTransformer
+from unshutter.estimators.register import Method
 from unshutter.estimators.right_angles.likelihood import SecondOpinion
 from unshutter.estimators.right_angles.search import displacement, explore
+from unshutter.estimators.segment_network import SegmentNetwork
 from unshutter.motion import Motion
 
 # Errors of the network's coefficients (t_x [rows], then r_z [rad]) on photos set aside for this (docs/own-model.md):
@@ -30,27 +31,21 @@ _CORRELATION = np.array(
         [0.19, -0.20, 0.14, -0.03, -0.28, 1.00],
     ]
 )
-WEIGHTS = SegmentTransformer.name  # the package's, which it runs on
 _SEEN_TILTS = (-15.0, 50.0)  # degrees: the network knows no others
 _USUAL = 25 / 256  # rows of displacement; the larger the network's answer, the less it is trusted
 
 
-class SegmentManhattan:
-    """The posterior's mean with the network's answer weighed in.
+class SegmentManhattan(Estimator):
+    """The posterior's mean with the network's answer weighed in."""
 
-    Args:
-        weights: path of an exported network; by default the one in the package.
-    """
-
-    name = "segment-manhattan"
-
-    def __init__(self, weights: str | os.PathLike[str] | None = None):
-        self._network = SegmentTransformer(weights)
+    def __init__(self, method: Method, weights: Path | None = None):
+        super().__init__(method, weights)
+        self._network = SegmentNetwork(weights)
         self._precision = np.linalg.inv(_CORRELATION * np.outer(_SPREAD, _SPREAD))
 
     def prepare(self) -> None:
-        """Opens the network; the first estimate waits for it."""
-        self._network.prepare()
+        """Opens the network."""
+        self._network.open()
 
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z; no motion and a reason where there are too few segments."""

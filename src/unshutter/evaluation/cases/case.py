@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators import Estimator, View
+from unshutter.estimators.base import Estimator, View
 from unshutter.evaluation.metrics import psnr, ssim
 from unshutter.motion import Motion
 from unshutter.photo import Photo

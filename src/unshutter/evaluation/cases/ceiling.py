@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.motion import Motion, Reference
+from unshutter.motion import Motion, RowMotion
+from unshutter.options import Reference
 
 _SHORT_SIDES = (48, 96, 192, 384)  # of the pyramid [px]; 768 gains less than 0.05 dB
 _SHEARS = np.linspace(-0.12, 0.12, 13)  # tried first [rows over the whole readout]
@@ -50,7 +51,7 @@ def cubic_motion(theta: np.ndarray, height: int, width: int, reference: Referenc
     Cubic seen from the first row, as estimators answer, then taken over to the reference row.
     """
     tx, rz = [0, *(theta[:3] * height)], [0, *theta[3:]]
-    return Motion.from_polynomials(tx, rz, height, width, estimator="ceiling").rereferenced(reference)
+    return RowMotion.from_polynomials(tx, rz, height, width, estimator="ceiling").rereferenced(reference)
 
 
 class _Level:

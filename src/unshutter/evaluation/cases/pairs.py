@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators import View
+from unshutter.estimators.base import View
 from unshutter.evaluation.cases.case import (
     NOTHING,
     Answer,
@@ -22,7 +22,7 @@ from unshutter.evaluation.cases.case import (
 )
 from unshutter.evaluation.cases.ceiling import fit_to_pair
 from unshutter.evaluation.cases.folders import Frame
-from unshutter.motion import Reference
+from unshutter.options import Reference
 from unshutter.photo import Photo
 
 CEILING = "ceiling"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.estimators import Estimator, View
+from unshutter.estimators.base import Estimator, View
 from unshutter.evaluation.cases.case import (
     NOTHING,
     Answer,
@@ -26,7 +26,8 @@ from unshutter.evaluation.cases.case import (
 )
 from unshutter.evaluation.cases.disturbances import DISTURBANCES
 from unshutter.evaluation.metrics import UNIT_ROWS, motion_error
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
+from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.synthesis.pairs import synthesize, synthesize_native
 from unshutter.synthesis.rotation_log import RotationLog
@@ -108,7 +109,7 @@ class SyntheticCase:
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
         """One record for each estimator."""
         exam = self._exam()
-        nothing = motion_error(Motion.zero(exam.truth.height, exam.truth.width), exam.truth)
+        nothing = motion_error(RowMotion.zero(exam.truth.height, exam.truth.width), exam.truth)
         oracle = rectified(exam.photo, exam.truth) if self._of_pictures else None
         records = []
         for name in names:
@@ -126,7 +127,7 @@ class SyntheticCase:
         exam = self._exam()
         curves = {name: exam.ask(loaded(name)).motion for name in names}
         errors = {name: motion_error(motion, exam.truth).epe for name, motion in curves.items()}
-        nothing = motion_error(Motion.zero(exam.truth.height, exam.truth.width), exam.truth).epe
+        nothing = motion_error(RowMotion.zero(exam.truth.height, exam.truth.width), exam.truth).epe
         pictures = [(f"input {nothing:.1f} px", in_8_bits(exam.photo))]
         for name in names:
             if name != NOTHING:
@@ -157,13 +158,13 @@ class SyntheticCase:
         else:
             (rs, gs), truth = synthesize(pixels, drawn), drawn.crop
         if self.suite.still:
-            rs, truth = gs, Motion.zero(*gs.shape[:2])
+            rs, truth = gs, RowMotion.zero(*gs.shape[:2])
         if self.suite.disturbance:
             rs = DISTURBANCES[self.suite.disturbance](rs, rng)
         photo = replace(Photo.from_array(rs), orientation=self.suite.orientation)
         focal *= len(gs) / kept
-        told = {"given_focal_px": focal} if known else {"guessed_focal_px": focal}
-        return _Exam(View(photo, **told), gs, truth)
+        view = View(photo, Camera(focal_px=focal)) if known else View(photo, guessed_focal_px=focal)
+        return _Exam(view, gs, truth)
 
     def _drawn(self, rng: np.random.Generator) -> DrawnMotion:
         rows = self.suite.rows or UNIT_ROWS

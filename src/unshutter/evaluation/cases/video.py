@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unshutter.estimators import View
+from unshutter.estimators.base import View
 from unshutter.evaluation.cases.case import NOTHING, Answer, Example, Loaded, Record, ask, in_8_bits, rectified
 from unshutter.evaluation.cases.folders import Frame
-from unshutter.motion import Motion, Reference
+from unshutter.motion import RowMotion
+from unshutter.options import Reference
 from unshutter.photo import Photo
 
 TRUTH = "true global shutter"
@@ -74,7 +75,7 @@ class VideoCase:
 
     def _seen(self, name: str, photos: list[Photo], loaded: Loaded):
         if name == TRUTH:
-            nothing = Answer(Motion.zero(photos[0].height, photos[0].width))
+            nothing = Answer(RowMotion.zero(photos[0].height, photos[0].width))
             return [nothing], [_as_it_is(Photo.open(frame.gs[_REFERENCE])) for frame in self.frames]
         answers = [ask(loaded(name), View(photo)) for photo in photos]
         motions = [answer.motion.rereferenced(_REFERENCE) for answer in answers]

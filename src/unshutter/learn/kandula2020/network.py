@@ -218,7 +218,7 @@ def _warp(picture: Tensor, valid: Tensor, col: Tensor, row: Tensor) -> tuple[Ten
     return values * mask, mask
 
 
-def _motion_at(motion: Tensor) -> geometry.RowMotion:
+def _motion_at(motion: Tensor) -> geometry.MotionAtRow:
     """Row motion of a batch by linear interpolation of its samples [B, 2, r], for rows [B, h, w]."""
     last = motion.shape[-1] - 1
 

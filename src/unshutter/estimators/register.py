@@ -1,0 +1,203 @@
+"""Which methods there are, known without importing them: a photo is being decoded before that.
+
+A package of your own can add a method: its entry point in the group ``unshutter.estimators`` names a :class:`Method`::
+
+    [project.entry-points."unshutter.estimators"]
+    tilted = "my_package:TILTED"
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.options import DEFAULT_ESTIMATOR
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
+
+    from unshutter.estimators.base import Estimator
+
+_GROUP = "unshutter.estimators"
+_WEIGHTS = Path(__file__).parents[1] / "weights"  # importlib.resources says the same, but takes 10 ms to import
+
+
+@dataclass(frozen=True)
+class Method:
+    """One method, as it is known without importing it.
+
+    Attributes:
+        name: by which it is asked for.
+        summary: one line for ``unshutter models``.
+        home: ``module:class`` of its :class:`Estimator`.
+        grey_px: short side of the grey copy that it asks the photo for [px], so that decoding can start before the
+            method is imported; None: it asks for none.
+        weights: stem of the file in ``unshutter/weights`` that it runs on; None: no such file.
+        takes_weights: whether NAME@FILE runs it with weights of the user's own.
+        ships: whether it runs without such; False: NAME@FILE only.
+    """
+
+    name: str
+    summary: str
+    home: str
+    grey_px: int | None = None
+    weights: str | None = None
+    takes_weights: bool = False
+    ships: bool = True
+
+    @property
+    def weights_path(self) -> Path | None:
+        """The package's own weights, where it runs on some."""
+        return None if self.weights is None else _WEIGHTS / f"{self.weights}.onnx"
+
+
+METHODS = (
+    Method(
+        "segment-transformer",
+        "line segments of the photo -> a small transformer (ONNX) -> row motion",
+        "unshutter.estimators.methods.segment_transformer:SegmentTransformer",
+        grey_px=512,
+        weights="segment-transformer",
+        takes_weights=True,
+    ),
+    Method(
+        "kandula2020",
+        "the paper's network (ONNX) on a square of 256 px -> row motion, and the row map of its row block",
+        "unshutter.estimators.methods.kandula2020:Kandula2020",
+        weights="kandula2020",
+        takes_weights=True,
+    ),
+    Method(
+        "rengarajan2016",
+        "curves that were straight lines -> polynomial rotations about three axes",
+        "unshutter.estimators.methods.rengarajan2016:Rengarajan2016",
+        grey_px=512,
+    ),
+    Method(
+        "purkait2017",
+        "segments of a Manhattan world -> one rate of rotation about the viewing direction",
+        "unshutter.estimators.methods.purkait2017:Purkait2017",
+        grey_px=512,
+    ),
+    Method(
+        "lao2018",
+        "curves that were straight lines -> one angular velocity for the whole picture",
+        "unshutter.estimators.methods.lao2018:Lao2018",
+        grey_px=512,
+    ),
+    Method(
+        "segment-manhattan",
+        "segment-transformer's answer and the Manhattan likelihood, weighed against each other",
+        "unshutter.estimators.methods.segment_manhattan:SegmentManhattan",
+        grey_px=768,
+        weights="segment-transformer",
+        takes_weights=True,
+    ),
+    Method(
+        "manhattan",
+        "line segments -> motion, camera and focal length that make them straight and square; no learning",
+        "unshutter.estimators.methods.manhattan:Manhattan",
+        grey_px=768,
+    ),
+    Method(
+        "none",
+        "leaves photos as they are: the baseline of every table",
+        "unshutter.estimators.methods.none:DoNothing",
+    ),
+    Method(
+        "rengarajan2017",
+        "the predecessor's network (ONNX) on a square of 256 px -> motion at 15 key rows -> quadratic",
+        "unshutter.estimators.methods.rengarajan2017:Rengarajan2017",
+        takes_weights=True,
+        ships=False,
+    ),
+)
+
+
+def names() -> list[str]:
+    """The methods that run without weights of the user's own: the package's, then those of installed packages."""
+    built_in = [known.name for known in METHODS if known.ships]
+    return built_in + sorted(_installed().names - {known.name for known in METHODS})
+
+
+def method(name: str) -> Method:
+    """The method of that name; one of the package's comes before an installed one.
+
+    Raises:
+        UsageError: there is none.
+        UnshutterError: the installed package that has it is broken.
+    """
+    for known in METHODS:
+        if known.name == name:
+            return known
+    for entry in _installed().select(name=name):
+        try:
+            found = entry.load()
+        except Exception as error:  # whatever somebody else's module does while it is imported
+            raise UnshutterError(f"cannot load the installed estimator '{name}': {_one_line(error)}") from None
+        if not isinstance(found, Method) or found.name != name:
+            raise UnshutterError(f"cannot load the installed estimator '{name}': {entry.value} is no Method so named")
+        return found
+    raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(names())}")
+
+
+def check_name(name: str) -> None:
+    """Passes for the name of a method, or NAME@FILE.
+
+    Raises:
+        UsageError: no method has this name, or it has no weights, or could have none.
+        UnshutterError: the installed package that has it is broken.
+    """
+    own, _, weights = name.partition("@")
+    found = method(own)
+    if not found.ships and not weights:
+        raise UsageError(f"no weights of {own} are shipped: train it (docs/training) and say {own}@FILE.onnx")
+    if weights and not found.takes_weights:
+        raise UsageError(f"estimator '{own}' has no weights that could be others: leave out @{weights}")
+
+
+@lru_cache(maxsize=4)
+def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
+    """The estimator of that name, ready to be used for any number of photos; built once per process.
+
+    Args:
+        name: of a method (:func:`names`); NAME@FILE runs it with the weights (ONNX) in a file, say of a network of
+            your own.
+
+    Raises:
+        UsageError: no method has this name, or it takes no weights.
+        UnshutterError: the weights cannot be used.
+    """
+    check_name(name)
+    own, _, weights = name.partition("@")
+    if weights and not Path(weights).is_file():
+        raise UnshutterError(f"cannot read weights {weights}: no such file")
+    found = method(own)
+    estimator = _class_of(found)(found, Path(weights) if weights else found.weights_path)
+    if weights:
+        estimator.prepare()  # what is wrong with the file is told here
+    return estimator
+
+
+def _class_of(found: Method) -> type[Estimator]:
+    from unshutter.estimators.base import Estimator  # not above: it imports NumPy
+
+    module, _, name = found.home.partition(":")
+    kind = getattr(import_module(module), name, None)
+    if not (isinstance(kind, type) and issubclass(kind, Estimator)):
+        raise UnshutterError(f"cannot load estimator '{found.name}': {found.home} is no Estimator")
+    return kind
+
+
+def _installed() -> EntryPoints:
+    from importlib.metadata import entry_points  # not above: it is slow, and rarely needed
+
+    return entry_points(group=_GROUP)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())

@@ -1,0 +1,61 @@
+"""The small transformer (ONNX) that turns line segments into a row motion: segment-transformer's, which others ask too.
+
+Trained by ``unshutter.learn`` on drawn scenes; the card beside the weights says how.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from threading import Lock
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.estimators.onnx import open_network
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
+
+MOST_SEGMENTS = 320  # it was trained on no more; the longest are kept
+FEWEST_SEGMENTS = 8  # below this a photo does not say how the camera moved
+WIDEST_ASPECT = 2.5  # of a photo; a little beyond what the network was trained on
+
+
+class SegmentNetwork:
+    """The exported network, opened when it is first needed; may be asked by several threads at once.
+
+    Args:
+        weights: the exported network.
+    """
+
+    def __init__(self, weights: Path | None):
+        self._weights = weights
+        self._session: InferenceSession | None = None
+        self._opening = Lock()
+
+    def open(self) -> InferenceSession:
+        """The network, opened unless it is open.
+
+        Raises:
+            UnshutterError: the file holds no network of this kind.
+        """
+        with self._opening:
+            if self._session is None:
+                inputs, answer = ["tokens", "mask"], "coefficients"
+                self._session = open_network("segment-transformer", self._weights, inputs, answer, opens_fast=True)
+            return self._session
+
+    def coefficients(self, segments: np.ndarray, up: tuple[int, int] = (0, -1)) -> np.ndarray:
+        """Runs the network.
+
+        Args:
+            segments: [N, 4] end points in centred units of rows (lines/segments.py).
+            up: unit vector (right, down) to the scene's top.
+
+        Returns:
+            [2, 3] coefficients of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
+        """
+        tokens = np.concatenate([segments, np.broadcast_to(np.asarray(up), (len(segments), 2))], axis=1)
+        mask = np.ones((1, len(tokens)), dtype=bool)
+        (answer,) = self.open().run(None, {"tokens": tokens[None].astype(np.float32), "mask": mask})
+        return np.asarray(answer, dtype=np.float64)[0]

@@ -1,0 +1,50 @@
+"""Values that are known once per row: found between rows, beyond them, and at the rows of another size."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unshutter.errors import UsageError
+from unshutter.options import Reference
+
+BEYOND = 128  # rows past the first and the last on which a motion goes on smoothly
+
+
+def row_index(reference: Reference, height: int) -> int:
+    """Index of a reference row.
+
+    Raises:
+        UsageError: there is none of that name.
+    """
+    rows = {"first": 0, "middle": height // 2, "last": height - 1}
+    if reference not in rows:
+        raise UsageError(f"unknown reference row '{reference}': choose first, middle or last")
+    return rows[reference]
+
+
+def matching_rows(height: int, new_height: int) -> np.ndarray:
+    """[new_height] where the rows of a picture scaled to ``new_height`` lie in the one of ``height``, by centres."""
+    return (np.arange(new_height) + 0.5) * (height / new_height) - 0.5
+
+
+def interpolated(at: np.ndarray, known_at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Linear interpolation that carries the first and the last slope on beyond the ends."""
+    inner = np.interp(at, known_at, values)
+    if len(known_at) < 2:
+        return inner
+    first = (values[1] - values[0]) / (known_at[1] - known_at[0])
+    last = (values[-1] - values[-2]) / (known_at[-1] - known_at[-2])
+    before = np.minimum(at - known_at[0], 0.0) * first
+    after = np.maximum(at - known_at[-1], 0.0) * last
+    return inner + before + after
+
+
+def slope(values: np.ndarray) -> np.ndarray:
+    """Change per row of values [H, ...], of at least two rows."""
+    return np.gradient(values, axis=0, edge_order=2 if len(values) > 2 else 1)
+
+
+def positions(col: object, row: object) -> tuple[np.ndarray, np.ndarray]:
+    """Two float64 arrays of one shape."""
+    col, row = np.broadcast_arrays(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
+    return col, row
