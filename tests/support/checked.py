@@ -23,6 +23,12 @@ CHECKED = {
     "unshutter.estimators.lines.segments",
     "unshutter.geometry.rotations",
     "unshutter.geometry.rows",
+    "unshutter.motion.motion",
+    "unshutter.motion.rotation_motion",
+    "unshutter.motion.row_map_motion",
+    "unshutter.motion.row_motion",
+    "unshutter.motion.sampling",
+    "unshutter.motion.speed",
     "unshutter.synthesis.row_motions",
     "unshutter.warp.grid",
     "unshutter.warp.pixels",
@@ -85,8 +91,10 @@ def _function(value: typing.Any) -> typing.Any:
 
 
 def _states_shapes(value: typing.Any) -> bool:
-    hints = typing.get_type_hints(_function(value), include_extras=True)  # fails where jaxtyped would pass over a name
-    return any(map(_is_array, hints.values()))
+    """Whether an annotation does; a name in it that is unknown, which jaxtyped would pass over, is an error."""
+    function = _function(value)
+    quoting = [hint for hint in function.__annotations__.values() if "'" in str(hint)]
+    return any(_is_array(eval(hint, function.__globals__)) for hint in quoting)
 
 
 def _arrays_only(function: Callable) -> Callable:

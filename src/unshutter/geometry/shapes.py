@@ -15,6 +15,8 @@ Nothing else imports this module: jaxtyping is not needed to use the package.
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from typing import Annotated as Bool
     from typing import Annotated as Float
@@ -23,7 +25,11 @@ if TYPE_CHECKING:
     from typing import Annotated as Real
     from typing import Annotated as UInt
     from typing import Annotated as UInt8
+
+    Numbers = np.ndarray
 else:
     from jaxtyping import Bool, Float, Float32, Float64, Real, UInt, UInt8
 
-__all__ = ["Bool", "Float", "Float32", "Float64", "Real", "UInt", "UInt8"]
+    Numbers = np.ndarray | np.float64  # NumPy gives a number where an array would have no dimensions
+
+__all__ = ["Bool", "Float", "Float32", "Float64", "Numbers", "Real", "UInt", "UInt8"]

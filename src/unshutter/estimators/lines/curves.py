@@ -16,7 +16,7 @@ from unshutter.estimators.lines.segments import find_segments
 from unshutter.geometry.rotations import rotate_position, rotation_matrix
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float, UInt8
+    from unshutter.geometry.shapes import Float, Numbers, UInt8
 
 POINTS = 10  # per curve
 _MOST_SEGMENTS = 600  # the longest are looked at
@@ -49,7 +49,7 @@ def find_curves(grey: UInt8[np.ndarray, "height width"], shortest: float) -> Flo
     return np.stack([curves[i] for i in order]) if order else np.zeros((0, POINTS, 2))
 
 
-def curve_length(points: Float[np.ndarray, "*curves points 2"]) -> Float[np.ndarray | np.float64, "*curves"]:
+def curve_length(points: Float[np.ndarray, "*curves points 2"]) -> Float[Numbers, "*curves"]:
     """Distance between the ends of curves [..., K, 2] -> [...]."""
     return np.linalg.norm(points[..., -1, :] - points[..., 0, :], axis=-1)
 
