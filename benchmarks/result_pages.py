@@ -25,10 +25,17 @@ READING = "reading.md"  # written by hand, kept
 KEPT = [READING, "paper-networks-reading.md", "paper-networks.md"]  # the last by paper_networks.py
 SCORES = Path("src/unshutter/weights/scores.json")  # what ``unshutter models`` prints
 SHEETS = "examples"  # the only run whose pictures may be shown: the photo is in the public domain
-# runs without a page of their own, or with another title
-TITLES = {"others": "Photos that are not of buildings"}
-ABOUT = {
-    "others": "Sample photos of scikit-image as they are: every motion found is wrong.",
+# pages that say more than their protocol can: run -> (title, description)
+TITLES = {
+    "others": (
+        "Photos that are not of buildings",
+        "Sample photos of scikit-image as they are: every motion found is wrong.",
+    ),
+    "pairs": (
+        "Real pairs",
+        "Rolling-shutter frames and what a global shutter saw at the moment of their first or middle row. The ceiling "
+        "is the best cubic t_x and r_z, fitted to both pictures.",
+    ),
 }
 # of the paper's comparison, with the reason should one be missing
 PAPER = ["kandula2020", "rengarajan2017", "rengarajan2016", "purkait2017", "lao2018"]
@@ -77,7 +84,8 @@ def _page(name: str, results: Results, docs: Path) -> str:
     text = page(results, draw_plots(results, docs, f"{name}-"), [])
     if name in TITLES:
         _, _, rest = text.split("\n\n", 2)
-        text = f"# {TITLES[name]}\n\n{ABOUT[name]}\n\n{rest}"
+        title, description = TITLES[name]
+        text = f"# {title}\n\n{description}\n\n{rest}"
     return text + "\n[All results](index.md)\n"
 
 
@@ -104,15 +112,17 @@ def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs
 
 
 def _intro(runs: dict[str, Results]) -> str:
-    about = next(iter(runs.values())).about
+    environment = next(iter(runs.values())).environment
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
     ).stdout.strip()
-    versions = ", ".join(f"{name} {version}" for name, version in about.items() if name not in ("code", "machine"))
+    versions = ", ".join(
+        f"{name} {version}" for name, version in environment.items() if name not in ("code", "machine")
+    )
     return (
         "Every figure here is measured by `make results DATA=...` and written by it; nothing is typed. The photos are "
         "ones that nothing was trained on and are not part of the repository.\n\n"
-        f"Commit {commit} (code {about.get('code', '?')}), {about.get('machine', '?')}, {versions}."
+        f"Commit {commit} (code {environment.get('code', '?')}), {environment.get('machine', '?')}, {versions}."
     )
 
 
@@ -135,8 +145,8 @@ def _overview(runs: dict[str, Results]) -> str:
     for estimator in names:
         cells = []
         for _, _, figures, column in columns:
-            rivals = [figures[n] for n in names if n in figures]
-            cells.append(marked(figures[estimator], rivals, column) if estimator in figures else "–")
+            others = [figures[n] for n in names if n in figures]
+            cells.append(marked(figures[estimator], others, column) if estimator in figures else "–")
         lines.append(f"| {estimator} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

@@ -12,7 +12,8 @@ from unshutter.version import __version__
 
 if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator, View
-    from unshutter.estimators.register import Method, load
+    from unshutter.estimators.method import Method
+    from unshutter.estimators.register import load
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.rectification import Rectified, estimate, rectify
@@ -37,7 +38,7 @@ __all__ = [
 
 _HOMES = {
     "Estimator": "estimators.base",
-    "Method": "estimators.register",
+    "Method": "estimators.method",
     "Motion": "motion",
     "Readout": "geometry.readout",
     "Rectified": "rectification",

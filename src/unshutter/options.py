@@ -21,7 +21,6 @@ DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
-ReadoutWord = Literal["auto", "top-to-bottom", "bottom-to-top", "left-to-right", "right-to-left"]
 Reference = Literal["first", "middle", "last"]
 Edges = Literal["keep", "crop", "fill"]
 PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
@@ -47,8 +46,10 @@ class Camera:
         UsageError: an unknown direction, a focal length that is not positive, an angle out of range.
     """
 
-    readout: ReadoutWord = option(
-        "auto", "Direction in which the sensor was read, if an editor has turned the file. Default: top-to-bottom."
+    readout: str = option(
+        "auto",
+        "Direction in which the sensor was read, if an editor has turned the file. Default: top-to-bottom.",
+        choices=("auto", *Readout),
     )
     focal_px: float | None = option(
         None,
@@ -72,10 +73,10 @@ class Camera:
         """The readout direction, ``auto`` resolved."""
         return Readout.parse(self.readout)
 
-    @property
-    def says_nothing(self) -> bool:
-        """Whether focal length, roll and tilt are all left open."""
-        return self.focal_px is None and self.roll_deg is None and self.tilt_deg is None
+    def check_unused(self) -> None:
+        """Raises UsageError where focal length, roll or tilt are given although no motion is to be found."""
+        if not (self.focal_px is self.roll_deg is self.tilt_deg is None):
+            raise UsageError("focal length, roll and tilt are for finding a motion: leave them out when it is given")
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,30 @@ class Save:
 
 
 @dataclass(frozen=True)
+class Rectify:
+    """What is done to a photo: its motion found or given, undone, and the picture written.
+
+    Attributes:
+        find: how the motion is found.
+        motion: motion file to undo instead; None: the motion is found.
+        undo: how it is undone.
+        save: how the picture is written.
+
+    Raises:
+        UsageError: a motion, and beside it a focal length, roll or tilt, which only serve to find one.
+    """
+
+    find: Find = field(default_factory=Find)
+    motion: Path | None = None
+    undo: Undo = field(default_factory=Undo)
+    save: Save = field(default_factory=Save)
+
+    def __post_init__(self) -> None:
+        if self.motion is not None:
+            self.find.camera.check_unused()
+
+
+@dataclass(frozen=True)
 class Run:
     """How a command works through its photos, which changes nothing about its results.
 
@@ -184,3 +209,27 @@ class Run:
             raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
         if self.jobs is not None and self.scheduler is not None:
             raise UsageError("--jobs is for this machine, --scheduler for a cluster: choose one of them")
+
+
+@dataclass(frozen=True)
+class Synthesize:
+    """How rolling-shutter pictures are made from undistorted photos.
+
+    Attributes: see ``unshutter.synthesis.pairs.synthesize_folder``, which also checks them.
+    """
+
+    per_photo: int = option(1, "Pictures made from each photo. Default: 1.")
+    seed: int = option(0, "Same seed, same pictures. Default: 0.")
+    motion: Literal["quadratic", "trajectory"] = option(
+        "quadratic",
+        "quadratic: the random motions of Rengarajan 2017. trajectory: windows of a recorded camera motion.",
+    )
+    trajectory: Path | None = option(
+        None, "NPZ file with t_s and gyro_rad_s, or t_s, position_m and quaternion_wxyz.", metavar="FILE"
+    )
+    readout_ms: float | None = option(None, "Time from the first to the last row, for trajectories.", metavar="MS")
+    focal_px: float | None = option(None, "Focal length in px of the finished picture, for trajectories.", metavar="PX")
+    size: int = option(256, "Side of the finished pictures in px. Default: 256.", metavar="PX")
+    canvas: int = option(
+        356, "Side of the picture that is distorted before its middle is cut out, in px. Default: 356.", metavar="PX"
+    )

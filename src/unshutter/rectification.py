@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.register import load
-from unshutter.geometry.readout import Readout
+from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
-from unshutter.options import DEFAULT_ESTIMATOR, Camera, ReadoutWord, Reference
+from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Reference, Subsampling, Undo
 from unshutter.photo import Photo
 
 if TYPE_CHECKING:
     import numpy as np
-
-    from unshutter.photo.codecs import Subsampling
-    from unshutter.warp.pixels import Edges
 
 SMALLEST_SIDE = 64  # px
 
@@ -39,7 +35,10 @@ class Rectified:
 
     @property
     def pixels(self) -> np.ndarray:
-        """[H, W] or [H, W, bands], uint8 or uint16, as stored."""
+        """The picture as an array, stored orientation: [H, W] for grey, else [H, W, bands]; uint8 or uint16.
+
+        It is ``photo.to_array()``; ``photo.pixels`` always has three axes.
+        """
         return self.photo.to_array()
 
     @property
@@ -65,11 +64,14 @@ class Rectified:
         self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
 
 
+# ---- for users ------------------------------------------------------------------------------------------
+
+
 def estimate(
     photo: str | os.PathLike[str] | bytes | np.ndarray | Photo,
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
-    readout: str | Readout = "auto",
+    readout: str = "auto",
     reference: Reference = "first",
     focal_px: float | None = None,
     roll_deg: float | None = None,
@@ -84,7 +86,7 @@ def estimate(
         reference: row at whose moment the global-shutter picture is taken: first, middle or last.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
-        tilt_deg: how far it looked up (-90: straight down), likewise.
+        tilt_deg: how far it looked up (-90: straight down), where known, for methods that use it.
 
     Returns:
         The motion for the photo's full size; zero, with a ``reason``, where the photo does not say enough.
@@ -92,27 +94,16 @@ def estimate(
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
     """
-    opened = _open(photo)
+    camera, how = Camera(readout, focal_px, roll_deg, tilt_deg), Undo(reference)
+    opened = _opened(photo)
     _check_size(opened)
-    model = load(estimator) if isinstance(estimator, str) else estimator
-    return model.estimate(view_of(opened, readout, focal_px, roll_deg, tilt_deg)).rereferenced(reference)
-
-
-def view_of(
-    photo: Photo,
-    readout: str | Readout = "auto",
-    focal_px: float | None = None,
-    roll_deg: float | None = None,
-    tilt_deg: float | None = None,
-) -> View:
-    """What an estimator is given of a photo; arguments and errors are :func:`estimate`'s."""
-    return View(photo, Camera(cast(ReadoutWord, readout), focal_px, roll_deg, tilt_deg))
+    return estimate_photo(opened, _loaded(estimator), camera).rereferenced(how.reference or "first")
 
 
 class _Options(TypedDict, total=False):
     estimator: str | Estimator
     motion: Motion | None
-    readout: str | Readout
+    readout: str
     focal_px: float | None
     roll_deg: float | None
     tilt_deg: float | None
@@ -132,7 +123,7 @@ def rectify(
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
     motion: Motion | None = None,
-    readout: str | Readout = "auto",
+    readout: str = "auto",
     reference: Reference | None = None,
     focal_px: float | None = None,
     roll_deg: float | None = None,
@@ -150,7 +141,7 @@ def rectify(
         reference: row at whose moment the picture is taken; by default the motion's own, else the first.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
-        tilt_deg: how far it looked up (-90: straight down), likewise.
+        tilt_deg: how far it looked up (-90: straight down), where known, for methods that use it.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
             ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
@@ -162,52 +153,76 @@ def rectify(
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    from unshutter.warp.pixels import EDGES, rectify_pixels
-
-    if not 0 <= strength <= 1:
-        raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
-    if edges not in EDGES:
-        raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
-    told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
+    camera, how = Camera(readout, focal_px, roll_deg, tilt_deg), Undo(reference, strength, edges)
     if motion is not None:
-        check_nothing_told(told)
-    opened = _open(photo)
+        camera.check_unused()
+    opened = _opened(photo)
     _check_size(opened)
-    name = estimator if isinstance(estimator, str) else estimator.name
-    opened.start_decoding(grey=motion is None and name == DEFAULT_ESTIMATOR)
     if motion is None:
-        found = estimate(opened, estimator=estimator, readout=readout, reference=reference or "first", **told)
+        grey_px = method(estimator).grey_px if isinstance(estimator, str) else None
+        opened.start_decoding(grey_px=grey_px)  # while the estimator is loaded
+        motion = estimate_photo(opened, _loaded(estimator), camera)
     else:
-        found = fitted(motion, opened.height, opened.width, readout)
-        found = found.rereferenced(reference) if reference else found
-    found = found.scaled(strength)
-    result = opened.with_pixels(rectify_pixels(opened.pixels, found, edges))
+        opened.start_decoding()
+    result = undo(opened, motion, how, readout)
     if isinstance(photo, bytes):
-        return result.to_bytes()
+        return result.photo.to_bytes()
     if isinstance(photo, (str, os.PathLike, Photo)):
-        return Rectified(result, found, opened)
-    pixels = result.to_array()
+        return result
+    pixels = result.pixels
     return pixels.reshape(*pixels.shape[:2], *photo.shape[2:])
 
 
-def check_nothing_told(told: dict[str, float | None]) -> None:
-    """Of the camera, where a motion is given: raises UsageError."""
-    if any(value is not None for value in told.values()):
-        raise UsageError("focal length, roll and tilt are for finding a motion: leave them out when it is given")
+# ---- the two steps ----------------------------------------------------------------------------------------
 
 
-def fitted(motion: Motion, height: int, width: int, readout: str | Readout = "auto") -> Motion:
-    """A given motion for a stored picture of height x width.
+def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion:
+    """The motion of a photo, first row as the reference.
+
+    Raises:
+        UnshutterError: the photo is too small, damaged or gone.
+    """
+    _check_size(photo)
+    return estimator.estimate(View(photo, camera))
+
+
+def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rectified:
+    """The photo with a motion undone.
+
+    Args:
+        photo: the photo.
+        motion: its motion; of another size if the aspect fits.
+        how: reference row, strength, edges.
+        readout: direction in which the stored pixels were read; ``auto``: the motion's.
+
+    Raises:
+        UsageError: another readout direction than the motion's.
+        UnshutterError: another aspect, a motion that cannot be undone, a photo that is too small or damaged.
+    """
+    from unshutter.warp.pixels import rectify_pixels
+
+    _check_size(photo)
+    motion = fitted(motion, photo.height, photo.width, readout)
+    motion = motion.rereferenced(how.reference or motion.reference).scaled(how.strength)
+    return Rectified(photo.with_pixels(rectify_pixels(photo.pixels, motion, how.edges)), motion, photo)
+
+
+def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Motion:
+    """A motion resized for a stored picture of height x width [px].
 
     Raises:
         UsageError: another readout direction than the motion's; UnshutterError: another aspect.
     """
-    if readout != "auto" and Readout.parse(readout) != motion.readout:
-        raise UsageError(f"the motion was made for readout {motion.readout}, not {Readout.parse(readout)}")
+    if readout != "auto" and Camera(readout).direction != motion.readout:
+        raise UsageError(f"the motion was made for readout {motion.readout}, not {readout}")
     return motion.resized(*motion.readout.frame_size(height, width))
 
 
-def _open(photo: Any) -> Photo:
+def _loaded(estimator: str | Estimator) -> Estimator:
+    return load(estimator) if isinstance(estimator, str) else estimator
+
+
+def _opened(photo: Any) -> Photo:
     if isinstance(photo, Photo):
         return photo
     if isinstance(photo, bytes):

@@ -263,6 +263,6 @@ def test_a_focal_length_beside_a_motion_is_refused(tmp_path: Path, capsys: pytes
     motion = tmp_path / "motion.json"
     unshutter.RowMotion.zero(100, 100).save(motion)
     assert main(["rectify", str(tmp_path / "x.jpg"), "--motion", str(motion), "--focal-px", "500"]) == 2
-    assert "leave it out" in capsys.readouterr().err
+    assert "leave them out" in capsys.readouterr().err
     with pytest.raises(unshutter.UsageError, match="leave them out"):
         unshutter.rectify(np.zeros((100, 100), np.uint8), motion=unshutter.RowMotion.zero(100, 100), focal_px=500.0)

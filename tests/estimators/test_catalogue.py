@@ -5,7 +5,8 @@ import pytest
 
 from unshutter.cli import main
 from unshutter.estimators.catalogue import Listed, as_text, list_models
-from unshutter.estimators.register import Method, names
+from unshutter.estimators.method import Method
+from unshutter.estimators.register import names
 from unshutter.options import DEFAULT_ESTIMATOR
 
 

@@ -1,7 +1,5 @@
 """kandula2020 on photos: what was trained is what runs, row map included."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -10,15 +8,12 @@ from torch import nn
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.geometry import rows as geometry
 from unshutter.learn.config import TrainConfig
-from unshutter.learn.kandula2020.network import (
-    rs_positions,
-)
+from unshutter.learn.data.pictures import draw_picture
 from unshutter.learn.kandula2020.recipe import KandulaRecipe
-from unshutter.learn.pixels import draw_picture
+from unshutter.learn.warping import rs_positions
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
-CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 @pytest.fixture(scope="module")

@@ -24,8 +24,8 @@ TILTED = Method("tilted", "tells the tilt that it was told", "tilted:Tilted", gr
 class Tilted(Estimator):
     def estimate(self, view: View) -> Motion:
         assert view.grey(96).shape[0] == 96
-        shear = [0, view.attitude_deg()[1]]
-        return RowMotion.from_polynomials(shear, [0], view.height, view.width, estimator=self.name)
+        tilt = view.attitude_deg()[1]
+        return RowMotion.from_polynomials([0, tilt], [0], view.height, view.width, estimator=self.name)
 """
 
 

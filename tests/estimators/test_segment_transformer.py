@@ -6,7 +6,7 @@ import torch
 
 from unshutter import Motion, RowMotion
 from unshutter.learn.config import TrainConfig
-from unshutter.learn.scenes import SceneConfig, Scenes, draw_scenes
+from unshutter.learn.data.scenes import SceneConfig, Scenes, draw_scenes
 from unshutter.learn.segment_transformer.network import (
     SegmentTransformer,
     SegmentTransformerConfig,

@@ -173,6 +173,7 @@ def test_pairs_are_measured_against_the_ceiling() -> None:
 def test_pairs_that_synthesize_wrote(photos: Path, tmp_path: Path) -> None:
     synthesize_folder([photos / "a.png"], tmp_path / "made")
     assert run(tmp_path / "made", tmp_path / "out", "--protocol", "pairs", estimators="none") == 0
+    assert "real" not in (tmp_path / "out" / "results.md").read_text().casefold()
     (tmp_path / "made" / "gs" / "a_00.png").unlink()
     assert run(tmp_path / "made", tmp_path / "out2", "--protocol", "pairs", estimators="none") == 1
 
@@ -236,7 +237,7 @@ def test_a_mismatched_pair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     sequence(tmp_path / "camera" / "seq", gs_size=(60, 90))
     assert run(tmp_path / "camera", tmp_path / "out", "--protocol", "pairs", estimators="none") == 1
     message = one_line(capsys)
-    assert "100x80 px" in message and "90x60 px" in message and "no pair" in message
+    assert "100x80 px" in message and "90x60 px" in message and "not a pair" in message
     (tmp_path / "camera" / "seq" / "gs_0_middle.png").unlink()
     assert run(tmp_path / "camera", tmp_path / "out", "--protocol", "pairs", estimators="none") == 1
     assert "no global-shutter picture" in one_line(capsys)
@@ -248,7 +249,7 @@ def test_a_single_frame_is_no_video(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "no consecutive frames" in one_line(capsys)
 
 
-def test_a_missing_extra_is_told_before_the_work(
+def test_a_missing_extra_is_reported_before_the_work(
     photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
@@ -257,7 +258,7 @@ def test_a_missing_extra_is_told_before_the_work(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_damaged_photo_is_told_and_the_others_are_measured(
+def test_a_damaged_photo_is_reported_and_the_others_are_measured(
     photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "photos"
@@ -310,6 +311,10 @@ def test_results_come_back_from_their_file(tmp_path: Path) -> None:
     results = Results(request, ["a"], ["ceiling"], [record("a", 1.0)], {"unshutter": "1"}, {})
     (tmp_path / "results.json").write_text(results.to_json())
     assert Results.load(tmp_path / "results.json") == results
+    older = json.loads(results.to_json())
+    older |= {"about": older.pop("environment"), "rivals": older.pop("oracles")}
+    (tmp_path / "older.json").write_text(json.dumps(older))
+    assert Results.load(tmp_path / "older.json") == results
     assert results.command == (
         "unshutter evaluate --protocol trajectory --data x/g --trajectory logs --photos 3 --per-photo 1 --seed 7 "
         "--estimators a"
@@ -319,6 +324,6 @@ def test_results_come_back_from_their_file(tmp_path: Path) -> None:
 def test_the_command_line_knows_every_protocol() -> None:
     from typing import get_args
 
-    from unshutter.cli.research import Protocol
+    from unshutter.cli.commands.evaluate import Protocol
 
     assert set(get_args(Protocol)) == set(PROTOCOLS)

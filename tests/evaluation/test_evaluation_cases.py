@@ -139,7 +139,7 @@ def test_portrait_photos_lie_on_their_side_and_say_so(photo: Path) -> None:
         assert estimator.seen[0].up == up
 
 
-def test_estimators_are_told_the_focal_length_of_the_whole_photo(photo: Path) -> None:
+def test_estimators_are_given_the_focal_length_of_the_whole_photo(photo: Path) -> None:
     """420 x 560 px give 0.85 * 980; the middle 302 px of it are shown at 256."""
     estimator = Fixed(RowMotion.zero(256, 256))
     case(photo, Suite("256 px")).judge(["fixed"], lambda name: estimator)
@@ -296,9 +296,9 @@ def test_frames_of_a_video(tmp_path: Path) -> None:
         Photo.from_array(picture).save(tmp_path / f"{name}.png")
     frame = Frame("video", 0, tmp_path / "rs_0.png", {"middle": tmp_path / "gs_0_middle.png"})
     case = VideoCase("drawn", (frame, replace(frame, number=1)), 0)
-    assert case.rivals == ("true global shutter",)
+    assert case.oracles == ("true global shutter",)
     sheared = Fixed(RowMotion.from_polynomials([0, 9], [0], 120, 160))
-    records = case.judge(["none", "fixed", *case.rivals], lambda name: load("none") if name == "none" else sheared)
+    records = case.judge(["none", "fixed", *case.oracles], lambda name: load("none") if name == "none" else sheared)
     assert [r["estimator"] for r in records] == ["none", "fixed", "true global shutter"]
     assert records[0]["inliers"] == records[0]["inliers_input"] > 20
     assert all(r["inliers"] <= r["matches"] for r in records)

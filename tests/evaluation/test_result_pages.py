@@ -52,11 +52,11 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
 
 def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> None:
     """The worst of five distorted is trusted least, the worst of five others most; another method states nothing."""
-    told = {
+    confidences = {
         "synthetic": [(1, 0.9), (2, 0.8), (3, 0.7), (4, 0.6), (15, 0.1)],
         "undistorted": [(0, 0.9), (0, 0.8), (0, 0.7), (0, 0.6), (2, 0.95)],
     }
-    for name, pictures in told.items():
+    for name, pictures in confidences.items():
         records = [record("manhattan", float(epe), confidence=confidence) for epe, confidence in pictures]
         records += [record("none", 4.0, confidence=None), record("manhattan", 99.0, confidence=0.5, suite="other")]
         results = Results(Request(name, (Path("photos/houses"),)), ["none", "manhattan"], [], records)

@@ -12,6 +12,7 @@ from support.drawn_photos import one_line, textured
 from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.export.maps import PixelMap, map_file
+from unshutter.options import Camera, Find
 from unshutter.photo import Photo
 from unshutter.warp.pixels import validity_mask
 
@@ -187,7 +188,7 @@ def test_reference_of_a_motion_file(tmp_path: Path) -> None:
         ("m.npz", {"size": "0x0"}, "1 to 1,000,000,000 pixels"),
         ("m.npz", {"size": "99999999x99999999"}, "1 to 1,000,000,000 pixels"),
         ("m.npz", {"size": "150x200"}, "aspect ratio differs"),
-        ("m.npz", {"readout": "left-to-right"}, "made for readout top-to-bottom"),
+        ("m.npz", {"find": Find(camera=Camera("left-to-right"))}, "made for readout top-to-bottom"),
         ("no/m.npz", {}, "there is no folder"),
     ],
 )

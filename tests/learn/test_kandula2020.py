@@ -9,18 +9,17 @@ from torch import nn
 
 from support.small_kandula2020 import DATA, NETWORK, PICTURE_LOSSES
 from unshutter.errors import UsageError
+from unshutter.learn.data.pixels import PixelConfig, PixelData
 from unshutter.learn.kandula2020.losses import LossConfig
 from unshutter.learn.kandula2020.network import (
     Kandula2020,
     Kandula2020Config,
     Trajectory,
-    from_first_row,
     rectify,
     regenerate,
-    rs_positions,
 )
 from unshutter.learn.kandula2020.recipe import picture_losses
-from unshutter.learn.pixels import PixelConfig, PixelData
+from unshutter.learn.warping import from_first_row, rs_positions
 from unshutter.motion import RowMotion
 
 torch.set_num_threads(1)

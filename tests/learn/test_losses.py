@@ -1,4 +1,4 @@
-"""Losses of kandula2020: numbers worked out by hand, OpenCV's Sobel, gradcheck."""
+"""Losses: numbers worked out by hand, OpenCV's Sobel, gradcheck."""
 
 import cv2
 import numpy as np
@@ -10,11 +10,11 @@ from unshutter.learn.kandula2020.losses import (
     LossConfig,
     edge_loss,
     literal_edge_loss,
-    motion_mse,
     not_black,
     sobel,
     visible_mse,
 )
+from unshutter.learn.motion_errors import motion_mse
 
 torch.set_num_threads(1)
 

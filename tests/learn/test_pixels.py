@@ -8,18 +8,10 @@ import pytest
 import torch
 
 from unshutter.errors import UsageError
-from unshutter.learn.pixels import (
-    PixelConfig,
-    PixelData,
-    Samples,
-    draw_picture,
-    epe,
-    epe_of_nothing,
-    load_photos,
-    pixel_grid,
-    sample,
-    synthesise,
-)
+from unshutter.learn.data.pictures import draw_picture, load_photos
+from unshutter.learn.data.pixels import PixelConfig, PixelData, Samples, synthesise
+from unshutter.learn.motion_errors import epe, epe_of_nothing
+from unshutter.learn.warping import pixel_grid, sample
 from unshutter.motion import RowMotion
 
 torch.set_num_threads(1)
@@ -164,14 +156,22 @@ def test_unreadable_photos_are_left_out_with_a_warning(tmp_path):
 
 
 def test_bad_requests(tmp_path):
-    with pytest.raises(UsageError, match="no readable photo"):
-        load_photos(tmp_path, 50)
-    with pytest.raises(UsageError, match="no readable photo"):
-        load_photos(tmp_path / "missing", 50)
     with pytest.raises(UsageError, match="margin"):
         PixelData(PixelConfig(size=64, canvas=89), CPU)
-    with pytest.raises(UsageError, match="too few"):
-        PixelData(PixelConfig(size=64, canvas=88, drawn=2, held_out=2), CPU)
+    with pytest.raises(UsageError, match="held_out must be at least 1"):
+        PixelData(PixelConfig(size=64, canvas=88, held_out=0), CPU)
+
+
+def test_too_few_pictures_are_refused_with_the_number_needed(tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((60, 60, 3), np.uint8))
+    for given, says in (
+        ({"drawn": 2, "held_out": 2}, "2 pictures are drawn, but at least 3 are needed"),
+        ({"folder": str(tmp_path), "held_out": 4}, "1 readable photos .* at least 5 are needed .4 held out"),
+        ({"folder": str(tmp_path / "missing")}, "no folder .*missing, but at least 41 are needed"),
+        ({"folder": str(tmp_path), "validation_folder": str(tmp_path / "v")}, "no folder .*v, but at least 1 "),
+    ):
+        with pytest.raises(UsageError, match=says):
+            PixelData(PixelConfig(size=32, canvas=44, **given), CPU)
 
 
 def test_samples_know_their_frame():

@@ -4,7 +4,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from unshutter.learn.scenes import SceneConfig, draw_motions, draw_scenes
+from unshutter.learn.data.motions import draw_motions
+from unshutter.learn.data.scenes import SceneConfig, draw_scenes
 from unshutter.learn.segment_transformer.network import _moved
 
 
@@ -39,8 +40,7 @@ def test_segments_lie_in_the_frame_and_aspects_in_their_range() -> None:
 
 def test_motions_have_the_predecessors_range() -> None:
     """Medians and 95th percentiles over the draws that move at all; bounds worked out from the formula."""
-    config = SceneConfig(zero_motion=0, small_motion=0)
-    tx, rz = draw_motions(20000, config, torch.Generator().manual_seed(0))
+    tx, rz = draw_motions(20000, torch.Generator().manual_seed(0))
     u = torch.linspace(0, 1, 256)
     powers = torch.stack([u, u**2, u**3])
     most_tx = (tx @ powers).abs().amax(1) * 256

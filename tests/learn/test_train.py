@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from unshutter import UsageError
-from unshutter.learn.config import TrainConfig, load_config
+from unshutter.learn.config import TrainConfig, load_config, shipped_configs
 from unshutter.learn.train import run
 from unshutter.photo import Photo
 
@@ -56,6 +56,14 @@ def test_a_run_leaves_a_model_a_log_and_a_checkpoint(config: Path, tmp_path: Pat
     assert float(rows[-1]["val_epe_median"]) > 0
     session = onnxruntime.InferenceSession(folder / "model.onnx")
     assert [i.name for i in session.get_inputs()] == ["tokens", "mask"]
+
+
+def test_validation_has_its_own_rhythm(config: Path, tmp_path: Path) -> None:
+    config.write_text(
+        TINY.replace("validate_every = 6", "validate_every = 3").replace("log_every = 2", "log_every = 4")
+    )
+    rows = log(run(config, tmp_path / "runs"))
+    assert [(r["step"], bool(r["val_epe_median"])) for r in rows] == [("3", True), ("4", False), ("6", True)]
 
 
 def test_training_lowers_the_loss(tmp_path: Path) -> None:
@@ -112,6 +120,11 @@ def test_two_processes_under_torchrun(config: Path, tmp_path: Path) -> None:
         ('model = "x', "not TOML"),
         ('model = "segment-transformer"\nstep = 3', "unknown setting 'step'"),
         ('model = "segment-transformer"\nsteps = 3.5', "type int"),
+        ('model = "segment-transformer"\nsteps = 0', "'steps' must be at least 1, got 0"),
+        ('model = "segment-transformer"\nvalidate_every = 0', "'validate_every' must be at least 1"),
+        ('model = "segment-transformer"\noptimiser = "lion"', "unknown optimiser 'lion'"),
+        ('model = "segment-transformer"\nschedule = "sine"', "unknown schedule 'sine'"),
+        ('model = "segment-transformer"\nschedule = "stairs"', "'stair'"),
     ],
 )
 def test_bad_configurations(tmp_path: Path, text: str, says: str) -> None:
@@ -145,7 +158,7 @@ def test_a_base_says_what_the_file_does_not(config: Path, tmp_path: Path) -> Non
     with pytest.raises(UsageError, match="too many files"):
         load_config(tmp_path / "loop.toml")
     (tmp_path / "odd.toml").write_text("base = 3")
-    with pytest.raises(UsageError, match="name of a TOML file"):
+    with pytest.raises(UsageError, match="'base' must be a TOML file or"):
         load_config(tmp_path / "odd.toml")
 
 
@@ -175,7 +188,7 @@ def test_half_precision_learns_nearly_the_same(config: Path, tmp_path: Path) -> 
 
 
 def test_photos_may_move_between_two_starts(tmp_path: Path) -> None:
-    from unshutter.learn.pixels import draw_picture
+    from unshutter.learn.data.pictures import draw_picture
 
     text = """
 model = "kandula2020"
@@ -203,6 +216,55 @@ held_out = 1
     assert log(again)[-1]["step"] == "2"
 
 
-def test_the_shipped_configurations_are_readable() -> None:
-    for path in (Path(__file__).parents[2] / "configs").glob("*.toml"):
-        assert isinstance(load_config(path), TrainConfig)
+# ---- configurations that come with the package --------------------------------------------------------------
+
+
+def test_the_shipped_configurations_are_found_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert {"segment-transformer", "kandula2020", "rengarajan2017-vanilla-bn-cpu"} <= set(shipped_configs())
+    for name in shipped_configs():
+        assert isinstance(load_config(name), TrainConfig)
+    short = load_config("kandula2020-no-edges", base="kandula2020-cpu-ablation")
+    assert (short.steps, short.network["width"], short.loss["rectified_edges"]) == (200, 16, 0)
+
+
+def test_a_file_of_ones_own_builds_on_a_shipped_configuration(tmp_path: Path) -> None:
+    path = tmp_path / "wider.toml"
+    path.write_text('base = "segment-transformer"\n[network]\nwidth = 128\n')
+    wider, shipped = load_config(path), load_config("segment-transformer")
+    assert wider.network == {**shipped.network, "width": 128}
+    assert (wider.steps, wider.data) == (shipped.steps, shipped.data)
+
+
+def test_a_run_is_called_after_its_configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run("segment-transformer", Path("runs"), minutes=0.0) == Path("runs/segment-transformer")
+    assert (tmp_path / "runs" / "segment-transformer" / "checkpoint.pt").exists()
+
+
+def test_unknown_configurations_get_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, says in (
+        ("segment", "unknown configuration 'segment': .* kandula2020, .*, segment-transformer"),
+        ("mine.toml", "cannot read mine.toml: No such file"),
+        ("configs/kandula2020.toml", "the one that comes with unshutter is called 'kandula2020'"),
+    ):
+        with pytest.raises(UsageError, match=says) as caught:
+            load_config(name)
+        assert "\n" not in str(caught.value)
+
+
+def test_the_command_line_trains_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from unshutter.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tiny.toml").write_text(TINY)
+    assert main(["train", "--config", "tiny.toml", "--steps", "1"]) == 0
+    assert (tmp_path / "runs" / "tiny" / "model.onnx").exists()
+    assert main(["train", "--config", "no-such-thing"]) == 2
+    assert "segment-transformer" in capsys.readouterr().err
+    assert main(["train", "--config", "kandula2020"]) == 2
+    assert "no folder photos, but at least 41 are needed (40 held out" in capsys.readouterr().err
+    assert not (tmp_path / "runs" / "kandula2020").exists()

@@ -2,68 +2,67 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from unshutter.batch.inputs import find_photos, is_folder, motion_name, plan_targets
-from unshutter.batch.read_ahead import ReadAhead
 from unshutter.batch.report import Tell, each_photo
 from unshutter.errors import UsageError
-from unshutter.photo.photo import MAX_PIXELS
-from unshutter.storage.places import Place, check_place, make_folder, save_text
+from unshutter.estimators.register import check_name
+from unshutter.options import Find, Reference
+from unshutter.prefetch import Prefetch
+from unshutter.storage.places import Place, check_place, make_folder, write_place
 
-if TYPE_CHECKING:
-    from unshutter.options import Reference
+
+@dataclass(frozen=True)
+class Estimates:
+    """What is wanted of each photo.
+
+    Attributes:
+        find: how its motion is found.
+        reference: row that counts as not moving.
+        readout_ms: time of the readout [ms], which adds the speed; None: no speed.
+        plot: file to draw the motion into; None: none.
+    """
+
+    find: Find
+    reference: Reference = "first"
+    readout_ms: float | None = None
+    plot: Path | None = None
 
 
-def estimate_files(
-    photos: list[Path],
-    output: Path | None,
-    plot: Path | None,
-    estimator_name: str,
-    reference: Reference,
-    readout: str,
-    overwrite: bool,
-    readout_ms: float | None = None,
-    max_pixels: int | None = None,
-    focal_px: float | None = None,
-    roll_deg: float | None = None,
-    tilt_deg: float | None = None,
-) -> int:
+def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, overwrite: bool, max_pixels: int) -> int:
     """Estimates the motion of each photo; returns the exit code."""
     inputs = find_photos(photos, leave_out=output)
     if inputs.many and output is None:
         raise UsageError("several photos need --output FOLDER for their motions")
-    if inputs.many and plot:
+    if inputs.many and wanted.plot:
         raise UsageError("--plot draws the motion of one photo only")
-    ahead = ReadAhead(list(inputs.photos), max_pixels or MAX_PIXELS, whole=False)
-    from unshutter.estimators.register import load
-    from unshutter.motion.speed import check_readout_ms, json_with_speed
-    from unshutter.rectification import estimate
-
-    if readout_ms is not None:
-        check_readout_ms(readout_ms)
-    estimator = load(estimator_name)
+    check_name(wanted.find.estimator)
     targets = plan_targets(inputs, output, motion_name) if output else {}
+    prefetch = Prefetch(list(inputs.photos), wanted.find, max_pixels, whole=False)
+    from unshutter.motion.speed import check_readout_ms, json_with_speed
+
+    if wanted.readout_ms is not None:
+        check_readout_ms(wanted.readout_ms)
 
     def one(photo: Place, tell: Tell) -> None:
         target = targets.get(photo)
         if target and output and is_folder(output, inputs.many):
             make_folder(target.parent)
-        for wanted in filter(None, (target, plot)):
-            check_place(wanted, overwrite, photo)
-        told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
-        opened = ahead.photo(photo)
-        motion = estimate(opened, estimator=estimator, readout=readout, reference=reference, **told)
+        for file in filter(None, (target, wanted.plot)):
+            check_place(file, overwrite, photo)
+        coming = prefetch.take(photo)
+        motion = coming.photo and coming.motion().rereferenced(wanted.reference)
         if motion.reason:
             tell(f"{photo}: no motion ({motion.reason})")
-        if plot:
+        if wanted.plot:
             from unshutter.export.plot import plot_motion
 
-            plot_motion(motion, plot, title=photo.name, readout_ms=readout_ms)
-        text = motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)
+            plot_motion(motion, wanted.plot, title=photo.name, readout_ms=wanted.readout_ms)
+        text = motion.to_json() if wanted.readout_ms is None else json_with_speed(motion, wanted.readout_ms)
         if target:
-            save_text(text + "\n", target)
+            write_place(f"{text}\n".encode(), target)
         else:
             print(text)
 

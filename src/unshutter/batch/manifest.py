@@ -4,8 +4,7 @@ It is a journal, one JSON record a line, only ever added to. Before work on a re
 the result lies there under its name, a second one says what it is. Whatever happens in between, the next run finds
 a result that was begun and not finished, and does it again. A record that was cut short counts for nothing.
 
-In a folder it is one file, ``unshutter-manifest.jsonl``, that several runs may add to at once. Objects cannot be
-added to: behind a URL each run writes pieces, ``unshutter-manifest/RUN-NUMBER.jsonl``, and in the end one of them.
+How it is stored, for files and for objects behind a URL, :mod:`unshutter.storage.journal` says.
 """
 
 from __future__ import annotations
@@ -13,12 +12,11 @@ from __future__ import annotations
 import json
 import os
 import time
-from pathlib import Path
 from typing import Any, Literal
 
 from unshutter.batch.work import Job, Outcome
-from unshutter.errors import UnshutterError
-from unshutter.storage.places import Place, Remote, absolute, fingerprint, make_folder, remove
+from unshutter.storage.journal import open_journal
+from unshutter.storage.places import Place, absolute, fingerprint, way
 from unshutter.version import __version__
 
 NAME = "unshutter-manifest"
@@ -41,16 +39,9 @@ class Manifest:
         self._folder = folder
         self._options = options
         self._entries: dict[str, dict[str, Any]] = {}
-        self._read_to = 0  # bytes of the journal
         self._news: set[str] = set()  # results that other runs have had to do with since this one started
-        self._lines: list[str] = []  # of this run, for objects
-        self._pieces: list[int] = [0]  # how many of the lines were written with each
-        if isinstance(folder, Remote):
-            for name in folder.files():
-                if name.startswith(f"{NAME}/") and name.endswith(".jsonl"):
-                    self._take((folder / name).read())
-        else:
-            self.refresh()
+        self._journal = open_journal(folder, NAME, self.run)
+        self.refresh()
         self._news.clear()
 
     # ---- what is known ---------------------------------------------------------------------------------
@@ -97,23 +88,7 @@ class Manifest:
         Raises:
             UnshutterError: the manifest cannot be read.
         """
-        if isinstance(self._folder, Remote):
-            return
-        path = self._folder / f"{NAME}.jsonl"
-        try:
-            with path.open("rb") as stream:
-                stream.seek(self._read_to)
-                added = stream.read()
-        except FileNotFoundError:
-            return
-        except OSError as error:
-            raise UnshutterError(f"cannot read {path}: {error.strerror}") from None
-        whole = added[: added.rfind(b"\n") + 1]
-        self._read_to += len(whole)
-        self._take(whole)
-
-    def _take(self, journal: bytes) -> None:
-        for line in journal.splitlines():
+        for line in self._journal.news().splitlines():
             try:
                 record = json.loads(line)
             except (ValueError, RecursionError):  # cut short by the end of its run, or damaged
@@ -165,32 +140,11 @@ class Manifest:
 
     def _key(self, target: Place) -> str:
         """A result's name: its way from the folder, so that the folder may be moved."""
-        if isinstance(target, Remote):
-            return target.url.removeprefix(f"{self._folder}/")
-        folder = self._folder if isinstance(self._folder, Path) else Path()
-        path, root = os.path.abspath(target), os.path.abspath(folder)
-        return Path(path).relative_to(root).as_posix() if path.startswith(root + os.sep) else Path(path).as_posix()
+        inside = way(self._folder, target)
+        return str(inside or absolute(target).as_posix())
 
     def _add(self, record: dict[str, Any]) -> None:
-        text = json.dumps(record) + "\n"
-        if isinstance(self._folder, Remote):
-            self._take(text.encode())
-            self._lines.append(text)
-            return
-        path = self._folder / f"{NAME}.jsonl"
-        make_folder(self._folder)
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
-            try:
-                size = os.fstat(descriptor).st_size
-                torn = size > 0 and _last_byte(descriptor, size) != b"\n"  # by a run that ended in the middle
-                data = (("\n" if torn else "") + text).encode()
-                if os.write(descriptor, data) < len(data):
-                    raise OSError(28, "No space left on device")
-            finally:
-                os.close(descriptor)
-        except OSError as error:
-            raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+        self._journal.add(json.dumps(record))
         self.refresh()
 
     def flush(self) -> None:
@@ -199,26 +153,12 @@ class Manifest:
         Raises:
             UnshutterError: the manifest cannot be written.
         """
-        if isinstance(self._folder, Remote) and len(self._lines) > self._pieces[-1]:
-            self._piece(self._folder, len(self._pieces)).write("".join(self._lines[self._pieces[-1] :]).encode())
-            self._pieces.append(len(self._lines))
+        self._journal.flush()
 
     def close(self) -> None:
-        """Writes what is not yet written, and makes one of the pieces.
+        """Ends what this run has to say.
 
         Raises:
             UnshutterError: the manifest cannot be written.
         """
-        self.flush()
-        if isinstance(self._folder, Remote) and len(self._pieces) > 2:
-            self._piece(self._folder, 0).write("".join(self._lines).encode())
-            for number in range(1, len(self._pieces)):
-                remove(self._piece(self._folder, number))
-
-    def _piece(self, folder: Remote, number: int) -> Remote:
-        return folder / NAME / f"{self.run}-{number:06}.jsonl"
-
-
-def _last_byte(descriptor: int, size: int) -> bytes:
-    os.lseek(descriptor, size - 1, os.SEEK_SET)
-    return os.read(descriptor, 1)
+        self._journal.close()

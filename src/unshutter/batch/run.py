@@ -98,7 +98,7 @@ class Batch:
         if not self._workers.elsewhere:
             return job
         # from here on, what is new at the target can only come from this job
-        return replace(job, overwrite=True, told_twice=True, before=fingerprint(job.target))
+        return replace(job, overwrite=True, may_repeat=True, before=fingerprint(job.target))
 
     def _collect(self) -> None:
         """Waits for at least one job; nothing to wait for, no wait."""

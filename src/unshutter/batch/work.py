@@ -3,41 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unshutter.batch.photos import save_picture
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.photo import Photo
-from unshutter.storage.places import Place, check_place, fingerprint, open_photo, save_picture, save_text
+from unshutter.options import Rectify
+from unshutter.prefetch import Prefetch
+from unshutter.storage.places import Place, check_place, fingerprint, write_place
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
-    from unshutter.options import Reference
-    from unshutter.photo.codecs import Subsampling
-    from unshutter.warp.pixels import Edges
-
-
-@dataclass(frozen=True)
-class RectifyOptions:
-    """What ``unshutter rectify`` was told about each photo; see the command's help."""
-
-    estimator: str
-    motion: Path | None
-    reference: Reference | None
-    strength: float
-    edges: Edges
-    readout: str
-    quality: int | None
-    overwrite: bool
-    focal_px: float | None = None
-    roll_deg: float | None = None
-    tilt_deg: float | None = None
-    format: str | None = None
-    subsampling: Subsampling | None = None
 
 
 @dataclass(frozen=True)
@@ -50,7 +28,7 @@ class Job:
         motion_target: its motion file, if one is wanted.
         overwrite: whether the target may replace what is there.
         max_pixels: of a photo that is read.
-        told_twice: whether the job may come to a worker a second time, because the first one died before anybody
+        may_repeat: whether the job may come to a worker a second time, because the first one died before anybody
             heard how it went.
         before: fingerprint of what was at the target when the job was first given away.
     """
@@ -60,7 +38,7 @@ class Job:
     motion_target: Place | None
     overwrite: bool
     max_pixels: int
-    told_twice: bool = False
+    may_repeat: bool = False
     before: str | None = None
 
 
@@ -86,52 +64,42 @@ class Outcome:
     motion_is: str | None = None
 
 
-def do_job(
-    job: Job, options: RectifyOptions, motion: str | None = None, opened: Callable[[Place], Photo] | None = None
-) -> Outcome:
+def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
     """Does the job; what goes wrong is in the outcome.
 
     Args:
         job: what to do.
-        options: for all jobs of a batch.
-        motion: text of the motion file that ``options`` name: other machines may not have it.
-        opened: gives photos that have been read ahead.
+        wanted: of all jobs of a batch.
+        motion: text of the motion file that ``wanted`` names: other machines may not have it.
+        prefetch: where the photo comes from; by default it is read now.
     """
-    if job.told_twice and fingerprint(job.target) not in (None, job.before):
+    if job.may_repeat and fingerprint(job.target) not in (None, job.before):
         return _done_before(job)
     start = time.perf_counter()
     outcomes: list[Outcome] = []
     try:
-        naming_the_photo(job.source, lambda _: outcomes.append(_do(job, options, motion, opened)))
+        naming_the_photo(job.source, lambda _: outcomes.append(_do(job, wanted, motion, prefetch)))
     except UnshutterError as error:
         return Outcome(str(error), isinstance(error, UsageError), seconds=time.perf_counter() - start)
     return replace(outcomes[0], seconds=time.perf_counter() - start)
 
 
-def _do(job: Job, options: RectifyOptions, motion: str | None, opened: Callable[[Place], Photo] | None) -> Outcome:
-    from unshutter.estimators import ahead
-    from unshutter.rectification import rectify
+def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None) -> Outcome:
+    from unshutter.rectification import undo
 
     check_place(job.target, job.overwrite, job.source)
     if job.motion_target is not None:
         check_place(job.motion_target, job.overwrite, job.source)
     source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
-    photo = opened(job.source) if opened else open_photo(job.source, job.max_pixels)
-    result = rectify(
-        photo,
-        estimator=options.estimator if motion else ahead.of(options.estimator),
-        motion=_parsed(motion) if motion else None,
-        readout=options.readout,
-        reference=options.reference,
-        strength=options.strength,
-        edges=options.edges,
-        focal_px=options.focal_px,
-        roll_deg=options.roll_deg,
-        tilt_deg=options.tilt_deg,
-    )
+    if prefetch is None:
+        prefetch = Prefetch([job.source], wanted.find if motion is None else None, job.max_pixels)
+    coming = prefetch.take(job.source)
+    photo = coming.photo
+    found = coming.motion() if motion is None else _parsed(motion)
+    result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
     if job.motion_target is not None:
-        save_text(result.motion.to_json() + "\n", job.motion_target)
-    save_picture(result, job.target, job.overwrite, options.quality, options.subsampling)
+        write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target)
+    save_picture(result, job.target, job.overwrite, wanted.save)
     return Outcome(
         note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",
         source_is=source_is,

@@ -1,17 +1,28 @@
-"""The command line: what each command is called, takes and prints. The work is done elsewhere."""
+"""The command line: what each command is called, takes and prints; one file a command. The work is done elsewhere."""
 
 from __future__ import annotations
 
 import os
 import sys
-from pathlib import Path
+from importlib import import_module
 from typing import NoReturn
 
-from unshutter.default_estimator import DEFAULT_ESTIMATOR
+from unshutter.cli.arguments import Command, parse
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.version import __version__
 
-_FORBID_DECODING = ("--max-pixels", "--jobs", "--scheduler", "--dry-run")
-_FORBID_ESTIMATING = ("--motion", "--readout", "--focal", "--roll", "--tilt")
+# name -> what it does; the rest is in commands/NAME.py
+COMMANDS = {
+    "rectify": "straighten photos: write what a global shutter would have seen",
+    "estimate": "find the camera's motion during each photo, as JSON",
+    "map": "write a photo's correction as a map for other programs",
+    "points": "move points of a photo to where they are in the straightened picture, or back",
+    "models": "list the methods: what each does, how large it is, how well it did",
+    "synthesize": "make rolling-shutter pictures with known motion from undistorted photos",
+    "evaluate": "measure methods side by side on the same pictures",
+    "train": "train a network",
+}
+_ABOUT = "Undoes rolling-shutter distortion (skew, wobble) in a single photo. Originals are never touched."
 
 
 def run() -> NoReturn:
@@ -30,12 +41,12 @@ def run() -> NoReturn:
     os._exit(code)
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(words: list[str] | None = None) -> int:
     """Runs the command line; returns the exit code: 0 done, 1 something failed, 2 wrong usage."""
     # NumPy's own threads are hardly used, but while it is imported they spin on the cores that decode.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        return _command(arguments)
+        return _run_command(sys.argv[1:] if words is None else words)
     except UsageError as error:
         return _say(str(error), 2)
     except UnshutterError as error:
@@ -43,50 +54,40 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output went away
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:  # what is printed is led to a full disc, say
+    except OSError as error:  # what is printed goes to a full disc, say
         return _say(error.strerror or str(error), 1)
     except ImportError as error:  # a library is missing or damaged, or Ctrl-C came while one was loaded
-        return _say(f"cannot load what it needs, install it again if that persists: {' '.join(str(error).split())}", 1)
+        cause = " ".join(str(error).split())
+        return _say(f"cannot load a library that it needs; if that persists, install it again: {cause}", 1)
     except MemoryError:
         return _say("not enough memory", 1)
     except KeyboardInterrupt:
         return _say("stopped; what was finished is kept", 130)
 
 
-def _command(arguments: list[str] | None) -> int:
-    _begin_early(sys.argv[1:] if arguments is None else arguments)
-    # not above: the photo is decoded meanwhile
-    from cyclopts import CycloptsError
-
-    from unshutter.cli import elsewhere, photos, research  # noqa: F401 (their commands register themselves)
-    from unshutter.cli.app import app
-
-    try:
-        result = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-    except CycloptsError as error:
-        return _say(f"{' '.join(str(error).split())} (see unshutter --help)", 2)
-    return result if isinstance(result, int) else 0
-
-
-def _begin_early(arguments: list[str]) -> None:
-    """``rectify PHOTO ...``: the photo is decoded while the command line is imported.
-
-    Its motion is looked for, too. A guess, which may be wrong: what is wanted, the command's parser says.
-    """
-    if arguments[:1] == ["rectify"] and len(arguments) > 1 and os.path.isfile(arguments[1]):
-        if any(word.startswith(_FORBID_DECODING) for word in arguments):
-            return
-        from unshutter import early
-
-        otherwise = any(word.startswith(_FORBID_ESTIMATING) for word in arguments)
-        early.begin(Path(arguments[1]), None if otherwise else _estimator_in(arguments))
+def _run_command(words: list[str]) -> int:
+    name = words[0] if words else "--help"
+    if name in ("-h", "--help"):
+        print(_help())
+    elif name == "--version":
+        print(__version__)
+    elif name in COMMANDS:
+        command: Command = import_module(f"unshutter.cli.commands.{name}").COMMAND
+        try:
+            given = parse(name, command, words[1:])
+        except SystemExit:  # its help was asked for
+            return 0
+        return command.run(given)
+    else:
+        raise UsageError(f"unknown command '{name}': choose one of {', '.join(COMMANDS)} (see unshutter --help)")
+    return 0
 
 
-def _estimator_in(arguments: list[str]) -> str:
-    for word, following in zip(arguments, [*arguments[1:], ""], strict=True):
-        if word.partition("=")[0] == "--estimator":
-            return word.partition("=")[2] or following
-    return DEFAULT_ESTIMATOR
+def _help() -> str:
+    width = max(map(len, COMMANDS))
+    lines = [f"  {name.ljust(width)}  {what}" for name, what in COMMANDS.items()]
+    usage = "usage: unshutter COMMAND ...   (unshutter COMMAND --help says more)\n       unshutter --version"
+    return "\n".join([usage, "", _ABOUT, "", "commands:", *lines])
 
 
 def _say(message: str, code: int) -> int:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators.register import Method
+from unshutter.estimators.method import Method
 from unshutter.geometry.readout import Readout, scene_up
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera

@@ -6,7 +6,8 @@ import json
 from dataclasses import dataclass
 from importlib.resources import files
 
-from unshutter.estimators.register import Method, method, names
+from unshutter.estimators.method import Method
+from unshutter.estimators.register import method, names
 from unshutter.options import DEFAULT_ESTIMATOR
 
 SCORES = "scores.json"  # among the weights; written with docs/results, never by hand

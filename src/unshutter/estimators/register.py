@@ -8,13 +8,13 @@ A package of your own can add a method: its entry point in the group ``unshutter
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.estimators.method import Method
 from unshutter.options import DEFAULT_ESTIMATOR
 
 if TYPE_CHECKING:
@@ -23,37 +23,6 @@ if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator
 
 _GROUP = "unshutter.estimators"
-_WEIGHTS = Path(__file__).parents[1] / "weights"  # importlib.resources says the same, but takes 10 ms to import
-
-
-@dataclass(frozen=True)
-class Method:
-    """One method, as it is known without importing it.
-
-    Attributes:
-        name: by which it is asked for.
-        summary: one line for ``unshutter models``.
-        home: ``module:class`` of its :class:`Estimator`.
-        grey_px: short side of the grey copy that it asks the photo for [px], so that decoding can start before the
-            method is imported; None: it asks for none.
-        weights: stem of the file in ``unshutter/weights`` that it runs on; None: no such file.
-        takes_weights: whether NAME@FILE runs it with weights of the user's own.
-        ships: whether it runs without such; False: NAME@FILE only.
-    """
-
-    name: str
-    summary: str
-    home: str
-    grey_px: int | None = None
-    weights: str | None = None
-    takes_weights: bool = False
-    ships: bool = True
-
-    @property
-    def weights_path(self) -> Path | None:
-        """The package's own weights, where it runs on some."""
-        return None if self.weights is None else _WEIGHTS / f"{self.weights}.onnx"
-
 
 METHODS = (
     Method(
@@ -125,12 +94,13 @@ def names() -> list[str]:
 
 
 def method(name: str) -> Method:
-    """The method of that name; one of the package's comes before an installed one.
+    """The method of that name, or of NAME@FILE; one of the package's comes before an installed one.
 
     Raises:
         UsageError: there is none.
         UnshutterError: the installed package that has it is broken.
     """
+    name = name.partition("@")[0]
     for known in METHODS:
         if known.name == name:
             return known

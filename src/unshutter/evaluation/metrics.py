@@ -1,6 +1,6 @@
 """How far an estimate is from the truth: positions (EPE and its companions) and pictures (PSNR, SSIM).
 
-What is measured on which pixels, and how the suites are made: docs/results.
+docs/conventions.md defines each.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ _K1, _K2 = 0.01, 0.03
 class MotionError:
     """Distance of an estimate from the truth, both with the first row as the reference.
 
-    Positions come from ``gs_to_rs`` of whatever kind of motion it is: what is compared is where the pictures look,
-    not only t_x and r_z. An estimate that runs away (no finite position) counts as one picture diagonal off.
+    Positions come from ``gs_to_rs``, so that every kind of motion is judged by where its picture looks, not by t_x and
+    r_z. An estimate without a finite position counts as one picture diagonal off.
 
     Attributes:
         epe: mean distance [px at 256 rows] of the RS positions over GS pixels seen in the RS picture.
-        curvature_epe: the same when the best multiple of the RS row is added to the estimate's columns: what would
-            be left were the shear known. For row motions that replaces the linear coefficient of t_x.
+        curvature_epe: the EPE once the best multiple of the RS row is added to the estimate's columns: what would be
+            left if the shear were known. For row motions that replaces the linear coefficient of t_x.
         tx_rmse: root mean square over rows of the error in t_x [px at 256 rows].
-        rz_rmse: likewise of r_z [deg].
+        rz_rmse: root mean square over rows of the error in r_z [deg].
     """
 
     epe: float
@@ -48,7 +48,7 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
     """Compares two motions of one picture.
 
     Args:
-        estimate, truth: for the same size.
+        estimate, truth: of pictures of the same size.
         points: the EPE is averaged over a grid of about this many columns and rows.
     """
     estimate, truth = estimate.rereferenced("first"), truth.rereferenced("first")
@@ -119,7 +119,7 @@ def ssim(
 
 
 def _ssim_map(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """SSIM index [H, W] of two channels [H, W]; within five pixels of the border it is not meant to be used."""
+    """SSIM index [H, W] of two channels [H, W]; not valid within five pixels of the border."""
     import cv2
 
     def mean(x: np.ndarray) -> np.ndarray:
@@ -146,9 +146,9 @@ def _at_most(limit: float, d_col: np.ndarray, d_row: np.ndarray) -> tuple[np.nda
 
 
 def _best_shear(d_col: np.ndarray, d_row: np.ndarray, when: np.ndarray) -> float:
-    """Least mean distance when k * when is added to the columns; convex in k, so thirds of a bracket do.
+    """Least mean distance over all k when k * when is added to the columns, by ternary search: it is convex in k.
 
-    t_x has no part in which RS row sees a GS point, so adding a shear moves columns only.
+    t_x does not decide which RS row sees a GS point, so a shear moves columns only.
     """
     low, high = -4 * np.abs(d_col).max(initial=1.0) - 1, 4 * np.abs(d_col).max(initial=1.0) + 1
 

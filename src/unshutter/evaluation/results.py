@@ -1,4 +1,4 @@
-"""The results of a run: what was asked, by what it was measured, one record a picture and estimator; JSON and CSV."""
+"""The results of a run: the request, the environment, and a record for each picture and estimator; JSON and CSV."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ FORMAT = "unshutter-evaluation/1"
 _LIBRARIES = ("numpy", "opencv-python-headless", "onnxruntime", "pyvips")
 _EXAMPLES = (0.3, 0.55, 0.8, 0.95)  # of the pictures, ordered by how much they are distorted
 _CURVE_ROWS = 33
+_FORMER_NAMES = {"environment": "about", "oracles": "rivals"}  # of keys, in files of earlier versions
 
 
 @dataclass(frozen=True)
@@ -32,32 +33,32 @@ class Results:
     """All that tables and plots are made from.
 
     Attributes:
-        request: what was asked.
+        request: what was to be measured.
         estimators: their names, in the order of the tables.
-        rivals: what else was judged: ceilings that know the truth.
+        oracles: names of what was judged beside them and knows the truth.
         records: one for each picture and estimator.
-        about: versions of what measured.
+        environment: what measured: versions, the code's digest, the kind of machine.
         curves: example -> name -> {"row" [0 ... 1], "tx" [px at 256 rows], "rz" [deg]}.
     """
 
     request: Request
     estimators: list[str]
-    rivals: list[str]
+    oracles: list[str]
     records: list[Record]
-    about: dict[str, str] = field(default_factory=dict)
+    environment: dict[str, str] = field(default_factory=dict)
     curves: dict[str, dict[str, dict[str, list[float]]]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, request: Request, estimators: list[str], rivals: list[str], records: list[Record]) -> Results:
+    def of(cls, request: Request, estimators: list[str], oracles: list[str], records: list[Record]) -> Results:
         """Results measured here and now."""
-        about = {"unshutter": __version__, "code": code_digest(), "machine": platform.machine()}
-        about |= {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
-        return cls(request, estimators, rivals, records, about)
+        environment = {"unshutter": __version__, "code": code_digest(), "machine": platform.machine()}
+        environment |= {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
+        return cls(request, estimators, oracles, records, environment)
 
     @property
     def names(self) -> list[str]:
-        """Estimators and rivals."""
-        return [*self.estimators, *self.rivals]
+        """Estimators and oracles."""
+        return [*self.estimators, *self.oracles]
 
     @property
     def command(self) -> str:
@@ -70,11 +71,11 @@ class Results:
         return " ".join([*words, "--seed", str(r.seed), "--estimators", ",".join(self.estimators)])
 
     def with_examples(self, examples: list[Example]) -> Results:
-        """With the curves of some pictures to look at."""
+        """The same results with the curves of some pictures."""
         return replace(self, curves={e.title: {n: _curve(m) for n, m in e.curves.items()} for e in examples})
 
     def to_json(self) -> str:
-        """As text, format ``unshutter-evaluation/1``."""
+        """All of it as JSON."""
         data = {"format": FORMAT, "command": self.command, **asdict(self)}
         return json.dumps(data, default=str, allow_nan=False)
 
@@ -90,7 +91,8 @@ class Results:
             request: dict[str, Any] = data["request"]
             request["data"] = tuple(Path(p) for p in request["data"])
             request["trajectory"] = Path(request["trajectory"]) if request["trajectory"] else None
-            known = {key: data[key] for key in ("estimators", "rivals", "records", "about", "curves")}
+            data |= {name: data[former] for name, former in _FORMER_NAMES.items() if former in data}
+            known = {key: data[key] for key in ("estimators", "oracles", "records", "environment", "curves")}
             return cls(Request(**request), **known)
         except OSError as error:
             raise UnshutterError(f"cannot read results {path}: {error.strerror}") from None
@@ -98,7 +100,7 @@ class Results:
             raise UnshutterError(f"{path} holds no results of unshutter evaluate") from None
 
     def to_csv(self) -> str:
-        """One line a record."""
+        """The records as CSV, a line each."""
         columns = list(dict.fromkeys(key for record in self.records for key in record))
         stream = io.StringIO()
         writer = csv.DictWriter(stream, columns, lineterminator="\n")
@@ -107,33 +109,32 @@ class Results:
         return stream.getvalue()
 
     def values(self, key: str, **wanted: str) -> np.ndarray:
-        """One figure of the records that say what is wanted (suite, group, estimator), where there is one."""
+        """One figure of the records with these values (suite, group, estimator), where it is known."""
         return values(self.chosen(**wanted), key)
 
     def chosen(self, **wanted: str) -> list[Record]:
-        """The records that say what is wanted."""
+        """The records with these values."""
         return [r for r in self.records if all(r[k] == v for k, v in wanted.items())]
 
     def distinct(self, key: str) -> list[str]:
-        """All there are of "suite" or "group", in the order of the records."""
+        """The different values of a key, in the order of the records."""
         return list(dict.fromkeys(r[key] for r in self.records))
 
 
 def values(records: Iterable[Record], key: str) -> np.ndarray:
-    """One figure of each record that has it."""
+    """One figure of each record that has it, as an array."""
     return np.array([r[key] for r in records if r.get(key) is not None], dtype=np.float64)
 
 
 def examples_of(cases: list[Case], records: list[Record]) -> list[Case]:
-    """A few cases to look at, from little to much distorted (in the order given, where that is not known)."""
-    amount = {}
+    """A few cases to look at, from little to much distorted; the first few where the distortion is not known."""
+    distortion = {}  # picture -> EPE of doing nothing
     for record in records:
-        amount.setdefault(
-            (record["suite"], record["group"], record["photo"], record["draw"]), record.get("epe_nothing")
-        )
-    if len(amount) != len(cases) or None in amount.values():
+        picture = (record["suite"], record["group"], record["photo"], record["draw"])
+        distortion.setdefault(picture, record.get("epe_nothing"))
+    if len(distortion) != len(cases) or None in distortion.values():
         return cases[: len(_EXAMPLES)]
-    order = np.argsort(list(amount.values()), kind="stable")
+    order = np.argsort(list(distortion.values()), kind="stable")
     return list(dict.fromkeys(cases[order[int(share * (len(order) - 1))]] for share in _EXAMPLES))
 
 

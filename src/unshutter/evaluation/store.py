@@ -1,4 +1,4 @@
-"""What a run has measured so far, on disc: a killed run goes on where it stopped."""
+"""The records of a run on disc, as they are measured, so that a run that was stopped can go on."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _DIGITS = 5
 
 
 class Store:
-    """Records in a file of one JSON line for each case and estimator, after a line that says what the run is.
+    """A file with one JSON line for each case and estimator, after a line with the settings of the run.
 
     Args:
         folder: made where it is missing.
@@ -25,7 +25,8 @@ class Store:
         overwrite: whether records of other settings or other code may be thrown away.
 
     Raises:
-        UsageError: the folder holds another run; UnshutterError: it cannot be written to.
+        UsageError: the folder holds another run.
+        UnshutterError: the folder cannot be written to.
     """
 
     def __init__(self, folder: Path, settings: dict[str, Any], overwrite: bool):
@@ -34,20 +35,20 @@ class Store:
         head = {"settings": settings, "code": code_digest()}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            if not self._taken_up(head, overwrite):
+            if not self._resumed(head, overwrite):
                 self._path.write_text(json.dumps(head) + "\n", encoding="utf-8")
         except OSError as error:
             raise UnshutterError(f"cannot write to folder {folder}: {error.strerror}") from None
 
     def missing(self, key: str, names: list[str]) -> list[str]:
-        """Which of the estimators have no records of a case yet."""
+        """Those of the names that have no records of a case yet."""
         return [name for name in names if (key, name) not in self._done]
 
     def add(self, key: str, names: list[str], records: list[Record]) -> None:
-        """Keeps the records of a case, on disc at once.
+        """Writes the records of a case to disc.
 
         Raises:
-            UnshutterError: the disc is full.
+            UnshutterError: they cannot be written.
         """
         lines = []
         for name in names:
@@ -61,11 +62,11 @@ class Store:
             raise UnshutterError(f"cannot write {self._path}: {error.strerror}") from None
 
     def records(self, keys: list[str], names: list[str]) -> list[Record]:
-        """The records of these cases and estimators, in this order."""
+        """The records of these cases and names, in this order."""
         return [r for key in keys for name in names for r in self._done.get((key, name), [])]
 
-    def _taken_up(self, head: dict, overwrite: bool) -> bool:
-        """Reads what is there; False where the run starts afresh."""
+    def _resumed(self, head: dict, overwrite: bool) -> bool:
+        """Reads the records that are there; False where the run starts afresh."""
         if not self._path.exists():
             return False
         lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -78,7 +79,7 @@ class Store:
             return False
         whole = [record for line in lines[1:] if (record := _parsed(line))]
         self._done = {(record["key"], record["estimator"]): record["records"] for record in whole}
-        if len(whole) < len(lines) - 1:  # the run was killed while it wrote
+        if len(whole) < len(lines) - 1:  # the run was killed in the middle of a line
             rest = [json.dumps(record) for record in (head, *whole)]
             self._path.write_text("\n".join(rest) + "\n", encoding="utf-8")
         return True
@@ -86,7 +87,7 @@ class Store:
 
 @cache
 def code_digest() -> str:
-    """Of the package's code and weights: records of other code are not mixed with new ones."""
+    """Digest of the package's code and weights, which tells records of other code from new ones."""
     digest = hashlib.sha256()
     root = Path(unshutter.__file__).parent
     for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".onnx")):

@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.estimators.register import load
 from unshutter.motion import Motion
-from unshutter.options import DEFAULT_ESTIMATOR, Reference
+from unshutter.options import MAX_PIXELS, Find, Reference
+from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips, refusing
-from unshutter.photo.photo import MAX_PIXELS
+from unshutter.rectification import estimate_photo, fitted
 from unshutter.storage.files import check_target, written_whole
 from unshutter.warp.grid import SamplingGrid, gs_to_rs_map, rs_to_gs_map
 
@@ -89,26 +91,22 @@ def map_file(
     source: Path,
     target: Path,
     *,
+    find: Find | None = None,
+    reference: Reference | None = None,
     inverse: bool = False,
     size: str | None = None,
-    estimator: str = DEFAULT_ESTIMATOR,
-    readout: str = "auto",
-    reference: Reference | None = None,
     overwrite: bool = False,
-    focal_px: float | None = None,
-    roll_deg: float | None = None,
-    tilt_deg: float | None = None,
 ) -> Motion:
     """Writes the map of a photo or of a motion file.
 
     Args:
         source: photo whose motion is estimated, or a motion file (``.json``).
         target, overwrite: see :meth:`PixelMap.save`.
+        find: how the motion is found, by default as :func:`unshutter.estimate` does; of a motion file, only the
+            readout direction may be given.
+        reference: row at whose moment the GS picture is taken; by default the motion's own, else the first.
         inverse: see :meth:`PixelMap.of`.
         size: ``WxH`` of the map in stored pixels, for a scaled copy of the photo; by default the photo's.
-        estimator, readout: as for :func:`unshutter.estimate`.
-        reference: row at whose moment the GS picture is taken; by default the motion's own, else the first.
-        focal_px, roll_deg, tilt_deg: as for :func:`unshutter.estimate`; not for a motion file.
 
     Returns:
         The motion that the map applies.
@@ -116,19 +114,16 @@ def map_file(
     Raises:
         UnshutterError: the photo, motion or target cannot be used; UsageError: an option cannot.
     """
-    from unshutter.rectification import check_nothing_told, estimate, fitted
-
     check_map_target(target, overwrite, source)
+    find = find or Find()
     wanted = None if size is None else _parse_size(size)
-    told = {"focal_px": focal_px, "roll_deg": roll_deg, "tilt_deg": tilt_deg}
     if source.suffix.lower() == ".json":
-        check_nothing_told(told)
+        find.camera.check_unused()
         motion = Motion.load(source)
-        height, width = motion.readout.frame_size(motion.height, motion.width)
-        motion = fitted(motion, height, width, readout)
-        motion = motion.rereferenced(reference) if reference else motion
+        motion = fitted(motion, *motion.readout.frame_size(motion.height, motion.width), find.camera.readout)
     else:
-        motion = estimate(source, estimator=estimator, readout=readout, reference=reference or "first", **told)
+        motion = estimate_photo(Photo.open(source), load(find.estimator), find.camera)
+    motion = motion.rereferenced(reference or motion.reference)
     motion = fitted(motion, *wanted) if wanted else motion
     PixelMap.of(motion, inverse).save(target, overwrite)
     return motion
@@ -146,7 +141,7 @@ def _parse_size(size: str) -> tuple[int, int]:
 
 
 def check_map_target(target: Path, overwrite: bool, original: Path | None = None) -> None:
-    """Says no to a file name before the work rather than after it.
+    """Refuses a file name that no map can be written to.
 
     Raises:
         UsageError: an ending that maps do not have; UnshutterError: as :func:`unshutter.storage.files.check_target`, or

@@ -1,1 +1,1 @@
-"""Everything that needs torch: models, drawn scenes, losses, training, export. Never imported by inference."""
+"""Training: everything that needs torch. It imports inference; inference never imports it."""

@@ -1,4 +1,7 @@
-"""What a training run is told: a frozen value read from a TOML file."""
+"""The configuration of a training run: a frozen value, read from a TOML file.
+
+The package brings its own configurations in configs/; they are found by name, any other file by its path.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,17 @@ from typing import Any, TypeVar
 from unshutter.errors import UsageError
 
 T = TypeVar("T")
+_SHIPPED = Path(__file__).parent / "configs"
+_MOST_BASES = 4  # in a row: more than that is a loop
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """A training run. ``network``, ``data`` and ``loss`` hold what the model's own recipe understands."""
+    """A training run. ``network``, ``data`` and ``loss`` hold what the model's own recipe understands.
+
+    Raises:
+        UsageError: a number that must be at least 1 and is not, an unknown schedule or optimiser.
+    """
 
     model: str  # name of a recipe (recipes.py)
     steps: int = 1000
@@ -32,52 +41,101 @@ class TrainConfig:
     seed: int = 0
     bfloat16: bool = False  # convolutions and matrix products in half precision (2.5 times as fast on a CPU with AMX)
     threads: int = 1  # CPU threads per process
-    log_every: int = 50  # steps
-    validate_every: int = 500  # steps
+    log_every: int = 50  # steps between two rows of log.csv
+    validate_every: int = 500  # steps between two validations; each has a row of log.csv, too
     checkpoint_minutes: float = 3.0
     keep_at: int = 0  # the checkpoint of this step is kept as checkpoint-STEP.pt, for other runs to start from
     network: dict[str, Any] = field(default_factory=dict)
     data: dict[str, Any] = field(default_factory=dict)
     loss: dict[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        for name in ("steps", "batch", "threads", "log_every", "validate_every"):
+            if getattr(self, name) < 1:
+                raise UsageError(f"'{name}' must be at least 1, got {getattr(self, name)}")
+        if self.optimiser not in ("adamw", "adam", "sgd"):
+            raise UsageError(f"unknown optimiser '{self.optimiser}': choose adamw, adam or sgd")
+        if self.schedule not in ("cosine", "constant", "stairs"):
+            raise UsageError(f"unknown schedule '{self.schedule}': choose cosine, constant or stairs")
+        if self.schedule == "stairs" and self.stair < 1:
+            raise UsageError(f"'stair', the steps from one stair to the next, must be at least 1, got {self.stair}")
 
-def load_config(path: Path, base: Path | None = None) -> TrainConfig:
-    """Reads a TOML file. Its key ``base`` names another, beside it, for all that it does not say itself.
+
+def shipped_configs() -> list[str]:
+    """Names of the configurations that come with the package."""
+    return sorted(path.stem for path in _SHIPPED.glob("*.toml"))
+
+
+def find_config(name: str | Path, folder: Path = Path()) -> Path:
+    """The file of a configuration.
 
     Args:
-        path: of the file.
-        base: instead of the one that the file names.
+        name: of a shipped configuration, or a path.
+        folder: that the path starts from.
 
     Raises:
-        UsageError: it cannot be read, or has a key or type that does not belong there.
+        UsageError: it is neither.
     """
-    table = _read(Path(path), base)
+    if str(name) in shipped_configs():
+        return _SHIPPED / f"{name}.toml"
+    path = folder / name
+    if path.suffix == ".toml" or len(Path(name).parts) > 1 or path.is_file():
+        return path
+    raise UsageError(
+        f"unknown configuration '{name}': give a TOML file, or one of these names: {', '.join(shipped_configs())}"
+    )
+
+
+def load_config(name: str | Path, base: str | Path | None = None) -> TrainConfig:
+    """Reads a configuration. Its key ``base`` names another one, for all that it does not say itself.
+
+    Args:
+        name: of a shipped configuration, or the path of a TOML file.
+        base: instead of the one that the file names, which starts from the file's own folder.
+
+    Raises:
+        UsageError: it cannot be read, or has a key, type or value that does not belong there.
+    """
+    path = find_config(name)
+    table = _read(path, None if base is None else find_config(base))
     if "model" not in table:
         raise UsageError(f"{path} does not say which model to train (model = ...)")
     return from_table(TrainConfig, table, str(path))
 
 
-def _read(path: Path, base: Path | None, depth: int = 0) -> dict[str, Any]:
-    if depth > 4:
+def _read(path: Path, base: Path | None = None, depth: int = 0) -> dict[str, Any]:
+    """The file's table over that of its base."""
+    if depth > _MOST_BASES:
         raise UsageError(f"{path}: too many files, each the base of another")
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UsageError(f"{path} is not TOML: {error}") from None
+    table = _parsed(path)
     named = table.pop("base", None)
     if base is None and named is None:
         return table
     if base is None and not isinstance(named, str):
-        raise UsageError(f"{path}: 'base' must be the name of a TOML file, got {named!r}")
-    below = _read(base or path.parent / str(named), None, depth + 1)
+        raise UsageError(f"{path}: 'base' must be a TOML file or a shipped configuration's name, got {named!r}")
+    below = _read(base or find_config(str(named), path.parent), depth=depth + 1)
     inner = {name: {**below.get(name, {}), **value} for name, value in table.items() if isinstance(value, dict)}
     return {**below, **table, **inner}
 
 
+def _parsed(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        shipped = path.stem in shipped_configs()
+        hint = f"; the one that comes with unshutter is called '{path.stem}'" if shipped else ""
+        raise UsageError(f"cannot read {path}: {error.strerror}{hint}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"{path} is not TOML: {error}") from None
+
+
 def from_table(kind: type[T], table: dict[str, Any], where: str) -> T:
     """A flat dataclass from a table of the same names; whole numbers may stand for floats.
+
+    Args:
+        kind: of dataclass.
+        table: name -> value.
+        where: the table is from, for messages.
 
     Raises:
         UsageError: unknown name or wrong type.

@@ -1,4 +1,4 @@
-"""What a training run tells: log.csv for later, and a progress bar (on a terminal) or lines (in a file) for now."""
+"""The record of a training run: log.csv, and a progress bar (on a terminal) or lines (elsewhere)."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from typing import Any
 
 
 class TrainingLog:
-    """log.csv, one row per logged step; rows beyond the checkpoint that a run resumes from are dropped.
+    """log.csv, one row for each step that is logged.
+
+    Rows beyond the checkpoint from which a run resumes are dropped.
 
     Args:
         path: of log.csv.
-        step, steps: steps done, and in all.
-        quiet: tell nothing (all but the first of several processes).
+        step: steps done so far.
+        steps: steps in all.
+        quiet: write and show nothing (for all but the first of several processes).
     """
 
     def __init__(self, path: Path, step: int, steps: int, quiet: bool):
@@ -33,36 +36,36 @@ class TrainingLog:
             self._bar.stop()
 
     def step(self, step: int) -> None:
-        """One more step is done."""
+        """Moves the progress bar on."""
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=step)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Writes a row; ``step`` and ``seconds`` are among its names."""
+        """Writes a row, which has ``step`` and ``seconds`` among its columns."""
         if self._quiet:
             return
         self._rows.append({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
-        names = list(dict.fromkeys(name for r in self._rows for name in r))
+        columns = list(dict.fromkeys(name for r in self._rows for name in r))
         with self._path.open("w", newline="") as file:
-            writer = csv.DictWriter(file, names, restval="")
+            writer = csv.DictWriter(file, columns, restval="")
             writer.writeheader()
             writer.writerows(self._rows)
-        figures = "  ".join(f"{k} {v}" for k, v in self._rows[-1].items() if k not in ("step", "seconds"))
         if self._bar is not None:
-            self._bar.update(self._bar.task_ids[0], figures=self._shown())
+            self._bar.update(self._bar.task_ids[0], figures=self._newest())
         else:
             left = row["seconds"] / row["step"] * (self._steps - row["step"]) / 60
+            figures = "  ".join(f"{k} {v}" for k, v in self._rows[-1].items() if k not in ("step", "seconds"))
             print(f"{row['step']}/{self._steps}  {left:.0f} min left  {figures}", flush=True)
 
-    def _shown(self) -> str:
-        """The newest loss and the newest validation figures."""
+    def _newest(self) -> str:
+        """The newest loss and the newest figures of validation."""
         newest = {name: value for row in self._rows for name, value in row.items() if value != ""}
         wanted = [name for name in newest if name == "loss" or name.startswith("val_")]
         return "  ".join(f"{name} {newest[name]}" for name in wanted)
 
 
 def _bar(step: int, steps: int) -> Any:
-    """Rich's progress bar; None where there is no terminal, or no rich (a bare training machine)."""
+    """Rich's progress bar; None where there is no terminal, or no rich (on a bare training machine)."""
     if not sys.stdout.isatty():
         return None
     try:

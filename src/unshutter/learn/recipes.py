@@ -1,13 +1,14 @@
-"""Recipes: what a network learns from, what it is told off for, and how it leaves the workshop.
+"""Recipes: what a network learns from, its loss, its validation and its export.
 
-To add one: write a class that fulfils :class:`Recipe`, and add its line to ``RECIPES``.
+To add a network, make a folder with its network.py and a recipe.py that implements :class:`Recipe`, and add the
+recipe's line to ``RECIPES``. Such a folder imports what lies beside it here, never another network's folder.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol
 
 import torch
 from torch import Tensor, nn
@@ -15,6 +16,7 @@ from torch import Tensor, nn
 from unshutter.errors import UsageError
 from unshutter.learn.config import TrainConfig
 
+# model of the configuration -> module:class, imported only when it is trained
 RECIPES = {
     "kandula2020": "unshutter.learn.kandula2020.recipe:KandulaRecipe",
     "rengarajan2017": "unshutter.learn.rengarajan2017.recipe:RengarajanRecipe",
@@ -22,26 +24,32 @@ RECIPES = {
 }
 
 
-class Recipe(Protocol):
-    """Everything about a training that depends on the model. Made from the configuration and the device."""
+class Recipe(ABC):
+    """Everything about a training that depends on the model.
 
-    def __init__(self, config: TrainConfig, device: torch.device): ...
+    Args:
+        config: of the run.
+        device: where network and data lie.
+    """
 
+    def __init__(self, config: TrainConfig, device: torch.device):
+        self.config, self.device = config, device
+
+    @abstractmethod
     def build(self) -> nn.Module:
         """A new network, initialised from torch's global generator."""
-        ...
 
+    @abstractmethod
     def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
-        """Loss on a fresh batch drawn with ``generator``, and numbers for the log."""
-        ...
+        """Loss on a fresh batch drawn with ``generator``, and figures for the log."""
 
+    @abstractmethod
     def validate(self, network: nn.Module) -> dict[str, float]:
-        """Figures on data that training never sees; the same data at each call."""
-        ...
+        """Figures on data that training never sees, the same data at each call."""
 
+    @abstractmethod
     def export(self, network: nn.Module, path: Path) -> None:
         """Writes the network as ONNX."""
-        ...
 
 
 def make_recipe(config: TrainConfig, device: torch.device) -> Recipe:

@@ -32,25 +32,23 @@ class Decoder:
         self._source, self._header = source, header
         self._height, self._width = header.height, header.width
         self._begun: set[str] = set()
+        self._grey_px: int | None = None
         self._grey_ahead: Future[np.ndarray] | None = None
         self._pixels_ahead: Future[np.ndarray] | None = None
 
-    def start(self, executor: Executor, grey: bool, whole: bool) -> None:
-        """Begins with the usual ``grey`` copy, then the pixels, if they are wanted ``whole``.
-
-        Where a grey copy is made of the pixels, these come first.
-        What goes wrong is told where the results are asked for.
-        """
-        small_first = grey and self._shrink(USUAL_GREY) > 1
+    def start(self, executor: Executor, grey_px: int | None, whole: bool) -> None:
+        """Begins with a grey copy, then the pixels."""
+        self._grey_px = grey_px
+        small_first = grey_px is not None and self._shrink(grey_px) > 1
         if small_first and "grey" not in self._begun:
             self._begun.add("grey")
-            self._grey_ahead = executor.submit(self._grey, USUAL_GREY)
-        if (whole or (grey and not small_first)) and "pixels" not in self._begun:
+            self._grey_ahead = executor.submit(self._grey, grey_px)
+        if (whole or (grey_px and not small_first)) and "pixels" not in self._begun:
             self._begun.add("pixels")
             pixels = self._pixels_ahead = executor.submit(self._decode)
-            if grey and not small_first:
+            if grey_px and not small_first:
                 self._begun.add("grey")
-                self._grey_ahead = executor.submit(lambda: self._grey_of(pixels.result(), USUAL_GREY))
+                self._grey_ahead = executor.submit(lambda: self._grey_of(pixels.result(), grey_px))
 
     @cached_property
     def pixels(self) -> np.ndarray:
@@ -64,7 +62,7 @@ class Decoder:
     def grey(self, short_side: int | None) -> np.ndarray:
         """See ``Photo.grey``."""
         ahead = None
-        if short_side == USUAL_GREY:
+        if short_side is not None and short_side == self._grey_px:
             ahead, self._grey_ahead = self._grey_ahead, None  # given away once: it may be written to
         if ahead or self._shrink(short_side) > 1:
             with suppress(UnshutterError):  # what is wrong with the data, decoding the pixels says

@@ -126,7 +126,7 @@ class Photo:
         """Whether the last channel is transparency."""
         return self.bands in (2, 4)
 
-    def start_decoding(self, executor: Executor | None = None, grey: bool = True, whole: bool = True) -> None:
+    def start_decoding(self, executor: Executor | None = None, grey_px: int | None = None, whole: bool = True) -> None:
         """Decodes in a thread of the executor (by default one of its own) while others work.
 
         Args:
@@ -136,7 +136,7 @@ class Photo:
         """
         if self._decoder is not None:
             thread = executor or ThreadPoolExecutor(1)
-            self._decoder.start(thread, grey, whole)
+            self._decoder.start(thread, grey_px, whole)
             if executor is None:
                 thread.shutdown(wait=False)
 

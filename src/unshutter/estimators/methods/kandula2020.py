@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.method import Method
 from unshutter.estimators.onnx import open_network
-from unshutter.estimators.register import Method
 from unshutter.estimators.square import SIZE, corner_of, motion_of_square, side_of, square_of
 from unshutter.motion import Motion, RowMap, RowMapMotion
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.method import Method
 from unshutter.estimators.onnx import open_network
-from unshutter.estimators.register import Method
 from unshutter.estimators.square import SIZE, motion_of_square, square_of
 from unshutter.motion import Motion
 

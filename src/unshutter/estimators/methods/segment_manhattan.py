@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.method import Method
 from unshutter.estimators.methods.manhattan import STARTS, likelihood_of, motion_of, segments_of, unusable
-from unshutter.estimators.register import Method
 from unshutter.estimators.right_angles.likelihood import SecondOpinion
 from unshutter.estimators.right_angles.search import displacement, explore
 from unshutter.estimators.segment_network import SegmentNetwork

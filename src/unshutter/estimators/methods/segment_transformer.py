@@ -6,7 +6,7 @@ from pathlib import Path
 
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.segments import find_segments, in_rows
-from unshutter.estimators.register import Method
+from unshutter.estimators.method import Method
 from unshutter.estimators.segment_network import FEWEST_SEGMENTS, MOST_SEGMENTS, WIDEST_ASPECT, SegmentNetwork
 from unshutter.motion import Motion
 

@@ -1,1 +1,1 @@
-"""What is measured: pictures, and how an answer is scored."""
+"""The pictures that are measured on, and how an estimator's answer is scored."""

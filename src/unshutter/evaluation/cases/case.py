@@ -1,10 +1,11 @@
-"""What every protocol's cases have in common: the contract, and how an estimator's answer is taken and applied."""
+"""What the cases of all protocols have in common: how an estimator is asked, and its answer applied and scored."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -14,36 +15,36 @@ from unshutter.evaluation.metrics import psnr, ssim
 from unshutter.motion import Motion
 from unshutter.photo import Photo
 
-# One line of the results: words and numbers only; "suite", "group", "photo", "draw" and "estimator" say whose.
+# One line of the results, of words and numbers only: "suite", "group", "photo", "draw" and "estimator", then figures.
 Record = dict[str, Any]
 Loaded = Callable[[str], Estimator]  # name -> estimator, built once per process
 NOTHING = "none"  # the estimator whose picture is the input
 
 
-class Case(Protocol):
-    """One picture on which estimators are judged; made in one process, judged in another."""
+class Case(ABC):
+    """One picture on which estimators are judged. It is made in one process and judged in another."""
 
     @property
+    @abstractmethod
     def key(self) -> str:
-        """Unlike that of any other case of the run."""
-        ...
+        """Names the case; no other case of the run has the same."""
 
     @property
-    def rivals(self) -> tuple[str, ...]:
-        """What is judged beside the estimators: a ceiling that knows the truth."""
-        ...
+    @abstractmethod
+    def oracles(self) -> tuple[str, ...]:
+        """Names of what is judged beside the estimators and knows the truth."""
 
+    @abstractmethod
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """Records of the estimators and rivals of these names.
+        """Records of the estimators and oracles of these names.
 
         Raises:
             UnshutterError: the picture cannot be read or used.
         """
-        ...
 
+    @abstractmethod
     def show(self, names: list[str], loaded: Loaded) -> Example:
         """The pictures and curves behind the records."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ class Example:
     """One case to look at.
 
     Attributes:
-        title: whose.
-        pictures: (caption, uint8 [H, W, 3]) each of one size: the input, what each estimator made of it, the truth.
+        title: which picture it is.
+        pictures: (caption, uint8 [H, W, 3]), all of one size: the input, what each estimator made of it, the truth.
         curves: name -> motion, "truth" among them where it is known.
     """
 
@@ -63,23 +64,22 @@ class Example:
 
 @dataclass(frozen=True)
 class Answer:
-    """What an estimator said.
+    """An estimator's answer.
 
     Attributes:
-        motion: with the first row as the reference; zero where it failed.
-        declined: why it gave no motion, in its own words.
-        failed: the error where there should have been an answer.
+        motion: with the first row as the reference; zero where the estimator failed.
+        declined: why the estimator gave no motion, in its own words; else empty.
+        failed: the error that it raised instead of answering; else empty.
     """
 
     motion: Motion
     declined: str = ""
     failed: str = ""
 
-    def about(self) -> Record:
-        """The part of a record that is the same in all protocols.
+    def figures(self) -> Record:
+        """The figures that records of all protocols have.
 
-        The confidence is the motion's own word: None where the estimator states none, and where it declined, for
-        then it states nothing but that it does not know.
+        The confidence is that of the motion: None where the estimator states none, or declined.
         """
         scale = 256 / self.motion.height
         return {
@@ -92,15 +92,10 @@ class Answer:
 
 
 def ask(estimator: Estimator, view: View) -> Answer:
-    """An estimator's answer; one that raises is on record as failed, and the run goes on.
-
-    Args:
-        estimator: any.
-        view: what it sees.
-    """
+    """Asks an estimator for the motion of a photo. An error that it raises becomes part of the answer."""
     try:
         motion = estimator.estimate(view).rereferenced("first")
-    except Exception as error:  # whatever a method stumbles over, the others are still to be judged
+    except Exception as error:  # whatever it is, the other estimators are still to be judged
         message = " ".join(f"{type(error).__name__}: {error}".split())
         return Answer(view.no_motion(estimator.name, "failed"), failed=message)
     return Answer(motion, declined=motion.reason)
@@ -109,7 +104,7 @@ def ask(estimator: Estimator, view: View) -> Answer:
 def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """(uint8 [H, W, 1 or 3], bool mask [H, W] of what the photo saw), as ``unshutter rectify`` makes them.
 
-    A motion that cannot be undone leaves the photo as it is, as it does for users.
+    A motion that cannot be undone leaves the photo as it is.
     """
     from unshutter.warp.pixels import rectify_pixels, validity_mask
 
@@ -123,9 +118,9 @@ def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
 
 def picture_scores(made: dict[str, np.ndarray], truth: np.ndarray, mask: np.ndarray) -> Record:
-    """PSNR and SSIM against the truth of several pictures on the same pixels, as ``psnr``, ``psnr_input`` ...
+    """PSNR and SSIM of several pictures against the truth, on the same pixels: ``psnr``, ``psnr_input`` ...
 
-    None where there is no such number: equal pictures, or nothing seen.
+    None where a score has no finite value: equal pictures, or an empty mask.
 
     Args:
         made: ending of the record's keys ("" for what the estimator made) -> uint8 [H, W, bands].

@@ -1,4 +1,4 @@
-"""What photos suffer besides the rolling shutter: compression, noise, blur, night."""
+"""What else happens to photos: compression, noise, blur, night."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is in the folders that a run is given: photos, pairs, frames, recorded motions."""
+"""What lies in the folders of a run: photos, pairs, frames, recorded motions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.batch import PHOTO_SUFFIXES, RECTIFIED
+from unshutter.batch.inputs import PHOTO_SUFFIXES, RECTIFIED
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
 
@@ -18,7 +18,7 @@ _RS = re.compile(r"rs_(\d+)")
 
 @dataclass(frozen=True)
 class Frame:
-    """A rolling-shutter frame with what a global shutter saw meanwhile.
+    """A rolling-shutter frame and what a global shutter saw meanwhile.
 
     Attributes:
         sequence: name of its sequence in the folder.
@@ -34,7 +34,7 @@ class Frame:
 
 
 def photos_in(folder: Path, most: int | None, seed: int) -> list[Path]:
-    """The photos of a folder and its subfolders, sorted; of more than ``most`` a subset that depends on the seed.
+    """The photos of a folder and its subfolders, sorted; at most ``most`` of them, chosen by the seed.
 
     Raises:
         UnshutterError: no such folder, or no photos in it.
@@ -54,7 +54,7 @@ def pairs_in(folder: Path) -> list[Frame]:
     """The pairs of a folder: rs_N with gs_N_first or gs_N_middle in any subfolder, or what ``synthesize`` wrote.
 
     Raises:
-        UnshutterError: none; a frame without its other half; halves of different sizes.
+        UnshutterError: no pairs, a frame without its global-shutter picture, or one of another size.
     """
     _check(folder)
     frames = _synthesized(folder) if (folder / "rs").is_dir() else _numbered(folder)
@@ -69,7 +69,7 @@ def pairs_in(folder: Path) -> list[Frame]:
         for other in frame.gs.values():
             if _size(other) != size:
                 sizes = [f"{width}x{height} px" for height, width in (size, _size(other))]
-                raise UnshutterError(f"{frame.rs} has {sizes[0]} but {other} has {sizes[1]}: they are no pair")
+                raise UnshutterError(f"{frame.rs} has {sizes[0]} but {other} has {sizes[1]}: they are not a pair")
     return frames
 
 
@@ -77,7 +77,7 @@ def videos_in(folder: Path) -> list[tuple[Frame, Frame]]:
     """Consecutive frames: rs_N and rs_N+1 of any subfolder, else the folder's photos in the order of their names.
 
     Raises:
-        UnshutterError: no two frames that follow one another, or of different sizes.
+        UnshutterError: no consecutive frames, or frames of different sizes.
     """
     _check(folder)
     frames = _numbered(folder)
@@ -89,15 +89,16 @@ def videos_in(folder: Path) -> list[tuple[Frame, Frame]]:
         raise UnshutterError(f"no consecutive frames in folder {folder} (looked for rs_0.png and rs_1.png)")
     for a, b in pairs:
         if _size(a.rs) != _size(b.rs):
-            raise UnshutterError(f"{a.rs} and {b.rs} have different sizes: they are no frames of one video")
+            raise UnshutterError(f"{a.rs} and {b.rs} have different sizes: they are not frames of one video")
     return pairs
 
 
 def logs_in(place: Path | None) -> tuple[Path, ...]:
-    """Recorded motions: an NPZ file, or those of a folder.
+    """The NPZ files of recorded motions: one file, or those of a folder.
 
     Raises:
-        UsageError: no place given; UnshutterError: none there.
+        UsageError: no place was given.
+        UnshutterError: there are none.
     """
     if place is None:
         raise UsageError("the protocol trajectory needs --trajectory: an NPZ file, or a folder of them")

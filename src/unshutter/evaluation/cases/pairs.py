@@ -1,4 +1,4 @@
-"""Real pairs: a rolling-shutter frame, and what a global shutter saw at the moment of its first or middle row."""
+"""Pairs: a rolling-shutter frame, and what a global shutter saw at the moment of its first or middle row."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from unshutter.estimators.base import View
 from unshutter.evaluation.cases.case import (
     NOTHING,
     Answer,
+    Case,
     Example,
     Loaded,
     Record,
@@ -29,7 +30,7 @@ CEILING = "ceiling"
 
 
 @dataclass(frozen=True)
-class PairCase:
+class PairCase(Case):
     """One rolling-shutter frame, judged at every reference row for which there is a global-shutter picture.
 
     Attributes:
@@ -39,15 +40,19 @@ class PairCase:
 
     group: str
     frame: Frame
-    rivals: tuple[str, ...] = (CEILING,)
 
     @property
     def key(self) -> str:
-        """Unlike that of any other case of the run."""
+        """Its folder and files."""
         return f"{self.group}|{self.frame.sequence}|{self.frame.rs.name}"
 
+    @property
+    def oracles(self) -> tuple[str, ...]:
+        """The motion that fits both pictures best."""
+        return (CEILING,)
+
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """One record for each estimator or ceiling and reference row."""
+        """One record for each name and reference row."""
         photo = Photo.open(self.frame.rs)
         truths = {reference: self._truth(reference, photo) for reference in self.frame.gs}
         records = []
@@ -73,13 +78,15 @@ class PairCase:
         rs = in_8_bits(photo)
         found = answer.motion.rereferenced(row) if answer else fit_to_pair(rs, gs, row)
         made, mask = rectified(photo, found)
-        about = {"suite": f"{reference} row", "group": self.group, "photo": self.frame.sequence}
-        about |= {"draw": self.frame.number, "estimator": name}
-        about |= (answer or Answer(found.rereferenced("first"))).about()
-        return about | picture_scores({"": made, "input": rs}, gs, mask)
+        record: Record = {"suite": f"{reference} row", "group": self.group, "photo": self.frame.sequence}
+        record |= {"draw": self.frame.number, "estimator": name}
+        record |= (answer or Answer(found.rereferenced("first"))).figures()
+        return record | picture_scores({"": made, "input": rs}, gs, mask)
 
     def _truth(self, reference: str, photo: Photo) -> np.ndarray:
         gs, rs = in_8_bits(Photo.open(self.frame.gs[reference])), in_8_bits(photo)
         if gs.shape != rs.shape:
-            raise UnshutterError(f"{self.frame.gs[reference]} and {photo.path} differ in size or channels: no pair")
+            raise UnshutterError(
+                f"{self.frame.gs[reference]} and {photo.path} differ in size or channels: they are not a pair"
+            )
         return gs

@@ -1,4 +1,4 @@
-"""The protocols: which suites each has, and the cases that they make of the folders given."""
+"""The protocols: what each measures, and the cases that it makes of the folders given."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from unshutter.evaluation.cases.video import VideoCase
 
 @dataclass(frozen=True)
 class Request:
-    """What a run was asked for; together with the code it settles every figure.
+    """What is to be measured, and on what. With the code, it determines every figure.
 
     Attributes:
         protocol: one of PROTOCOLS.
@@ -25,6 +25,9 @@ class Request:
         per_photo: motions for each photo.
         seed: 0 or more.
         trajectory: recorded motions, for the protocol of that name.
+
+    Raises:
+        UsageError: an unknown protocol, or numbers that cannot be.
     """
 
     protocol: str
@@ -34,6 +37,12 @@ class Request:
     seed: int = 0
     trajectory: Path | None = None
 
+    def __post_init__(self) -> None:
+        if self.protocol not in PROTOCOLS:
+            raise UsageError(f"unknown protocol '{self.protocol}': choose one of {', '.join(PROTOCOLS)}")
+        if self.per_photo < 1 or self.seed < 0 or (self.photos is not None and self.photos < 1):
+            raise UsageError("needs at least one photo of each folder, one motion for each, and a seed of 0 or more")
+
 
 @dataclass(frozen=True)
 class Protocol:
@@ -42,30 +51,34 @@ class Protocol:
     Attributes:
         title: of its page.
         kind: which columns its tables have (tables.py): motion, still, pairs or video.
-        about: what is measured, in a sentence or two.
-        cases: makes them.
+        description: what is measured, in a sentence or two.
+        cases: makes the cases of a request.
         by_group: whether tables keep the folders apart (else they are pooled, and suites kept apart).
     """
 
     title: str
     kind: str
-    about: str
+    description: str
     cases: Callable[[Request], list[Case]]
     by_group: bool = True
 
 
 def _with_motion(*suites: Suite, recorded: bool = False) -> Callable[[Request], list[Case]]:
+    """Makes a case of each photo and draw in each suite."""
+
     def cases(request: Request) -> list[Case]:
         logs = logs_in(request.trajectory) if recorded else ()
-        made: list[Case] = []
-        for group, folder in _groups(request).items():
-            photos = photos_in(folder, request.photos, request.seed)
-            for suite in suites:
-                for path in photos:
-                    for draw in range(1 if suite.still else request.per_photo):
-                        name = str(path.relative_to(folder))
-                        made.append(SyntheticCase(suite, group, name, path, draw, request.seed, logs))
-        return made
+        photos = {
+            (group, folder): photos_in(folder, request.photos, request.seed)
+            for group, folder in _groups(request).items()
+        }
+        return [
+            SyntheticCase(suite, group, str(path.relative_to(folder)), path, draw, request.seed, logs)
+            for (group, folder), paths in photos.items()
+            for suite in suites
+            for path in paths
+            for draw in range(1 if suite.still else request.per_photo)
+        ]
 
     return cases
 
@@ -80,9 +93,10 @@ def _videos(request: Request) -> list[Case]:
 
 
 def _groups(request: Request) -> dict[str, Path]:
+    """Name in the tables -> folder."""
     groups = {folder.resolve().name: folder for folder in request.data}
     if len(groups) < len(request.data):
-        raise UsageError("two of the folders have the same name: they could not be told apart in the tables")
+        raise UsageError("two of the folders have the same name: the tables could not keep them apart")
     return groups
 
 
@@ -91,14 +105,14 @@ PROTOCOLS = {
         "Synthetic motions, 256 px",
         "motion",
         "The middle square of each photo at 256 px, with random quadratic motions of Rengarajan et al. 2017: the size "
-        "that the paper's networks see. Every estimator is told the focal length: EXIF's, or as a guess 0.85 (width "
+        "that the paper's networks see. Every estimator is given the focal length: EXIF's, else a guess of 0.85 (width "
         "+ height) of the whole photo, scaled to the picture.",
         _with_motion(Suite("256 px")),
     ),
     "native": Protocol(
         "Synthetic motions, native size",
         "motion",
-        "The same photos and motions at the photo's own size. Errors are in pixels of 256 rows all the same.",
+        "The same photos and motions at the photo's own size. Errors are still in pixels of 256 rows.",
         _with_motion(Suite("native size", rows=None)),
     ),
     "trajectory": Protocol(
@@ -106,7 +120,7 @@ PROTOCOLS = {
         "motion",
         "Windows of recorded camera rotation (t_x from turning about the vertical, r_z about the optical axis) at "
         "three strengths: readouts of 20, 50 and 100 ms, focal length 256 px, pictures of 256 px. The logs stand in "
-        "for the trajectories of Köhler et al. 2012 that the paper tests with and that could not be had.",
+        "for the trajectories of Köhler et al. 2012, which the paper tests with and which could not be obtained.",
         _with_motion(*(Suite(f"readout {ms} ms", readout_s=ms / 1000) for ms in (20, 50, 100)), recorded=True),
         by_group=False,
     ),
@@ -137,10 +151,10 @@ PROTOCOLS = {
         by_group=False,
     ),
     "pairs": Protocol(
-        "Real pairs",
+        "Rolling-shutter and global-shutter pairs",
         "pairs",
-        "Rolling-shutter frames and what a global shutter saw at the moment of their first or middle row. The ceiling "
-        "is the best cubic t_x and r_z, fitted to both pictures.",
+        "Rolling-shutter frames and what a global shutter saw at the moment of their first or middle row, from two "
+        "cameras or from `unshutter synthesize`. The ceiling is the best cubic t_x and r_z, fitted to both pictures.",
         _pairs,
     ),
     "video": Protocol(

@@ -1,6 +1,6 @@
-"""Pictures with a known motion: how each suite makes them, and what an estimate of it scores.
+"""Pictures with a known motion: how each suite makes them, and how an estimate of it is scored.
 
-What is drawn for a photo depends on the seed and the photo's own bytes alone, as in ``unshutter synthesize``.
+The motions of a photo depend on the seed and the photo's own bytes alone, as in ``unshutter synthesize``.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from unshutter.estimators.base import Estimator, View
 from unshutter.evaluation.cases.case import (
     NOTHING,
     Answer,
+    Case,
     Example,
     Loaded,
     Record,
@@ -46,9 +47,9 @@ class Suite:
         rows: side of the pictures [px]; None: the photo's own size.
         readout_s: time of a readout with a recorded motion [s]; None: drawn quadratics.
         still: no motion at all.
-        disturbance: one of DISTURBANCES, put upon the rolling-shutter picture.
+        disturbance: one of DISTURBANCES, done to the rolling-shutter picture.
         turned: counter-clockwise quarter turns of the scene before the motion is put in.
-        orientation: what EXIF says of the picture.
+        orientation: of the picture, in EXIF.
         of_pictures: whether PSNR and SSIM are computed.
     """
 
@@ -79,7 +80,7 @@ class _Exam:
 
 
 @dataclass(frozen=True)
-class SyntheticCase:
+class SyntheticCase(Case):
     """One picture with known motion.
 
     Attributes:
@@ -99,12 +100,16 @@ class SyntheticCase:
     draw: int
     seed: int
     logs: tuple[Path, ...] = ()
-    rivals: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
-        """Unlike that of any other case of the run."""
+        """Its suite, photo and motion."""
         return f"{self.suite.name}|{self.group}|{self.photo}|{self.draw}"
+
+    @property
+    def oracles(self) -> tuple[str, ...]:
+        """None: each record has the scores of the true motion."""
+        return ()
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
         """One record for each estimator."""
@@ -114,12 +119,12 @@ class SyntheticCase:
         records = []
         for name in names:
             answer = exam.ask(loaded(name))
-            about = {"suite": self.suite.name, "group": self.group, "photo": self.photo, "draw": self.draw}
+            record: Record = {"suite": self.suite.name, "group": self.group, "photo": self.photo, "draw": self.draw}
             error = motion_error(answer.motion, exam.truth)
-            about |= {"estimator": name, **vars(error), "epe_nothing": nothing.epe, **answer.about()}
+            record |= {"estimator": name, **vars(error), "epe_nothing": nothing.epe, **answer.figures()}
             if oracle:
-                about |= self._picture_scores(exam, answer, oracle)
-            records.append(about)
+                record |= self._picture_scores(exam, answer, oracle)
+            records.append(record)
         return records
 
     def show(self, names: list[str], loaded: Loaded) -> Example:
@@ -176,10 +181,10 @@ class SyntheticCase:
 
 
 def _photo(path: Path) -> tuple[np.ndarray, int, float, bool]:
-    """uint8 [H, W, 3] of a photo, the digest of its file by which motions are drawn, its focal length [px], if known.
+    """uint8 [H, W, 3] of a photo, digest of its file, focal length [px], and whether EXIF knows it.
 
-    The focal length is what estimators would take for the whole photo: EXIF's, or else the usual guess by its size
-    (the last value is False). They are told, because a picture cut from the middle does not show it.
+    Estimators are given the focal length that they would take for the whole photo (EXIF's, else the usual guess by its
+    size), because a picture that is cut from the middle does not show it.
     """
     photo = Photo.open(path)
     pixels = in_8_bits(photo)

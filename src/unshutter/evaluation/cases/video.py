@@ -1,8 +1,8 @@
 """|R_F| over consecutive frames, as this project reads it.
 
 The paper gives |R_F| for a video and never defines it. Our reading: the number of matches between two consecutive
-rectified frames that agree with one fundamental matrix, which a moving global-shutter camera would fulfil exactly.
-More is better. Features are SIFT, matched by Lowe's ratio test; the matrix is found by OpenCV's USAC (MAGSAC), seeded.
+rectified frames that agree with one fundamental matrix, as all would for a moving global-shutter camera. More is
+better. Features are SIFT, matched by Lowe's ratio test; OpenCV's USAC (MAGSAC), seeded, finds the matrix.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.evaluation.cases.case import NOTHING, Answer, Example, Loaded, Record, ask, in_8_bits, rectified
+from unshutter.evaluation.cases.case import NOTHING, Answer, Case, Example, Loaded, Record, ask, in_8_bits, rectified
 from unshutter.evaluation.cases.folders import Frame
 from unshutter.motion import RowMotion
 from unshutter.options import Reference
@@ -24,10 +24,12 @@ _RATIO = 0.75
 _MOST_FEATURES = 3000
 _THRESHOLD = 1.0  # px from the epipolar line
 _FEWEST = 8  # matches that a fundamental matrix needs
+# a frame: uint8 [H, W, bands], and the mask bool [H, W] of what it shows
+_Seen = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class VideoCase:
+class VideoCase(Case):
     """Two consecutive frames.
 
     Attributes:
@@ -41,26 +43,26 @@ class VideoCase:
     seed: int
 
     @property
-    def rivals(self) -> tuple[str, ...]:
+    def key(self) -> str:
+        """Its folder and first file."""
+        return f"{self.group}|{self.frames[0].sequence}|{self.frames[0].rs.name}"
+
+    @property
+    def oracles(self) -> tuple[str, ...]:
         """The true global-shutter frames, where there are some."""
         return (TRUTH,) if all(_REFERENCE in frame.gs for frame in self.frames) else ()
 
-    @property
-    def key(self) -> str:
-        """Unlike that of any other case of the run."""
-        return f"{self.group}|{self.frames[0].sequence}|{self.frames[0].rs.name}"
-
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """One record for each estimator or rival."""
+        """One record for each name."""
         photos = [Photo.open(frame.rs) for frame in self.frames]
         nothing = agreeing_matches(*(_as_it_is(photo) for photo in photos), seed=self.seed)[0]
         records = []
         for name in names:
             answers, seen = self._seen(name, photos, loaded)
             inliers, matches = agreeing_matches(*seen, seed=self.seed)
-            about = {"suite": "consecutive frames", "group": self.group, "photo": self.frames[0].sequence}
-            about |= {"draw": self.frames[0].number, "estimator": name, **answers[0].about()}
-            records.append(about | {"inliers": inliers, "inliers_input": nothing, "matches": matches})
+            record: Record = {"suite": "consecutive frames", "group": self.group, "photo": self.frames[0].sequence}
+            record |= {"draw": self.frames[0].number, "estimator": name, **answers[0].figures()}
+            records.append(record | {"inliers": inliers, "inliers_input": nothing, "matches": matches})
         return records
 
     def show(self, names: list[str], loaded: Loaded) -> Example:
@@ -73,7 +75,8 @@ class VideoCase:
                 pictures.append((name, rectified(photos[0], motion.rereferenced(_REFERENCE))[0]))
         return Example(f"{self.group} {self.frames[0].sequence}", pictures, motions)
 
-    def _seen(self, name: str, photos: list[Photo], loaded: Loaded):
+    def _seen(self, name: str, photos: list[Photo], loaded: Loaded) -> tuple[list[Answer], list[_Seen]]:
+        """Answers, and the frames with their masks that come of them."""
         if name == TRUTH:
             nothing = Answer(RowMotion.zero(photos[0].height, photos[0].width))
             return [nothing], [_as_it_is(Photo.open(frame.gs[_REFERENCE])) for frame in self.frames]
@@ -82,17 +85,15 @@ class VideoCase:
         return answers, [rectified(photo, motion) for photo, motion in zip(photos, motions, strict=True)]
 
 
-def _as_it_is(photo: Photo) -> tuple[np.ndarray, np.ndarray]:
+def _as_it_is(photo: Photo) -> _Seen:
     return in_8_bits(photo), np.ones((photo.height, photo.width), bool)
 
 
-def agreeing_matches(
-    first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], seed: int
-) -> tuple[int, int]:
+def agreeing_matches(first: _Seen, second: _Seen, seed: int) -> tuple[int, int]:
     """(matches that agree with one fundamental matrix, all matches) of two frames.
 
     Args:
-        first, second: uint8 [H, W, bands] and the mask bool [H, W] of what it shows.
+        first, second: frames, each with its mask.
         seed: of the search for the matrix.
     """
     import cv2

@@ -1,1 +1,1 @@
-"""What was measured, as tables, plots and pictures."""
+"""Results as tables, plots and pictures."""

@@ -1,4 +1,4 @@
-"""Results as pictures (extra ``plot``), made from the records alone."""
+"""Plots of results (extra ``plot``), made from the records alone."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DPI = 110
 
 
 def check_matplotlib() -> None:
-    """Passes where plots can be drawn.
+    """Checks that plots can be drawn.
 
     Raises:
         UnshutterError: matplotlib is missing.
@@ -34,7 +34,7 @@ def check_matplotlib() -> None:
 
 
 def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[str, str]]:
-    """Draws what there is to draw for the protocol.
+    """Draws the plots of the protocol.
 
     Returns:
         (file name, caption) of each.
@@ -71,7 +71,7 @@ def new_figure(panels: int, height: float = 3.0, rows: int = 1):
 
 
 def save_figure(figure: Any, path: Path) -> None:
-    """A PNG with few colours: a third of the size, and no larger for more methods, as SVG would be."""
+    """Writes a PNG with a palette: a third of the size, and unlike SVG it does not grow with the number of methods."""
     import matplotlib
     import pyvips
 
@@ -84,7 +84,7 @@ def save_figure(figure: Any, path: Path) -> None:
 
 
 def _panels(results: Results) -> list[tuple[str, dict[str, str]]]:
-    """(title, what to choose) of each panel: folders, or suites where the folders are pooled."""
+    """(title, values of the records) of each panel: a folder, or a suite where folders are pooled."""
     key = "group" if PROTOCOLS[results.request.protocol].by_group else "suite"
     return [(value, {key: value}) for value in results.distinct(key)]
 
@@ -160,7 +160,7 @@ def _curves(results: Results):
 
 
 def _limits(curves: dict[str, dict[str, list[float]]], key: str) -> tuple[float, float]:
-    """So that the truth is seen well, and the best of the others, however wild the rest."""
+    """Limits of the axis by the truth alone: one wild estimate must not make it small."""
     truth = np.array(curves["truth"][key])
     room = 1.2 * max(np.ptp(truth), 4.0 if key == "tx" else 1.0)
     return float(truth.min() - room), float(truth.max() + room)
@@ -180,7 +180,7 @@ def looks_of(results: Results) -> list[tuple[str, Any, str]]:
 
 
 def finish_figure(figure: Any, axes: Any, used: int, label: str) -> None:
-    """The legend, what the first axis of each row shows, and no axes beyond those used."""
+    """Adds the legend and the label of each row, and hides unused axes."""
     for axis in axes.flat[used:]:
         axis.set_visible(False)
     for row in axes:

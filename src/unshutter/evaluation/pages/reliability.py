@@ -1,4 +1,4 @@
-"""Whether a confidence means something: what dropping the least confident gains, and stated against true errors."""
+"""How reliable confidences are: what dropping the least confident pictures gains, stated against true errors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from unshutter.evaluation.pages.plots import finish_figure, new_figure, save_fig
 from unshutter.evaluation.results import values
 
 _DECLINED = -1.0  # trust in a picture that was declined: below every confidence
-_LEAST = 1e-5  # confidence that records tell from none at all: they keep five digits
+_LEAST = 1e-5  # smallest confidence that records, with five digits, keep apart from 0
 _BINS = 10
 _FEWEST = 5  # pictures to a dot of the plot
 _TICKS = (0, 1, 3, 10, 30, 100)
@@ -25,7 +25,7 @@ def stated_error(confidence: np.ndarray) -> np.ndarray:
     """The expected error [px at 256 rows, root mean square] that a confidence (0 ... 1) states.
 
     Inverts confidence = 1 / (1 + (error / 3 px)^2), by which all estimators that state one make it
-    (``Posterior.confidence`` of lines/manhattan_search.py).
+    (``Posterior.confidence`` of estimators/right_angles/search.py).
     """
     return HALF_TRUSTED * np.sqrt(1 / np.maximum(confidence, _LEAST) - 1)
 
@@ -36,7 +36,7 @@ class Judged:
 
     Attributes:
         epe: [N] errors [px at 256 rows].
-        trust: [N] confidences; -1 where it declined or failed: whoever says that he does not know is trusted least.
+        trust: [N] confidences; -1 where it declined or failed, which is trusted least.
         weight: [N] how much each picture counts.
     """
 
@@ -78,7 +78,7 @@ class Judged:
         return mean_between(self.epe, self.trust, self.weight, share, 1)
 
     def best_without(self, share: float) -> float:
-        """The same when those with the largest errors are dropped: no order can do better."""
+        """The same when the pictures with the largest errors are dropped: no order can do better."""
         return mean_between(self.epe, -self.epe, self.weight, share, 1)
 
     def bins(self) -> tuple[np.ndarray, np.ndarray]:
@@ -86,12 +86,13 @@ class Judged:
 
         Pictures that were declined state nothing and are left out.
         """
-        told = self.answered
-        count = min(_BINS, len(told.epe) // _FEWEST)
-        error = stated_error(told.trust)
+        answered = self.answered
+        count = min(_BINS, len(answered.epe) // _FEWEST)
+        error = stated_error(answered.trust)
         edges = list(pairwise(np.linspace(0, 1, count + 1))) if count else []
         means = [
-            [mean_between(figure, error, told.weight, low, high) for low, high in edges] for figure in (error, told.epe)
+            [mean_between(figure, error, answered.weight, low, high) for low, high in edges]
+            for figure in (error, answered.epe)
         ]
         return np.array(means[0]), np.array(means[1])
 
@@ -99,8 +100,8 @@ class Judged:
 def mean_between(figure: np.ndarray, order: np.ndarray, weight: np.ndarray, low: float, high: float) -> float:
     """Weighted mean of a figure over the pictures between two shares of all, in ascending order of another figure.
 
-    Pictures that are equal in the order share their places evenly: a border among them cuts a part off each. So
-    neither the order of the files nor a number that does not divide has a say.
+    Pictures that are equal in the order share their places evenly: a border among them cuts a part off each. So the
+    result depends neither on the order of the files nor on rounding.
 
     Args:
         figure, order, weight: [N].

@@ -14,12 +14,12 @@ from unshutter.storage.files import written_whole
 
 
 def write_report(results: Results, examples: list[Example], folder: Path) -> None:
-    """Writes everything that there is to say about a run.
+    """Writes tables, plots, contact sheets and figures of a run.
 
     Args:
         results: with the curves of the examples.
         examples: pictures to look at.
-        folder: must exist; files of an earlier report in it are replaced.
+        folder: that exists; files of an earlier report in it are replaced.
 
     Raises:
         UnshutterError: the folder cannot be written to.
@@ -37,12 +37,12 @@ def page(results: Results, plots: list[tuple[str, str]], sheets: list[tuple[str,
     """Markdown of one run.
 
     Args:
-        results: what it measured.
+        results: of the run.
         plots, sheets: (file, caption) of pictures beside the page.
         heading: signs before the title.
     """
     protocol = PROTOCOLS[results.request.protocol]
-    parts = [f"{heading} {protocol.title}", protocol.about, _counts(results), f"```sh\n{results.command}\n```"]
+    parts = [f"{heading} {protocol.title}", protocol.description, _counts(results), f"```sh\n{results.command}\n```"]
     parts.append(tables(results))
     parts += [f"![{caption}]({file})\n\n*{caption}*" for file, caption in (*plots, *sheets)]
     return "\n\n".join(parts) + "\n"

@@ -11,8 +11,8 @@ from unshutter.evaluation.cases.case import Record
 from unshutter.evaluation.cases.protocols import PROTOCOLS
 from unshutter.evaluation.results import Results, values
 
-_HARM = 3.0  # px at 256 rows that an undistorted photo is changed by: plainly visible
-_NOTHING = "–"
+_HARM = 3.0  # px at 256 rows: a change of an undistorted photo that is plainly visible
+_UNKNOWN = "–"
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Column:
 
     def text(self, value: float) -> str:
         """The figure as it is printed."""
-        return self.form.format(value) if np.isfinite(value) else _NOTHING
+        return self.form.format(value) if np.isfinite(value) else _UNKNOWN
 
 
 def _median(key: str) -> Callable[[list[Record]], float]:
@@ -64,7 +64,7 @@ def _gain(key: str) -> Callable[[list[Record]], float]:
 
 
 def _better(key: str) -> Callable[[list[Record]], float]:
-    """Share of pictures that are better than the input; those left as they are are not."""
+    """Share of pictures that are better than the input, which excludes those left as they are."""
 
     def better(records: list[Record]) -> float:
         both = [r for r in records if r.get(key) is not None and r.get(f"{key}_input") is not None]
@@ -187,9 +187,9 @@ def overview(results: Results) -> list[tuple[str, dict[str, float], Column]]:
     ]
 
 
-def marked(value: float, rivals: list[float], column: Column) -> str:
-    """A cell; bold where it is the best of its column among the estimators."""
-    known = [v for v in rivals if np.isfinite(v)]
+def marked(value: float, others: list[float], column: Column) -> str:
+    """A cell, bold where no other of its column is better."""
+    known = [v for v in others if np.isfinite(v)]
     best = known and column.better and column.text(value) == column.text((max if column.better > 0 else min)(known))
     return f"**{column.text(value)}**" if best else column.text(value)
 

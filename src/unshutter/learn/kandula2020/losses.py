@@ -1,4 +1,4 @@
-"""The losses of kandula2020 (paper, "Loss functions") and of rengarajan2017.
+"""The losses of kandula2020 (paper, "Loss functions").
 
 The paper writes squared L2 norms; here every loss is a mean over valid pixels (and channels), so that the
 weights 1, 1, 0.5, 0.5 mean the same at every picture size and batch.
@@ -17,8 +17,6 @@ from torch import Tensor
 from torch.nn import functional as F
 
 from unshutter.errors import UsageError
-
-TX_UNIT = 100.0  # px: with it t_x and r_z [rad] move a picture of 256 px by similar amounts (Rengarajan 2017)
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ def visible_mse(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
 
     Args:
         warped: [B, C, H, W], 0 where it shows nothing.
-        target: likewise.
+        target: [B, C, H, W].
         mask: [B, 1, H, W], 1 where valid, else 0.
     """
     return (warped - mask * target).square().sum() / (mask.sum() * warped.shape[1]).clamp(min=1)
@@ -88,8 +86,3 @@ def sobel(picture: Tensor) -> Tensor:
     d_col = across[..., :-2, :] + 2 * across[..., 1:-1, :] + across[..., 2:, :]
     d_row = down[..., :-2] + 2 * down[..., 1:-1] + down[..., 2:]
     return torch.cat([d_col, d_row], 1)
-
-
-def motion_mse(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) -> Tensor:
-    """MSE of (t_x / 100 px, r_z / 1 rad) over rows and batch, each [B, rows]."""
-    return 0.5 * (((tx - true_tx) / TX_UNIT).square().mean() + (rz - true_rz).square().mean())

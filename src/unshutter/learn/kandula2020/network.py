@@ -11,7 +11,7 @@ readings of our own: the last layer of the row block is linear and without batch
 signed), and the row block works on a coarse grid that is enlarged, because what it looks for, the rotation,
 cannot be seen in the few pixels around a place.
 
-Positions and motions as in pixels.py: px of the r x r picture, signs of geometry.py.
+Positions and motions are as in warping.py.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from torch.nn import functional as F
 
 from unshutter.errors import UsageError
 from unshutter.geometry import rows as geometry
-from unshutter.learn.pixels import pixel_grid, sample
+from unshutter.learn.warping import pixel_grid, rs_positions, sample
 
 _TX_SCALE, _RZ_SCALE = 32.0, 0.32  # px and rad for an output of one: both about the largest of typical motions
 _ROW_SCALE = 8.0  # rows for an output of one
@@ -162,39 +162,14 @@ class RowBlock(nn.Module):
         return _ROW_SCALE * residual + pixel_grid(self.size, residual)[1]
 
 
-def rs_positions(motion: Tensor, row_map: Tensor | None, center_shift: Tensor | float = 0.0) -> tuple[Tensor, Tensor]:
-    """RS position (col, row) [px] of every GS pixel, each [B, r, r].
-
-    Args:
-        motion: [B, 2, r] t_x [px] and r_z [rad] of every row.
-        row_map: [B, r, r] row whose motion each GS pixel is given; None: the row that saw it (exact inverse).
-        center_shift: of the rotation centre along the columns [px], 0 or [B, 1, 1].
-    """
-    size = motion.shape[-1]
-    look_up, center = _motion_at(motion), ((size - 1) / 2 + center_shift, (size - 1) / 2)
-    col, row = (a.expand(len(motion), size, size) for a in pixel_grid(size, motion))
-    if row_map is None:
-        return geometry.gs_to_rs(col, row, look_up, center)
-    tx, rz, _ = look_up(row_map)
-    return geometry.gs_to_rs_by_row_map(col, row, tx, rz, center)
-
-
-def from_first_row(motion: Tensor) -> tuple[Tensor, Tensor]:
-    """The same motion [B, 2, r] with the first row as its reference, and the shift [B, 1, 1] of its centre.
-
-    Nothing in the network ties the first row to zero motion; see Motion.rereferenced.
-    """
-    return motion - motion[..., :1], motion[:, 0, :1, None]
-
-
 def rectify(rs: Tensor, valid: Tensor, motion: Tensor, row_map: Tensor | None) -> tuple[Tensor, Tensor]:
     """Rectification module: the RS pictures warped to what a global shutter would have seen.
 
     Args:
         rs: [B, C, r, r].
         valid: [B, 1, r, r], 1 where they show something.
-        motion: as in :func:`rs_positions`; differentiable.
-        row_map: likewise.
+        motion: [B, 2, r] t_x [px] and r_z [rad] of every row.
+        row_map: [B, r, r] row whose motion each GS pixel is given; None: the row that saw it (exact inverse).
 
     Returns:
         [B, C, r, r] rectified pictures, black where nothing is known; [B, 1, r, r] mask of where it is.
@@ -216,23 +191,6 @@ def _warp(picture: Tensor, valid: Tensor, col: Tensor, row: Tensor) -> tuple[Ten
         whole = sample(valid, col, row)[0] > 0.999
     mask = inside * whole
     return values * mask, mask
-
-
-def _motion_at(motion: Tensor) -> geometry.MotionAtRow:
-    """Row motion of a batch by linear interpolation of its samples [B, 2, r], for rows [B, h, w]."""
-    last = motion.shape[-1] - 1
-
-    def row_motion(v: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        inside = v.clamp(0, last)
-        below = inside.detach().floor().clamp(max=last - 1)
-        weight = (inside - below).flatten(1)[:, None]  # [B, 1, h w]
-        index = below.long().flatten(1)[:, None].expand(-1, 2, -1)
-        low, high = motion.gather(2, index), motion.gather(2, index + 1)
-        tx, rz = (low + (high - low) * weight).unflatten(2, v.shape[1:]).unbind(1)
-        moving = (v >= 0) & (v <= last)
-        return tx, rz, (high - low)[:, 1].view_as(v) * moving
-
-    return row_motion
 
 
 def _layer(before: int, after: int, kernel: int, stride: int = 1) -> nn.Sequential:

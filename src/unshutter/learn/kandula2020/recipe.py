@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import torch
@@ -10,30 +9,20 @@ from torch import Tensor, nn
 
 from unshutter.errors import UsageError
 from unshutter.learn.config import TrainConfig, from_table
-from unshutter.learn.kandula2020.losses import (
-    LossConfig,
-    edge_loss,
-    literal_edge_loss,
-    motion_mse,
-    not_black,
-    visible_mse,
-)
-from unshutter.learn.kandula2020.network import (
-    Kandula2020,
-    Kandula2020Config,
-    from_first_row,
-    rectify,
-    regenerate,
-    rs_positions,
-)
-from unshutter.learn.pixels import PixelConfig, PixelData, Samples, epe, epe_of_nothing, figures
+from unshutter.learn.data.pixels import PixelConfig, PixelData, Samples
+from unshutter.learn.kandula2020.losses import LossConfig, edge_loss, literal_edge_loss, not_black, visible_mse
+from unshutter.learn.kandula2020.network import Kandula2020, Kandula2020Config, rectify, regenerate
+from unshutter.learn.motion_errors import epe, epe_of_nothing, motion_mse, validation_figures
+from unshutter.learn.onnx_export import export_onnx
+from unshutter.learn.recipes import Recipe
+from unshutter.learn.warping import from_first_row, rs_positions
 
 
-class KandulaRecipe:
-    """Recipe of ``kandula2020`` (recipes.py). ``[loss]`` holds the phases and the weights (losses.py)."""
+class KandulaRecipe(Recipe):
+    """Recipe of ``kandula2020``. ``[loss]`` holds the phases and the weights (losses.py)."""
 
     def __init__(self, config: TrainConfig, device: torch.device):
-        self.config, self.device = config, device
+        super().__init__(config, device)
         self.network_config = from_table(Kandula2020Config, config.network, "[network]")
         self.weights = from_table(LossConfig, config.loss, "[loss]")
         pixels = from_table(PixelConfig, config.data, "[data]")
@@ -70,7 +59,7 @@ class KandulaRecipe:
             system.append(epe(*rs_positions(motion, row_map), samples))
             exact.append(epe(*rs_positions(motion0, None, shift), samples))
             nothing.append(epe_of_nothing(samples))
-        both = figures(torch.cat(system), torch.cat(nothing))
+        both = validation_figures(torch.cat(system), torch.cat(nothing))
         return both | {"val_epe_exact_inverse": torch.cat(exact).median().item()}
 
     def export(self, network: nn.Module, path: Path) -> None:
@@ -79,18 +68,7 @@ class KandulaRecipe:
         names = ["motion", "row_map"] if rows else ["motion"]
         inner = Exported(network, rows).eval().cpu()
         rs = torch.rand(1, 3, self.network_config.size, self.network_config.size)
-        with warnings.catch_warnings():  # the tracer's notes about shapes that stay fixed, as they should
-            warnings.simplefilter("ignore")
-            torch.onnx.export(
-                inner,
-                (rs,),
-                str(path),
-                input_names=["rs"],
-                output_names=names,
-                dynamic_axes={name: {0: "batch"} for name in ["rs", *names]},
-                opset_version=18,
-                dynamo=False,
-            )
+        export_onnx(inner, (rs,), path, ["rs"], names, {name: {0: "batch"} for name in ["rs", *names]})
 
 
 class Exported(nn.Module):

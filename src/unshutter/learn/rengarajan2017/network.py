@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from unshutter.errors import UsageError
-from unshutter.learn.kandula2020.losses import TX_UNIT
+from unshutter.learn.motion_errors import TX_UNIT
 
 SIZE = 256  # px, rows and columns
 KEY_ROWS = tuple(range(0, 256, 18))  # 15 rows, 0 ... 252

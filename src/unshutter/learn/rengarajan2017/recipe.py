@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import torch
@@ -10,9 +9,10 @@ from torch import Tensor, nn
 
 from unshutter.errors import UsageError
 from unshutter.learn.config import TrainConfig, from_table
-from unshutter.learn.kandula2020.losses import motion_mse
-from unshutter.learn.kandula2020.network import from_first_row, rs_positions
-from unshutter.learn.pixels import PixelConfig, PixelData, epe, epe_of_nothing, figures
+from unshutter.learn.data.pixels import PixelConfig, PixelData
+from unshutter.learn.motion_errors import epe, epe_of_nothing, motion_mse, validation_figures
+from unshutter.learn.onnx_export import export_onnx
+from unshutter.learn.recipes import Recipe
 from unshutter.learn.rengarajan2017.network import (
     KEY_ROWS,
     SIZE,
@@ -22,15 +22,16 @@ from unshutter.learn.rengarajan2017.network import (
     build,
     quadratic,
 )
+from unshutter.learn.warping import from_first_row, rs_positions
 
 _MEAN_BATCHES, _MEAN_SEED = 8, 2**41
 
 
-class RengarajanRecipe:
-    """Recipe of ``rengarajan2017`` (recipes.py)."""
+class RengarajanRecipe(Recipe):
+    """Recipe of ``rengarajan2017``."""
 
     def __init__(self, config: TrainConfig, device: torch.device):
-        self.config, self.device = config, device
+        super().__init__(config, device)
         self.network_config = from_table(Rengarajan2017Config, config.network, "[network]")
         pixels = from_table(PixelConfig, config.data, "[data]")
         if pixels.size != SIZE:
@@ -61,19 +62,10 @@ class RengarajanRecipe:
             motion, shift = from_first_row(quadratic(network(samples.rs)))
             error.append(epe(*rs_positions(motion, None, shift), samples))
             nothing.append(epe_of_nothing(samples))
-        return figures(torch.cat(error), torch.cat(nothing))
+        return validation_figures(torch.cat(error), torch.cat(nothing))
 
     def export(self, network: nn.Module, path: Path) -> None:
         """ONNX: rs [batch, 3, 256, 256] RGB in 0 ... 1 -> key_rows [batch, 2, 15] (t_x [px], r_z [rad])."""
-        with warnings.catch_warnings():  # the tracer's notes about shapes that stay fixed, as they should
-            warnings.simplefilter("ignore")
-            torch.onnx.export(
-                network.eval().cpu(),
-                (torch.rand(1, 3, SIZE, SIZE),),
-                str(path),
-                input_names=["rs"],
-                output_names=["key_rows"],
-                dynamic_axes={"rs": {0: "batch"}, "key_rows": {0: "batch"}},
-                opset_version=18,
-                dynamo=False,
-            )
+        example = torch.rand(1, 3, SIZE, SIZE)
+        free = {"rs": {0: "batch"}, "key_rows": {0: "batch"}}
+        export_onnx(network.eval().cpu(), (example,), path, ["rs"], ["key_rows"], free)

@@ -32,7 +32,7 @@ class SegmentTransformerConfig:
 class SegmentTransformer(nn.Module):
     """Tokens and mask -> polynomial coefficients of the row motion.
 
-    Input: tokens [B, N, 6] and mask [B, N] as drawn in scenes.py (end points in rows, centred; unit vector to
+    Input: tokens [B, N, 6] and mask [B, N] as data/scenes.py draws them (end points in rows, centred; unit vector to
     the scene's top). Output: the motion after each iteration, [iterations, B, 2, 3]: coefficients of u, u^2,
     u^3 of t_x [rows] and r_z [rad], u = row coordinate + 1/2; and the camera [B, 3] (roll, tilt, log focal).
     """

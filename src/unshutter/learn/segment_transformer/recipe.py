@@ -1,4 +1,4 @@
-"""How the segment transformer is trained: drawn scenes, mean EPE after each iteration, camera beside."""
+"""How the segment transformer is trained: on drawn scenes, by the EPE after each iteration and the camera's pose."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from torch.nn import functional as F
 
 from unshutter.geometry import rows as geometry
 from unshutter.learn.config import TrainConfig, from_table
-from unshutter.learn.scenes import SceneConfig, Scenes, draw_scenes, row_motion
+from unshutter.learn.data.motions import cubic_motion
+from unshutter.learn.data.scenes import SceneConfig, Scenes, draw_scenes
+from unshutter.learn.motion_errors import validation_figures
+from unshutter.learn.recipes import Recipe
 from unshutter.learn.segment_transformer.network import SegmentTransformer, SegmentTransformerConfig
 from unshutter.learn.segment_transformer.onnx_loop import export_loop
 
@@ -20,11 +23,11 @@ _CAMERA_WEIGHT = 0.5
 _VALIDATION_SEED, _VALIDATION_BATCHES = 2**40, 8
 
 
-class SegmentRecipe:
-    """Recipe of ``segment-transformer`` (recipes.py)."""
+class SegmentRecipe(Recipe):
+    """Recipe of ``segment-transformer``."""
 
     def __init__(self, config: TrainConfig, device: torch.device):
-        self.config, self.device = config, device
+        super().__init__(config, device)
         self.network_config = from_table(SegmentTransformerConfig, config.network, "[network]")
         self.scenes = from_table(SceneConfig, config.data, "[data]")
 
@@ -52,12 +55,7 @@ class SegmentRecipe:
             motions, _ = network(scenes.tokens, scenes.mask)
             errors.append(motion_epe(motions[-1], scenes))
             untouched.append(motion_epe(torch.zeros_like(motions[-1]), scenes))
-        error, nothing = torch.cat(errors), torch.cat(untouched)
-        return {
-            "val_epe_median": error.median().item(),
-            "val_epe_nothing": nothing.median().item(),
-            "val_improved": (error < nothing).float().mean().item(),
-        }
+        return validation_figures(torch.cat(errors), torch.cat(untouched))
 
     def export(self, network: nn.Module, path: Path) -> None:
         """ONNX: tokens [batch, segments, 6], mask [batch, segments] -> coefficients [batch, 2, 3]."""
@@ -100,7 +98,7 @@ def motion_epe(motion: Tensor, scenes: Scenes) -> Tensor:
     y = y.reshape(1, -1).expand_as(x)
 
     def gs(tx: Tensor, rz: Tensor) -> Tensor:
-        t, r, _ = row_motion(tx, rz)(y)
+        t, r, _ = cubic_motion(tx, rz)(y)
         return torch.stack(geometry.rs_to_gs(x, y, t, r), -1)
 
     difference = gs(motion[:, 0], motion[:, 1]) - gs(scenes.tx, scenes.rz)

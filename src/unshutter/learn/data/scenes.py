@@ -1,8 +1,8 @@
-"""Drawn scenes: line segments as a detector would find them in a rolling-shutter photo, made on the fly.
+"""Drawn scenes: line segments as a detector would find them in a rolling-shutter photo.
 
-No photo is involved. A camera with random roll, tilt and focal length looks at facades (verticals,
-horizontals of one or more street directions, roof slopes) amid clutter; the row motion of facts known from
-the predecessor (Rengarajan 2017) distorts the segments exactly; noise like the detector's is added.
+No photo is involved. A camera with random roll, tilt and focal length looks at facades (verticals, horizontals of
+one or more street directions, roof slopes) amid clutter. A random row motion (motions.py) distorts the segments
+exactly, and noise like the detector's is added.
 
 Units: one row height of the picture = 1 (coordinates centred, columns right, rows down), angles in radians.
 """
@@ -16,6 +16,8 @@ import torch
 from torch import Tensor
 
 from unshutter.geometry import rows as geometry
+from unshutter.learn.data.dice import Dice
+from unshutter.learn.data.motions import cubic_motion, draw_motions
 
 
 @dataclass(frozen=True)
@@ -29,14 +31,14 @@ class SceneConfig:
     widest: float = 2.4  # the others have an aspect of 1:widest ... widest:1, log-uniform
     zero_motion: float = 0.1  # share of pictures without any motion
     small_motion: float = 0.25  # share with the predecessor's motion times a random factor below 1
-    sideways: float = 0.12  # share of pictures whose scene lies on its side (portrait photos), up is given
+    sideways: float = 0.12  # share of pictures whose scene lies on its side, as in portrait photos
     focal_rows: float = 1.7  # median focal length in rows of a square picture; log-normal
     focal_spread: float = 0.35
     patches: int = 6  # places of a scene: facades, roofs, trees; each with its own mixture of segments
     length_px: float = 11.5  # median length of a segment
     length_spread: float = 0.62
     long_share: float = 0.12  # share of segments that are three times longer: edges of roofs, poles, kerbs
-    clutter_max: float = 0.6  # largest share of segments that obey nothing
+    clutter_max: float = 0.6  # largest share of segments that run in any direction
     lens: float = 0.02  # spread of the radial distortion at the corner
 
 
@@ -62,10 +64,10 @@ class Scenes:
 
 def draw_scenes(batch: int, config: SceneConfig, generator: torch.Generator) -> Scenes:
     """Draws a batch of scenes on the generator's device."""
-    dice = _Dice(generator, batch)
+    dice = Dice(generator, batch)
     aspect = torch.exp(math.log(config.widest) * dice.between(-1, 1))
     aspect = torch.where(dice.happens(config.square), 1.0, aspect)
-    tx, rz = draw_motions(batch, config, generator)
+    tx, rz = draw_motions(batch, generator, config.zero_motion, config.small_motion)
     roll, tilt, focal = _camera(dice, config, aspect)
     turn = _quarter_turn(dice, config)
     scene_aspect = torch.where(turn % 2 == 1, 1 / aspect, aspect)
@@ -74,7 +76,7 @@ def draw_scenes(batch: int, config: SceneConfig, generator: torch.Generator) -> 
     middle_scene, direction, kind, tangent = patches.segments(dice, config)
     scale = torch.where(turn % 2 == 1, aspect, torch.ones_like(aspect))[:, None, None]
     middle_rs = _rotate(middle_scene * scale, turn[:, None] * (math.pi / 2))
-    motion = row_motion(tx, rz)
+    motion = cubic_motion(tx, rz)
     t, r, _ = motion(middle_rs[..., 1])
     middle = torch.stack(geometry.rs_to_gs(middle_rs[..., 0], middle_rs[..., 1], t, r), -1)
 
@@ -99,35 +101,6 @@ def draw_scenes(batch: int, config: SceneConfig, generator: torch.Generator) -> 
     return Scenes(tokens, mask, aspect, tx, rz, torch.stack([roll, tilt, torch.log(focal)], -1))
 
 
-def draw_motions(batch: int, config: SceneConfig, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """The predecessor's quadratics (Rengarajan 2017) over the middle 256 of 356 canvas rows, re-expanded in u.
-
-    Returns:
-        (tx, rz): [B, 3] coefficients of u, u^2, u^3; t_x in rows of the picture, r_z in radians.
-    """
-    dice = _Dice(generator, batch)
-    first, span = 50 / 356, 256 / 356  # canvas row / 356 = first + span * u, first row as the reference
-
-    def in_u(linear: Tensor, square: Tensor) -> Tensor:
-        return torch.stack([span * (linear + 2 * first * square), span**2 * square, torch.zeros_like(square)], -1)
-
-    kind = dice.each()
-    has_tx = (kind >= 1 / 6).float()[:, None]
-    has_rz = ((kind < 1 / 6) | (kind >= 2 / 6)).float()[:, None]
-    tx = in_u(5 * dice.between(-6, 6), 25 * dice.between(-3, 3)) / 256
-    rz = in_u(dice.between(-0.4, 0.4), dice.between(-0.4, 0.4)) * (math.pi / 8)
-    size = torch.where(dice.happens(config.small_motion), dice.each(), 1.0)
-    size = torch.where(dice.happens(config.zero_motion), 0.0, size)[:, None]
-    return tx * has_tx * size, rz * has_rz * size
-
-
-def row_motion(tx: Tensor, rz: Tensor) -> geometry.MotionAtRow:
-    """Coefficients [B, 3] of u, u^2, u^3 -> row motion for row coordinates [B, N] in units of rows."""
-    constant = torch.zeros_like(tx[:, :1])
-    full = [torch.cat([constant, c], -1)[:, None] for c in (tx, rz)]  # [B, 1, 4]
-    return geometry.row_motion_from_polynomial(*full, first=-0.5, last=0.5)
-
-
 def _compact(tokens: Tensor, mask: Tensor, count: int) -> tuple[Tensor, Tensor]:
     """The first ``count`` places, valid tokens first; attention needs at least one."""
     order = torch.argsort(mask.to(torch.int8), dim=1, descending=True, stable=True)[:, :count]
@@ -136,30 +109,7 @@ def _compact(tokens: Tensor, mask: Tensor, count: int) -> tuple[Tensor, Tensor]:
     return torch.gather(tokens, 1, order[..., None].expand(-1, -1, tokens.shape[-1])), mask
 
 
-class _Dice:
-    """Random numbers for a batch, all from one generator."""
-
-    def __init__(self, generator: torch.Generator, batch: int):
-        self.generator, self.batch = generator, batch
-
-    def each(self, *shape: int) -> Tensor:
-        return torch.rand(self.batch, *shape, generator=self.generator, device=self.generator.device)
-
-    def normal(self, *shape: int) -> Tensor:
-        return torch.randn(self.batch, *shape, generator=self.generator, device=self.generator.device)
-
-    def between(self, low: float, high: float, *shape: int) -> Tensor:
-        return low + (high - low) * self.each(*shape)
-
-    def happens(self, probability: float, *shape: int) -> Tensor:
-        return self.each(*shape) < probability
-
-    def pick(self, weights: Tensor, count: int) -> Tensor:
-        """[B, K] weights -> [B, count] indices."""
-        return torch.multinomial(weights, count, replacement=True, generator=self.generator)
-
-
-def _camera(dice: _Dice, config: SceneConfig, aspect: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def _camera(dice: Dice, config: SceneConfig, aspect: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     degree = math.pi / 180
     roll = dice.normal() * torch.where(dice.happens(0.25), 4.0, 1.0)
     kind = dice.each()
@@ -169,7 +119,7 @@ def _camera(dice: _Dice, config: SceneConfig, aspect: Tensor) -> tuple[Tensor, T
     return roll * degree, tilt * degree, focal
 
 
-def _quarter_turn(dice: _Dice, config: SceneConfig) -> Tensor:
+def _quarter_turn(dice: Dice, config: SceneConfig) -> Tensor:
     side = torch.where(dice.happens(0.5), 1.0, 3.0)
     return torch.where(dice.happens(config.sideways), side, 0.0)
 
@@ -206,7 +156,7 @@ class _Patches:
     aspect: Tensor  # [B]
 
     @classmethod
-    def draw(cls, dice: _Dice, config: SceneConfig, aspect: Tensor) -> _Patches:
+    def draw(cls, dice: Dice, config: SceneConfig, aspect: Tensor) -> _Patches:
         k = config.patches
         facing = math.radians(10) * dice.normal()  # many photos look straight at a facade
         street = torch.where(dice.happens(0.55), facing, dice.between(-math.pi, math.pi))[:, None]
@@ -220,7 +170,7 @@ class _Patches:
         return cls(azimuth, center, extent, weight, cls._shares(dice, config), dice.between(0.03, 0.25, k), aspect)
 
     @staticmethod
-    def _shares(dice: _Dice, config: SceneConfig) -> Tensor:
+    def _shares(dice: Dice, config: SceneConfig) -> Tensor:
         clutter = config.clutter_max * dice.each() ** 1.2
         leaning = 0.12 * dice.each() ** 2
         slope = 0.2 * dice.each() ** 3
@@ -230,7 +180,7 @@ class _Patches:
         patch = scene[:, None] * torch.exp(dice.normal(config.patches, scene.shape[-1]))
         return torch.cumsum(patch / patch.sum(-1, keepdim=True), -1)
 
-    def segments(self, dice: _Dice, config: SceneConfig) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def segments(self, dice: Dice, config: SceneConfig) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Middle points [B, N, 2], world directions [B, N, 3], kinds [B, N], tangents of arches [B, N]."""
         n = config.drawn
         index = dice.pick(self.weight, n)
@@ -258,13 +208,13 @@ class _Patches:
         direction = torch.stack([flat * torch.cos(azimuth), -torch.sin(rise), flat * torch.sin(azimuth)], -1)
         return middle, direction, kind, tangent
 
-    def _slopes(self, dice: _Dice, n: int) -> Tensor:
+    def _slopes(self, dice: Dice, n: int) -> Tensor:
         pitch = dice.between(math.radians(12), math.radians(55), 1)
         side = torch.where(dice.happens(0.5, n), 1.0, -1.0)
         return side * torch.where(dice.happens(0.7, n), pitch, dice.between(0.2, 1.2, n))
 
 
-def _angle_noise(dice: _Dice, kind: Tensor) -> Tensor:
+def _angle_noise(dice: Dice, kind: Tensor) -> Tensor:
     """Directions are never as exact as a drawing: builders, doors ajar, shadows."""
     n = kind.shape[1]
     sloppy = math.radians(0.35) * torch.exp(0.6 * dice.normal(1)) * dice.normal(n)
@@ -272,7 +222,7 @@ def _angle_noise(dice: _Dice, kind: Tensor) -> Tensor:
     return torch.where(kind == LEANING, math.radians(4) * dice.normal(n), sloppy)
 
 
-def _lengths(dice: _Dice, config: SceneConfig, kind: Tensor) -> Tensor:
+def _lengths(dice: Dice, config: SceneConfig, kind: Tensor) -> Tensor:
     n = kind.shape[1]
     median = config.length_px * torch.exp(0.2 * dice.normal(1))
     length = median * torch.exp(config.length_spread * dice.normal(n))
@@ -281,7 +231,7 @@ def _lengths(dice: _Dice, config: SceneConfig, kind: Tensor) -> Tensor:
     return length.clamp(5, 160) / 256
 
 
-def _end_noise(dice: _Dice, config: SceneConfig, ends: Tensor, angle: Tensor) -> Tensor:
+def _end_noise(dice: Dice, config: SceneConfig, ends: Tensor, angle: Tensor) -> Tensor:
     """Detector noise across the segment, in px of a copy of 200 to 600 rows."""
     rows = torch.exp(dice.between(math.log(200), math.log(600), 1, 1))
     across = 0.22 * torch.exp(0.3 * dice.normal(1, 1)) / rows * dice.normal(ends.shape[1], 2)  # [B, N, 2]
@@ -289,7 +239,7 @@ def _end_noise(dice: _Dice, config: SceneConfig, ends: Tensor, angle: Tensor) ->
     return across[..., None] * normal
 
 
-def _lens(dice: _Dice, config: SceneConfig, ends: Tensor, aspect: Tensor) -> Tensor:
+def _lens(dice: Dice, config: SceneConfig, ends: Tensor, aspect: Tensor) -> Tensor:
     """Radial distortion of the lens, relative displacement ``strength`` at the corner."""
     strength = torch.where(dice.happens(0.4), 0.0, config.lens * (dice.normal() - 0.4))
     corner2 = (1 + aspect**2) / 4

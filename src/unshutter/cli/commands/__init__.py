@@ -1,0 +1,1 @@
+"""The commands, one file each; ``COMMAND`` in NAME.py is ``unshutter NAME``."""

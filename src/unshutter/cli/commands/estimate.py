@@ -1,0 +1,42 @@
+"""``unshutter estimate``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from unshutter.cli.arguments import Command, positional
+from unshutter.options import MAX_PIXELS, Find, Reference, option
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What the command takes."""
+
+    photos: list[Path] = positional("Photos, or folders with photos in them and in folders below.")
+    output: Path | None = option(
+        None,
+        "JSON file (one photo) or folder (several, one JSON file each). Default: standard output (one photo).",
+        short="-o",
+    )
+    reference: Reference = option("first", "Row that counts as not moving. Default: first.")
+    readout_ms: float | None = option(
+        None, "Time from the first to the last row; adds the camera's speed to the JSON and the plot.", metavar="MS"
+    )
+    plot: Path | None = option(
+        None, "Also draw the motion of one photo into this PNG file (needs the extra `plot`).", metavar="FILE"
+    )
+    overwrite: bool = option(False, "Replace outputs that exist already.")
+    max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
+    find: Find = field(default_factory=Find)
+
+
+def run(given: Arguments) -> int:
+    """Estimates the motions; returns the exit code."""
+    from unshutter.batch.estimating import Estimates, estimate_files
+
+    wanted = Estimates(given.find, given.reference, given.readout_ms, given.plot)
+    return estimate_files(given.photos, given.output, wanted, given.overwrite, given.max_pixels)
+
+
+COMMAND = Command("Find the camera's motion during each photo, as JSON.", Arguments, run)

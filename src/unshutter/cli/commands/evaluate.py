@@ -1,0 +1,48 @@
+"""``unshutter evaluate``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from unshutter.cli.arguments import Command, required
+from unshutter.options import option
+
+Protocol = Literal["synthetic", "native", "trajectory", "undistorted", "robustness", "pairs", "video"]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What the command takes."""
+
+    data: list[Path] = required(
+        "Folders, each a group in the tables: of undistorted photos; for pairs and video of rs_0.png, gs_0_middle.png."
+    )
+    estimators: str = option("all", "Names with commas between them, or all. Default: all.")
+    protocol: Protocol = option("synthetic", "What is measured; docs/use.md says how. Default: synthetic.")
+    output: Path = option(
+        Path("evaluation"),
+        "Folder for tables, figures of every picture, plots and contact sheets. A run that was stopped there goes on. "
+        "Default: evaluation.",
+        short="-o",
+    )
+    photos: int | None = option(None, "At most so many photos of each folder, chosen by the seed. Default: all.")
+    per_photo: int = option(2, "Random motions for each photo. Default: 2.")
+    seed: int = option(0, "Same seed, same figures. Default: 0.")
+    trajectory: Path | None = option(
+        None, "NPZ file of a recorded motion, or a folder of them, for the protocol of that name."
+    )
+    jobs: int | None = option(None, "Processes. Default: one for each processor.")
+    overwrite: bool = option(False, "Throw away a run with other settings that is in the folder.")
+
+
+def run(given: Arguments) -> int:
+    """Measures; returns the exit code."""
+    from unshutter.evaluation.run import Request, evaluate
+
+    request = Request(given.protocol, tuple(given.data), given.photos, given.per_photo, given.seed, given.trajectory)
+    return 1 if evaluate(request, given.estimators, given.output, given.jobs, given.overwrite) else 0
+
+
+COMMAND = Command("Measure methods side by side on the same pictures (needs the extra `plot`).", Arguments, run)

@@ -1,0 +1,52 @@
+"""``unshutter map``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from unshutter.cli.arguments import Command, positional, required
+from unshutter.options import Find, Reference, option
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What the command takes."""
+
+    source: Path = positional("Photo, or the motion file (.json) of one.")
+    output: Path = required(
+        "Map to write: .npz (map_x, map_y for cv2.remap), .exr (needs the extra `exr`) or .tif (ST map).", short="-o"
+    )
+    inverse: bool = option(False, "The map that distorts: from the straightened picture back to the photo.")
+    size: str | None = option(
+        None, "WxH of the map, for a scaled copy of the photo. Default: the photo's own.", metavar="WxH"
+    )
+    reference: Reference | None = option(
+        None, "Row at whose moment the picture is taken. Default: the motion file's, else first."
+    )
+    overwrite: bool = option(False, "Replace a map that exists already.")
+    find: Find = field(default_factory=Find)
+
+
+def run(given: Arguments) -> int:
+    """Writes the map."""
+    from unshutter.export.maps import map_file
+
+    motion = map_file(
+        given.source,
+        given.output,
+        inverse=given.inverse,
+        size=given.size,
+        find=given.find,
+        reference=given.reference,
+        overwrite=given.overwrite,
+    )
+    note = f" (changes nothing: {motion.reason})" if motion.reason else ""
+    print(f"{given.source} -> {given.output}{note}", file=sys.stderr)
+    return 0
+
+
+COMMAND = Command(
+    "Write a photo's correction as a map for other programs: OpenCV (.npz) or an ST map (.exr, .tif).", Arguments, run
+)

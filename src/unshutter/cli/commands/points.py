@@ -1,0 +1,40 @@
+"""``unshutter points``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from unshutter.cli.arguments import Command, positional, required
+from unshutter.options import option
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What the command takes."""
+
+    motion: Path = positional("Motion file (.json) of the photo.")
+    table: Path = positional("CSV file with columns x and y, in px of the stored photo; other columns are kept.")
+    output: Path = required("CSV file to write.", short="-o")
+    inverse: bool = option(False, "From the straightened picture to the photo.")
+    first_pixel: Literal["0", "0.5"] = option(
+        "0", "Coordinate of the first pixel's centre: 0 (OpenCV) or 0.5 (COLMAP). Default: 0."
+    )
+    overwrite: bool = option(False, "Replace a file that exists already.")
+
+
+def run(given: Arguments) -> int:
+    """Moves the points."""
+    from unshutter.export.points import move_file
+    from unshutter.motion import Motion
+
+    motion, first = Motion.load(given.motion), float(given.first_pixel)
+    total, unseen = move_file(motion, given.table, given.output, given.inverse, first, given.overwrite)
+    note = f", {unseen} of them outside the photo" if unseen else ""
+    print(f"{given.table} -> {given.output}: {total} points{note}", file=sys.stderr)
+    return 0
+
+
+COMMAND = Command("Move points of a photo to where they are in the straightened picture, or back.", Arguments, run)

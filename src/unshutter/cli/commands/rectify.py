@@ -1,0 +1,50 @@
+"""``unshutter rectify``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from unshutter.cli.arguments import Command, positional
+from unshutter.options import Find, Rectify, Run, Save, Undo, option
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What the command takes."""
+
+    photos: list[str] = positional(
+        "Photos, or folders with photos in them and in folders below. With the extra `dask` also URLs (s3://...)."
+    )
+    output: str | None = option(
+        None,
+        "File to write (one photo), or folder (several) that takes on the structure of the given ones. "
+        "Default: NAME.rectified.EXT beside each photo.",
+        short="-o",
+    )
+    motion: Path | None = option(None, "Undo the motion in this JSON file instead of finding it.")
+    save_motion: str | None = option(
+        None, "Also write the motion: a JSON file (one photo) or a folder (several).", metavar="PATH"
+    )
+    find: Find = field(default_factory=Find)
+    undo: Undo = field(default_factory=Undo)
+    save: Save = field(default_factory=Save)
+    run: Run = field(default_factory=Run)
+
+
+def run(given: Arguments) -> int:
+    """Rectifies the photos; returns the exit code."""
+    from unshutter.batch.rectifying import rectify_files
+
+    wanted = Rectify(given.find, given.motion, given.undo, given.save)
+    return rectify_files(given.photos, given.output, given.save_motion, wanted, given.run)
+
+
+COMMAND = Command(
+    """Straighten photos: write what a global shutter would have seen.
+
+Several photos into a folder: what is finished there is not done again unless the photo or the options changed,
+and a run that was stopped goes on when the same command is given again.""",
+    Arguments,
+    run,
+)

@@ -1,0 +1,45 @@
+"""``unshutter train``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from unshutter.cli.arguments import Command, required
+from unshutter.errors import UnshutterError
+from unshutter.options import option
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What the command takes."""
+
+    config: str = required(
+        "Name of a configuration that comes with unshutter (docs/training lists them), or a TOML file."
+    )
+    out: Path = option(
+        Path("runs"),
+        "Folder for checkpoints, log and the exported model. A run that is there is resumed. Default: runs.",
+    )
+    steps: int | None = option(None, "Stop after this many steps in all instead of the configuration's.")
+    device: str = option("auto", "auto, cpu or cuda. Default: auto.")
+    photos: Path | None = option(
+        None, "Folder of photos, for networks that read pixels; instead of the configuration's."
+    )
+    base: str | None = option(None, "Another configuration, by name or file, for what this one does not say itself.")
+    start: Path | None = option(None, "Checkpoint of another run whose weights this one begins with.")
+
+
+def run(given: Arguments) -> int:
+    """Trains; returns the exit code."""
+    try:
+        from unshutter.learn import train
+    except ImportError as error:
+        raise UnshutterError(f"training needs the extra: pip install 'unshutter[train]' ({error})") from None
+    train.run(
+        given.config, given.out, given.steps, given.device, base=given.base, photos=given.photos, start=given.start
+    )
+    return 0
+
+
+COMMAND = Command("Train a network as a TOML file says (needs the extra `train`).", Arguments, run)

@@ -1,0 +1,97 @@
+"""From a dataclass to a command line."""
+
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from unshutter.cli import COMMANDS, main
+from unshutter.cli.arguments import Command, parse, positional, required
+from unshutter.errors import UsageError
+from unshutter.options import option
+
+
+@dataclass(frozen=True)
+class Group:
+    """What belongs together."""
+
+    tilt_deg: float | None = option(None, "An angle, 100 % real.")
+    edges: Literal["keep", "crop"] = option("keep", "Edges.")
+
+    def __post_init__(self) -> None:
+        if self.tilt_deg is not None and self.tilt_deg > 90:
+            raise UsageError("too steep")
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """All kinds of arguments."""
+
+    photos: list[Path] = positional("Photos.")
+    output: Path = required("Where to.", short="-o")
+    jobs: int | None = option(None, "How many.")
+    again: bool = option(False, "Once more.")
+    word: str = option("auto", "One of several.", choices=("auto", "manual"))
+    group: Group = field(default_factory=Group)
+
+
+COMMAND = Command("Tries it.", Arguments, lambda given: 0)
+
+
+def parsed(*words: str) -> Arguments:
+    return parse("try", COMMAND, words)
+
+
+def test_each_field_is_an_argument() -> None:
+    assert parsed("a.jpg", "-o", "out") == Arguments([Path("a.jpg")], Path("out"))
+    words = ("--jobs", "3", "--tilt-deg", "-12.5", "--edges=crop", "--again", "--word", "manual", "--output", "out")
+    assert parsed("a.jpg", *words) == Arguments([Path("a.jpg")], Path("out"), 3, True, "manual", Group(-12.5, "crop"))
+
+
+def test_photos_may_stand_before_between_and_after_options() -> None:
+    assert parsed("a", "-o", "out", "b", "--jobs", "2", "c").photos == [Path("a"), Path("b"), Path("c")]
+    assert parsed("-o", "out", "./-strange.jpg").photos == [Path("-strange.jpg")]
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("-o", "out"), "required: PHOTOS"),
+        (("a",), "required: --output"),
+        (("a", "-o", "out", "--jobs", "many"), "--jobs: invalid int value: 'many'"),
+        (("a", "-o", "out", "--edges", "round"), "choose from 'keep', 'crop'"),
+        (("a", "-o", "out", "--job", "2"), "--job"),  # no abbreviations: they would change their meaning one day
+        (("a", "-o"), "expected one argument"),
+        (("a", "-o", "out", "--tilt-deg", "91"), "too steep"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_line(words: tuple[str, ...], complaint: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        parsed(*words)
+    assert complaint in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_help_names_every_option_under_its_group(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parsed("--help")
+    text = capsys.readouterr().out
+    for word in ("usage: unshutter try PHOTOS ... [options]", "What belongs together:", "100 % real", "-o", "--again"):
+        assert word in text
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help_that_ends_its_sentences(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([name, "--help"]) == 0
+    assert f"usage: unshutter {name}" in capsys.readouterr().out
+    command: Command = import_module(f"unshutter.cli.commands.{name}").COMMAND
+    assert command.description.rstrip().endswith(".")
+
+
+def test_without_a_command_the_commands_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    for words in ([], ["--help"], ["-h"]):
+        assert main(words) == 0
+        text = capsys.readouterr().out
+        assert all(f"  {name}" in text for name in COMMANDS)
