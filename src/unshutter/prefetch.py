@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
@@ -18,7 +19,7 @@ from unshutter.estimators.register import load, method
 from unshutter.options import MAX_PIXELS, Camera, Find
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
-from unshutter.storage.places import Place, open_photo
+from unshutter.storage.places import Place, read_place
 
 if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator
@@ -132,3 +133,8 @@ class Coming:
         from unshutter.rectification import estimate_photo
 
         return estimate_photo(photo, estimator, self._camera or Camera())
+
+
+def open_photo(place: Place, max_pixels: int = MAX_PIXELS) -> Photo:
+    """The photo of a place, a file or an object behind a URL; errors are those of ``Photo.open``."""
+    return Photo.open(place, max_pixels) if isinstance(place, Path) else Photo.from_bytes(read_place(place), max_pixels)

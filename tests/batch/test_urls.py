@@ -8,9 +8,9 @@ import pytest
 
 from support.batches import make_motion, make_photos, rectify, results
 from unshutter.photo import Photo
-from unshutter.storage.places import Remote
+from unshutter.storage.places import objects_below, place
 
-fsspec = pytest.importorskip("fsspec", reason="needs unshutter[dask]")
+upath = pytest.importorskip("upath", reason="needs unshutter[dask]")
 
 NAMES = ["a.jpg", "b.png", "trip/a.jpg", "trip/day 2/c.tif"]
 STRAIGHT = ["a.rectified.jpg", "b.rectified.png", "trip/a.rectified.jpg", "trip/day 2/c.rectified.tif"]
@@ -62,19 +62,20 @@ def motion(tmp_path: Path) -> Path:
 
 def upload(folder: Path, url: str) -> None:
     for path in folder.rglob("*.*"):
-        (Remote(url) / path.relative_to(folder).as_posix()).write(path.read_bytes())
+        (place(url) / path.relative_to(folder).as_posix()).write_bytes(path.read_bytes())
 
 
 def pictures(url: str) -> dict[str, bytes]:
-    folder = Remote(url)
-    return {name: (folder / name).read() for name in folder.files() if not name.endswith(".jsonl")}
+    folder = upath.UPath(url)
+    found = [name for name in objects_below(folder) if name.suffix != ".jsonl"]
+    return {str(name): (folder / name).read_bytes() for name in found}
 
 
 def test_a_batch_between_stores_is_resumed(store: str, motion: Path, tmp_path: Path, capsys) -> None:
     make_photos(tmp_path / "archive", NAMES)
     assert rectify(tmp_path / "archive", "-o", tmp_path / "local", "--motion", motion) == 0
     upload(tmp_path / "archive", f"{store}/in")
-    (Remote(f"{store}/in") / "bad.jpg").write(b"no photo")
+    (place(f"{store}/in") / "bad.jpg").write_bytes(b"no photo")
     assert rectify(f"{store}/in/", "-o", f"{store}/out", "--motion", motion) == 1
     errors = capsys.readouterr().err
     assert "1 of 5 photos failed" in errors
@@ -86,7 +87,7 @@ def test_a_batch_between_stores_is_resumed(store: str, motion: Path, tmp_path: P
     assert rectify(f"{store}/in", "-o", f"{store}/out", "--motion", motion) == 1
     assert "4 finished already" in capsys.readouterr().err
     turned = Photo.from_array(Photo.open(tmp_path / "archive/b.png").to_array()[::-1])
-    (Remote(f"{store}/in") / "b.png").write(turned.to_bytes("png"))
+    (place(f"{store}/in") / "b.png").write_bytes(turned.to_bytes("png"))
     assert rectify(f"{store}/in", "-o", f"{store}/out", "--motion", motion) == 1
     assert "3 finished already" in capsys.readouterr().err
     changed = pictures(f"{store}/out")
@@ -95,13 +96,13 @@ def test_a_batch_between_stores_is_resumed(store: str, motion: Path, tmp_path: P
 
 def test_what_others_left_there_is_kept(store: str, motion: Path, tmp_path: Path, capsys) -> None:
     make_photos(tmp_path / "archive", NAMES)
-    theirs = Remote(f"{store}/out") / "a.rectified.jpg"
-    theirs.write(b"somebody's")
+    theirs = place(f"{store}/out") / "a.rectified.jpg"
+    theirs.write_bytes(b"somebody's")
     assert rectify(tmp_path / "archive", "-o", f"{store}/out", "--motion", motion) == 1
     assert "--overwrite" in capsys.readouterr().err
-    assert theirs.read() == b"somebody's"
+    assert theirs.read_bytes() == b"somebody's"
     assert rectify(tmp_path / "archive", "-o", f"{store}/out", "--motion", motion, "--overwrite") == 0
-    assert len(theirs.read()) > 100
+    assert len(theirs.read_bytes()) > 100
 
 
 def test_one_object(store: str, motion: Path, tmp_path: Path, capsys) -> None:

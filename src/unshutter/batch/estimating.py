@@ -11,7 +11,7 @@ from unshutter.errors import UsageError
 from unshutter.estimators.register import check_name
 from unshutter.options import Find, Reference
 from unshutter.prefetch import Prefetch
-from unshutter.storage.places import Place, check_place, make_folder, save_text
+from unshutter.storage.places import Place, check_place, make_folder, write_place
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
             plot_motion(motion, wanted.plot, title=photo.name, readout_ms=wanted.readout_ms)
         text = motion.to_json() if wanted.readout_ms is None else json_with_speed(motion, wanted.readout_ms)
         if target:
-            save_text(text + "\n", target)
+            write_place(f"{text}\n".encode(), target)
         else:
             print(text)
 

@@ -9,7 +9,8 @@ from pathlib import Path, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo.formats import FORMATS, WRITTEN, of_suffix
-from unshutter.storage.places import Place, Remote, place
+from unshutter.storage import places
+from unshutter.storage.places import Place, objects_below, place, way
 
 PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
 RECTIFIED = ".rectified"
@@ -46,7 +47,8 @@ def find_photos(given: Iterable[str | os.PathLike[str]], leave_out: Place | None
     """
     inputs = Inputs()
     for source in map(place, given):
-        if not (source.is_dir() if isinstance(source, Path) else not source.suffix and source.is_dir()):
+        may_be_folder = isinstance(source, Path) or not source.suffix  # asking a store takes a while
+        if not (may_be_folder and places.is_folder(source)):
             inputs.photos.setdefault(source, PurePosixPath())
             continue
         inputs.many = True
@@ -69,10 +71,11 @@ def _is_meant(relative: PurePosixPath) -> bool:
 
 def _in_folder(folder: Place, leave_out: Place | None, unreadable: list[tuple[str, str]]) -> list[PurePosixPath]:
     """All files below a folder, relative to it, in order."""
-    if isinstance(folder, Remote):
-        below = f"{leave_out}/".removeprefix(f"{folder}/") if isinstance(leave_out, Remote) else ""
-        names = [name for name in folder.files() if not below or not name.startswith(below)]
-        return [PurePosixPath(name) for name in names]
+    if not isinstance(folder, Path):
+        results = way(folder, leave_out) if leave_out is not None else None
+        if results == PurePosixPath():
+            results = None  # beside the originals: known by their names
+        return [name for name in objects_below(folder) if results is None or not name.is_relative_to(results)]
     found: list[PurePosixPath] = []
     results = os.path.realpath(leave_out) if isinstance(leave_out, Path) else None
     if results == os.path.realpath(folder):
@@ -122,7 +125,7 @@ def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[
         return {next(iter(inputs.photos)): goal}
     if isinstance(goal, Path) and goal.exists() and not goal.is_dir():
         raise UsageError(f"several photos need a folder to go to, but {goal} is a file")
-    targets = {photo: goal / inside / name(photo) for photo, inside in inputs.photos.items()}
+    targets = {photo: goal / (inside / name(photo)) for photo, inside in inputs.photos.items()}
     return _all_different(targets)
 
 

@@ -4,8 +4,10 @@ It is a journal, one JSON record a line, only ever added to. Before work on a re
 the result lies there under its name, a second one says what it is. Whatever happens in between, the next run finds
 a result that was begun and not finished, and does it again. A record that was cut short counts for nothing.
 
-In a folder it is one file, ``unshutter-manifest.jsonl``, that several runs may add to at once. Objects cannot be
-added to: behind a URL each run writes pieces, ``unshutter-manifest/RUN-NUMBER.jsonl``, and in the end one of them.
+A result counts as finished by its size and time, which are quick to look up. It is only replaced if it still has the
+digest with which it was left.
+
+How it is stored, for files and for objects behind a URL, :mod:`unshutter.storage.journal` says.
 """
 
 from __future__ import annotations
@@ -13,16 +15,16 @@ from __future__ import annotations
 import json
 import os
 import time
-from pathlib import Path
+from dataclasses import replace
 from typing import Any, Literal
 
 from unshutter.batch.work import Job, Outcome
-from unshutter.errors import UnshutterError
-from unshutter.storage.places import Place, Remote, absolute, fingerprint, make_folder, remove
+from unshutter.storage.journal import open_journal
+from unshutter.storage.places import Place, absolute, digest, fingerprint, way
 from unshutter.version import __version__
 
 NAME = "unshutter-manifest"
-Verdict = Literal["finished", "ours", "another's", "unknown"]
+Verdict = Literal["finished", "another's", "open"]
 
 
 class Manifest:
@@ -41,16 +43,9 @@ class Manifest:
         self._folder = folder
         self._options = options
         self._entries: dict[str, dict[str, Any]] = {}
-        self._read_to = 0  # bytes of the journal
         self._news: set[str] = set()  # results that other runs have had to do with since this one started
-        self._lines: list[str] = []  # of this run, for objects
-        self._pieces: list[int] = [0]  # how many of the lines were written with each
-        if isinstance(folder, Remote):
-            for name in folder.files():
-                if name.startswith(f"{NAME}/") and name.endswith(".jsonl"):
-                    self._take((folder / name).read())
-        else:
-            self.refresh()
+        self._journal = open_journal(folder, NAME, self.run)
+        self.refresh()
         self._news.clear()
 
     # ---- what is known ---------------------------------------------------------------------------------
@@ -59,24 +54,46 @@ class Manifest:
         """What there is where a job's results go.
 
         Returns:
-            finished: they are there, from this very photo with these very options, as they were left. ours: what is
-            there was begun or made by a run from this photo, and may be replaced. another's: it was made from
-            another photo. unknown: if there is something, unshutter did not leave it so.
+            finished: they are there, from this very photo with these very options, as they were left. another's: they
+            were made from another photo. open: there is work to do.
         """
         entry = self._entries.get(self._key(job.target))
         if entry is None:
-            return "unknown"
+            return "open"
         source_is = fingerprint(job.source)
         if entry.get("source") != str(absolute(job.source)) and entry.get("source_is") != source_is:
             return "another's"
-        targets = {self._key(target): target for target in (job.target, job.motion_target) if target is not None}
-        left = entry.get("outputs", {})
-        intact = all(left.get(key) == fingerprint(target) for key, target in targets.items())
-        if entry["state"] == "done" and intact:
-            same = (entry.get("source_is"), entry.get("options")) == (source_is, self._options)
-            return "finished" if same and source_is is not None else "ours"
-        untouched = all(fingerprint(target) in (None, left.get(key)) for key, target in targets.items())
-        return "ours" if entry["state"] == "begun" or untouched else "unknown"
+        same = (entry.get("source_is"), entry.get("options")) == (source_is, self._options) and source_is is not None
+        done = entry["state"] == "done" and same
+        return "finished" if done and all(self._is_as_left(entry, target) for target in job.outputs) else "open"
+
+    def prepared(self, job: Job) -> Job:
+        """A job with what is known of results that are there already.
+
+        The word of a manifest, which anybody may have written, is not enough to replace a file: it must be the one
+        that was left there, by its digest, which is computed when the job is done.
+        """
+        entry = self._entries.get(self._key(job.target))
+        if entry is None:
+            return job
+        picture, motion = (self._left(entry, target) for target in (job.target, job.motion_target))
+        return replace(job, left=(picture, motion), may_repeat=entry["state"] == "begun")
+
+    def _is_as_left(self, entry: dict[str, Any], target: Place) -> bool:
+        """Whether a file is the one that was left: by size and time, else (it was copied) by its digest."""
+        left = self._left(entry, target)
+        recorded = entry.get("outputs", {}).get(self._key(target))
+        return recorded == fingerprint(target) or (left is not None and digest(target) == left)
+
+    def _left(self, entry: dict[str, Any], target: Place | None) -> str | None:
+        """The digest with which a result was left, if what is there may have it: it has the size."""
+        if target is None:
+            return None
+        key, now = self._key(target), fingerprint(target)
+        recorded, digests = entry.get("outputs", {}).get(key), entry.get("digests")
+        if now is None or not isinstance(recorded, str) or not isinstance(digests, dict):
+            return None
+        return digests.get(key) if recorded.partition(":")[0] == now.partition(":")[0] else None
 
     def begun_by_another(self, job: Job) -> bool:
         """Whether another run has begun this result, and not finished; it may be dead."""
@@ -97,23 +114,7 @@ class Manifest:
         Raises:
             UnshutterError: the manifest cannot be read.
         """
-        if isinstance(self._folder, Remote):
-            return
-        path = self._folder / f"{NAME}.jsonl"
-        try:
-            with path.open("rb") as stream:
-                stream.seek(self._read_to)
-                added = stream.read()
-        except FileNotFoundError:
-            return
-        except OSError as error:
-            raise UnshutterError(f"cannot read {path}: {error.strerror}") from None
-        whole = added[: added.rfind(b"\n") + 1]
-        self._read_to += len(whole)
-        self._take(whole)
-
-    def _take(self, journal: bytes) -> None:
-        for line in journal.splitlines():
+        for line in self._journal.news().splitlines():
             try:
                 record = json.loads(line)
             except (ValueError, RecursionError):  # cut short by the end of its run, or damaged
@@ -146,10 +147,10 @@ class Manifest:
         if outcome.error:
             self._add({**self._record(job, "failed"), "error": outcome.error})
             return
-        outputs = {self._key(job.target): outcome.target_is}
-        if job.motion_target is not None:
-            outputs[self._key(job.motion_target)] = outcome.motion_is
-        made = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs}
+        keys = [self._key(target) for target in job.outputs]
+        outputs = dict(zip(keys, (outcome.target_is, outcome.motion_is), strict=False))
+        digests = dict(zip(keys, (outcome.target_digest, outcome.motion_digest), strict=False))
+        made = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs, "digests": digests}
         about = {"seconds": round(outcome.seconds, 3), "unshutter": __version__}
         self._add({**self._record(job, "done"), **made, **about})
 
@@ -165,32 +166,11 @@ class Manifest:
 
     def _key(self, target: Place) -> str:
         """A result's name: its way from the folder, so that the folder may be moved."""
-        if isinstance(target, Remote):
-            return target.url.removeprefix(f"{self._folder}/")
-        folder = self._folder if isinstance(self._folder, Path) else Path()
-        path, root = os.path.abspath(target), os.path.abspath(folder)
-        return Path(path).relative_to(root).as_posix() if path.startswith(root + os.sep) else Path(path).as_posix()
+        inside = way(self._folder, target)
+        return str(inside or absolute(target).as_posix())
 
     def _add(self, record: dict[str, Any]) -> None:
-        text = json.dumps(record) + "\n"
-        if isinstance(self._folder, Remote):
-            self._take(text.encode())
-            self._lines.append(text)
-            return
-        path = self._folder / f"{NAME}.jsonl"
-        make_folder(self._folder)
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
-            try:
-                size = os.fstat(descriptor).st_size
-                torn = size > 0 and _last_byte(descriptor, size) != b"\n"  # by a run that ended in the middle
-                data = (("\n" if torn else "") + text).encode()
-                if os.write(descriptor, data) < len(data):
-                    raise OSError(28, "No space left on device")
-            finally:
-                os.close(descriptor)
-        except OSError as error:
-            raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+        self._journal.add(json.dumps(record))
         self.refresh()
 
     def flush(self) -> None:
@@ -199,26 +179,12 @@ class Manifest:
         Raises:
             UnshutterError: the manifest cannot be written.
         """
-        if isinstance(self._folder, Remote) and len(self._lines) > self._pieces[-1]:
-            self._piece(self._folder, len(self._pieces)).write("".join(self._lines[self._pieces[-1] :]).encode())
-            self._pieces.append(len(self._lines))
+        self._journal.flush()
 
     def close(self) -> None:
-        """Writes what is not yet written, and makes one of the pieces.
+        """Ends what this run has to say.
 
         Raises:
             UnshutterError: the manifest cannot be written.
         """
-        self.flush()
-        if isinstance(self._folder, Remote) and len(self._pieces) > 2:
-            self._piece(self._folder, 0).write("".join(self._lines).encode())
-            for number in range(1, len(self._pieces)):
-                remove(self._piece(self._folder, number))
-
-    def _piece(self, folder: Remote, number: int) -> Remote:
-        return folder / NAME / f"{self.run}-{number:06}.jsonl"
-
-
-def _last_byte(descriptor: int, size: int) -> bytes:
-    os.lseek(descriptor, size - 1, os.SEEK_SET)
-    return os.read(descriptor, 1)
+        self._journal.close()

@@ -1,21 +1,21 @@
+"""Streets whose motion is known, and what the search finds of it."""
+
 import math
 
 import numpy as np
 import pytest
 
-import unshutter
-from unshutter import Motion, RowMotion
-from unshutter.estimators.base import View
-from unshutter.estimators.methods.manhattan import segments_of
-from unshutter.estimators.right_angles.likelihood import UNKNOWNS, Beliefs, ManhattanLikelihood, SecondOpinion
+from unshutter import RowMotion
+from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, SecondOpinion
+from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
 from unshutter.estimators.right_angles.search import explore
 from unshutter.evaluation.metrics import motion_error
 from unshutter.geometry import rows as geometry
-from unshutter.photo import Photo
 
 ROWS = 512
-DRAWN = Beliefs(independent=1.0)  # no drawn segment repeats another's error
+DRAWN = Beliefs(independent_share=1.0)  # no drawn segment repeats another's error
 STARTS = [np.eye(6)[k] * size for k, size in ((0, 0.1), (0, -0.1), (3, 0.07), (3, -0.07))]
+MOTION = np.array([0.09, -0.14, 0.0, 0.06, 0.03, 0.0])
 
 
 def street(roll=0.0, tilt=0.0, yaw=0.5, focal=1.6, clutter=30, seed=0, turned=0) -> np.ndarray:
@@ -53,27 +53,6 @@ def error_px(found: np.ndarray, truth: np.ndarray) -> float:
     return motion_error(one, other).epe
 
 
-MOTION = np.array([0.09, -0.14, 0.0, 0.06, 0.03, 0.0])
-
-
-@pytest.mark.parametrize(("up", "roll"), [((0, -1), None), ((1, 0), 0.1)])
-def test_derivatives_are_those_of_the_energy(up: tuple[int, int], roll: float | None) -> None:
-    rng = np.random.default_rng(0)
-    root = rng.normal(size=(6, 6))
-    opinion = SecondOpinion(rng.normal(0, 0.1, 6), root @ root.T)
-    wide = Beliefs(exact=0.3, sloppy=0.5, independent=1.0)
-    about = {"opinion": opinion, "roll": roll}
-    likelihood = ManhattanLikelihood(rng.uniform(-0.5, 0.5, (30, 4)), ROWS, 1.2, wide, up, **about)
-    at = rng.normal(0.1, 0.1, (3, UNKNOWNS))
-    energy, gradient, hessian = likelihood.expanded(at)
-    np.testing.assert_allclose(energy, likelihood.energy(at))
-    for k in range(UNKNOWNS):
-        step = 1e-6 * np.eye(UNKNOWNS)[k]
-        numeric = (likelihood.energy(at + step) - likelihood.energy(at - step)) / 2e-6
-        np.testing.assert_allclose(gradient[:, k], numeric, rtol=1e-5, atol=1e-6)
-    assert (np.linalg.eigvalsh(hessian) > 0).all()
-
-
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_motion_of_a_street_is_found_though_the_camera_is_askew(seed: int) -> None:
     """A roll of 0.6 degrees, taken for shear, would cost 1.3 px."""
@@ -87,7 +66,7 @@ def test_the_motion_of_a_street_is_found_though_the_camera_is_askew(seed: int) -
 
 def test_a_scene_on_its_side_needs_to_know_where_up_is() -> None:
     seen = rolled(street(tilt=0.2, seed=3, turned=1), MOTION)
-    found = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, up=(1, 0)), STARTS)
+    found = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(up=(1, 0))), STARTS)
     assert error_px(found.mean, MOTION) < 1.5
 
 
@@ -103,16 +82,18 @@ def test_a_known_roll_and_tilt_tell_the_shear() -> None:
     upright = about[np.abs(about[:, 3] - about[:, 1]) > 3 * np.abs(about[:, 2] - about[:, 0])]
     seen = rolled(upright, MOTION)
     guessed = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN), STARTS)
-    known = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, roll=0.05, tilt=0.1), STARTS)
+    known = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(roll=0.05, tilt=0.1)), STARTS)
     assert error_px(known.mean, MOTION) < 0.6 * error_px(guessed.mean, MOTION)
-    wrong = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, roll=-0.05, tilt=0.1), STARTS)
+    wrong = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(roll=-0.05, tilt=0.1)), STARTS)
     assert error_px(wrong.mean, MOTION) > 2 * error_px(known.mean, MOTION)
 
 
 def test_seen_from_above_a_known_tilt_leaves_right_angles_on_the_ground() -> None:
     """A drone that looks straight down: no verticals are seen, the streets' right angle tells the shear."""
     seen = rolled(street(tilt=-math.pi / 2, yaw=0.4, clutter=0, seed=9), MOTION)
-    found = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, roll=0.0, tilt=-math.pi / 2), STARTS)
+    found = explore(
+        ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(roll=0.0, tilt=-math.pi / 2)), STARTS
+    )
     assert error_px(found.mean, MOTION) < 1.0
 
 
@@ -134,38 +115,13 @@ def test_without_right_angles_nothing_is_sure() -> None:
     assert error_px(posterior.mean, np.zeros(6)) < 3
 
 
-def test_a_photo_smaller_than_wanted_is_enlarged_without_a_shift(facade: np.ndarray) -> None:
-    """The same straight picture in two sizes: verticals stay vertical, and where they are."""
-    segments, size = segments_of(View(Photo.from_array(facade)))
-    assert size == (768, 1024)
-    longest = segments[np.argsort(-np.abs(segments[:, 3] - segments[:, 1]))][:8]
-    np.testing.assert_allclose(longest[:, 0], longest[:, 2], atol=1 / 420)
-    left = segments[:, 0] < 0
-    mirrored, _ = segments_of(View(Photo.from_array(facade[:, ::-1].copy())))
-    assert left.sum() == pytest.approx((mirrored[:, 0] > 0).sum(), abs=10)
-
-
-@pytest.mark.parametrize("name", ["manhattan", "segment-manhattan"])
-def test_a_photo_is_rectified(name: str, basilica: tuple[np.ndarray, Motion]) -> None:
-    picture, truth = basilica
-    found = unshutter.estimate(picture, estimator=name)
-    nothing = motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
-    assert motion_error(found, truth).epe < 0.4 * nothing
-    assert found.confidence is not None
-    assert 0 < found.confidence < 1
-    assert found.tx_px[0] == found.rz_rad[0] == 0
-
-
-@pytest.mark.parametrize("name", ["manhattan", "segment-manhattan"])
-def test_an_undistorted_facade_is_left_alone(name: str, facade: np.ndarray) -> None:
-    found = unshutter.estimate(facade, estimator=name)
-    assert np.abs(found.tx_px).max() * 256 / found.height < 1
-
-
-def test_what_cannot_be_used_is_declined() -> None:
-    estimator = unshutter.load("manhattan")
-    blank = estimator.estimate(View(Photo.from_array(np.full((200, 300), 128, np.uint8))))
-    assert blank.is_zero
-    assert "0 straight segments" in blank.reason
-    wide = estimator.estimate(View(Photo.from_array(np.zeros((100, 400), np.uint8))))
-    assert "2.5 times" in wide.reason
+def test_the_posterior_is_what_it_was() -> None:
+    """Figures written down once: a change of the code that is to change no answer changes none."""
+    seen = rolled(street(roll=0.01, tilt=0.1, seed=7), MOTION)
+    opinion = SecondOpinion(0.8 * MOTION, np.diag(np.full(6, 1e3)))
+    found = explore(ManhattanLikelihood(seen, ROWS, 1.3, opinion=opinion), STARTS)
+    mean = (0.0741888777, -0.1214981652, -0.0041493966, 0.0715706972, 0.0297505193, -0.0005794571)
+    sigma = (0.0110069974, 0.0114347408, 0.0076753139, 0.0111291198, 0.0128066265, 0.0076766859)
+    np.testing.assert_allclose(found.mean, mean, rtol=1e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), sigma, rtol=1e-6)
+    assert found.lines_gain == pytest.approx(2.1306408264, rel=1e-7)

@@ -1,0 +1,152 @@
+"""Lines that are only ever added to, one JSON record each, in a folder that several runs may write to.
+
+In a folder of files a journal is one file, ``NAME.jsonl``. Objects cannot be added to: behind a URL each run writes
+pieces, ``NAME/RUN-NUMBER.jsonl``, and makes one of them in the end.
+"""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from unshutter.errors import UnshutterError
+from unshutter.storage.places import Place, make_folder, objects_below, read_place, remove, write_place
+from unshutter.storage.plain_files import open_plain
+
+if TYPE_CHECKING:
+    from upath import UPath
+
+
+class Journal(ABC):
+    """A journal as one run sees it; nothing is written before the first line."""
+
+    @abstractmethod
+    def news(self) -> bytes:
+        """The whole lines that this run has not seen yet, its own among them.
+
+        Raises:
+            UnshutterError: the journal cannot be read.
+        """
+
+    @abstractmethod
+    def add(self, line: str) -> None:
+        """Adds a line.
+
+        Raises:
+            UnshutterError: the journal cannot be written.
+        """
+
+    @abstractmethod
+    def flush(self) -> None:
+        """Writes what is not yet written.
+
+        Raises:
+            UnshutterError: the journal cannot be written.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """The run has nothing more to say; errors as :meth:`flush`."""
+
+
+def open_journal(folder: Place, name: str, run: str) -> Journal:
+    """The journal of a folder.
+
+    Args:
+        folder: where it lies.
+        name: of the journal.
+        run: name of this run, which no other run has.
+
+    Raises:
+        UnshutterError: there is one that cannot be read.
+    """
+    return FileJournal(folder, name) if isinstance(folder, Path) else ObjectJournal(folder, name, run)
+
+
+class FileJournal(Journal):
+    """One file, which each line reaches at once. One that is a link, or has a second name, is refused."""
+
+    def __init__(self, folder: Path, name: str):
+        self._path = folder / f"{name}.jsonl"
+        self._read_to = 0  # bytes
+
+    def news(self) -> bytes:
+        """See :meth:`Journal.news`."""
+        try:
+            with open(open_plain(self._path, os.O_RDONLY), "rb") as stream:
+                stream.seek(self._read_to)
+                added = stream.read()
+        except FileNotFoundError:
+            return b""
+        except OSError as error:
+            raise UnshutterError(f"cannot read {self._path}: {error.strerror}") from None
+        whole = added[: added.rfind(b"\n") + 1]
+        self._read_to += len(whole)
+        return whole
+
+    def add(self, line: str) -> None:
+        """See :meth:`Journal.add`."""
+        make_folder(self._path.parent)
+        try:
+            descriptor = open_plain(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+            try:
+                size = os.fstat(descriptor).st_size
+                torn = size > 0 and _last_byte(descriptor, size) != b"\n"  # by a run that ended in the middle
+                data = (("\n" if torn else "") + line + "\n").encode()
+                if os.write(descriptor, data) < len(data):
+                    raise OSError(28, "No space left on device")
+            finally:
+                os.close(descriptor)
+        except OSError as error:
+            raise UnshutterError(f"cannot write {self._path}: {error.strerror}") from None
+
+    def flush(self) -> None:
+        """Nothing is kept back."""
+
+    def close(self) -> None:
+        """Nothing is left to do."""
+
+
+class ObjectJournal(Journal):
+    """Objects, one for all lines between two calls of :meth:`flush`; what other runs add meanwhile is not seen."""
+
+    def __init__(self, folder: UPath, name: str, run: str):
+        self._folder, self._name, self._run = folder, name, run
+        self._lines: list[str] = []  # of this run
+        self._pieces: list[int] = [0]  # how many of the lines were written with each
+        names = [below for below in objects_below(folder) if below.parts[0] == name and below.suffix == ".jsonl"]
+        self._unseen = b"\n".join(read_place(folder / below) for below in names)
+
+    def news(self) -> bytes:
+        """See :meth:`Journal.news`."""
+        news, self._unseen = self._unseen, b""
+        return news
+
+    def add(self, line: str) -> None:
+        """See :meth:`Journal.add`."""
+        self._lines.append(line + "\n")
+        self._unseen += self._lines[-1].encode()
+
+    def flush(self) -> None:
+        """See :meth:`Journal.flush`."""
+        if len(self._lines) > self._pieces[-1]:
+            write_place("".join(self._lines[self._pieces[-1] :]).encode(), self._piece(len(self._pieces)))
+            self._pieces.append(len(self._lines))
+
+    def close(self) -> None:
+        """Makes one of the pieces."""
+        self.flush()
+        if len(self._pieces) > 2:
+            write_place("".join(self._lines).encode(), self._piece(0))
+            for number in range(1, len(self._pieces)):
+                remove(self._piece(number))
+
+    def _piece(self, number: int) -> UPath:
+        return self._folder / self._name / f"{self._run}-{number:06}.jsonl"
+
+
+def _last_byte(descriptor: int, size: int) -> bytes:
+    os.lseek(descriptor, size - 1, os.SEEK_SET)
+    return os.read(descriptor, 1)

@@ -1,0 +1,85 @@
+"""What a run must not write to: the files that it reads, and whatever a link leads to."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from functools import cache, cached_property
+from pathlib import Path
+
+from unshutter.errors import UnshutterError
+from unshutter.storage.places import Place, way
+
+
+class Protection:
+    """Keeps a run from writing to its own inputs, whatever names and links lead to them.
+
+    Two names are of one file when they have the same device and inode, or the same real path where a file system has
+    no inodes. The inputs are looked at when a file is in the way of a result, not before.
+
+    Args:
+        inputs: what the run reads.
+        folders: that the user named for results: links below them are not followed. (Those above are the user's way
+            of naming them.)
+    """
+
+    def __init__(self, inputs: Iterable[Place | None], folders: Iterable[Place | None] = ()):
+        self._inputs = [place for place in inputs if place is not None]
+        self._folders = [place for place in folders if place is not None]
+        self._is_link = cache(os.path.islink)
+
+    def check(self, target: Place | None) -> None:
+        """Checks a place before something is written there.
+
+        Raises:
+            UnshutterError: it is an input, or lies behind a link.
+        """
+        if target is None:
+            return
+        if self._is_input(target):
+            raise UnshutterError(
+                f"{target} is an original (an input of this run), which is never overwritten: choose another name"
+            )
+        for folder in self._folders:
+            inside = way(folder, target)
+            for above in list(inside.parents)[:-1] if inside and isinstance(folder, Path) else ():
+                if self._is_link(folder / above):
+                    raise UnshutterError(
+                        f"cannot write {target}: {folder / above} is a link, and nothing is written through links"
+                    )
+
+    def _is_input(self, target: Place) -> bool:
+        if not isinstance(target, Path):
+            return target in self._objects
+        if not os.path.lexists(target):
+            return False
+        with suppress(OSError):
+            status = target.stat()
+            if (status.st_dev, status.st_ino) in self._inodes:
+                return True
+        return os.path.realpath(target) in self._real_paths or os.path.abspath(target) in self._real_paths
+
+    @cached_property
+    def _objects(self) -> set[Place]:
+        return {place for place in self._inputs if not isinstance(place, Path)}
+
+    @cached_property
+    def _inodes(self) -> set[tuple[int, int]]:
+        found = set()
+        for place in self._inputs:
+            with suppress(OSError):
+                if isinstance(place, Path) and (status := place.stat()).st_ino:
+                    found.add((status.st_dev, status.st_ino))
+        return found
+
+    @cached_property
+    def _real_paths(self) -> set[str]:
+        """Of the inputs, and of the links that some of them are."""
+        real_folder = cache(os.path.realpath)  # most lie in a few folders
+        found = set()
+        for place in self._inputs:
+            if isinstance(place, Path):
+                path = os.path.join(real_folder(place.parent), place.name)
+                found |= {path, os.path.realpath(path)} if os.path.islink(path) else {path}
+        return found
