@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.formats.base import Coding, WrittenFormat
+from unshutter.photo.format import Coding, WrittenFormat
 from unshutter.photo.libvips import field, libvips, refusing, standard, to_8_bits
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.tags import exif, iptc, xmp

@@ -12,8 +12,8 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
 from unshutter.photo import encoding
 from unshutter.photo.decoding import Decoder
+from unshutter.photo.format import Coding, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN, of_target
-from unshutter.photo.formats.base import Coding, WrittenFormat
 from unshutter.photo.grey import grey_copy, grey_size
 from unshutter.photo.libvips import as_image
 from unshutter.photo.metadata import Metadata

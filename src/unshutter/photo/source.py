@@ -28,6 +28,11 @@ class Source:
         """The file, if it is one."""
         return self.place if isinstance(self.place, Path) else None
 
+    @property
+    def suffix(self) -> str:
+        """The ending of the file's name in lower case; empty for bytes in memory."""
+        return self.place.suffix.lower() if isinstance(self.place, Path) else ""
+
     def stream(self) -> BinaryIO:
         """A new stream at the beginning; OSError where the file cannot be read."""
         return self.place.open("rb") if isinstance(self.place, Path) else io.BytesIO(self.place)

@@ -11,7 +11,7 @@ from support.tagged_files import (
     full_exif,
 )
 from unshutter.photo import Photo
-from unshutter.photo.formats import boxes
+from unshutter.photo.containers import boxes
 
 
 @pytest.mark.parametrize(("bits", "step"), [(10, 64), (12, 16)])

@@ -1,4 +1,4 @@
-"""AVIF.
+"""AVIF: its boxes say how the picture was turned, and where EXIF is.
 
 Source: ISO/IEC 23008-12 (HEIF), AV1 Image File Format.
 """
@@ -11,8 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
-from unshutter.photo.formats import boxes, by_libvips
-from unshutter.photo.formats.base import Coding, Header, WrittenFormat
+from unshutter.photo import by_libvips
+from unshutter.photo.containers import boxes
+from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
@@ -33,7 +34,7 @@ class Avif(WrittenFormat):
     suffixes = (".avif",)
     longest_side, deep, grey, alpha = 16_384, True, False, True
 
-    def recognises(self, head: bytes, suffix: str) -> bool:
+    def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
         return _SIGNATURE.match(head) is not None
 

@@ -12,8 +12,8 @@ import re
 from typing import TYPE_CHECKING, Any, BinaryIO, final
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.formats import boxes
-from unshutter.photo.formats.base import Coding, Format, Header
+from unshutter.photo.containers import boxes
+from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
 from unshutter.photo.tags import colours
@@ -31,7 +31,7 @@ class Heic(Format):
     name, written_as = "heic", "avif"
     suffixes = (".heic", ".heif", ".hif")
 
-    def recognises(self, head: bytes, suffix: str) -> bool:
+    def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
         return _SIGNATURE.match(head) is not None
 

@@ -1,4 +1,4 @@
-"""JPEG.
+"""JPEG: quality and subsampling are told by its tables; EXIF is a segment.
 
 Source: ITU-T T.81 (segments, quantisation); CIPA DC-008 (EXIF in APP1).
 """
@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter.photo.formats import by_libvips
-from unshutter.photo.formats.base import Coding, Header, WrittenFormat
-from unshutter.photo.formats.insertion import insert
+from unshutter.photo import by_libvips
+from unshutter.photo.containers import segments
+from unshutter.photo.containers.insertion import insert
+from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import computed, field, libvips, refusing
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 # Warnings about JPEGs in which every pixel is there, and which all viewers show.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
 _LONGEST_EXIF = 65_533  # bytes, with the prefix
-_TABLES, _FRAMES, _SCAN, _APP0, _APP1 = 0xDB, (0xC0, 0xC1, 0xC2), 0xDA, 0xE0, 0xE1
+_TABLES, _FRAMES = 0xDB, (0xC0, 0xC1, 0xC2)  # markers
 # Luminance quantisation of quality 50, in any order (ITU-T T.81, table K.1).
 _LUMINANCE = (
     *(16, 11, 10, 16, 24, 40, 51, 61, 12, 12, 14, 19, 26, 58, 60, 55, 14, 13, 16, 24, 40, 57, 69, 56, 14, 17, 22, 29),
@@ -44,7 +44,7 @@ class Jpeg(WrittenFormat):
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
 
-    def recognises(self, head: bytes, suffix: str) -> bool:
+    def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
         return head.startswith(b"\xff\xd8\xff")
 
@@ -80,10 +80,10 @@ class Jpeg(WrittenFormat):
         content = exif.PREFIX + blob.removeprefix(exif.PREFIX)
         file.seek(2)
         at, head = 2, file.read(4)
-        if head[:2] == bytes([0xFF, _APP0]):  # JFIF stays first
+        if head[:2] == bytes([0xFF, segments.APP0]):  # JFIF stays first
             at += 2 + struct.unpack(">H", head[2:])[0]
         if len(content) <= _LONGEST_EXIF:
-            insert(file, at, struct.pack(">BBH", 0xFF, _APP1, len(content) + 2) + content)
+            insert(file, at, segments.encoded(segments.APP1, content))
 
 
 def read_coding(file: BinaryIO) -> Coding:
@@ -94,7 +94,7 @@ def read_coding(file: BinaryIO) -> Coding:
     subsampled; libvips says so of 4:2:2, too.
     """
     total, factors = None, b""
-    for marker, content in _segments(file, (_TABLES, *_FRAMES)):
+    for marker, content in segments.before_the_scan(file, (_TABLES, *_FRAMES)):
         if marker == _TABLES:
             total = _luminance_sum(content) or total
         else:
@@ -103,24 +103,6 @@ def read_coding(file: BinaryIO) -> Coding:
     if total is not None:
         quality = min(range(1, 101), key=lambda quality: abs(_scaled_sum(quality) - total))
     return Coding(quality, subsampled=len(factors) == 3 and factors[0] >> 4 >= 2 and factors[0] & 15 >= 2)
-
-
-def exif_of(file: BinaryIO) -> bytes | None:
-    """The EXIF blob of a JPEG."""
-    return next((content for _, content in _segments(file, (_APP1,)) if content.startswith(exif.PREFIX)), None)
-
-
-def _segments(file: BinaryIO, wanted: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
-    """(marker, content) of segments before the first scan."""
-    file.seek(2)
-    while len(head := file.read(4)) == 4:
-        mark, marker, length = struct.unpack(">BBH", head)
-        if mark != 0xFF or marker == _SCAN or length < 2:
-            return
-        if marker in wanted:
-            yield marker, file.read(length - 2)
-        else:
-            file.seek(length - 2, 1)
 
 
 def _scaled_sum(quality: int) -> int:

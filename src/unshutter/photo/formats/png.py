@@ -1,4 +1,4 @@
-"""PNG.
+"""PNG: lossless, 8 or 16 bits; EXIF is a chunk.
 
 Source: W3C, PNG third edition (chunks, eXIf).
 """
@@ -10,9 +10,9 @@ import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter.photo.formats import by_libvips
-from unshutter.photo.formats.base import Coding, Header, WrittenFormat
-from unshutter.photo.formats.insertion import insert
+from unshutter.photo import by_libvips
+from unshutter.photo.containers.insertion import insert
+from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
@@ -33,7 +33,7 @@ class Png(WrittenFormat):
     suffixes = (".png",)
     longest_side, deep, grey, alpha = 10_000_000, True, True, True
 
-    def recognises(self, head: bytes, suffix: str) -> bool:
+    def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
         return head.startswith(b"\x89PNG\r\n\x1a\n")
 

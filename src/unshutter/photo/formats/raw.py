@@ -19,8 +19,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, BinaryIO, final
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.formats import boxes, jpeg
-from unshutter.photo.formats.base import Coding, Format, Header
+from unshutter.photo.containers import boxes, segments
+from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.libvips import libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
@@ -50,9 +50,9 @@ class Raw(Format):
     name, written_as = "raw", "tiff"
     suffixes = tuple(f".{ending}" for ending in _CAMERAS.split())
 
-    def recognises(self, head: bytes, suffix: str) -> bool:
-        """See Format. Not all kinds of raw files can be told by their beginning."""
-        return _SIGNATURE.match(head) is not None or suffix in self.suffixes
+    def recognises(self, source: Source, head: bytes) -> bool:
+        """See Format. Raw files of many makers begin like a TIFF, and some kinds only their ending tells."""
+        return _SIGNATURE.match(head) is not None or source.suffix in self.suffixes or _is_raw_tiff(source)
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
@@ -109,9 +109,11 @@ def _opened(source: Source) -> Iterator[Any]:
 # ---- tags ----------------------------------------------------------------------------------------------
 
 
-def is_raw(tree: Tree) -> bool:
-    """Whether a TIFF is a DNG, or begins with a preview as the raw files of Nikon and Sony do."""
-    return _DNG_VERSION in tree.pages[0] or bool((tree.number(SUBFILE_TYPE) or 0) & 1)
+def _is_raw_tiff(source: Source) -> bool:
+    """Whether a file is a DNG, or begins with a preview as the raw files of Nikon and Sony do."""
+    with source.stream() as stream:
+        tree = read_tree(stream, most_pages=1)
+    return tree is not None and (_DNG_VERSION in tree.pages[0] or bool((tree.number(SUBFILE_TYPE) or 0) & 1))
 
 
 def read_tags(file: BinaryIO) -> Tree | None:
@@ -124,7 +126,7 @@ def read_tags(file: BinaryIO) -> Tree | None:
     if head.startswith(b"FUJIFILM") and len(head) == 96:
         start, length = struct.unpack_from(">II", head, 84)
         file.seek(start)
-        return exif.read(jpeg.exif_of(io.BytesIO(file.read(length))))
+        return exif.read(segments.exif_of(io.BytesIO(file.read(length))))
     if head[4:12] == b"ftypcrx ":
         return _canon_tags(file)
     return read_tree(file)

@@ -1,6 +1,6 @@
-"""TIFF.
+"""TIFF: lossless, 8 or 16 bits; EXIF and IPTC are tags among its own.
 
-Source: TIFF 6.0; DNG 1.7 and TIFF/EP for the raw files that are TIFFs.
+Source: TIFF 6.0.
 """
 
 from __future__ import annotations
@@ -10,9 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter.photo.formats import by_libvips
-from unshutter.photo.formats.base import Coding, Header, WrittenFormat
-from unshutter.photo.formats.raw import Raw, is_raw
+from unshutter.photo import by_libvips
+from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
@@ -37,16 +36,14 @@ class Tiff(WrittenFormat):
     suffixes = (".tif", ".tiff")
     longest_side, deep, grey, alpha = 10_000_000, True, True, True
 
-    def recognises(self, head: bytes, suffix: str) -> bool:
-        """See Format. Most raw files begin like a TIFF; those that only their tags tell, read_header finds."""
-        return _SIGNATURE.match(head) is not None and not Raw().recognises(head, suffix)
+    def recognises(self, source: Source, head: bytes) -> bool:
+        """See Format."""
+        return _SIGNATURE.match(head) is not None
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
         with source.stream() as stream:
             tree = read_tree(stream)
-        if tree is not None and is_raw(tree):
-            return Raw().read_header(source)
         image = by_libvips.opened(source, "tiffload")
         coding = Coding(bits=field(image, "bits-per-sample", 8))
         metadata = replace(Metadata.of_image(image), resources=None)

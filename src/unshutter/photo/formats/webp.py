@@ -1,4 +1,4 @@
-"""WebP.
+"""WebP: lossy or lossless, which stays so; EXIF is a chunk.
 
 Source: RFC 9649 (the container's chunks).
 """
@@ -10,8 +10,8 @@ import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter.photo.formats import by_libvips
-from unshutter.photo.formats.base import Coding, Header, WrittenFormat
+from unshutter.photo import by_libvips
+from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
@@ -32,7 +32,7 @@ class Webp(WrittenFormat):
     suffixes = (".webp",)
     longest_side, deep, grey, alpha = 16_383, False, False, True
 
-    def recognises(self, head: bytes, suffix: str) -> bool:
+    def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
         return _SIGNATURE.match(head) is not None
 

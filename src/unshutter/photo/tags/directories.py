@@ -89,11 +89,12 @@ def slots(data: bytes | bytearray, order: str, at: int, count: int) -> Iterator[
         yield Slot(place, *struct.unpack_from(order + "HHI", data, place))
 
 
-def read_tree(file: BinaryIO) -> Tree | None:
+def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES) -> Tree | None:
     """Reads classic TIFF directories; entries that point nowhere are left out.
 
     Args:
         file: seekable, a TIFF file or the TIFF part of an EXIF blob.
+        most_pages: where to end.
 
     Returns:
         None when this is no classic TIFF (BigTIFF, damaged header).
@@ -106,7 +107,7 @@ def read_tree(file: BinaryIO) -> Tree | None:
     reader = _Reader(file, order)
     pages: list[Directory] = []
     (offset,) = struct.unpack_from(order + "I", head, 4)
-    while offset and len(pages) < _MAX_PAGES and (found := reader.directory(offset)) is not None:
+    while offset and len(pages) < most_pages and (found := reader.directory(offset)) is not None:
         pages.append(found[0])
         offset = found[1]
     return Tree(order, pages) if pages else None

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.formats.base import Coding, Format, Header
+from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.libvips import computed, field, refusing
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source

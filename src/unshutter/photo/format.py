@@ -1,4 +1,4 @@
-"""What a file format is: how it is recognised, read and written. Each format is one file beside this one."""
+"""What a file format is: how it is recognised, read and written. Each is one file in formats/, and knows no other."""
 
 from __future__ import annotations
 
@@ -73,12 +73,15 @@ class Format(ABC):
     shrinks: ClassVar[tuple[int, ...]] = ()
 
     @abstractmethod
-    def recognises(self, head: bytes, suffix: str) -> bool:
-        """Whether a file is of this format.
+    def recognises(self, source: Source, head: bytes) -> bool:
+        """Whether a file is of this format, unless one that was asked before says so, too.
 
         Args:
-            head: its first 64 bytes.
-            suffix: the ending of its name in lower case, which may lie; empty for data in memory.
+            source: the file.
+            head: its first 64 bytes, which are enough for most; the ending of its name may lie.
+
+        Raises:
+            OSError: it cannot be read.
         """
 
     @abstractmethod
