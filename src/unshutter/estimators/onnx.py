@@ -1,4 +1,4 @@
-"""Opens exported networks (ONNX), each on one thread, or says in one line why a file is not the network it should be."""
+"""Opens exported networks (ONNX), each on one thread, or says in one line why a file is not that network."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from unshutter.estimators.method import Method
 from unshutter.options import DEFAULT_ESTIMATOR
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoints
+    from importlib.metadata import EntryPoint, EntryPoints
 
     from unshutter.estimators.base import Estimator
 
@@ -104,17 +104,10 @@ def method(name: str) -> Method:
     for known in METHODS:
         if known.name == name:
             return known
-    for entry in _installed().select(name=name):
-        try:
-            found = entry.load()
-        except Exception as error:  # another package's import may raise anything
-            raise UnshutterError(f"cannot load the installed estimator '{name}': {_one_line(error)}") from None
-        if not isinstance(found, Method) or found.name != name:
-            raise UnshutterError(
-                f"cannot load the installed estimator '{name}': {entry.value} is no Method of that name"
-            )
-        return found
-    raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(names())}")
+    entry = next(iter(_installed().select(name=name)), None)
+    if entry is None:
+        raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(names())}")
+    return _loaded(entry)
 
 
 def check_name(name: str) -> None:
@@ -164,11 +157,19 @@ def _class_of(found: Method) -> type[Estimator]:
     return kind
 
 
+def _loaded(entry: EntryPoint) -> Method:
+    """The method that another package's entry point names."""
+    failure = f"cannot load the installed estimator '{entry.name}'"
+    try:
+        found = entry.load()
+    except Exception as error:  # another package's import may raise anything
+        raise UnshutterError(" ".join(f"{failure}: {type(error).__name__}: {error}".split())) from None
+    if not isinstance(found, Method) or found.name != entry.name:
+        raise UnshutterError(f"{failure}: {entry.value} is no Method of that name")
+    return found
+
+
 def _installed() -> EntryPoints:
     from importlib.metadata import entry_points  # not above: it is slow, and rarely needed
 
     return entry_points(group=_GROUP)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())

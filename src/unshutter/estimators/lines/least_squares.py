@@ -3,32 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float
 
 Residuals = Callable[[np.ndarray], np.ndarray]
 # residuals -> (cost of each, weight of each: derivative of the cost with respect to the squared residual)
 Loss = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def squared(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def squared(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
     """r^2: nothing is an outlier."""
     return r * r, np.ones_like(r)
 
 
-def cauchy(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cauchy(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
     """log(1 + r^2): outliers pull less the farther they are."""
     return np.log1p(r * r), 1 / (1 + r * r)
 
 
-def geman_mcclure(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def geman_mcclure(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
     """r^2 / (1 + r^2): outliers stop pulling."""
     return r * r / (1 + r * r), 1 / (1 + r * r) ** 2
 
 
 def minimise(
-    residuals: Residuals, start: np.ndarray, loss: Loss = squared, steps: int = 50, tolerance: float = 1e-10
-) -> tuple[np.ndarray, float]:
+    residuals: Residuals,
+    start: Float[np.ndarray, "unknowns"],
+    loss: Loss = squared,
+    steps: int = 50,
+    tolerance: float = 1e-10,
+) -> tuple[Float[np.ndarray, "unknowns"], float]:
     """Unknowns that make the sum of the residuals' costs least, near a start; never worse than the start.
 
     Args:

@@ -1,4 +1,4 @@
-"""Photoshop's image resources, which hold IPTC: one block of them in JPEG, two tags in TIFF.
+"""IPTC, in Photoshop's image resources: one block of them in JPEG, two tags in TIFF.
 
 libvips hands a JPEG's on as they are, but cuts those of a TIFF to a quarter when it writes them. So they are kept here
 as a JPEG has them, in libvips's field ``iptc-data``, and go to TIFF by :func:`tiff_tags`.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 
-from unshutter.photo.metadata import Entry, Tree
+from unshutter.photo.tags.directories import Entry, Tree
 
 IPTC_TAG, RESOURCES_TAG = 33723, 34377
 _PREFIX = b"Photoshop 3.0\0"

@@ -6,14 +6,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import pyvips
 
 import unshutter
+from support.tagged_files import jpeg_of_drone
 from unshutter import Motion
 from unshutter.cli import main
 from unshutter.errors import UsageError
-from unshutter.estimators.base import View
-from unshutter.options import Camera
 from unshutter.photo import Photo
 
 
@@ -56,44 +54,7 @@ def test_roll_and_tilt_from_the_command_line(
         unshutter.rectify(leaning, motion=Motion.load(out), roll_deg=1.0)
 
 
-XMP = """<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
-<rdf:Description xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" {}</rdf:Description></rdf:RDF></x:xmpmeta>"""
-ATTRIBUTES = 'drone-dji:GimbalRollDegree="{}" drone-dji:GimbalPitchDegree="{}">'
-ELEMENT = "<drone-dji:Gimbal{0}Degree>{{}}</drone-dji:Gimbal{0}Degree>"
-ELEMENTS = ">" + ELEMENT.format("Roll") + ELEMENT.format("Pitch")
-
-
-def jpeg_of_drone(pixels: np.ndarray, roll: str, tilt: str, form: str = ATTRIBUTES) -> bytes:
-    image = pyvips.Image.new_from_array(pixels)
-    image = image.copy()
-    image.set_type(pyvips.GValue.blob_type, "xmp-data", XMP.format(form.format(roll, tilt)).encode())
-    return image.jpegsave_buffer(Q=92)
-
-
-@pytest.mark.parametrize(
-    ("roll", "tilt", "form", "known"),
-    [
-        ("+4.00", "-0.10", ATTRIBUTES, (4.0, -0.1)),
-        ("-0.50", "-90.00", ELEMENTS, (-0.5, -90.0)),
-        ("+180.00", "-90.00", ATTRIBUTES, (0.0, -90.0)),
-        ("+70.00", "0", ATTRIBUTES, None),
-        ("up", "0", ATTRIBUTES, None),
-    ],
-)
-def test_a_drone_says_how_its_camera_was_held(
-    leaning: np.ndarray, roll: str, tilt: str, form: str, known: tuple[float, float] | None
-) -> None:
-    photo = Photo.from_bytes(jpeg_of_drone(leaning, roll, tilt, form))
-    assert photo.attitude_deg() == known
-    assert View(photo).attitude_deg() == (known or (None, None))
-    assert View(photo, Camera(tilt_deg=3.0)).attitude_deg() == (known[0] if known else None, 3.0)
-
-
 def test_the_gimbals_roll_is_not_taken_for_motion(leaning: np.ndarray) -> None:
     told, untold = jpeg_of_drone(leaning, "+4.00", "0"), jpeg_of_drone(leaning, "0", "0")
     assert np.abs(unshutter.estimate(told, estimator="manhattan").tx_px).max() < 4
     assert np.abs(unshutter.estimate(untold, estimator="manhattan").tx_px).max() > 20
-
-
-def test_a_photo_without_xmp_says_nothing(leaning: np.ndarray) -> None:
-    assert Photo.from_array(leaning).attitude_deg() is None

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import re
 
+from unshutter.options import MOST_ROLL_DEG, MOST_TILT_DEG
+
 _ANGLE = rb"""drone-dji:Gimbal%sDegree\s*(?:=\s*["']|>)\s*([+-]?\d+(?:\.\d+)?)"""
-MOST_ROLL, MOST_TILT = 45, 90  # degrees: beyond, up is no longer up
 
 
-def attitude_of_xmp(xmp: bytes) -> tuple[float, float] | None:
+def of_xmp(packet: bytes) -> tuple[float, float] | None:
     """Roll and tilt of the camera [degrees], or None where the XMP does not say, or says what cannot be."""
-    found = [re.search(_ANGLE % name, xmp) for name in (b"Roll", b"Pitch")]
+    found = [re.search(_ANGLE % name, packet) for name in (b"Roll", b"Pitch")]
     if not all(found):
         return None
     roll, tilt = (float(match[1]) for match in found if match)
     # looking straight down, a gimbal may call the same attitude a roll of half a turn and a heading of another
-    if abs(abs(roll) - 180) <= MOST_ROLL and abs(tilt) > MOST_TILT - 10:
+    if abs(abs(roll) - 180) <= MOST_ROLL_DEG and abs(tilt) > MOST_TILT_DEG - 10:
         return 0.0, tilt
-    return (roll, tilt) if abs(roll) <= MOST_ROLL and abs(tilt) <= MOST_TILT else None
+    return (roll, tilt) if abs(roll) <= MOST_ROLL_DEG and abs(tilt) <= MOST_TILT_DEG else None
