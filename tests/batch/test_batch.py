@@ -180,15 +180,27 @@ def test_another_archive_does_not_replace_the_first_ones_results(archive, motion
     assert "4 finished already" in capsys.readouterr().err
 
 
-def test_a_result_that_was_begun_is_not_trusted(archive: Path, motion: Path, tmp_path: Path) -> None:
-    """As after a kill between the last byte and the last record: the file is there, the word is not."""
+def test_a_result_that_was_begun_is_not_trusted(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
+    """As after a kill between the last byte and the last record: the file is there, the word is not.
+
+    It is made once more, and stays if it is the same. If not, it is somebody's: that it was begun is no permission.
+    """
     out = tmp_path / "out"
     assert rectify(archive, "-o", out, "--motion", motion) == 0
     whole = results(out)
     lines = (out / MANIFEST).read_text().splitlines(keepends=True)
     last = json.loads(lines[-1])["target"]
     (out / MANIFEST).write_text("".join(lines[:-1]) + lines[-1][:40])  # cut short, too
-    (out / last).write_bytes(b"half")
+    cut = (out / MANIFEST).read_bytes()
+    assert rectify(archive, "-o", out, "--motion", motion) == 0
+    assert "1 of 4 photos done" in capsys.readouterr().err
+    assert results(out) == whole
+    (out / MANIFEST).write_bytes(cut)
+    (out / last).write_bytes(b"somebody's")
+    assert rectify(archive, "-o", out, "--motion", motion) == 1
+    assert "--overwrite" in capsys.readouterr().err
+    assert (out / last).read_bytes() == b"somebody's"
+    (out / last).unlink()
     assert rectify(archive, "-o", out, "--motion", motion) == 0
     assert results(out) == whole
     assert rectify(archive, "-o", out, "--motion", motion, "--dry-run") == 0

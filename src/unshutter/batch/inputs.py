@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.photo.codecs import CODECS, WRITTEN, of_suffix
+from unshutter.photo.formats import FORMATS, WRITTEN, of_suffix
 from unshutter.storage import places
 from unshutter.storage.places import Place, objects_below, place, way
 
-PHOTO_SUFFIXES = {suffix for codec in CODECS.values() for suffix in codec.suffixes}
+PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
 RECTIFIED = ".rectified"
 
 
@@ -111,7 +111,7 @@ def picture_name(photo: Place, format: str | None = None) -> str:
 def motion_name(photo: Place) -> str:
     """Name of a photo's motion file: ``a.jpg`` -> ``a.json``; ``a.heic`` -> ``a.heic.json``."""
     own = of_suffix(photo.suffix)
-    return f"{photo.stem if own is None or own.written else photo.name}.json"
+    return f"{photo.stem if own is None or own.name in WRITTEN else photo.name}.json"
 
 
 def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[[Place], str]) -> dict[Place, Place]:

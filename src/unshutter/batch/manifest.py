@@ -4,6 +4,9 @@ It is a journal, one JSON record a line, only ever added to. Before work on a re
 the result lies there under its name, a second one says what it is. Whatever happens in between, the next run finds
 a result that was begun and not finished, and does it again. A record that was cut short counts for nothing.
 
+A result counts as finished by its size and time, which are quick to look up. It is only replaced if it still has the
+digest with which it was left.
+
 How it is stored, for files and for objects behind a URL, :mod:`unshutter.storage.journal` says.
 """
 
@@ -12,15 +15,16 @@ from __future__ import annotations
 import json
 import os
 import time
+from dataclasses import replace
 from typing import Any, Literal
 
 from unshutter.batch.work import Job, Outcome
 from unshutter.storage.journal import open_journal
-from unshutter.storage.places import Place, absolute, fingerprint, way
+from unshutter.storage.places import Place, absolute, digest, fingerprint, way
 from unshutter.version import __version__
 
 NAME = "unshutter-manifest"
-Verdict = Literal["finished", "ours", "another's", "unknown"]
+Verdict = Literal["finished", "another's", "open"]
 
 
 class Manifest:
@@ -50,24 +54,46 @@ class Manifest:
         """What there is where a job's results go.
 
         Returns:
-            finished: they are there, from this very photo with these very options, as they were left. ours: what is
-            there was begun or made by a run from this photo, and may be replaced. another's: it was made from
-            another photo. unknown: if there is something, unshutter did not leave it so.
+            finished: they are there, from this very photo with these very options, as they were left. another's: they
+            were made from another photo. open: there is work to do.
         """
         entry = self._entries.get(self._key(job.target))
         if entry is None:
-            return "unknown"
+            return "open"
         source_is = fingerprint(job.source)
         if entry.get("source") != str(absolute(job.source)) and entry.get("source_is") != source_is:
             return "another's"
-        targets = {self._key(target): target for target in (job.target, job.motion_target) if target is not None}
-        left = entry.get("outputs", {})
-        intact = all(left.get(key) == fingerprint(target) for key, target in targets.items())
-        if entry["state"] == "done" and intact:
-            same = (entry.get("source_is"), entry.get("options")) == (source_is, self._options)
-            return "finished" if same and source_is is not None else "ours"
-        untouched = all(fingerprint(target) in (None, left.get(key)) for key, target in targets.items())
-        return "ours" if entry["state"] == "begun" or untouched else "unknown"
+        same = (entry.get("source_is"), entry.get("options")) == (source_is, self._options) and source_is is not None
+        done = entry["state"] == "done" and same
+        return "finished" if done and all(self._is_as_left(entry, target) for target in job.outputs) else "open"
+
+    def prepared(self, job: Job) -> Job:
+        """A job with what is known of results that are there already.
+
+        The word of a manifest, which anybody may have written, is not enough to replace a file: it must be the one
+        that was left there, by its digest, which is computed when the job is done.
+        """
+        entry = self._entries.get(self._key(job.target))
+        if entry is None:
+            return job
+        picture, motion = (self._left(entry, target) for target in (job.target, job.motion_target))
+        return replace(job, left=(picture, motion), may_repeat=entry["state"] == "begun")
+
+    def _is_as_left(self, entry: dict[str, Any], target: Place) -> bool:
+        """Whether a file is the one that was left: by size and time, else (it was copied) by its digest."""
+        left = self._left(entry, target)
+        recorded = entry.get("outputs", {}).get(self._key(target))
+        return recorded == fingerprint(target) or (left is not None and digest(target) == left)
+
+    def _left(self, entry: dict[str, Any], target: Place | None) -> str | None:
+        """The digest with which a result was left, if what is there may have it: it has the size."""
+        if target is None:
+            return None
+        key, now = self._key(target), fingerprint(target)
+        recorded, digests = entry.get("outputs", {}).get(key), entry.get("digests")
+        if now is None or not isinstance(recorded, str) or not isinstance(digests, dict):
+            return None
+        return digests.get(key) if recorded.partition(":")[0] == now.partition(":")[0] else None
 
     def begun_by_another(self, job: Job) -> bool:
         """Whether another run has begun this result, and not finished; it may be dead."""
@@ -121,10 +147,10 @@ class Manifest:
         if outcome.error:
             self._add({**self._record(job, "failed"), "error": outcome.error})
             return
-        outputs = {self._key(job.target): outcome.target_is}
-        if job.motion_target is not None:
-            outputs[self._key(job.motion_target)] = outcome.motion_is
-        made = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs}
+        keys = [self._key(target) for target in job.outputs]
+        outputs = dict(zip(keys, (outcome.target_is, outcome.motion_is), strict=False))
+        digests = dict(zip(keys, (outcome.target_digest, outcome.motion_digest), strict=False))
+        made = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs, "digests": digests}
         about = {"seconds": round(outcome.seconds, 3), "unshutter": __version__}
         self._add({**self._record(job, "done"), **made, **about})
 

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.photo.codecs import for_suffix
-from unshutter.storage.places import Place, write_place
+from unshutter.photo.formats import of_target
+from unshutter.storage.places import write_place
 
 if TYPE_CHECKING:
+    from unshutter.batch.work import Job
     from unshutter.options import Save
     from unshutter.rectification import Rectified
 
 
-def save_picture(result: Rectified, target: Place, overwrite: bool, save: Save) -> None:
-    """Writes a result; the format is that of the name's ending.
+def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> None:
+    """Writes a job's result; the format is that of the name's ending.
 
     Raises:
         UsageError, UnshutterError: see ``Photo.save``.
     """
-    if isinstance(target, Path):
+    target = job.target
+    done_before = isinstance(target, Path) and job.may_repeat and os.path.lexists(target)
+    if isinstance(target, Path) and not done_before:
         result.save(target, overwrite=overwrite, quality=save.quality, subsampling=save.subsampling)
     else:
-        name = for_suffix(Path(target.name)).name
-        write_place(result.photo.to_bytes(name, save.quality, save.subsampling), target)
+        name = of_target(Path(target.name)).name
+        data = result.photo.to_bytes(name, save.quality, save.subsampling)
+        write_place(data, target, overwrite, mode_of=job.source)

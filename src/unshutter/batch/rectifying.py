@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields
 from functools import partial
 from pathlib import Path
 
@@ -122,7 +122,7 @@ def _plan(jobs: list[Job], manifest: Manifest | None, overwrite: bool) -> _Plan:
         elif verdict == "finished" and not overwrite:
             plan.finished.append(job)
         else:
-            plan.to_do.append(replace(job, overwrite=True) if verdict == "ours" else job)
+            plan.to_do.append(manifest.prepared(job))
     return plan
 
 

@@ -12,9 +12,22 @@ from unshutter.batch.report import Report, naming_the_photo
 from unshutter.batch.work import Job, Outcome
 from unshutter.batch.workers import Workers
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.storage.places import check_place, fingerprint
+from unshutter.storage.places import check_place
+from unshutter.storage.protection import Protection
 
 Work = Callable[[Job], Outcome]
+
+
+def check_outputs(job: Job, protection: Protection) -> None:
+    """Checks that a job may write its outputs, as far as that is quickly found out.
+
+    Raises:
+        UnshutterError: an input, a link, or what nobody said may be replaced is in the way.
+    """
+    for target in job.outputs:
+        protection.check(target)
+    perhaps_ours = job.may_repeat or job.left[0] is not None  # the worker will see
+    check_place(job.target, job.overwrite or perhaps_ours, job.source)
 
 
 class Batch:
@@ -25,13 +38,22 @@ class Batch:
         workers: who does it.
         manifest: of the output folder; None for results that no run will look for again.
         report: what the user learns.
+        protection: of the files that the run reads.
     """
 
-    def __init__(self, work: Work, workers: Workers, manifest: Manifest | None, report: Report):
+    def __init__(
+        self,
+        work: Work,
+        workers: Workers,
+        manifest: Manifest | None,
+        report: Report,
+        protection: Protection | None = None,
+    ):
         self._work = work
         self._workers = workers
         self._manifest = manifest
         self._report = report
+        self._protection = protection or Protection([])
         self._running: dict[Future[Outcome], Job] = {}
         self._later: deque[Job] = deque()  # until another run has finished them, or is known to be dead
 
@@ -84,7 +106,7 @@ class Batch:
             self._report.skipped(job.source, job.target)
             return False
         try:
-            naming_the_photo(job.source, lambda source: check_place(job.target, job.overwrite, source))
+            naming_the_photo(job.source, lambda _: check_outputs(job, self._protection))
         except UnshutterError as error:
             if not self._put_off(job):
                 self._report_on(job, Outcome(str(error), isinstance(error, UsageError)))
@@ -95,10 +117,10 @@ class Batch:
         """The job as it is given away."""
         if self._manifest is not None:
             self._manifest.begin(job)
+            job = replace(job, recorded=True)
         if not self._workers.elsewhere:
             return job
-        # from here on, what is new at the target can only come from this job
-        return replace(job, overwrite=True, may_repeat=True, before=fingerprint(job.target))
+        return replace(job, may_repeat=True)
 
     def _collect(self) -> None:
         """Waits for at least one job; nothing to wait for, no wait."""
@@ -125,7 +147,7 @@ class Batch:
         self._workers.executor = self._workers.renew()
         for job in jobs:
             try:
-                outcome = self._workers.executor.submit(self._work, replace(job, overwrite=True)).result()
+                outcome = self._workers.executor.submit(self._work, replace(job, may_repeat=True)).result()
             except BrokenExecutor:
                 self._workers.executor = self._workers.renew()
                 outcome = Outcome(f"{job.source}: its worker died: not enough memory, or a fault in a decoder")
@@ -137,7 +159,7 @@ class Batch:
             return False
         self._manifest.refresh()
         if self._manifest.is_contested(job):
-            self._later.append(replace(job, overwrite=True))
+            self._later.append(replace(job, may_repeat=True))
             return True
         return False
 

@@ -12,7 +12,7 @@ from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
 from unshutter.prefetch import Prefetch
-from unshutter.storage.places import Place, check_place, fingerprint, write_place
+from unshutter.storage.places import Place, check_place, digest, fingerprint, write_place
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
@@ -28,9 +28,11 @@ class Job:
         motion_target: its motion file, if one is wanted.
         overwrite: whether the target may replace what is there.
         max_pixels: of a photo that is read.
-        may_repeat: whether the job may come to a worker a second time, because the first one died before anybody
-            heard how it went.
-        before: fingerprint of what was at the target when the job was first given away.
+        may_repeat: whether an earlier attempt may have written the outputs, before its worker died or its run was
+            killed: what is there stays if it is the same, byte for byte.
+        left: digests of the picture and the motion file as an earlier run left them from this photo: what still has
+            them may be replaced.
+        recorded: whether the manifest wants digests of what is written.
     """
 
     source: Place
@@ -39,7 +41,13 @@ class Job:
     overwrite: bool
     max_pixels: int
     may_repeat: bool = False
-    before: str | None = None
+    left: tuple[str | None, str | None] = (None, None)
+    recorded: bool = False
+
+    @property
+    def outputs(self) -> list[Place]:
+        """All that is to be written: the picture, then the motion file."""
+        return [self.target] if self.motion_target is None else [self.target, self.motion_target]
 
 
 @dataclass(frozen=True)
@@ -53,6 +61,7 @@ class Outcome:
         seconds: that it took.
         source_is: fingerprint of the photo that was read.
         target_is, motion_is: fingerprints of what was written.
+        target_digest, motion_digest: of its bytes, where they are recorded.
     """
 
     error: str = ""
@@ -62,6 +71,8 @@ class Outcome:
     source_is: str | None = None
     target_is: str | None = None
     motion_is: str | None = None
+    target_digest: str | None = None
+    motion_digest: str | None = None
 
 
 def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
@@ -73,8 +84,6 @@ def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefe
         motion: text of the motion file that ``wanted`` names: other machines may not have it.
         prefetch: where the photo comes from; by default it is read now.
     """
-    if job.may_repeat and fingerprint(job.target) not in (None, job.before):
-        return _done_before(job)
     start = time.perf_counter()
     outcomes: list[Outcome] = []
     try:
@@ -87,9 +96,8 @@ def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefe
 def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None) -> Outcome:
     from unshutter.rectification import undo
 
-    check_place(job.target, job.overwrite, job.source)
-    if job.motion_target is not None:
-        check_place(job.motion_target, job.overwrite, job.source)
+    targets = (job.target, job.motion_target)
+    over_picture, over_motion = (_may_replace(job, *output) for output in zip(targets, job.left, strict=True))
     source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
     if prefetch is None:
         prefetch = Prefetch([job.source], wanted.find if motion is None else None, job.max_pixels)
@@ -98,14 +106,31 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     found = coming.motion() if motion is None else _parsed(motion)
     result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
     if job.motion_target is not None:
-        write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target)
-    save_picture(result, job.target, job.overwrite, wanted.save)
+        write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
+    save_picture(result, job, over_picture, wanted.save)
+    target_digest, motion_digest = (digest(target) if job.recorded and target else None for target in targets)
     return Outcome(
         note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",
         source_is=source_is,
         target_is=fingerprint(job.target),
         motion_is=fingerprint(job.motion_target) if job.motion_target is not None else None,
+        target_digest=target_digest,
+        motion_digest=motion_digest,
     )
+
+
+def _may_replace(job: Job, target: Place | None, left: str | None) -> bool:
+    """Whether an output may replace what is there: the user says so, or an earlier run left it just like that.
+
+    Raises:
+        UnshutterError: something is in the way.
+    """
+    if target is None:
+        return False
+    replacing = job.overwrite or (left is not None and digest(target) == left)
+    if replacing or not job.may_repeat:
+        check_place(target, replacing, job.source)
+    return replacing
 
 
 @lru_cache(maxsize=1)
@@ -114,9 +139,3 @@ def _parsed(text: str) -> Motion:
     from unshutter.motion import Motion
 
     return Motion.from_json(text)
-
-
-def _done_before(job: Job) -> Outcome:
-    """What the job's first worker wrote, whole as everything that has its name; the picture came last."""
-    motion_is = fingerprint(job.motion_target) if job.motion_target is not None else None
-    return Outcome(source_is=fingerprint(job.source), target_is=fingerprint(job.target), motion_is=motion_is)

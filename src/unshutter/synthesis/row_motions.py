@@ -8,12 +8,16 @@ square crop in its middle. Both are zero on the crop's first row and turn about 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RowMotion
 from unshutter.synthesis.rotation_log import RotationLog
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float
 
 _PREDECESSORS_ROWS = 256  # the pixel ranges of the predecessor's generator are for so many rows
 
@@ -33,7 +37,9 @@ class DrawnMotion:
     parameters: dict[str, float | str]
 
     @classmethod
-    def of_canvas(cls, tx_px: np.ndarray, rz_rad: np.ndarray, rows: int, parameters: dict) -> DrawnMotion:
+    def of_canvas(
+        cls, tx_px: Float[np.ndarray, "canvas"], rz_rad: Float[np.ndarray, "canvas"], rows: int, parameters: dict
+    ) -> DrawnMotion:
         """Sets both motions to zero on the crop's first row.
 
         Args:
