@@ -31,7 +31,7 @@ def rows() -> Iterator[str]:
     for name in layers():
         if (PACKAGE / name).is_dir():
             yield from room(PACKAGE / name)
-        elif (PACKAGE / f"{name}.py").exists():  # prefetch is on its way
+        else:
             yield row(PACKAGE / f"{name}.py")
 
 

@@ -1,12 +1,20 @@
 """Pictures for the tests: drawn, or made from the photo that the repository ships."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import pytest
 
-from unshutter import Motion, RowMotion
+from support.checked import check_shapes
+
+if TYPE_CHECKING:
+    from unshutter import Motion
+
+check_shapes()  # of modules that are imported from here on
 
 
 def draw_facade(height: int = 420, width: int = 560) -> np.ndarray:
@@ -41,12 +49,15 @@ def facade(facade_canvas: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def facade_motion() -> Motion:
+    from unshutter import RowMotion
+
     return RowMotion.from_polynomials([0, 50, -90], [0, 0.05], 420, 560)
 
 
 @pytest.fixture(scope="session")
 def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarray:
     """The facade as a rolling shutter would have taken it: the motion goes on beyond the rows that are kept."""
+    from unshutter import RowMotion
     from unshutter.photo import Photo
     from unshutter.warp.pixels import distort_pixels
 

@@ -21,11 +21,11 @@ def test_no_module_imports_one_that_imports_it() -> None:
         pytest.fail(" imports ".join(reversed(error.args[1])), pytrace=False)
 
 
-@pytest.mark.parametrize("module", ["unshutter", "unshutter.options"])
-def test_what_the_command_line_starts_with_needs_no_numpy(module: str) -> None:
-    """A photo is being decoded while NumPy is imported."""
-    code = f"import sys, {module}; sys.exit('numpy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+def test_decoding_can_begin_before_numpy_is_imported() -> None:
+    names = ["unshutter", "unshutter.cli", "unshutter.batch", "unshutter.estimators.register", "unshutter.prefetch"]
+    code = f"import sys; sys.modules['numpy'] = None; import {', '.join(names)}"  # to import None fails
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_few_files_lie_loose_at_the_top() -> None:

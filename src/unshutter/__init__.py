@@ -16,12 +16,14 @@ if TYPE_CHECKING:
     from unshutter.estimators.register import load
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
+    from unshutter.photo import Photo
     from unshutter.rectification import Rectified, estimate, rectify
 
 __all__ = [
     "Estimator",
     "Method",
     "Motion",
+    "Photo",
     "Readout",
     "Rectified",
     "RotationMotion",
@@ -40,6 +42,7 @@ _HOMES = {
     "Estimator": "estimators.base",
     "Method": "estimators.method",
     "Motion": "motion",
+    "Photo": "photo",
     "Readout": "geometry.readout",
     "Rectified": "rectification",
     "RotationMotion": "motion",

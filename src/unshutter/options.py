@@ -215,7 +215,18 @@ class Run:
 class Synthesize:
     """How rolling-shutter pictures are made from undistorted photos.
 
-    Attributes: see ``unshutter.synthesis.pairs.synthesize_folder``, which also checks them.
+    Attributes:
+        per_photo: pictures made from each photo.
+        seed: 0 or more.
+        motion: ``quadratic`` or ``trajectory`` (synthesis/row_motions.py).
+        trajectory: NPZ file (synthesis/rotation_log.py); for ``trajectory`` only, which needs it and the next two.
+        readout_ms: time in which a picture is read out [ms].
+        focal_px: focal length [px of the finished picture].
+        size: side of the finished pictures [px].
+        canvas: side of the canvas [px].
+
+    Raises:
+        UsageError: a number that cannot be, or options that do not fit together.
     """
 
     per_photo: int = option(1, "Pictures made from each photo. Default: 1.")
@@ -233,3 +244,16 @@ class Synthesize:
     canvas: int = option(
         356, "Side of the picture that is distorted before its middle is cut out, in px. Default: 356.", metavar="PX"
     )
+
+    def __post_init__(self) -> None:
+        if self.per_photo < 1 or self.seed < 0:
+            raise UsageError(
+                f"needs at least one picture per photo and a seed of 0 or more, got {self.per_photo} and {self.seed}"
+            )
+        recorded = (self.trajectory, self.readout_ms, self.focal_px)
+        if self.motion == "quadratic" and any(value is not None for value in recorded):
+            raise UsageError("trajectory, readout and focal length are for --motion trajectory only")
+        if self.motion == "trajectory" and None in recorded:
+            raise UsageError("--motion trajectory needs --trajectory, --readout-ms and --focal-px")
+        if self.motion not in ("quadratic", "trajectory"):
+            raise UsageError(f"unknown motion '{self.motion}': choose quadratic or trajectory")

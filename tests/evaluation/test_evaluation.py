@@ -14,7 +14,7 @@ from unshutter.evaluation.cases.protocols import PROTOCOLS, Request
 from unshutter.evaluation.pages.tables import overview, tables
 from unshutter.evaluation.results import Results
 from unshutter.photo import Photo
-from unshutter.synthesis.pairs import synthesize_folder
+from unshutter.synthesis.pair_folder import synthesize_folder
 
 
 @pytest.fixture(scope="session")
@@ -44,9 +44,12 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
 # ---- what a run leaves --------------------------------------------------------------------------------------
 
 
-def test_a_run_leaves_tables_figures_plots_and_sheets(photos: Path, tmp_path: Path) -> None:
+def test_a_run_leaves_tables_figures_plots_and_sheets_and_says_where(
+    photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(photos, tmp_path / "out", "--per-photo", "2") == 0
     names = {p.name for p in (tmp_path / "out").iterdir()}
+    assert f"results: {tmp_path / 'out' / 'results.md'}" in capsys.readouterr().out
     assert {"results.md", "results.json", "results.csv", "epe.png", "size.png", "curves.png", "sheet_1.jpg"} <= names
     rows = rows_of(tmp_path / "out")
     assert len(rows) == 2 * 2 * 2  # photos, draws, estimators

@@ -2,7 +2,7 @@
 
 ``UNSHUTTER_FUZZ_CASES`` says how many cases each test tries (300 by default); thousands take minutes:
 
-    UNSHUTTER_FUZZ_CASES=20000 python -m pytest tests/test_fuzz.py
+    UNSHUTTER_FUZZ_CASES=20000 python -m pytest tests/photo/test_fuzz.py
 """
 
 import faulthandler

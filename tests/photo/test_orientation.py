@@ -10,8 +10,9 @@ import pytest
 from PIL import Image, ImageOps
 
 import unshutter
-from support.camera_files import AS_STORED, MIRRORED, ORIENTATIONS, dng, exif_blob, heic, linear
+from support.camera_files import AS_STORED, MIRRORED, ORIENTATIONS, dng, heic, linear
 from support.drawn_photos import encoded, textured
+from support.tagged_files import exif_blob
 from unshutter import Motion, Readout, RowMotion
 from unshutter.cli import main
 from unshutter.photo import Photo

@@ -1,7 +1,7 @@
 """What is kept of each format, measured on files written on the fly: the table in docs/formats.md.
 
-``python tests/format_table.py`` measures and writes it; test_formats.py measures it again and compares. Other programs
-than unshutter write the files and look at the results (Pillow, OpenCV, libheif, tifffile).
+``python tests/format_table.py`` measures and writes it; test_format_table.py measures it again and compares. Other
+programs than unshutter write the files and look at the results (Pillow, OpenCV, libheif, tifffile).
 """
 
 import io
@@ -16,7 +16,6 @@ from PIL import Image, ImageCms, IptcImagePlugin
 from PIL.JpegImagePlugin import get_sampling
 
 import unshutter
-from support.camera_files import jpeg_thumbnail, small_jpeg
 from support.drawn_photos import drawn, encoded, textured
 from support.rich_files import (
     COLUMNS,
@@ -33,6 +32,7 @@ from support.rich_files import (
     file_of,
     rich_file,
 )
+from support.tagged_files import jpeg_thumbnail, small_jpeg
 from unshutter import RowMotion, UnshutterError
 
 PAGE = Path(__file__).parents[2] / "docs" / "formats.md"

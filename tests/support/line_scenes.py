@@ -2,9 +2,13 @@
 
 import numpy as np
 
-from unshutter.motion import RotationMotion
+import unshutter
+from unshutter.evaluation.metrics import motion_error
+from unshutter.motion import Motion, RotationMotion
 
 HEIGHT, WIDTH, FOCAL = 400, 500, 450.0
+U = (np.arange(HEIGHT) + 0.5) / HEIGHT
+QUADRATIC = ((1, 4, 3), (-2, 2, 2))  # degrees about x, y, z
 
 
 def turning(*degrees: tuple[float, float, float]) -> RotationMotion:
@@ -72,3 +76,41 @@ def drawn_picture(motion: RotationMotion) -> np.ndarray:
             grey[(x > left + 12) & (x < left + 113) & (y > top + 12) & (y < top + 108)] = 130.0
     small = grey.reshape(HEIGHT, 2, WIDTH, 2).mean(axis=(1, 3))
     return np.clip(small + np.random.default_rng(0).normal(0, 1.5, small.shape), 0, 255).astype(np.uint8)
+
+
+def motion_of(rotations: np.ndarray) -> RotationMotion:
+    """Of such a scene, seen from the first row."""
+    return RotationMotion(width=WIDTH, rotations=rotations, focal_px=FOCAL).rereferenced("first")
+
+
+def share_left(found: Motion, truth: Motion) -> float:
+    """EPE as a share of that of doing nothing."""
+    return motion_error(found, truth).epe / motion_error(truth.scaled(0), truth).epe
+
+
+def check_exact(found: RotationMotion, truth: RotationMotion) -> None:
+    """Within 0.1 degrees about each axis and half a pixel everywhere."""
+    assert np.degrees(np.abs(found.rotations - truth.rotations)).max() < 0.1
+    col, row = np.meshgrid(np.linspace(0, WIDTH - 1, 20), np.linspace(0, HEIGHT - 1, 20))
+    apart = np.hypot(*(np.stack(found.gs_to_rs(col, row)) - truth.gs_to_rs(col, row)))
+    assert apart.max() < 0.5
+
+
+def check_drawn_picture(name: str, degrees, left: float) -> None:
+    """A method finds a motion through the detector, all but this share of it, and the same when asked again."""
+    truth = turning(*degrees)
+    picture = drawn_picture(truth)
+    found = unshutter.estimate(picture, estimator=name, focal_px=FOCAL)
+    assert isinstance(found, RotationMotion)
+    assert (found.focal_px, found.estimator, found.height, found.width) == (FOCAL, name, HEIGHT, WIDTH)
+    assert not found.rotations[0].any()
+    assert share_left(found, truth) < left
+    again = unshutter.estimate(picture, estimator=name, focal_px=FOCAL)
+    np.testing.assert_array_equal(again.tx_px, found.tx_px)  # seeded
+
+
+def check_nothing_is_done_without_lines(name: str) -> None:
+    """And it is said why."""
+    motion = unshutter.estimate(np.full((200, 300), 128, np.uint8), estimator=name)
+    assert motion.is_zero
+    assert "only 0" in motion.reason

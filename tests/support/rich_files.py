@@ -10,9 +10,11 @@ import pyvips
 from PIL import Image, ImageCms
 from PIL.PngImagePlugin import PngInfo
 
-from support.camera_files import TITLE, dng, heic, image_resources, jpeg_with, linear, small_jpeg
+from support.camera_files import dng, heic, linear
 from support.drawn_photos import drawn, encoded
-from unshutter.photo import Photo, metadata
+from support.tagged_files import TITLE, image_resources, jpeg_with, small_jpeg
+from unshutter.photo import Photo
+from unshutter.photo.tags.exif import add_to_tiff
 
 HEIGHT, WIDTH = 96, 160
 COLUMNS = {"JPEG": ".jpg", "PNG": ".png", "WebP": ".webp", "TIFF": ".tif", "AVIF": ".avif", "HEIC": ".heic"}
@@ -74,7 +76,7 @@ def rich_file(column: str, orientation: int = 6) -> bytes:
     if column == RAW:
         own = [(306, 2, 0, DATE, True), *((tag, 1, len(value), value, True) for tag, value in RAW_TAGS.items())]
         stream = io.BytesIO(dng(linear(pixels), orientation, tags=own))
-        metadata.add_exif_to_tiff(stream, blob, HEIGHT, WIDTH)
+        add_to_tiff(stream, blob, HEIGHT, WIDTH)
         return stream.getvalue()
     if column == "AVIF" and orientation == 1:  # Pillow loses the thumbnail
         return Photo.from_bytes(rich_file("JPEG", 1)).to_bytes("avif")

@@ -7,8 +7,10 @@ import pytest
 from support.drawn_photos import drawn, encoded, one_line, textured
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
+from unshutter.options import Synthesize
 from unshutter.photo import Photo
-from unshutter.synthesis.pairs import synthesize, synthesize_folder, synthesize_native
+from unshutter.synthesis.pair_folder import synthesize_folder
+from unshutter.synthesis.pairs import synthesize, synthesize_native
 from unshutter.synthesis.row_motions import DrawnMotion, draw_quadratic
 
 
@@ -107,11 +109,14 @@ def digests(folder):
 
 
 SMALL = {"size": 64, "canvas": 90}
+ONE = Synthesize(**SMALL)
 
 
 def test_folder_holds_pairs_motions_and_a_manifest(photos, tmp_path):
     calls = []
-    failed = synthesize_folder(photos, tmp_path / "out", 2, 5, progress=lambda: calls.append(1), **SMALL)
+    failed = synthesize_folder(
+        photos, tmp_path / "out", Synthesize(per_photo=2, seed=5, **SMALL), progress=lambda: calls.append(1)
+    )
     assert failed == []
     assert len(calls) == 3
     names = [f"{stem}_0{k}" for stem in ("house", "tree", "grey") for k in (0, 1)]
@@ -138,14 +143,15 @@ def test_folder_holds_pairs_motions_and_a_manifest(photos, tmp_path):
 
 
 def test_same_seed_same_bytes_whatever_the_company(photos, tmp_path):
-    synthesize_folder(photos, tmp_path / "a", 2, 1, **SMALL)
-    synthesize_folder(photos, tmp_path / "b", 2, 1, **SMALL)
+    two = Synthesize(per_photo=2, seed=1, **SMALL)
+    synthesize_folder(photos, tmp_path / "a", two)
+    synthesize_folder(photos, tmp_path / "b", two)
     assert digests(tmp_path / "a") == digests(tmp_path / "b")
-    synthesize_folder([photos[1]], tmp_path / "alone", 3, 1, **SMALL)
+    synthesize_folder([photos[1]], tmp_path / "alone", Synthesize(per_photo=3, seed=1, **SMALL))
     together, alone = digests(tmp_path / "a"), digests(tmp_path / "alone")
     for name in ("rs/tree_00.png", "rs/tree_01.png", "gs/tree_01.png", "motion/tree_00.json"):
         assert together[name] == alone[name]
-    synthesize_folder(photos, tmp_path / "c", 2, 2, **SMALL)
+    synthesize_folder(photos, tmp_path / "c", Synthesize(per_photo=2, seed=2, **SMALL))
     assert digests(tmp_path / "c")["motion/tree_00.json"] != together["motion/tree_00.json"]
     assert together["motion/tree_00.json"] != together["motion/tree_01.json"] != together["motion/house_01.json"]
 
@@ -158,7 +164,7 @@ def test_bad_photos_are_reported_and_the_run_goes_on(photos, tmp_path):
     missing = tmp_path / "in" / "missing.png"
     calls = []
     failed = synthesize_folder(
-        [bad, photos[0], missing, small], tmp_path / "out", progress=lambda: calls.append(1), **SMALL
+        [bad, photos[0], missing, small], tmp_path / "out", ONE, progress=lambda: calls.append(1)
     )
     assert [photo for photo, _ in failed] == [bad, missing, small]
     assert "200x30 px" in failed[2][1]
@@ -174,7 +180,7 @@ def test_photos_of_the_same_name_both_stay(photos, tmp_path):
     other.mkdir()
     for name in ("house.png", "HOUSE.png"):
         (other / name).write_bytes(encoded(textured(90, 90), "PNG"))
-    synthesize_folder([photos[0], other / "house.png", other / "HOUSE.png"], tmp_path / "out", **SMALL)
+    synthesize_folder([photos[0], other / "house.png", other / "HOUSE.png"], tmp_path / "out", ONE)
     names = sorted(p.stem for p in (tmp_path / "out" / "rs").iterdir())
     assert names == ["HOUSE_00-3", "house_00", "house_00-2"]
 
@@ -183,7 +189,7 @@ def test_trajectory_folder(photos, tmp_path):
     t = np.arange(400) / 100
     np.savez(tmp_path / "log.npz", t_s=t, gyro_rad_s=np.stack([0.5 + 0 * t, 0 * t, -0.2 + 0 * t], 1))
     trajectory = {"motion": "trajectory", "trajectory": tmp_path / "log.npz", "readout_ms": 40.0, "focal_px": 100.0}
-    synthesize_folder(photos[:1], tmp_path / "out", 1, 0, **trajectory, **SMALL)
+    synthesize_folder(photos[:1], tmp_path / "out", Synthesize(**trajectory, **SMALL))
     motion = Motion.load(tmp_path / "out" / "motion" / "house_00.json")
     turned = np.arange(64) * 0.04 / 64
     assert motion.tx_px == pytest.approx(100 * np.tan(0.5 * turned), abs=2e-6)
@@ -208,7 +214,7 @@ def test_trajectory_folder(photos, tmp_path):
 )
 def test_options_that_do_not_fit(photos, tmp_path, options):
     with pytest.raises(UsageError) as error:
-        synthesize_folder(photos, tmp_path / "out", **options)
+        synthesize_folder(photos, tmp_path / "out", Synthesize(**options))
     one_line(error)
     assert not (tmp_path / "out").exists()
 
@@ -221,7 +227,7 @@ def test_no_photos(tmp_path):
 def test_a_missing_trajectory_writes_nothing(photos, tmp_path):
     options = {"motion": "trajectory", "trajectory": tmp_path / "no.npz", "readout_ms": 30.0, "focal_px": 400.0}
     with pytest.raises(UnshutterError, match=r"no\.npz") as error:
-        synthesize_folder(photos, tmp_path / "out", **options)
+        synthesize_folder(photos, tmp_path / "out", Synthesize(**options))
     one_line(error)
     assert not (tmp_path / "out").exists()
 
@@ -229,14 +235,14 @@ def test_a_missing_trajectory_writes_nothing(photos, tmp_path):
 def test_a_folder_with_something_in_it_is_left_alone(photos, tmp_path):
     before = digests(tmp_path / "in")
     with pytest.raises(UnshutterError, match="is not empty"):
-        synthesize_folder(photos, tmp_path / "in", **SMALL)
+        synthesize_folder(photos, tmp_path / "in", ONE)
     with pytest.raises(UnshutterError, match="is a file"):
-        synthesize_folder(photos, photos[0], **SMALL)
+        synthesize_folder(photos, photos[0], ONE)
     assert digests(tmp_path / "in") == before
     with pytest.raises(UnshutterError, match="cannot write"):
-        synthesize_folder(photos, photos[0] / "out", **SMALL)
+        synthesize_folder(photos, photos[0] / "out", ONE)
     (tmp_path / "empty").mkdir()
-    assert synthesize_folder(photos[:1], tmp_path / "empty", **SMALL) == []
+    assert synthesize_folder(photos[:1], tmp_path / "empty", ONE) == []
 
 
 def test_a_full_disc_stops_the_run_without_a_manifest(photos, tmp_path, monkeypatch):
@@ -245,6 +251,6 @@ def test_a_full_disc_stops_the_run_without_a_manifest(photos, tmp_path, monkeypa
 
     monkeypatch.setattr("os.replace", full)
     with pytest.raises(UnshutterError, match="No space left on device"):
-        synthesize_folder(photos, tmp_path / "out", **SMALL)
+        synthesize_folder(photos, tmp_path / "out", ONE)
     left = [p for p in (tmp_path / "out").rglob("*") if p.is_file()]
     assert not any(p.name == "manifest.json" or "part" in p.name for p in left)

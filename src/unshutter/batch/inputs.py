@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.photo.codecs import CODECS
+from unshutter.photo.formats import FORMATS
 from unshutter.storage import places
 from unshutter.storage.places import Place, objects_below, place, way
 
-PHOTO_SUFFIXES = {suffix for codec in CODECS.values() for suffix in codec.suffixes}
+PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
 RECTIFIED = ".rectified"
 _SEVERAL_PICTURES = (".mpo",)
 _OURS = "unshutter-manifest"

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.photo.codecs import for_suffix
+from unshutter.photo.formats import of_target
 from unshutter.storage.places import write_place
 
 if TYPE_CHECKING:
@@ -26,6 +26,6 @@ def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> No
     if isinstance(target, Path) and not done_before:
         result.save(target, overwrite=overwrite, quality=save.quality, subsampling=save.subsampling)
     else:
-        name = for_suffix(Path(target.name)).name
+        name = of_target(Path(target.name)).name
         data = result.photo.to_bytes(name, save.quality, save.subsampling)
         write_place(data, target, overwrite, mode_of=job.source)

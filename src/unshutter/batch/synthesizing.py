@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 
 from unshutter.batch.inputs import find_photos
@@ -13,12 +12,12 @@ from unshutter.progress import Progress
 
 def synthesize_files(photos: list[Path], output: Path, pictures: Synthesize) -> int:
     """Makes rolling-shutter pictures from photos; returns the exit code."""
-    from unshutter.synthesis.pairs import synthesize_folder
+    from unshutter.synthesis.pair_folder import synthesize_folder
 
     inputs = find_photos(photos, leave_out=output)
     files = [photo for photo in inputs.photos if isinstance(photo, Path)]
     with Progress(len(files)) as bar:
-        failed = synthesize_folder(files, output, **asdict(pictures), progress=bar.advance)
+        failed = synthesize_folder(files, output, pictures, bar.advance)
         for photo, message in failed:
             bar.tell(f"unshutter: {photo}: {message}")
         if inputs.passed_over:

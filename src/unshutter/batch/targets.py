@@ -10,7 +10,7 @@ from pathlib import Path
 
 from unshutter.batch.inputs import RECTIFIED, Inputs
 from unshutter.errors import UsageError
-from unshutter.photo.codecs import WRITTEN, of_suffix
+from unshutter.photo.formats import WRITTEN, of_suffix
 from unshutter.storage.places import Place, place
 
 
@@ -52,7 +52,7 @@ def motion_names(inputs: Inputs) -> Callable[[Place], str]:
 
 def _short_name(photo: Place) -> str:
     own = of_suffix(photo.suffix)
-    return f"{photo.stem if own is None or own.written else photo.name}.json"
+    return f"{photo.stem if own is None or own.name in WRITTEN else photo.name}.json"
 
 
 def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[[Place], str]) -> dict[Place, Place]:

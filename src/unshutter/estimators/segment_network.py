@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
 MOST_SEGMENTS = 320  # it was trained on no more; the longest are kept
-FEWEST_SEGMENTS = 8  # below this a photo does not say how the camera moved
-WIDEST_ASPECT = 2.5  # of a photo; a little beyond what the network was trained on
 
 
 class SegmentNetwork:

@@ -6,10 +6,14 @@ docs/conventions.md defines each.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.motion import Motion
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Bool, UInt8
 
 UNIT_ROWS = 256  # errors are given in px of a picture of so many rows
 
@@ -66,7 +70,11 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
     )
 
 
-def psnr(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
+def psnr(
+    picture: UInt8[np.ndarray, "height width *bands"],
+    truth: UInt8[np.ndarray, "height width *bands"],
+    mask: Bool[np.ndarray, "height width"],
+) -> float:
     """Peak signal-to-noise ratio [dB] of 8-bit pictures over the pixels of a mask, all channels together.
 
     Args:
@@ -83,7 +91,11 @@ def psnr(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
     return float("inf") if error == 0 else 10 * float(np.log10(255**2 / error))
 
 
-def ssim(picture: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
+def ssim(
+    picture: UInt8[np.ndarray, "height width *bands"],
+    truth: UInt8[np.ndarray, "height width *bands"],
+    mask: Bool[np.ndarray, "height width"],
+) -> float:
     """Structural similarity (Wang et al. 2004; Gaussian window of 11 px, sigma 1.5) of 8-bit pictures.
 
     The mean over channels and over the pixels whose whole window lies in the mask and in the picture.

@@ -17,15 +17,19 @@ Rotations between two rows lie on the shortest arc between theirs. Nothing is li
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from unshutter.geometry.rows import Array, constant, namespace
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float
 
 # (row) -> (R [..., 3, 3], its rate w [..., 3] per row: dR / d row = [w]_x R), leading shape that of row
 RowRotation = Callable[[Array], tuple[Array, Array]]
 _SMALL = 1e-4  # rad; below it three terms of a series are exact to double precision
 
 
-def rotation_matrix(vectors: Array) -> Array:
+def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]:
     """Rodrigues' formula: rotation vectors [..., 3] (axis times angle [rad]) -> matrices [..., 3, 3]."""
     xp = namespace(vectors)
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
@@ -43,7 +47,7 @@ def rotation_matrix(vectors: Array) -> Array:
     return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def rotation_vector(matrices: Array) -> Array:
+def rotation_vector(matrices: Float[Array, "*at 3 3"]) -> Float[Array, "*at 3"]:
     """Matrices [..., 3, 3] -> rotation vectors [..., 3]: the inverse of :func:`rotation_matrix` below half a turn."""
     xp = namespace(matrices)
     m = matrices
@@ -57,7 +61,13 @@ def rotation_vector(matrices: Array) -> Array:
     return twice * (factor / 2)[..., None]
 
 
-def rotate_position(col: Array, row: Array, rotation: Array, focal_px: float, center: tuple) -> tuple[Array, Array]:
+def rotate_position(
+    col: Float[Array, "*at"],
+    row: Float[Array, "*at"],
+    rotation: Float[Array, "*at 3 3"],
+    focal_px: float,
+    center: tuple,
+) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
     """The homography K R K^-1: where a position goes when the camera's picture is turned by R.
 
     Args:
@@ -74,8 +84,8 @@ def rotate_position(col: Array, row: Array, rotation: Array, focal_px: float, ce
 
 
 def rotated_rs_to_gs(
-    col: Array, row: Array, row_rotation: RowRotation, focal_px: float, center: tuple
-) -> tuple[Array, Array]:
+    col: Float[Array, "*at"], row: Float[Array, "*at"], row_rotation: RowRotation, focal_px: float, center: tuple
+) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
     """RS positions -> GS positions, closed form: each row's homography undone.
 
     Args:
@@ -92,8 +102,13 @@ def rotated_rs_to_gs(
 
 
 def rotated_gs_to_rs(
-    col: Array, row: Array, row_rotation: RowRotation, focal_px: float, center: tuple, steps: int = 8
-) -> tuple[Array, Array]:
+    col: Float[Array, "*at"],
+    row: Float[Array, "*at"],
+    row_rotation: RowRotation,
+    focal_px: float,
+    center: tuple,
+    steps: int = 8,
+) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
     """GS positions -> RS positions, the exact inverse of :func:`rotated_rs_to_gs`.
 
     Newton's method on the RS row v, which must be the row to which its own rotation takes the point. The residual
@@ -141,7 +156,7 @@ def _turned(col: Array, row: Array, rotation: Array, focal_px: float, center: tu
     return x, y, xp.where(z > 0, z, xp.full_like(z, xp.nan))
 
 
-def row_rotation_from_samples(rotations: Array) -> RowRotation:
+def row_rotation_from_samples(rotations: Float[Array, "rows 3 3"]) -> RowRotation:
     """Row rotations from one sample per row, on the shortest arc between them; constant beyond first and last row.
 
     Arcs do not depend on the pose from which rotations are counted, so that a change of the reference is exact.

@@ -14,14 +14,23 @@ All functions broadcast; nothing here knows about files, images or estimators.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float, Real
 
 Array = Any
 # (row) -> (t_x, r_z, d r_z / d row), each of the shape of row
 MotionAtRow = Callable[[Array], tuple[Array, Array, Array]]
 
 
-def rs_to_gs(col: Array, row: Array, tx: Array, rz: Array, center: tuple = (0.0, 0.0)) -> tuple[Array, Array]:
+def rs_to_gs(
+    col: Real[Array, "*#at"],
+    row: Real[Array, "*#at"],
+    tx: Float[Array, "*#at"] | float,
+    rz: Float[Array, "*#at"],
+    center: tuple = (0.0, 0.0),
+) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
     """RS positions -> GS positions, closed form (paper, Eq. 1, solved for the GS side).
 
     Args:
@@ -38,7 +47,13 @@ def rs_to_gs(col: Array, row: Array, tx: Array, rz: Array, center: tuple = (0.0,
     return x * cos + y * sin + center[0], y * cos - x * sin + center[1]
 
 
-def gs_to_rs_by_row_map(col: Array, row: Array, tx: Array, rz: Array, center: tuple = (0.0, 0.0)):
+def gs_to_rs_by_row_map(
+    col: Real[Array, "*#at"],
+    row: Real[Array, "*#at"],
+    tx: Float[Array, "*#at"],
+    rz: Float[Array, "*#at"],
+    center: tuple = (0.0, 0.0),
+) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
     """GS positions -> RS positions when the motion of each GS position is given (paper, Eq. 1 as written).
 
     This is what the paper's row block needs: its row map says which row's motion to look up. With the
@@ -59,8 +74,12 @@ def gs_to_rs_by_row_map(col: Array, row: Array, tx: Array, rz: Array, center: tu
 
 
 def gs_to_rs(
-    col: Array, row: Array, row_motion: MotionAtRow, center: tuple = (0.0, 0.0), steps: int = 6
-) -> tuple[Array, Array]:
+    col: Real[Array, "*#at"],
+    row: Real[Array, "*#at"],
+    row_motion: MotionAtRow,
+    center: tuple = (0.0, 0.0),
+    steps: int = 6,
+) -> tuple[Float[Array, "*#at"], Float[Array, "*at"]]:
     """GS positions -> RS positions, the exact inverse of :func:`rs_to_gs`.
 
     Newton's method on the RS row v, which must solve v = row_rs(v): f(v) = v - x sin r(v) - y cos r(v).
@@ -115,7 +134,7 @@ def constant(a: Array) -> Array:
     return a.detach() if hasattr(a, "detach") else a
 
 
-def row_motion_from_samples(tx: Array, rz: Array) -> MotionAtRow:
+def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) -> MotionAtRow:
     """Row motion by linear interpolation of one sample per row; constant beyond the first and last row.
 
     Args:
@@ -142,7 +161,12 @@ def row_motion_from_samples(tx: Array, rz: Array) -> MotionAtRow:
     return row_motion
 
 
-def row_motion_from_polynomial(tx_coefficients: Array, rz_coefficients: Array, first: Any, last: Any) -> MotionAtRow:
+def row_motion_from_polynomial(
+    tx_coefficients: Float[Array, "*#batch tx_terms"],
+    rz_coefficients: Float[Array, "*#batch rz_terms"],
+    first: Any,
+    last: Any,
+) -> MotionAtRow:
     """Row motion from polynomials in u = (row - first) / (last - first); constant beyond u = 0 and 1.
 
     Args:
@@ -163,7 +187,7 @@ def row_motion_from_polynomial(tx_coefficients: Array, rz_coefficients: Array, f
     return row_motion
 
 
-def polynomial(coefficients: Array, u: Array) -> Array:
+def polynomial(coefficients: Float[Array, "*#at terms"], u: Float[Array, "*#at"]) -> Float[Array, "*at"]:
     """Value of the polynomial with coefficients [..., K] (of u^0, u^1, ...) at u, by Horner's rule.
 
     ``coefficients[..., k]`` broadcasts against u.
@@ -174,7 +198,7 @@ def polynomial(coefficients: Array, u: Array) -> Array:
     return value
 
 
-def polynomial_projection(rows: int, degree: int, like: Array) -> Array:
+def polynomial_projection(rows: int, degree: int, like: Float[Array, "..."]) -> Float[Array, "{rows} {degree+1}"]:
     """Least-squares fit of a polynomial as a fixed matrix (the paper's trajectory module).
 
     ``coefficients = values @ projection``: the fit over u = row / (rows - 1).

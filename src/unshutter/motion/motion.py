@@ -6,7 +6,7 @@ import os
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from unshutter.motion.sampling import row_index
 from unshutter.options import Reference
 from unshutter.storage.files import written_whole
 from unshutter.version import __version__
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64, Numbers
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,11 +87,11 @@ class Motion(ABC):
         """Whether rectifying with this motion changes nothing."""
 
     @abstractmethod
-    def rs_to_gs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+    def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """RS positions [px] of the readout frame -> GS positions [px]."""
 
     @abstractmethod
-    def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+    def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """GS positions [px] of the readout frame -> RS positions [px]."""
 
     @abstractmethod
@@ -100,7 +103,7 @@ class Motion(ABC):
         """
 
     @abstractmethod
-    def rates(self) -> tuple[np.ndarray, np.ndarray]:
+    def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
         """How fast the picture moved at each row, of at least two; the same whatever the reference row.
 
         Returns:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from unshutter.motion.motion import Motion
 from unshutter.motion.motion_file import numbers
 from unshutter.motion.sampling import BEYOND, matching_rows, positions, row_index, slope
 from unshutter.options import Reference
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64, Numbers
 
 _FARTHEST = np.pi / 2  # rad; at a right angle nothing of the centre's neighbourhood stays in front of the camera
 
@@ -73,11 +76,11 @@ class RotationMotion(Motion, kind="rotations"):
         """Whether rectifying with this motion changes nothing."""
         return not self.rotations.any()
 
-    def rs_to_gs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+    def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
         return rotation_geometry.rotated_rs_to_gs(*positions(col, row), self._rotation_at, self.focal_px, self.center)
 
-    def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+    def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """GS positions [px] of the readout frame -> RS positions [px] (exact inverse)."""
         return rotation_geometry.rotated_gs_to_rs(*positions(col, row), self._rotation_at, self.focal_px, self.center)
 
@@ -100,7 +103,7 @@ class RotationMotion(Motion, kind="rotations"):
         if min((corners @ m[2]).min() for m in (*matrices, *matrices.transpose(0, 2, 1))) <= 0:
             raise UnshutterError("the motion turns part of the picture behind the camera")
 
-    def rates(self) -> tuple[np.ndarray, np.ndarray]:
+    def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
         """Turning [H] [rad per row] and velocity [H, 2] [px per row] of the middle, whose ray is (0, 0, 1).
 
         It moves by the rates (w_x, w_y, w_z) x (0, 0, 1).

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from unshutter.motion.row_map import RowMap
 from unshutter.motion.row_motion import RowMotion
 from unshutter.motion.sampling import positions, row_index
 from unshutter.options import Reference
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64, Numbers
 
 
 @final
@@ -53,11 +56,11 @@ class RowMapMotion(Motion, kind="row-map"):
         """Whether rectifying with this motion changes nothing: whatever row is looked up, it did not move."""
         return self.row_motion.is_zero
 
-    def rs_to_gs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+    def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
         return self.row_motion.rs_to_gs(col, row)
 
-    def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+    def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """GS positions [px] of the readout frame -> RS positions [px], Eq. 1 with the row map's motion."""
         col, row = positions(col, row)
         seen_by = self.row_map.row_at(col, row, ((self.width - 1) / 2, (self.height - 1) / 2))
@@ -72,7 +75,7 @@ class RowMapMotion(Motion, kind="row-map"):
         """
         self.row_motion.check_unfolded()
 
-    def rates(self) -> tuple[np.ndarray, np.ndarray]:
+    def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
         """Turning [H] [rad per row] and velocity [H, 2] [px per row] of its row motion."""
         return self.row_motion.rates()
 

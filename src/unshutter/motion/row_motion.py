@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from unshutter.motion.motion import Motion
 from unshutter.motion.motion_file import numbers
 from unshutter.motion.sampling import BEYOND, interpolated, matching_rows, row_index, slope
 from unshutter.options import Reference
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64, Numbers
 
 
 @final
@@ -102,13 +105,13 @@ class RowMotion(Motion, kind="rows"):
         """Whether rectifying with this motion changes nothing."""
         return not (self.tx_px.any() or self.rz_rad.any())
 
-    def rs_to_gs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+    def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
         col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
         tx, rz, _ = self.at(row)
         return geometry.rs_to_gs(col, row, tx, rz, self.center)
 
-    def gs_to_rs(self, col: Any, row: Any) -> tuple[np.ndarray, np.ndarray]:
+    def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
         """GS positions [px] of the readout frame -> RS positions [px] (exact inverse)."""
         col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
         return geometry.gs_to_rs(col, row, self.at, self.center)
@@ -123,7 +126,7 @@ class RowMotion(Motion, kind="rows"):
         if turning * (self.width / 2 + np.abs(self.tx_px).max() + abs(self.center_shift_px)) >= 1:
             raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
 
-    def rates(self) -> tuple[np.ndarray, np.ndarray]:
+    def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
         """Turning [H] [rad per row] and velocity [H, 2] [px per row] of the picture's middle, from where rows go.
 
         With F(x, v) the GS position of RS column x, row v, the slope of F along a row says how far the picture was

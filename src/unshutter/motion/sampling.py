@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from unshutter.errors import UsageError
 from unshutter.options import Reference
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float, Float64
 
 BEYOND = 128  # rows past the first and the last on which a motion goes on smoothly
 
@@ -22,12 +27,14 @@ def row_index(reference: Reference, height: int) -> int:
     return rows[reference]
 
 
-def matching_rows(height: int, new_height: int) -> np.ndarray:
+def matching_rows(height: int, new_height: int) -> Float64[np.ndarray, "{new_height}"]:
     """[new_height] where the rows of a picture scaled to ``new_height`` lie in the one of ``height``, by centres."""
     return (np.arange(new_height) + 0.5) * (height / new_height) - 0.5
 
 
-def interpolated(at: np.ndarray, known_at: np.ndarray, values: np.ndarray) -> np.ndarray:
+def interpolated(
+    at: Float[np.ndarray, "rows"], known_at: Float[np.ndarray, "known"], values: Float[np.ndarray, "known"]
+) -> Float[np.ndarray, "rows"]:
     """Linear interpolation that carries the first and the last slope on beyond the ends."""
     inner = np.interp(at, known_at, values)
     if len(known_at) < 2:
@@ -39,12 +46,12 @@ def interpolated(at: np.ndarray, known_at: np.ndarray, values: np.ndarray) -> np
     return inner + before + after
 
 
-def slope(values: np.ndarray) -> np.ndarray:
+def slope(values: Float[np.ndarray, "rows *rest"]) -> Float[np.ndarray, "rows *rest"]:
     """Change per row of values [H, ...], of at least two rows."""
     return np.gradient(values, axis=0, edge_order=2 if len(values) > 2 else 1)
 
 
-def positions(col: object, row: object) -> tuple[np.ndarray, np.ndarray]:
+def positions(col: object, row: object) -> tuple[Float64[np.ndarray, "*at"], Float64[np.ndarray, "*at"]]:
     """Two float64 arrays of one shape."""
     col, row = np.broadcast_arrays(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
     return col, row

@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion.motion import Motion
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +27,8 @@ class Speed:
     """
 
     readout_ms: float
-    angular_deg_s: np.ndarray
-    velocity_px_s: np.ndarray
+    angular_deg_s: Float64[np.ndarray, "rows"]
+    velocity_px_s: Float64[np.ndarray, "rows 2"]
 
     @classmethod
     def of(cls, motion: Motion, readout_ms: float) -> Speed:

@@ -1,7 +1,8 @@
-"""pyvips: imported when it is needed, kept quiet, its failures turned into one line; small questions to its images."""
+"""pyvips: imported when it is needed, kept quiet, its failures turned into one line; its images from and to arrays."""
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Iterator
@@ -10,8 +11,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
+from unshutter.storage import large_arrays
 
 if TYPE_CHECKING:
+    import numpy as np  # not imported above: reading a file, which starts first, can do without
     import pyvips
 
 
@@ -65,11 +68,6 @@ def field(image: pyvips.Image, name: str, default: Any = None) -> Any:
     return image.get(name) if image.get_typeof(name) else default
 
 
-def empty_image() -> pyvips.Image:
-    """A new image for metadata alone; libvips would give the same one twice of most operations."""
-    return libvips().Image.new_from_memory(bytes(1), 1, 1, 1, "uchar")
-
-
 def set_blob(image: pyvips.Image, name: str, data: bytes) -> None:
     """Sets a metadata field of bytes."""
     image.set_type(libvips().GValue.blob_type, name, data)  # pyright: ignore[reportArgumentType]
@@ -91,3 +89,35 @@ def standard(image: pyvips.Image) -> pyvips.Image:
 def to_8_bits(image: pyvips.Image) -> pyvips.Image:
     """65535 -> 255, rounded; images of 8 bits as they are."""
     return standard(image.linear([255 / 65535], [0.5], uchar=True)) if image.format == "ushort" else image
+
+
+# ---- images and arrays ---------------------------------------------------------------------------------
+
+
+def computed(image: pyvips.Image) -> np.ndarray:
+    """[H, W, bands] of an image, computed now; not to be written to. ``pyvips.Error`` where that fails."""
+    shape = image.height, image.width, image.bands
+    dtype, size = {"uchar": ("uint8", 1), "ushort": ("uint16", 2)}[str(image.format)]
+    if math.prod(shape) * size <= large_arrays.SPILL_BYTES:
+        data = image.write_to_memory()  # the long part; NumPy may be imported meanwhile
+        import numpy as np
+
+        pixels = np.frombuffer(data, dtype).reshape(shape)
+        pixels.setflags(write=False)
+        return pixels
+    import tempfile
+
+    import numpy as np
+
+    with tempfile.NamedTemporaryFile(prefix="unshutter-") as file:
+        image.rawsave(file.name)
+        return np.memmap(file.name, dtype=dtype, mode="r", shape=shape)
+
+
+def as_image(pixels: np.ndarray) -> pyvips.Image:
+    """Pixels [H, W, bands] as libvips sees them, nothing copied, with the colour meaning of :func:`standard`."""
+    import numpy as np
+
+    height, width, bands = pixels.shape
+    kind = {"uint8": "uchar", "uint16": "ushort"}[pixels.dtype.name]
+    return standard(libvips().Image.new_from_memory(np.ascontiguousarray(pixels), width, height, bands, kind))

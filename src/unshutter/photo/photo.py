@@ -2,36 +2,39 @@
 
 from __future__ import annotations
 
-import io
 import os
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.photo import codecs, decoding, encoding, metadata
-from unshutter.photo.attitude import attitude_of_xmp
-from unshutter.photo.codecs import CODECS, WRITTEN, Codec, Coding, Source, Subsampling
+from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
+from unshutter.photo import encoding
 from unshutter.photo.decoding import Decoder
-from unshutter.photo.header import read_header
-from unshutter.photo.libvips import field as field_of
-from unshutter.photo.libvips import refusing
+from unshutter.photo.formats import FORMATS, WRITTEN, of_target
+from unshutter.photo.formats.base import Coding, WrittenFormat
+from unshutter.photo.grey import grey_copy, grey_size
+from unshutter.photo.libvips import as_image
+from unshutter.photo.metadata import Metadata
+from unshutter.photo.opening import read_header
+from unshutter.photo.source import Source
+from unshutter.photo.tags import attitude, exif
 from unshutter.storage.files import check_target, written_whole
 
 if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
-MAX_PIXELS = 1_000_000_000
-
 
 @dataclass(frozen=True, eq=False)
 class Photo:
     """A picture as it is stored: never turned upright, with all that its file says about it.
 
-    Pixels are decoded when they are first asked for, or before (:meth:`start_decoding`), once. What is kept on the
-    way out:
+    Pixels are decoded when they are first asked for, or before (:meth:`start_decoding`), once. :attr:`pixels` is always
+    [H, W, bands], for a grey photo too, of which bands is 1; :meth:`to_array` gives that one as [H, W].
+
+    What is kept on the way out:
 
     * bits: 16-bit pixels stay so in PNG and TIFF, become 10 (if the photo had 10) or 12 in AVIF, are rounded to 8 in
       JPEG and WebP;
@@ -59,8 +62,7 @@ class Photo:
     path: Path | None
     _decoder: Decoder | None = field(repr=False)
     _coding: Coding = field(repr=False)
-    _header: pyvips.Image = field(repr=False)  # metadata
-    _exif: bytes | None = field(repr=False)
+    _metadata: Metadata = field(repr=False)
     _given: np.ndarray | None = field(repr=False, default=None)  # pixels that are not the source's
 
     # ---- in --------------------------------------------------------------------------------------------
@@ -84,16 +86,15 @@ class Photo:
     def _from_source(cls, source: Source, max_pixels: int) -> Photo:
         header = read_header(source, max_pixels)
         return cls(
-            format=header.codec.name,
+            format=header.format.name,
             height=header.height,
             width=header.width,
             bands=header.bands,
             orientation=header.orientation,
-            path=source.place if isinstance(source.place, Path) else None,
+            path=source.path,
             _decoder=Decoder(source, header),
             _coding=header.coding,
-            _header=header.about,
-            _exif=header.exif,
+            _metadata=header.metadata,
         )
 
     @classmethod
@@ -106,8 +107,7 @@ class Photo:
         pixels = _with_bands(array).copy()
         pixels.setflags(write=False)
         height, width, bands = pixels.shape
-        header = decoding.as_image(pixels)
-        return cls("array", height, width, bands, 1, None, None, Coding(), header, None, pixels)
+        return cls("array", height, width, bands, 1, None, None, Coding(), Metadata(), pixels)
 
     def with_pixels(self, pixels: np.ndarray) -> Photo:
         """New pixels, possibly of another size, under this photo's metadata and format; not copied.
@@ -131,7 +131,8 @@ class Photo:
 
         Args:
             executor: where to.
-            grey: a grey copy of the size that the default estimator asks for will be wanted, and before all else.
+            grey_px: short side of the grey copy that will be wanted, and before all else; None: none. It is kept for
+                the one :meth:`grey` that asks for exactly this size.
             whole: all pixels will be wanted.
         """
         if self._decoder is not None:
@@ -142,7 +143,7 @@ class Photo:
 
     @property
     def pixels(self) -> np.ndarray:
-        """The stored pixels [H, W, bands], uint8 or uint16, not to be written to.
+        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to.
 
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone.
@@ -155,7 +156,7 @@ class Photo:
     @property
     def image(self) -> pyvips.Image:
         """The stored pixels as libvips sees them."""
-        return decoding.as_image(self.pixels)
+        return as_image(self.pixels)
 
     def to_array(self) -> np.ndarray:
         """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
@@ -163,12 +164,12 @@ class Photo:
 
     def focal_px(self) -> float | None:
         """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
-        return metadata.focal_px(self._exif, self.height, self.width)
+        return exif.focal_px(self._metadata.exif, self.height, self.width)
 
     def attitude_deg(self) -> tuple[float, float] | None:
         """Roll and tilt of the camera [degrees] as a drone's gimbal wrote them; None where they are not known."""
-        xmp = field_of(self._header, "xmp-data")
-        return attitude_of_xmp(xmp) if xmp and self.orientation == 1 else None
+        packet = self._metadata.xmp
+        return attitude.of_xmp(packet) if packet and self.orientation == 1 else None
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
@@ -191,12 +192,12 @@ class Photo:
             raise UsageError(f"a grey copy needs a short side of at least 1 px, got {short_side}")
         if self._decoder is not None:
             return self._decoder.grey(short_side)
-        return decoding.grey_copy(self.image, *decoding.grey_size(self.height, self.width, short_side))
+        return grey_copy(self.image, *grey_size(self.height, self.width, short_side))
 
     # ---- out -------------------------------------------------------------------------------------------
 
     def to_bytes(
-        self, format: str | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
     ) -> bytes:
         """The photo as an encoded file.
 
@@ -210,17 +211,10 @@ class Photo:
         Raises:
             UsageError: unknown format, quality or subsampling; UnshutterError: the format cannot hold the picture.
         """
-        own = "png" if self.format == "array" else CODECS[self.format].written_as or self.format
-        name = format or own
-        if name not in WRITTEN:
-            raise UsageError(f"unknown picture format '{name}': choose one of {', '.join(WRITTEN)}")
-        codec, image = WRITTEN[name], self._ready_for(WRITTEN[name], quality, subsampling)
-        with refusing(f"cannot encode the picture as {name.upper()}"):
-            data = encoding.encode(image, codec, self._coding_for(subsampling), quality)
-        assert data is not None
-        stream = io.BytesIO(data)
-        encoding.add_metadata(stream, image, codec)
-        return stream.getvalue()
+        how = Save(format, quality, subsampling)
+        own = "png" if self.format == "array" else FORMATS[self.format].written_as
+        target = WRITTEN[how.format or own]
+        return encoding.to_bytes(self._ready_for(target), target, self._coding_for(how), how.quality)
 
     def save(
         self,
@@ -241,29 +235,21 @@ class Photo:
             UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is the photo's own, its
                 folder is missing or cannot be written to, the disc is full, or the photo's own file is damaged.
         """
-        target = Path(path)
-        codec = codecs.for_suffix(target)
+        target, how = Path(path), Save(None, quality, subsampling)
+        format = of_target(target)
         check_target(target, overwrite, self.path)
-        image = self._ready_for(
-            codec, quality, subsampling
-        )  # decodes: a damaged photo is found before anything is written
+        image = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
         with written_whole(target) as part:
-            with refusing(f"cannot write {target}"):
-                encoding.encode(image, codec, self._coding_for(subsampling), quality, part)
-            with part.open("r+b") as stream:
-                encoding.add_metadata(stream, image, codec)
+            encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
             check_target(target, overwrite, self.path)  # another program may have been faster
 
-    def _coding_for(self, subsampling: Subsampling | None) -> Coding:
-        return replace(self._coding, subsampled=subsampling == "4:2:0") if subsampling else self._coding
+    def _coding_for(self, how: Save) -> Coding:
+        return replace(self._coding, subsampled=how.subsampling == "4:2:0") if how.subsampling else self._coding
 
-    def _ready_for(self, codec: Codec, quality: int | None, subsampling: Subsampling | None) -> pyvips.Image:
-        if quality is not None and not 1 <= quality <= 100:
-            raise UsageError(f"quality must lie between 1 and 100, got {quality}")
-        if subsampling not in (None, *get_args(Subsampling)):
-            raise UsageError(f"unknown subsampling '{subsampling}': choose one of {', '.join(get_args(Subsampling))}")
+    def _ready_for(self, format: WrittenFormat) -> pyvips.Image:
         is_new = self._given is not None
-        return encoding.fit(encoding.dress(self.image, self._header, self._exif, self.orientation, is_new), codec)
+        image = encoding.with_metadata(self.image, self._metadata, self.orientation, is_new)
+        return encoding.fitted(image, format)
 
 
 def _with_bands(array: np.ndarray) -> np.ndarray:

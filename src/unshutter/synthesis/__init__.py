@@ -1,1 +1,1 @@
-"""Pictures with known motion, for training and measuring."""
+"""Pictures with known motion, made from undistorted photos for training and measuring."""

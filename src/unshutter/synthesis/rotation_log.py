@@ -10,8 +10,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 
-_GAP = 3.0  # times the usual interval: a longer one means that samples are missing
-_MOST_DISORDER = 0.01  # of the samples may come too late
+_GAP = 3.0  # times the usual interval: in a longer one samples are missing
+_MOST_DISORDER = 0.01  # share of the samples that may come late
 
 # (axis that points up in the picture, axis that points from the scene to the camera)
 _GYRO_AXES = ("x", "z")
@@ -22,16 +22,16 @@ _POSE_AXES = ("z", "y")
 class RotationLog:
     """Angular rate of a camera over time, about two axes of the picture.
 
-    Axes. The picture is the readout frame: its top is the line read first. What matters of the log's own
-    right-handed axes is which one points **up** in the picture and which one **back**, from the scene to the
-    camera; turning by a positive angle about ``up`` turns the camera left, so the scene moves right, t_x > 0;
-    about ``back`` it turns the camera counter-clockwise, so the scene turns clockwise, r_z > 0.
+    The picture is the readout frame: its top is the line read first. Of the log's own right-handed axes, only two
+    matter: which one points **up** in the picture, and which one **back**, from the scene to the camera. A positive
+    angle about ``up`` turns the camera left, so the scene moves right, t_x > 0; about ``back`` it turns the camera
+    counter-clockwise, so the scene turns clockwise, r_z > 0.
 
-    * gyro logs are taken to be a phone's: x to the right edge, y to the top edge, z out of the screen, the
-      sensor's lines along the long side (so up is x or -x, back is z). That holds however the phone is
-      held, landscape or portrait, because the sensor turns with it.
-    * pose logs are taken to have z up and to look along -y (so up is z, back is y), as in TUM-VI.
-    * a camera's own axes (x right, y down, z forward) are up="-y", back="-z".
+    * Gyro logs are assumed to be a phone's: x to the right edge, y to the top edge, z out of the screen, the sensor's
+      lines along the long side (so up is x or -x, back is z). The sensor turns with the phone, so this holds for
+      landscape and portrait alike.
+    * Pose logs are assumed to have z up and to look along -y (so up is z, back is y), as in TUM-VI.
+    * A camera's own axes (x right, y down, z forward) are up="-y", back="-z".
 
     Attributes:
         t_s: [N] times [s], increasing.
@@ -50,12 +50,13 @@ class RotationLog:
         Args:
             path: with ``t_s`` [N] (s) and either ``gyro_rad_s`` [N, 3], rates about the device's axes, or
                 ``quaternion_wxyz`` [N, 4], device to world (``position_m`` is not used).
-            up: axis ``x``, ``-x``, ``y`` ...; by default that of the kind of log.
-            back: likewise.
+            up: axis that points up: ``x``, ``-x``, ``y`` ...; by default that of the kind of log.
+            back: axis that points back, in the same way.
 
         Raises:
-            UnshutterError: not such a file; numbers that are not finite; times that do not increase, but for
-                a few samples that came late; UsageError: unknown or equal axes.
+            UsageError: unknown or equal axes.
+            UnshutterError: not such a file, numbers that are not finite, or times that do not increase (a few late
+                samples are put in order).
         """
         try:
             with open(path, "rb") as stream:
@@ -91,10 +92,10 @@ class RotationLog:
         return cls(times, up_sign * samples[:, up_axis], back_sign * samples[:, back_axis])
 
     def draw_start(self, rng: np.random.Generator, duration_s: float) -> float:
-        """A time from which the log goes on without a gap for the duration, all equally likely.
+        """A random time after which the log has no gap for the duration; all such times are equally likely.
 
         Raises:
-            UnshutterError: there is none.
+            UnshutterError: there is no such time.
         """
         gaps = np.flatnonzero(np.diff(self.t_s) > _GAP * np.median(np.diff(self.t_s)))
         first = self.t_s[np.concatenate([[0], gaps + 1])]
@@ -113,8 +114,8 @@ class RotationLog:
     def angles(self, at_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Angles turned since the log's start, about ``up`` and ``back`` [rad], at times within the log.
 
-        The rate is taken as linear between samples and integrated exactly. Each axis is integrated on its
-        own: within a readout the angles are small enough to add.
+        The rate is linear between samples and integrated exactly. Each axis is integrated by itself: within a readout
+        the angles are so small that they add.
         """
         return _integral(self.t_s, self.yaw_rad_s, at_s), _integral(self.t_s, self.roll_rad_s, at_s)
 
@@ -123,7 +124,7 @@ _SHAPES = {"t_s": 1, "gyro_rad_s": 3, "quaternion_wxyz": 4}
 
 
 def _in_order(times: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples by time: phones deliver a few late or twice. More than a few means that these are no times."""
+    """Samples by time: phones deliver a few late or twice. With more than a few, these are not times."""
     if (np.diff(times) <= 0).mean() > _MOST_DISORDER:
         raise UnshutterError("the times t_s do not increase")
     times, order = np.unique(times, return_index=True)

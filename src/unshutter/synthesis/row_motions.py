@@ -1,20 +1,23 @@
-"""Row motions to make pictures with: drawn quadratics, and windows of recorded camera rotation.
+"""Row motions to distort pictures with: random quadratics, and windows of recorded camera rotation.
 
-A picture is distorted on a canvas larger than what is kept, so that the rows and columns at its border
-have somewhere to come from. A :class:`DrawnMotion` is therefore one motion seen twice: on every row of the
-square canvas, and on the rows of the square crop in its middle. Both are zero on the crop's first row and
-turn about the centre that canvas and crop share.
+A picture is distorted on a canvas larger than what is kept, so that its borders do not run out of the picture. A
+:class:`DrawnMotion` is therefore one motion in two forms: on every row of the square canvas, and on the rows of the
+square crop in its middle. Both are zero on the crop's first row and turn about the centre that canvas and crop share.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RowMotion
 from unshutter.synthesis.rotation_log import RotationLog
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float
 
 _PREDECESSORS_ROWS = 256  # the pixel ranges of the predecessor's generator are for so many rows
 
@@ -26,7 +29,7 @@ class DrawnMotion:
     Attributes:
         canvas: on every row of the canvas; zero on the crop's first row, not on its own.
         crop: on the rows of the crop; reference row: the first.
-        parameters: what was drawn, for the record: numbers and words only.
+        parameters: what was drawn, for the manifest: numbers and words only.
     """
 
     canvas: Motion
@@ -34,25 +37,27 @@ class DrawnMotion:
     parameters: dict[str, float | str]
 
     @classmethod
-    def of_canvas(cls, tx_px: np.ndarray, rz_rad: np.ndarray, rows: int, parameters: dict) -> DrawnMotion:
+    def of_canvas(
+        cls, tx_px: Float[np.ndarray, "canvas"], rz_rad: Float[np.ndarray, "canvas"], rows: int, parameters: dict
+    ) -> DrawnMotion:
         """Sets both motions to zero on the crop's first row.
 
         Args:
             tx_px: [canvas] t_x of every row of the canvas [px].
             rz_rad: [canvas] r_z of every row of the canvas [rad].
             rows: side of the crop [px].
-            parameters: see the class.
+            parameters: what was drawn.
         """
         canvas = len(tx_px)
         margin = _margin(rows, canvas)
         tx, rz = tx_px - tx_px[margin], rz_rad - rz_rad[margin]
         kept = slice(margin, margin + rows)
-        about = {"estimator": "drawn", "confidence": 1.0}
-        return cls(RowMotion(canvas, tx, rz, **about), RowMotion(rows, tx[kept], rz[kept], **about), parameters)
+        origin = {"estimator": "drawn", "confidence": 1.0}
+        return cls(RowMotion(canvas, tx, rz, **origin), RowMotion(rows, tx[kept], rz[kept], **origin), parameters)
 
     @property
     def margin(self) -> int:
-        """Rows of the canvas above the crop, and below, and columns beside it."""
+        """Rows of the canvas above and below the crop, and columns on each side of it."""
         return (self.canvas.height - self.crop.height) // 2
 
     def resized(self, short_side: int) -> DrawnMotion:
@@ -85,8 +90,8 @@ def draw_quadratic(
         rng: five numbers are drawn from it.
         rows: side of the crop [px].
         canvas: side of the canvas [px].
-        pure_rotation: whether another one in six only rotates (meant by the predecessor's program, which
-            never gets there).
+        pure_rotation: whether another one in six only rotates (the predecessor's program means to do so, but never
+            reaches that line).
 
     Raises:
         UsageError: the canvas is no larger than the crop by an even number of pixels.
@@ -111,18 +116,18 @@ def draw_from_trajectory(
     rows: int = 256,
     canvas: int = 356,
 ) -> DrawnMotion:
-    """Takes the rotation of a recorded camera while it would have read out one picture.
+    """Cuts the time of one readout from a log of camera rotation.
 
-    The window starts anywhere in the log where nothing is missing, all places equally likely. Turning about
-    the picture's vertical moves the scene by t_x = focal_px * tan(angle), turning about the optical axis is
-    r_z; turning about the picture's horizontal and moving the camera are left out (the model has no place for
-    them). Which axis of the log is which: see :class:`RotationLog`.
+    The window starts anywhere in the log where no samples are missing, all places equally likely. Turning about the
+    picture's vertical moves the scene by t_x = focal_px * tan(angle), turning about the optical axis is r_z. Turning
+    about the picture's horizontal and moving the camera are left out, because the motion model has neither. Which axis
+    of the log is which: see :class:`RotationLog`.
 
     Args:
         rng: one number is drawn from it.
         log: recorded rotation.
-        readout_s: time in which the crop is read out, ``rows`` times the time of one row [s]; the canvas's
-            margins take their share on top.
+        readout_s: time in which the crop is read out, ``rows`` times the time of one row [s]; the canvas's margins
+            take more, in proportion.
         focal_px: focal length in pixels of the crop.
         rows: side of the crop [px].
         canvas: side of the canvas [px].
@@ -142,8 +147,8 @@ def draw_from_trajectory(
         raise UnshutterError(
             f"the recorded camera turns by more than 57 degrees within {readout_s:g} s: choose a shorter readout"
         )
-    about = {"start_s": start, "readout_s": readout_s, "focal_px": focal_px}
-    return DrawnMotion.of_canvas(focal_px * np.tan(yaw), roll, rows, about)
+    parameters = {"start_s": start, "readout_s": readout_s, "focal_px": focal_px}
+    return DrawnMotion.of_canvas(focal_px * np.tan(yaw), roll, rows, parameters)
 
 
 def _margin(rows: int, canvas: int) -> int:

@@ -11,11 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from unshutter.motion import Motion
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Bool, Float, Float32
 
 # (col, row) of output pixels -> (col, row) of the input positions they show
 PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -84,7 +87,7 @@ class Extent(NamedTuple):
     bottom: float
 
     @classmethod
-    def of(cls, col: np.ndarray, row: np.ndarray) -> Extent:
+    def of(cls, col: Float[np.ndarray, "rows cols"], row: Float[np.ndarray, "rows cols"]) -> Extent:
         """Of positions themselves."""
         return cls(float(col.min()), float(row.min()), float(col.max()), float(row.max()))
 
@@ -99,7 +102,7 @@ class SamplingGrid:
         height, width: of the picture, output and input alike [px].
     """
 
-    nodes: np.ndarray
+    nodes: Float32[np.ndarray, "node_rows node_cols 2"]
     row_step: int
     col_step: int
     height: int
@@ -130,7 +133,12 @@ class SamplingGrid:
         """The whole output."""
         return Tile(0, self.height, 0, self.width)
 
-    def everywhere(self) -> tuple[np.ndarray, np.ndarray]:
+    def everywhere(
+        self,
+    ) -> tuple[
+        Float32[np.ndarray, "{self.height} {self.width}"],
+        Float32[np.ndarray, "{self.height} {self.width}"],
+    ]:
         """The map at every pixel of the output: col and row, each float32 [H, W]."""
         col, row = (np.empty((self.height, self.width), np.float32) for _ in range(2))
         for tile in self.whole.tiles():
@@ -138,8 +146,8 @@ class SamplingGrid:
         return col, row
 
     def positions(
-        self, tile: Tile, left: int = 0, top: int = 0, out: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self, tile: Tile, left: int = 0, top: int = 0, out: Float32[np.ndarray, "2 rows cols"] | None = None
+    ) -> tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
         """The map at every pixel of a tile: col and row, each float32 [rows, cols].
 
         Args:
@@ -165,7 +173,9 @@ class SamplingGrid:
         least, most = min(extent.left, extent.top), max(extent.right - self.width, extent.bottom - self.height)
         return least >= -_INSIDE_SLACK and most <= _INSIDE_SLACK - 1
 
-    def inside(self, col: np.ndarray, row: np.ndarray, left: int = 0, top: int = 0) -> np.ndarray:
+    def inside(
+        self, col: Float[np.ndarray, "rows cols"], row: Float[np.ndarray, "rows cols"], left: int = 0, top: int = 0
+    ) -> Bool[np.ndarray, "rows cols"]:
         """bool: which positions, counted from left and top, lie inside the picture."""
         right, bottom = self.width - 1 - left, self.height - 1 - top
         within_width = (col >= -left - _INSIDE_SLACK) & (col <= right + _INSIDE_SLACK)

@@ -15,7 +15,7 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import cv2
 import numpy as np
@@ -24,6 +24,9 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.storage.large_arrays import new_array
 from unshutter.warp.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Bool, Float32, UInt
 
 Edges = Literal["keep", "crop", "fill"]
 EDGES = get_args(Edges)
@@ -34,7 +37,9 @@ _LONGEST_SOURCE = 32_000  # px; cv2.remap has 16 bits for a position
 _REACH = 3  # px that interpolation looks beyond a position
 
 
-def rectify_pixels(pixels: np.ndarray, motion: Motion, edges: Edges = "keep") -> np.ndarray:
+def rectify_pixels(
+    pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep"
+) -> UInt[np.ndarray, "new_height new_width *bands"]:
     """The global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
 
     Args:
@@ -73,7 +78,9 @@ def rectify_pixels(pixels: np.ndarray, motion: Motion, edges: Edges = "keep") ->
     return _warped(pixels, grid, window, cv2.INTER_CUBIC, blacken=edges == "keep")
 
 
-def distort_pixels(pixels: np.ndarray, motion: Motion) -> np.ndarray:
+def distort_pixels(
+    pixels: UInt[np.ndarray, "height width *bands"], motion: Motion
+) -> UInt[np.ndarray, "height width *bands"]:
     """The rolling-shutter picture of a global-shutter one, bilinear: the synthesis of training pairs.
 
     Each RS pixel shows the GS picture at its GS position (closed form); outside it is black, alpha 0.
@@ -93,7 +100,7 @@ def distort_pixels(pixels: np.ndarray, motion: Motion) -> np.ndarray:
     return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, blacken=True)
 
 
-def backward_map(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def backward_map(motion: Motion) -> tuple[Float32[np.ndarray, "height width"], Float32[np.ndarray, "height width"]]:
     """RS position of every GS pixel, as ``cv2.remap`` takes it.
 
     Returns:
@@ -103,7 +110,7 @@ def backward_map(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     return SamplingGrid.of(gs_to_rs_map(motion), *size).everywhere()
 
 
-def validity_mask(motion: Motion) -> np.ndarray:
+def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
     """Which pixels of the rectified picture exist in the photo.
 
     Returns:
@@ -113,7 +120,7 @@ def validity_mask(motion: Motion) -> np.ndarray:
     return _mask(SamplingGrid.of(gs_to_rs_map(motion), *size))
 
 
-def largest_valid_rectangle(mask: np.ndarray) -> tuple[int, int, int, int]:
+def largest_valid_rectangle(mask: Bool[np.ndarray, "height width"]) -> tuple[int, int, int, int]:
     """The largest upright rectangle of True pixels with the mask's aspect, the nearest to the centre.
 
     Exact up to a million pixels; above, the mask is searched in blocks all of whose pixels are True,

@@ -39,10 +39,13 @@ class Arguments:
 
 def run(given: Arguments) -> int:
     """Measures; returns the exit code."""
-    from unshutter.evaluation.run import Request, evaluate
+    from unshutter.evaluation.cases.protocols import Request
+    from unshutter.evaluation.run import evaluate
 
     request = Request(given.protocol, tuple(given.data), given.photos, given.per_photo, given.seed, given.trajectory)
-    return 1 if evaluate(request, given.estimators, given.output, given.jobs, given.overwrite) else 0
+    unusable = evaluate(request, given.estimators, given.output, given.jobs, given.overwrite)
+    print(f"results: {given.output / 'results.md'}, with plots and pictures beside it; every figure: results.csv")
+    return 1 if unusable else 0
 
 
 COMMAND = Command("Measure methods side by side on the same pictures (needs the extra `plot`).", Arguments, run)

@@ -14,17 +14,21 @@ from unshutter.options import option
 class Arguments:
     """What the command takes."""
 
-    config: Path = required("TOML file, or the name of a configuration that comes with the package.")
+    config: str = required(
+        "Name of a configuration that comes with unshutter (docs/training.md lists them), or a TOML file."
+    )
     out: Path = option(
         Path("runs"),
-        "Folder for checkpoints, log and the exported model. A run that is there goes on. Default: runs.",
+        "Folder for checkpoints, log and the exported model. A run that is there is resumed. Default: runs.",
     )
-    steps: int | None = option(None, "Stop after this many steps in all instead of the configuration's.")
+    steps: int | None = option(None, "Stop after this many steps in all, instead of the configuration's.")
     device: str = option("auto", "auto, cpu or cuda. Default: auto.")
     photos: Path | None = option(
-        None, "Folder of photos, for networks that read pixels; instead of the configuration's."
+        None, "Folder of photos, for networks that read pixels, instead of the configuration's."
     )
-    base: Path | None = option(None, "Another TOML file for what the configuration does not say itself.")
+    base: str | None = option(
+        None, "Another configuration, by name or file, for what this one does not say itself. Default: its own."
+    )
     start: Path | None = option(None, "Checkpoint of another run whose weights this one begins with.")
 
 
@@ -40,4 +44,4 @@ def run(given: Arguments) -> int:
     return 0
 
 
-COMMAND = Command("Train a network as a TOML file says (needs the extra `train`).", Arguments, run)
+COMMAND = Command("Train a network as a configuration says (needs the extra `train`).", Arguments, run)

@@ -1,1 +1,1 @@
-"""Lines in pictures: segments, curves that were lines, what right angles say, and the optimisers that use them."""
+"""Lines in pictures: segments, curves that were lines, and the least squares that straightens them."""

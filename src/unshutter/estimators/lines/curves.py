@@ -7,12 +7,16 @@ itself, because a segment is a chord that hides the bend. Positions are (col, ro
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from unshutter.estimators.lines.segments import find_segments
 from unshutter.geometry.rotations import rotate_position, rotation_matrix
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float, Numbers, UInt8
 
 POINTS = 10  # per curve
 _MOST_SEGMENTS = 600  # the longest are looked at
@@ -27,7 +31,7 @@ _LEAST_GROWTH = 0.1
 _FAINTEST = 2.0  # grey levels per px; below this it is no edge
 
 
-def find_curves(grey: np.ndarray, shortest: float) -> np.ndarray:
+def find_curves(grey: UInt8[np.ndarray, "height width"], shortest: float) -> Float[np.ndarray, "curves points 2"]:
     """Edges that may be straight lines of the scene, longest first.
 
     Args:
@@ -45,12 +49,14 @@ def find_curves(grey: np.ndarray, shortest: float) -> np.ndarray:
     return np.stack([curves[i] for i in order]) if order else np.zeros((0, POINTS, 2))
 
 
-def curve_length(points: np.ndarray) -> np.ndarray:
+def curve_length(points: Float[np.ndarray, "*curves points 2"]) -> Float[Numbers, "*curves"]:
     """Distance between the ends of curves [..., K, 2] -> [...]."""
     return np.linalg.norm(points[..., -1, :] - points[..., 0, :], axis=-1)
 
 
-def principal_lines(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def principal_lines(
+    points: Float[np.ndarray, "*curves points 2"],
+) -> tuple[Float[np.ndarray, "*curves points"], Float[np.ndarray, "*curves"]]:
     """Least-squares line of each curve.
 
     Args:
@@ -74,17 +80,19 @@ class RotatedCurves:
         focal_px: focal length [px].
     """
 
-    def __init__(self, points: np.ndarray, height: int, width: int, focal_px: float):
+    def __init__(self, points: Float[np.ndarray, "*curves points 2"], height: int, width: int, focal_px: float):
         self.points, self.height, self.width, self.focal_px = points, height, width, focal_px
         angle = principal_lines(points)[1]
         normals = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)[..., None, :]
         self._near = np.stack([points, points + normals * _BESIDE])  # [2, ..., K, 2]
 
-    def of(self, index: np.ndarray) -> RotatedCurves:
-        """Some of the curves."""
+    def __getitem__(self, index: np.ndarray) -> RotatedCurves:
+        """Some of the curves, in the shape of the index."""
         return RotatedCurves(self.points[index], self.height, self.width, self.focal_px)
 
-    def undone(self, rotations: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def undone(
+        self, rotations: Callable[[np.ndarray], np.ndarray]
+    ) -> tuple[Float[np.ndarray, "*curves points 2"], Float[np.ndarray, "*curves points"]]:
         """Rectifies the curves.
 
         Args:
@@ -105,7 +113,7 @@ class RotatedCurves:
         return points, distance / np.maximum(np.abs(growth), _LEAST_GROWTH)
 
 
-def link(segments: np.ndarray) -> list[list[int]]:
+def link(segments: Float[np.ndarray, "segments 4"]) -> list[list[int]]:
     """Chains of segments that continue each other end to end, each segment in one chain.
 
     Two are linked where each is the best continuation of the other: bright side on the same side (LSD orders end

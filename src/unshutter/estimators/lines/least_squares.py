@@ -3,32 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float
 
 Residuals = Callable[[np.ndarray], np.ndarray]
 # residuals -> (cost of each, weight of each: derivative of the cost with respect to the squared residual)
 Loss = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def squared(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def squared(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
     """r^2: nothing is an outlier."""
     return r * r, np.ones_like(r)
 
 
-def cauchy(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cauchy(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
     """log(1 + r^2): outliers pull less the farther they are."""
     return np.log1p(r * r), 1 / (1 + r * r)
 
 
-def geman_mcclure(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def geman_mcclure(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
     """r^2 / (1 + r^2): outliers stop pulling."""
     return r * r / (1 + r * r), 1 / (1 + r * r) ** 2
 
 
 def minimise(
-    residuals: Residuals, start: np.ndarray, loss: Loss = squared, steps: int = 50, tolerance: float = 1e-10
-) -> tuple[np.ndarray, float]:
+    residuals: Residuals,
+    start: Float[np.ndarray, "unknowns"],
+    loss: Loss = squared,
+    steps: int = 50,
+    tolerance: float = 1e-10,
+) -> tuple[Float[np.ndarray, "unknowns"], float]:
     """Unknowns that make the sum of the residuals' costs least, near a start; never worse than the start.
 
     Args:
@@ -48,9 +56,9 @@ def minimise(
     damping = 1e-3
     for _ in range(steps):
         weights = loss(r)[1]
-        jacobian = _jacobian(residuals, x, r)
-        normal = (jacobian.T * weights) @ jacobian
-        gradient = jacobian.T @ (weights * r)
+        J = forward_differences(residuals, x, r, 1e-7 * np.maximum(1.0, np.abs(x)))
+        normal = (J.T * weights) @ J
+        gradient = J.T @ (weights * r)
         while damping < 1e12:
             diagonal = damping * np.maximum(np.diag(normal), 1e-9 * max(float(np.trace(normal)), 1e-300))
             step = -np.linalg.solve(normal + np.diag(diagonal), gradient)
@@ -68,11 +76,21 @@ def minimise(
     return x, cost
 
 
-def _jacobian(residuals: Residuals, x: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Forward differences [N, P]; r are the residuals at x."""
+def forward_differences(residuals: Residuals, x: np.ndarray, r: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """The Jacobian dr/dx, to the first order of the steps.
+
+    Args:
+        residuals: unknowns [..., P] -> residuals [..., N].
+        x: where.
+        r: residuals at x.
+        steps: [P] by which each unknown is changed.
+
+    Returns:
+        [..., N, P].
+    """
     columns = []
-    for k in range(len(x)):
-        step = np.zeros_like(x)
-        step[k] = 1e-7 * max(1.0, abs(x[k]))
-        columns.append((residuals(x + step) - r) / step[k])
-    return np.stack(columns, axis=1)
+    for k, step in enumerate(steps):
+        moved = x.copy()
+        moved[..., k] += step
+        columns.append((residuals(moved) - r) / step)
+    return np.stack(columns, axis=-1)

@@ -6,15 +6,22 @@ one unit high whatever its size, and its geometry is not squashed.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import cv2
 import numpy as np
 
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float, UInt8
+
+FEWEST_SEGMENTS = 8  # below this a photo does not say how the camera moved
+WIDEST_ASPECT = 2.5  # a little beyond what the network was trained on; beyond it, nothing was measured
 _SCALE = 0.8  # LSD looks at a copy scaled by this, against the staircase of slanted edges
 # LSD maps a position of its scaled copy back without regard to pixel centres; this is what is missing.
 _PIXEL_SHIFT = 0.5 / _SCALE - 0.5
 
 
-def find_segments(grey: np.ndarray, limit: int | None = None) -> np.ndarray:
+def find_segments(grey: UInt8[np.ndarray, "height width"], limit: int | None = None) -> Float[np.ndarray, "segments 4"]:
     """Straight segments of a grey picture, longest first.
 
     Args:
@@ -34,7 +41,16 @@ def find_segments(grey: np.ndarray, limit: int | None = None) -> np.ndarray:
     return segments[np.argsort(-length, kind="stable")][:limit]
 
 
-def in_rows(segments: np.ndarray, height: int, width: int) -> np.ndarray:
+def in_rows(segments: Float[np.ndarray, "segments 4"], height: int, width: int) -> Float[np.ndarray, "segments 4"]:
     """[N, 4] pixel positions in a picture of that size -> centred units of rows."""
     center = np.array([(width - 1) / 2, (height - 1) / 2] * 2)
     return (segments - center) / height
+
+
+def unusable(segments: np.ndarray, height: int, width: int) -> str:
+    """Why these segments of a photo of that size do not tell its motion; empty where they may."""
+    if max(width / height, height / width) > WIDEST_ASPECT:
+        return f"the photo's sides differ by more than {WIDEST_ASPECT:g} times"
+    if len(segments) < FEWEST_SEGMENTS:
+        return f"only {len(segments)} straight segments found"
+    return ""

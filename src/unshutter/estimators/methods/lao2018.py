@@ -12,7 +12,7 @@ import numpy as np
 
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.curves import RotatedCurves, curve_length, find_curves
-from unshutter.estimators.lines.least_squares import cauchy, minimise, squared
+from unshutter.estimators.lines.least_squares import cauchy, forward_differences, minimise, squared
 from unshutter.motion import Motion
 
 SHORT_SIDE = 512  # of the grey copy in which curves are found [px]
@@ -59,7 +59,7 @@ def fit_velocity(curves: np.ndarray, height: int, width: int, focal_px: float) -
     solved = np.concatenate([np.zeros((1, 3)), bends.solve(samples)])  # no motion at all is an answer, too
     best = solved[int(np.argmin([bends.cost(v) for v in solved]))]
     straight = np.flatnonzero(bends.spread(best) < INLIER_PX)
-    return bends.of(straight).refine(best) if len(straight) >= FEWEST_CURVES else None
+    return bends[straight].refine(best) if len(straight) >= FEWEST_CURVES else None
 
 
 class _Bends:
@@ -68,9 +68,9 @@ class _Bends:
     def __init__(self, curves: RotatedCurves):
         self._curves, self._length = curves, curve_length(curves.points)
 
-    def of(self, index: np.ndarray) -> _Bends:
-        """Some of the curves, in any shape."""
-        return _Bends(self._curves.of(index))
+    def __getitem__(self, index: np.ndarray) -> _Bends:
+        """Some of the curves, in the shape of the index."""
+        return _Bends(self._curves[index])
 
     def __call__(self, velocity: np.ndarray) -> np.ndarray:
         """Distances [..., C, K] of the points of curves [..., C] to their lines under velocities [..., 3] [px]."""
@@ -78,16 +78,19 @@ class _Bends:
 
     def solve(self, samples: np.ndarray) -> np.ndarray:
         """Velocities [S, 3] of samples [S, 4] of curves: least squares from no motion; NaN where that runs away."""
-        sampled, found = self.of(samples), np.zeros((len(samples), 3))
-        holding = (SAMPLE_PX / MOTION_SIGMAS) ** 2
+        sampled, found = self[samples], np.zeros((len(samples), 3))
+        prior_precision = (SAMPLE_PX / MOTION_SIGMAS) ** 2
+
+        def residuals(velocity: np.ndarray) -> np.ndarray:
+            return sampled(velocity).reshape(len(samples), -1)
+
         for _ in range(SAMPLE_STEPS):
-            r = sampled(found).reshape(len(samples), -1)
-            steps = 1e-6 * np.eye(3)
-            slopes = [(sampled(found + s).reshape(r.shape) - r) / 1e-6 for s in steps]
-            jacobian = np.stack(slopes, axis=-1)  # [S, 4 K, 3]
-            normal = np.swapaxes(jacobian, 1, 2) @ jacobian + np.diag(holding)
-            slope = (np.swapaxes(jacobian, 1, 2) @ r[..., None])[..., 0] + holding * found
-            found = found - np.linalg.solve(normal, slope[..., None])[..., 0]
+            r = residuals(found)
+            J = forward_differences(residuals, found, r, np.full(3, 1e-6))  # [S, 4 K, 3]
+            J_T = np.swapaxes(J, 1, 2)
+            normal = J_T @ J + np.diag(prior_precision)
+            gradient = (J_T @ r[..., None])[..., 0] + prior_precision * found
+            found = found - np.linalg.solve(normal, gradient[..., None])[..., 0]
         return found
 
     def spread(self, velocity: np.ndarray) -> np.ndarray:
@@ -114,4 +117,5 @@ class _Bends:
 
 def _loss(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Squares for the motion, Cauchy's for distances."""
-    return tuple(np.concatenate(parts) for parts in zip(squared(r[:3]), cauchy(r[3:]), strict=True))  # type: ignore
+    (motion_cost, motion_weight), (line_cost, line_weight) = squared(r[:3]), cauchy(r[3:])
+    return np.concatenate([motion_cost, line_cost]), np.concatenate([motion_weight, line_weight])

@@ -1,7 +1,7 @@
 """segment-manhattan: segment-transformer's answer and the Manhattan likelihood, weighed against each other.
 
-The network (segment_network.py) knows curvature well and shear poorly; right angles tell of the shear, where
-there are any. So its answer enters the likelihood as one more observation, with the covariance of its errors.
+The network (segment_network.py) knows curvature well and shear poorly; right angles tell of the shear, where there
+are any. So its answer enters the likelihood as one more observation, with the covariance of its errors.
 """
 
 from __future__ import annotations
@@ -11,17 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.method import Method
-from unshutter.estimators.methods.manhattan import STARTS, likelihood_of, motion_of, segments_of, unusable
-from unshutter.estimators.right_angles.likelihood import SecondOpinion
+from unshutter.estimators.right_angles.beliefs import SecondOpinion
 from unshutter.estimators.right_angles.search import displacement, explore
+from unshutter.estimators.right_angles.view import STARTS, likelihood_of, motion_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
 from unshutter.motion import Motion
 
 # Errors of the network's coefficients (t_x [rows], then r_z [rad]) on photos set aside for this (docs/own-model.md):
 # scales and correlations of a t distribution with three degrees of freedom.
-_SPREAD = np.array([0.0232, 0.0295, 0.0063, 0.0312, 0.0324, 0.0053])
-_CORRELATION = np.array(
+_SCALES = np.array([0.0232, 0.0295, 0.0063, 0.0312, 0.0324, 0.0053])
+_CORRELATIONS = np.array(
     [
         [1.00, -0.53, -0.11, -0.20, -0.20, 0.19],
         [-0.53, 1.00, -0.07, 0.46, 0.37, -0.20],
@@ -41,7 +42,7 @@ class SegmentManhattan(Estimator):
     def __init__(self, method: Method, weights: Path | None = None):
         super().__init__(method, weights)
         self._network = SegmentNetwork(weights)
-        self._precision = np.linalg.inv(_CORRELATION * np.outer(_SPREAD, _SPREAD))
+        self._precision = np.linalg.inv(_CORRELATIONS * np.outer(_SCALES, _SCALES))
 
     def prepare(self) -> None:
         """Opens the network."""
@@ -50,7 +51,7 @@ class SegmentManhattan(Estimator):
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
         segments, size = segments_of(view)
-        reason = unusable(view, segments)
+        reason = unusable(segments, view.height, view.width)
         if reason:
             return view.no_motion(self.name, reason)
         _, tilt = view.attitude_deg()
@@ -59,5 +60,5 @@ class SegmentManhattan(Estimator):
         answer = self._network.coefficients(segments, view.up).ravel()
         doubt = 1 + (displacement(answer) / _USUAL) ** 2
         opinion = SecondOpinion(answer, self._precision / doubt)
-        posterior = explore(likelihood_of(view, segments, size, opinion=opinion), [answer])
+        posterior = explore(likelihood_of(view, segments, size, opinion), [answer])
         return motion_of(posterior, view, self.name)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.lines.segments import find_segments, in_rows
+from unshutter.estimators.lines.segments import find_segments, in_rows, unusable
 from unshutter.estimators.method import Method
-from unshutter.estimators.segment_network import FEWEST_SEGMENTS, MOST_SEGMENTS, WIDEST_ASPECT, SegmentNetwork
+from unshutter.estimators.segment_network import MOST_SEGMENTS, SegmentNetwork
 from unshutter.motion import Motion
 
 SHORT_SIDE = 512  # of the grey copy in which segments are found [px]
@@ -26,12 +26,10 @@ class SegmentTransformer(Estimator):
 
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
-        aspect = view.width / view.height
-        if max(aspect, 1 / aspect) > WIDEST_ASPECT:
-            return view.no_motion(self.name, f"the photo's sides differ by more than {WIDEST_ASPECT:g} times")
         grey = view.grey(SHORT_SIDE)
         segments = find_segments(grey, MOST_SEGMENTS)
-        if len(segments) < FEWEST_SEGMENTS:
-            return view.no_motion(self.name, f"only {len(segments)} straight segments found")
+        reason = unusable(segments, view.height, view.width)
+        if reason:
+            return view.no_motion(self.name, reason)
         coefficients = self._network.coefficients(in_rows(segments, *grey.shape), view.up)
         return view.cubic_motion(coefficients, self.name)

@@ -8,18 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unshutter.estimators.right_angles.likelihood import (
-    LOG_FOCAL,
-    MOTION,
-    ROLL,
-    TILT,
-    UNKNOWNS,
-    YAW,
-    ManhattanLikelihood,
-)
+from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
+from unshutter.estimators.right_angles.unknowns import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
 
 HALF_TRUSTED = 3.0  # px at 256 rows: the expected error at which a confidence is a half
-_CAMERA = slice(MOTION.stop, UNKNOWNS)
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
 _TILTS = np.radians([-8, 0, 8, 18, 32])
 _LOG_FOCALS = np.array([-0.35, 0.25])  # about the expected one
@@ -28,6 +20,7 @@ _FIRST_STEPS = 10  # of every start;
 _FOLLOWED = 4  # then only the best go on
 _LONGEST_STEP = 0.3
 _LEAST_GAIN = 1e-3  # of a step [nats], else the search has arrived
+_SAME = 0.3 / 256  # rows: optima closer than this are one
 
 
 @dataclass(frozen=True)
@@ -38,7 +31,7 @@ class Posterior:
         mean: [6] coefficients of u, u^2, u^3 of t_x [rows] and r_z [rad].
         covariance: [6, 6] of them.
         still: probability that there is no motion at all.
-        lines_gain: how much better than chance the segments fit at the best optimum [nats per unit of weight].
+        lines_gain: log-likelihood ratio of the segments at the best optimum against chance [nats per unit of weight].
     """
 
     mean: np.ndarray
@@ -49,7 +42,7 @@ class Posterior:
     @property
     def expected_error(self) -> float:
         """Root mean square distance [rows] between the mean's picture and the true one, over a square picture."""
-        return math.sqrt(max(float(np.sum(_DISPLACEMENT * self.covariance)), 0.0))
+        return math.sqrt(max(float(np.sum(_SQUARED_DISPLACEMENT * self.covariance)), 0.0))
 
     @property
     def size(self) -> float:
@@ -76,25 +69,26 @@ def explore(
     begin = np.concatenate([_poses(likelihood, motion, poses) for motion in (np.zeros(6), *motions)])
     everything = slice(0, UNKNOWNS)
     tried, energy, _ = descend(likelihood, begin, everything, _FIRST_STEPS)
-    promising = tried[_different(tried, energy)[:_FOLLOWED]]
+    promising = tried[_distinct(tried, energy)[:_FOLLOWED]]
     found, energy, hessian = descend(likelihood, promising, everything)
-    camera, still_energy, still_hessian = descend(likelihood, begin[:poses], _CAMERA)
-    first_of_each = _different(found, energy)
-    found, energy, hessian = found[first_of_each], energy[first_of_each], hessian[first_of_each]
-    # Laplace's approximation of each optimum's share of the evidence
+    optima = _distinct(found, energy)
+    found, energy, hessian = found[optima], energy[optima], hessian[optima]
+    at_rest, rest_energy, rest_hessian = descend(likelihood, begin[:poses], CAMERA)
+    best = int(np.argmin(rest_energy))
+    # Laplace's approximation: the logarithm of each optimum's share of the evidence
     moving = math.log(1 - still_prior) - energy - 0.5 * np.linalg.slogdet(hessian)[1]
-    moving = moving - np.log(likelihood.scales[MOTION]).sum()
-    best = int(np.argmin(still_energy))
-    at_rest = still_hessian[best, _CAMERA, _CAMERA]
-    still = math.log(still_prior) - still_energy[best] - 0.5 * np.linalg.slogdet(at_rest)[1]
-    share = np.exp(np.append(moving, still) - max(moving.max(), still))
+    moving = moving - np.log(likelihood.prior.sigma[MOTION]).sum()
+    resting = math.log(still_prior) - rest_energy[best]
+    resting = resting - 0.5 * np.linalg.slogdet(rest_hessian[best, CAMERA, CAMERA])[1]
+    share = np.exp(np.append(moving, resting) - max(moving.max(), resting))
     share = share / share.sum()
-    places = np.concatenate([found[:, MOTION], np.zeros((1, 6))])
-    spreads = np.concatenate([np.linalg.inv(hessian)[:, MOTION, MOTION], np.zeros((1, 6, 6))])
-    mean = share @ places
-    apart = places - mean
-    covariance = np.einsum("k,kij->ij", share, spreads + apart[:, :, None] * apart[:, None, :])
-    top = found[np.argmax(moving)] if share[-1] < 0.5 else camera[best]
+    # the posterior is a mixture of Gaussians, one for each optimum, and of no motion at all
+    means = np.concatenate([found[:, MOTION], np.zeros((1, 6))])
+    covariances = np.concatenate([np.linalg.inv(hessian)[:, MOTION, MOTION], np.zeros((1, 6, 6))])
+    mean = share @ means
+    apart = means - mean
+    covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
+    top = found[np.argmax(moving)] if share[-1] < 0.5 else at_rest[best]
     return Posterior(mean, covariance, float(share[-1]), float(likelihood.lines_gain(top[None])[0]))
 
 
@@ -112,7 +106,7 @@ def descend(
     Returns:
         Unknowns [S, 10], energies [S], Hessians [S, 10, 10].
     """
-    at, camera_only = begin.copy(), free == _CAMERA
+    at, camera_only = begin.copy(), free == CAMERA
     energy, gradient, hessian = likelihood.expanded(at, camera_only)
     damping = np.full(len(at), 1e-3)
     going = np.arange(len(at))
@@ -137,27 +131,32 @@ def descend(
     return at, energy, hessian
 
 
+def displacement(motion: np.ndarray) -> float:
+    """Root mean square displacement [rows] that a motion [6] does to a square picture, to first order."""
+    return math.sqrt(max(float(motion @ _SQUARED_DISPLACEMENT @ motion), 0.0))
+
+
 def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> np.ndarray:
     """[count, 10] the cameras of a grid that fit a motion best, each with another yaw."""
-    tilts = [likelihood.expected[TILT]] if likelihood.knows_tilt else _TILTS
+    expected = likelihood.prior.mean
+    tilts = _TILTS if likelihood.known.tilt is None else [expected[TILT]]
     yaw, tilt, log_focal = (a.ravel() for a in np.meshgrid(_YAWS, tilts, _LOG_FOCALS))
     grid = np.zeros((len(yaw), UNKNOWNS))
     grid[:, MOTION] = motion
     grid[:, YAW], grid[:, TILT] = yaw, tilt
-    grid[:, ROLL] = likelihood.expected[ROLL]
-    grid[:, LOG_FOCAL] = likelihood.expected[LOG_FOCAL] + log_focal
-    order = np.argsort(likelihood.energy(grid), kind="stable")
+    grid[:, ROLL] = expected[ROLL]
+    grid[:, LOG_FOCAL] = expected[LOG_FOCAL] + log_focal
     kept: list[int] = []
-    for k in order:
-        off = [(yaw[k] - yaw[j] + math.pi / 4) % (math.pi / 2) - math.pi / 4 for j in kept]
-        if all(abs(a) > _OTHER_YAW for a in off):
+    for k in np.argsort(likelihood.energy(grid), kind="stable"):
+        apart = [(yaw[k] - yaw[j] + math.pi / 4) % (math.pi / 2) - math.pi / 4 for j in kept]
+        if all(abs(angle) > _OTHER_YAW for angle in apart):
             kept.append(int(k))
         if len(kept) == count:
             break
     return grid[kept]
 
 
-def _different(found: np.ndarray, energy: np.ndarray) -> list[int]:
+def _distinct(found: np.ndarray, energy: np.ndarray) -> list[int]:
     """One index for each optimum, the best first: several starts may have led to it."""
     kept: list[int] = []
     for k in np.argsort(energy, kind="stable"):
@@ -166,19 +165,13 @@ def _different(found: np.ndarray, energy: np.ndarray) -> list[int]:
     return kept
 
 
-def displacement(motion: np.ndarray) -> float:
-    """Root mean square displacement [rows] that a motion [6] does to a square picture, to first order."""
-    return math.sqrt(max(float(motion @ _DISPLACEMENT @ motion), 0.0))
-
-
-def _displacement() -> np.ndarray:
-    """[6, 6]: motion @ this @ motion is the mean squared displacement [rows^2] that it does to a square picture."""
+def _squared_displacement() -> np.ndarray:
+    """D [6, 6]: motion @ D @ motion is the mean squared displacement [rows^2] that it does to a square picture."""
     row = np.linspace(-0.5, 0.5, 65)
     powers = (row[:, None] + 0.5) ** np.arange(1, 4)
-    along = np.concatenate([powers, -row[:, None] * powers], axis=1)
-    across = np.concatenate([0 * powers, powers / math.sqrt(12)], axis=1)  # mean square column: 1 / 12
-    return (along.T @ along + across.T @ across) / len(row)
+    J_col = np.concatenate([powers, -row[:, None] * powers], axis=1)  # t_x - row r_z
+    J_row = np.concatenate([0 * powers, powers / math.sqrt(12)], axis=1)  # col r_z; mean squared column: 1 / 12
+    return (J_col.T @ J_col + J_row.T @ J_row) / len(row)
 
 
-_DISPLACEMENT = _displacement()
-_SAME = 0.3 / 256  # rows: optima closer than this are one
+_SQUARED_DISPLACEMENT = _squared_displacement()

@@ -1,10 +1,10 @@
 """The losses of kandula2020 (paper, "Loss functions").
 
-The paper writes squared L2 norms; here every loss is a mean over valid pixels (and channels), so that the
-weights 1, 1, 0.5, 0.5 mean the same at every picture size and batch.
+The paper writes squared L2 norms; here every loss is a mean over valid pixels (and channels), so that the weights
+1, 1, 0.5, 0.5 mean the same at every picture size and batch.
 
-Masks: a pixel of a warped picture is valid where its sampling position lies inside a valid part of the source,
-so that a black pixel of the scene counts. The paper's literal rule (valid is what is not black) is there as
+Masks: a pixel of a warped picture is valid where its sampling position lies inside a valid part of the source, so that
+a black pixel of the scene counts. The paper's literal rule, by which all is valid that is not black, is
 ``mask = "black"``; for the MSE both agree wherever the scene has no black.
 """
 
@@ -30,10 +30,10 @@ class LossConfig:
     mask: str = "grid"  # grid | black (the paper's literal rule)
     regress_steps: int = 800  # first phase: the true motion is regressed for so many steps
     regress_photos: int = 50  # photos of the first phase; 0: all
-    # Weight of the regression: gradients of both phases of about one size. Adam divides by the size it remembers,
-    # and with a weight of 1 the second phase's first steps are several times too long.
+    # Weight of the regression, which gives the gradients of both phases about the same size: Adam divides by the size
+    # it remembers, and with a weight of 1 the second phase's first steps would be several times too long.
     regress: float = 30.0
-    at_a_time: int = 0  # pictures whose losses are computed together; few fit into a CPU's cache; 0: all
+    at_a_time: int = 0  # pictures whose losses are computed together, as few fit into a CPU's cache; 0: all
     regress_only: bool = False  # the paper's own ablation: no second phase, all photos
 
     def __post_init__(self) -> None:

@@ -6,10 +6,9 @@
     rectification        RS picture, warped by the trajectory looked up at the row map
     regeneration         GS picture, warped by the trajectory (training only)
 
-The paper leaves kernel sizes, channels, strides and pooling open; they are fields of the configuration. Two
-readings of our own: the last layer of the row block is linear and without batch normalisation (a residual is
-signed), and the row block works on a coarse grid that is enlarged, because what it looks for, the rotation,
-cannot be seen in the few pixels around a place.
+The paper leaves kernel sizes, channels, strides and pooling open; they are fields of the configuration. Two choices
+are ours: the last layer of the row block is linear and without batch normalisation, because a residual is signed, and
+the row block works on a coarse grid that is enlarged, because a few pixels around a place do not show the rotation.
 
 Positions and motions are as in warping.py.
 """

@@ -72,7 +72,7 @@ class KandulaRecipe(Recipe):
 
 
 class Exported(nn.Module):
-    """What is shipped: trajectory and, unless there is none or it is untrained, row map. The warp is not in it."""
+    """What is exported: the trajectory, and the row map where there is one that was trained; not the warp."""
 
     def __init__(self, network: nn.Module, rows: bool):
         super().__init__()
@@ -129,6 +129,6 @@ def _motion_error(motion: Tensor, samples: Samples) -> Tensor:
 
 
 def _idle(network: nn.Module) -> Tensor:
-    """Zero that depends on the row block: several processes must agree on which weights have gradients."""
+    """Zero that depends on the row block: several processes must have gradients for the same weights."""
     weights = [w.sum() for name, w in network.named_parameters() if "row_block." in name]
     return 0.0 * torch.stack(weights).sum() if weights else torch.zeros(())

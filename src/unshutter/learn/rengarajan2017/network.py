@@ -1,8 +1,8 @@
 """rengarajan2017: the learned predecessor (Rengarajan, Balaji, Rajagopalan, CVPR 2017), both its networks.
 
-A picture of 256 x 256 px less the mean picture goes through convolutions without padding; fully connected
-layers give t_x and r_z at 15 key rows; a quadratic through them gives every row. Rectified with the exact
-inverse of that motion, which is what the original's search over rows approximates.
+A picture of 256 x 256 px, less the mean picture, goes through convolutions without padding; fully connected layers
+give t_x and r_z at 15 key rows, and the least-squares quadratic through these gives every row. We rectify with the
+exact inverse of that motion, which the original's search over rows approximates.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ROWCOL_HEIGHTS = (64, 36, 19)  # of the row bank's kernels, 3 wide; the column 
 
 @dataclass(frozen=True)
 class Rengarajan2017Config:
-    """Which of the networks."""
+    """Which of the two networks, and its parts."""
 
     network: str = "vanilla"  # vanilla | rowcol
     batch_norm: bool = True
@@ -43,7 +43,7 @@ def build(config: Rengarajan2017Config) -> VanillaCNN | RowColCNN:
 
 
 class _KeyRows(nn.Module, ABC):
-    """What both have in common: the mean picture, and the meaning of the 30 outputs."""
+    """What both networks have in common: the mean picture, and the meaning of the 30 outputs."""
 
     mean: Tensor
 
@@ -88,7 +88,7 @@ class VanillaCNN(_KeyRows):
 
 
 class RowColCNN(_KeyRows):
-    """Two convolutions, then a bank of tall and a bank of wide kernels whose answers are added."""
+    """Two convolutions, then a bank of tall and a bank of wide kernels whose outputs are added."""
 
     def __init__(self, config: Rengarajan2017Config):
         super().__init__()

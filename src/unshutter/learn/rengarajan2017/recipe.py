@@ -1,4 +1,4 @@
-"""How rengarajan2017 is trained: the motion at the key rows regressed (facts of the original's program)."""
+"""How rengarajan2017 is trained: by regression of the motion at the key rows, as in the original's program."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class RengarajanRecipe(Recipe):
         self.data = PixelData(pixels, device)
 
     def build(self) -> nn.Module:
-        """A new network that knows the mean RS picture."""
+        """A new network, with the mean of some RS pictures."""
         network: VanillaCNN | RowColCNN = build(self.network_config)
         generator = torch.Generator(self.device).manual_seed(_MEAN_SEED)
         means = [self.data.batch(16, generator).rs.mean(0) for _ in range(_MEAN_BATCHES)]

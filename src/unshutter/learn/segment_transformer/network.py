@@ -1,8 +1,8 @@
 """The network of the estimator ``segment-transformer``: line segments in, row motion out.
 
-A set of segments (tokens) goes through a small transformer without positional encoding; learned latents read
-it out; a head gives the coefficients of two cubics. The estimate moves the segments to where a global shutter
-would have seen them, and the same network corrects what is left, ``iterations`` times.
+A set of segments (tokens) goes through a small transformer without positional encoding. Learned latents attend to them,
+and a head gives the coefficients of two cubics. The estimate moves the segments to where a global shutter would have
+seen them, and the same network corrects what is left, ``iterations`` times.
 """
 
 from __future__ import annotations

@@ -65,10 +65,10 @@ class SegmentRecipe(Recipe):
 
 
 class MirroredStep(nn.Module):
-    """One iteration as it is shipped: the correction averaged over the picture and its mirror image.
+    """One iteration as it is exported: the correction averaged over the picture and its mirror image.
 
-    Mirroring left and right turns (t_x, r_z) into (-t_x, -r_z); the average of both answers is exactly
-    antisymmetric, and a little more accurate than either.
+    Mirroring left and right turns (t_x, r_z) into (-t_x, -r_z). The average of both answers is exactly antisymmetric,
+    and a little more accurate than either.
     """
 
     mirror: Tensor

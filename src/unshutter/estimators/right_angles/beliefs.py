@@ -1,0 +1,71 @@
+"""What is believed of a photo before its segments are looked at: of photos in general, of this one, of its motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+_DEGREE = math.pi / 180
+
+
+@dataclass(frozen=True)
+class Beliefs:
+    """What is expected of photos in general; found on photos set aside for that (docs/own-model.md).
+
+    Sigmas are standard deviations. Angles in radians, lengths in px of the picture in which segments were found.
+    """
+
+    sigma_exact: float = 0.002  # of the directions of well-built edges, on top of the detector's
+    sigma_sloppy: float = 0.02  # and of the others, which are
+    sloppy_share: float = 0.5
+    sigma_end_px: float = 0.3  # detector noise: this over the length
+    outlier_share: float = 0.3  # segments that point anywhere
+    vertical_share: float = 0.34  # verticals among the others
+    full_weight_px: float = 64.0  # shorter segments count less, in proportion
+    independent_share: float = 0.4  # segments that tell something new: windows repeat each other's errors
+    sigma_roll: float = 0.8 * _DEGREE
+    sigma_askew: float = 4 * _DEGREE  # roll of the cameras that were not held with care,
+    askew_share: float = 0.1  # and how many they are
+    sigma_tilt: float = 9 * _DEGREE
+    sigma_steep: float = 25 * _DEGREE  # tilt of the cameras that look up at towers or down from them,
+    steep_share: float = 0.15  # and how many they are
+    median_focal_rows: float = 1.7  # of a picture as high as wide
+    sigma_log_focal: float = 0.35
+    sigma_known_log_focal: float = 0.05  # where EXIF or the user says it
+    sigma_known_attitude: float = 0.5 * _DEGREE  # of a known roll or tilt (accelerometer, gimbal)
+    sigma_tx: tuple[float, float, float] = (0.06, 0.08, 0.01)  # of the coefficients of t_x
+    sigma_rz: tuple[float, float, float] = (0.07, 0.06, 0.01)  # and r_z
+
+
+@dataclass(frozen=True)
+class KnownCamera:
+    """What is known of the camera that took this photo.
+
+    Attributes:
+        up: unit vector (right, down) to the scene's top.
+        log_focal: logarithm of the focal length [rows] (EXIF, the user); None: unknown.
+        roll, tilt: how the scene is turned in the picture, clockwise, and how far the camera looked up [rad] (gimbal,
+            accelerometer); None: unknown.
+    """
+
+    up: tuple[int, int] = (0, -1)
+    log_focal: float | None = None
+    roll: float | None = None
+    tilt: float | None = None
+
+
+@dataclass(frozen=True)
+class SecondOpinion:
+    """Another estimate of the motion, with heavy-tailed errors (Student's t).
+
+    Attributes:
+        motion: [6] coefficients.
+        precision: [6, 6] inverse of the scale matrix of its errors.
+        freedom: degrees of freedom; the fewer, the more readily it is overruled.
+    """
+
+    motion: np.ndarray
+    precision: np.ndarray
+    freedom: float = 3.0

@@ -1,0 +1,89 @@
+"""The prior of a photo's unknowns: what is believed of photos, known of this one's camera, guessed of its motion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, SecondOpinion
+from unshutter.estimators.right_angles.unknowns import MOTION, ROLL, TILT, UNKNOWNS
+
+
+class Prior:
+    """Gaussians, for roll and tilt mixtures of two, and Student's t about a second opinion.
+
+    Args:
+        beliefs: of photos in general.
+        known: of this photo's camera.
+        aspect: width / height of the picture.
+        opinion: another estimate to be weighed in.
+
+    Attributes:
+        mean: [10] what is expected.
+        sigma: [10] standard deviations (of roll and tilt, of the usual part of the mixture).
+    """
+
+    def __init__(self, beliefs: Beliefs, known: KnownCamera, aspect: float, opinion: SecondOpinion | None = None):
+        b = beliefs
+        log_focal, sigma_log_focal = math.log(b.median_focal_rows * (1 + aspect) / 2), b.sigma_log_focal
+        if known.log_focal is not None:
+            log_focal, sigma_log_focal = known.log_focal, b.sigma_known_log_focal
+        self.mean = np.array([*[0.0] * 6, known.roll or 0.0, known.tilt or 0.0, log_focal, 0.0])
+        any_yaw = 1e3
+        self.sigma = np.array([*b.sigma_tx, *b.sigma_rz, b.sigma_roll, b.sigma_tilt, sigma_log_focal, any_yaw])
+        # of roll and tilt: sigmas of the usual and the rare part, share of the rare one
+        measured = b.sigma_known_attitude, b.sigma_known_attitude, 0.5
+        self._mixtures = {
+            ROLL: measured if known.roll is not None else (b.sigma_roll, b.sigma_askew, b.askew_share),
+            TILT: measured if known.tilt is not None else (b.sigma_tilt, b.sigma_steep, b.steep_share),
+        }
+        self._opinion = opinion
+
+    def expanded(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Minus its logarithm [S], the gradient [S, 10], and a positive definite Hessian [S, 10, 10].
+
+        The Hessian leaves out how the parts of a mixture, and the trust in an opinion, change with the unknowns.
+        Normalised as far as it differs between photos' hypotheses, so that those of all kinds compare.
+        """
+        off = unknowns - self.mean
+        precision = np.broadcast_to(1 / self.sigma**2, unknowns.shape).copy()
+        scaled = off / self.sigma
+        energy = np.zeros(len(unknowns))
+        for k, mixture in self._mixtures.items():
+            scaled[:, k] = 0
+            part, precision[:, k] = _two_gaussians(off[:, k], *mixture)
+            energy += part
+        energy += 0.5 * (scaled**2).sum(-1)
+        gradient = precision * off
+        hessian = precision[:, :, None] * np.eye(UNKNOWNS)
+        if self._opinion is not None:
+            part, J_motion, H_motion = _student_t(unknowns[:, MOTION] - self._opinion.motion, self._opinion)
+            energy = energy + part
+            gradient[:, MOTION] += J_motion
+            hessian[:, MOTION, MOTION] += H_motion
+        return energy, gradient, hessian
+
+
+def _two_gaussians(off: np.ndarray, usual: float, rare: float, rare_share: float) -> tuple[np.ndarray, np.ndarray]:
+    """E = -log sum_j share_j / sigma_j exp(-off^2 / 2 sigma_j^2) of off [S], and the precision P in dE/doff = P off."""
+    log_usual, log_rare = (
+        math.log(share / sigma) - 0.5 * (off / sigma) ** 2
+        for share, sigma in ((1 - rare_share, usual), (rare_share, rare))
+    )
+    log_both = np.logaddexp(log_usual, log_rare)
+    is_usual = np.exp(log_usual - log_both)
+    return -log_both, is_usual / usual**2 + (1 - is_usual) / rare**2
+
+
+def _student_t(off: np.ndarray, opinion: SecondOpinion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """E = (nu + 6) / 2 log(1 + off^T P off / nu) of off [S, 6], dE/doff = t P off, and t P, where t is the trust.
+
+    t = (nu + 6) / (nu + off^T P off).
+    """
+    nu, dimensions = opinion.freedom, off.shape[1]
+    pulled = off @ opinion.precision
+    distance2 = (pulled * off).sum(-1)
+    trust = (nu + dimensions) / (nu + distance2)
+    energy = 0.5 * (nu + dimensions) * np.log1p(distance2 / nu)
+    return energy, trust[:, None] * pulled, trust[:, None, None] * opinion.precision

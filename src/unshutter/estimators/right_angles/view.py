@@ -1,0 +1,65 @@
+"""From a photo to the likelihood of its segments, and from its posterior to a motion: what methods share."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from unshutter.estimators.base import View
+from unshutter.estimators.lines.segments import find_segments, in_rows
+from unshutter.estimators.right_angles.beliefs import KnownCamera, SecondOpinion
+from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
+from unshutter.estimators.right_angles.search import Posterior
+from unshutter.motion import Motion
+
+SHORT_SIDE = 768  # of the grey copy in which segments are found [px]
+MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better, and finds more of them
+MOST_SEGMENTS = 320  # the longest are kept
+LEAST_GAIN = -0.2  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
+LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring
+
+# Motions to start from beside none: t_x [rows] and r_z [rad] growing evenly to this at the last row
+STARTS = [np.eye(6)[k] * size for k, size in ((0, 0.12), (0, -0.12), (3, 0.08), (3, -0.08))]
+
+
+def segments_of(view: View) -> tuple[np.ndarray, tuple[int, int]]:
+    """[N, 4] segments in centred units of rows, and (height, width) of the copy in which they were found [px]."""
+    grey = view.grey(SHORT_SIDE)
+    factor = min(SHORT_SIDE / min(view.height, view.width), MOST_ENLARGED)
+    if factor > 1:
+        size = (round(view.width * factor), round(view.height * factor))
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_CUBIC)
+    return in_rows(find_segments(grey, MOST_SEGMENTS), *grey.shape), (grey.shape[0], grey.shape[1])
+
+
+def likelihood_of(
+    view: View, segments: np.ndarray, size: tuple[int, int], opinion: SecondOpinion | None = None
+) -> ManhattanLikelihood:
+    """The likelihood of a photo's segments, with focal length, roll and tilt where the user or EXIF knows them.
+
+    Args:
+        view: the photo.
+        segments, size: as :func:`segments_of` returns them.
+        opinion: another estimate to be weighed in.
+    """
+    focal_px = view.known_focal_px()
+    roll_deg, tilt_deg = view.attitude_deg()
+    known = KnownCamera(
+        up=view.up,
+        log_focal=math.log(focal_px / view.height) if focal_px else None,
+        # a camera turned clockwise sees the scene turned the other way
+        roll=None if roll_deg is None else -math.radians(roll_deg),
+        tilt=None if tilt_deg is None else math.radians(tilt_deg),
+    )
+    return ManhattanLikelihood(segments, size[0], size[1] / size[0], known=known, opinion=opinion)
+
+
+def motion_of(posterior: Posterior, view: View, estimator: str) -> Motion:
+    """The posterior's mean as a motion; none, with the reason, where it is not to be believed."""
+    if posterior.lines_gain < LEAST_GAIN:
+        return view.no_motion(estimator, "the photo shows no right angles")
+    if posterior.size > LARGEST:
+        return view.no_motion(estimator, "what fits the lines is more motion than hands can do")
+    return view.cubic_motion(posterior.mean.reshape(2, 3), estimator, posterior.confidence)

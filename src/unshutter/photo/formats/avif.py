@@ -1,0 +1,122 @@
+"""AVIF.
+
+Source: ISO/IEC 23008-12 (HEIF), AV1 Image File Format.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
+
+from unshutter.photo.formats import boxes, by_libvips
+from unshutter.photo.formats.base import Coding, Header, WrittenFormat
+from unshutter.photo.libvips import field
+from unshutter.photo.metadata import Metadata
+from unshutter.photo.source import Source
+from unshutter.photo.tags import colours, exif
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pyvips
+
+_SIGNATURE = re.compile(rb"....ftyp(avis|(....)*avif)", re.DOTALL)
+
+
+@final
+class Avif(WrittenFormat):
+    """AVIF: 8, 10 or 12 bits, RGB; grey inside the file is shown as three channels by the decoder."""
+
+    name = written_as = "avif"
+    suffixes = (".avif",)
+    longest_side, deep, grey, alpha = 16_384, True, False, True
+
+    def recognises(self, head: bytes, suffix: str) -> bool:
+        """See Format."""
+        return _SIGNATURE.match(head) is not None
+
+    def read_header(self, source: Source) -> Header:
+        """See Format. The orientation is that of the boxes, by which the decoder turns; EXIF has no say in it."""
+        boxes.refuse_animation(source)
+        image = by_libvips.opened(source, "heifload")
+        with source.stream() as stream:
+            own = boxes.read_coding(stream)
+        coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
+        metadata = Metadata.of_image(image)
+        if metadata.icc is None:
+            metadata = replace(metadata, icc=colours.profile_of(*own.code_points, source))
+        header = by_libvips.header(self, source, image, coding, metadata, pictures=1)
+        size = (header.height, header.width)
+        height, width = size[::-1] if own.orientation >= 5 else size
+        bands = header.bands - 2 if own.grey else header.bands
+        return replace(header, height=height, width=width, bands=bands, orientation=own.orientation)
+
+    def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
+        """See Format."""
+        pixels = by_libvips.decoded(source, "heifload")
+        if header.bands <= 2 < pixels.shape[2]:
+            pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
+        return boxes.unturned(pixels, header.orientation)
+
+    def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
+        """See WrittenFormat. libvips writes EXIF, too: :meth:`embed` takes its place."""
+        deep = coding.bits if coding.bits in (10, 12) else 12
+        options = {
+            "compression": "av1",
+            "Q": quality or 80,
+            "effort": 2,  # seven times as fast as the default at two per cent more bytes
+            "bitdepth": deep if image.format == "ushort" else 8,
+            "subsample_mode": "on" if coding.subsampled else "off",
+        }
+        return by_libvips.encoded(image, "heifsave", path, with_exif=True, **options)
+
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+        """See WrittenFormat. Appends the blob, and makes the item of the old one, which is zeroed, point to it."""
+        blob = field(image, "exif-data")
+        old = None if blob is None else _exif_extent(file)
+        if blob is None or old is None:
+            return
+        end = file.seek(0, 2)
+        content = struct.pack(">I", len(exif.PREFIX)) + exif.PREFIX + blob.removeprefix(exif.PREFIX)
+        file.write(struct.pack(">I4s", 8 + len(content), b"mdat") + content)
+        file.seek(old.base + old.offset)
+        file.write(bytes(old.length))
+        file.seek(old.numbers_at)
+        file.write(struct.pack(">II", end + 8 - old.base, len(content)))
+
+
+class _Extent(NamedTuple):
+    """Where an item of a box file is.
+
+    Attributes:
+        numbers_at: place of two 32-bit numbers: offset, counted from ``base``, and length.
+        base, offset, length: as they are there.
+    """
+
+    numbers_at: int
+    base: int
+    offset: int
+    length: int
+
+
+def _exif_extent(file: BinaryIO) -> _Extent | None:
+    """Where an AVIF says that its EXIF is; None without EXIF, or where it is not told as libheif does it."""
+    try:
+        meta = boxes.top_level(file, b"meta")
+        iinf, iloc = (dict(boxes.inside(meta[4:]))[name] for name in (b"iinf", b"iloc"))
+        entries = (content for name, content in boxes.inside(iinf[6:]) if name == b"infe")
+        (item,) = [struct.unpack_from(">H", infe, 4)[0] for infe in entries if infe[8:12] == b"Exif"]
+        if iinf[0] != 0 or iloc[0] != 0 or iloc[4:6] != b"\x44\x40":  # versions; offset, length and base of 32 bits
+            return None
+        (count,), at = struct.unpack_from(">H", iloc, 6), 8
+        for _ in range(count):
+            name, place, base, extents = struct.unpack_from(">HHIH", iloc, at)
+            if name == item and (place, extents) == (0, 1):
+                numbers_at = file.tell() - len(meta) + meta.index(iloc) + at + 10
+                return _Extent(numbers_at, base, *struct.unpack_from(">II", iloc, at + 10))
+            at += 10 + 8 * extents
+    except (KeyError, IndexError, ValueError, struct.error):
+        pass
+    return None

@@ -1,0 +1,146 @@
+"""What a file format is: how it is recognised, read and written. Each format is one file beside this one."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, ClassVar
+
+from unshutter.options import PictureFormat
+from unshutter.photo.metadata import Metadata
+from unshutter.photo.source import Source
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pyvips
+
+
+@dataclass(frozen=True)
+class Coding:
+    """How a picture was encoded, to encode its successor alike.
+
+    Attributes:
+        quality: JPEG quality, 1 ... 100.
+        subsampled: chroma at half resolution.
+        lossless: WebP only.
+        bits: of a sample.
+        compression: TIFF's number of it.
+    """
+
+    quality: int | None = None
+    subsampled: bool = False
+    lossless: bool = False
+    bits: int = 8
+    compression: int | None = None
+
+
+@dataclass(frozen=True)
+class Header:
+    """What is known of a picture that is not decoded yet.
+
+    Attributes:
+        format: of the file.
+        coding: how it is encoded.
+        height, width: of the stored pixels [px].
+        bands: channels, alpha included.
+        orientation: EXIF orientation 1-8 of the stored pixels.
+        metadata: what goes to its successors.
+    """
+
+    format: Format
+    coding: Coding
+    height: int
+    width: int
+    bands: int
+    orientation: int
+    metadata: Metadata
+
+
+class Format(ABC):
+    """A file format that is read.
+
+    Attributes:
+        name: as in ``Photo.format``.
+        suffixes: of its files, the usual one first.
+        written_as: name of the format that results get: its own, or another where it is only read.
+        shrinks: how many times smaller pictures can be decoded, for less work; from the largest down.
+    """
+
+    name: ClassVar[str]
+    suffixes: ClassVar[tuple[str, ...]]
+    written_as: ClassVar[str]
+    shrinks: ClassVar[tuple[int, ...]] = ()
+
+    @abstractmethod
+    def recognises(self, head: bytes, suffix: str) -> bool:
+        """Whether a file is of this format.
+
+        Args:
+            head: its first 64 bytes.
+            suffix: the ending of its name in lower case, which may lie; empty for data in memory.
+        """
+
+    @abstractmethod
+    def read_header(self, source: Source) -> Header:
+        """Reads what a file says about its picture.
+
+        Raises:
+            UnshutterError: damaged, of a kind that unshutter does not take, or in need of an extra that is missing.
+            OSError: it cannot be read.
+        """
+
+    @abstractmethod
+    def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
+        """All stored pixels, decoded now.
+
+        Args:
+            source: what to decode.
+            header: what :meth:`read_header` says of it.
+            shrink: 1, or one of ``shrinks``: every so many rows and columns become one, rounded up.
+
+        Returns:
+            [H, W, bands] uint8 or uint16, not to be written to (very large pictures lie in a temporary file).
+
+        Raises:
+            UnshutterError: the data are damaged or end too early.
+        """
+
+
+class WrittenFormat(Format):
+    """A file format that is written, too.
+
+    Attributes:
+        longest_side: [px] that it can hold.
+        deep: whether it holds more than 8 bits.
+        grey, alpha: whether it holds pictures of one channel, and transparency.
+    """
+
+    name: ClassVar[PictureFormat]
+    longest_side: ClassVar[int]
+    deep: ClassVar[bool]
+    grey: ClassVar[bool]
+    alpha: ClassVar[bool]
+
+    @abstractmethod
+    def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
+        """Encodes an image into a file, or into bytes without ``path``; ``pyvips.Error`` on failure.
+
+        Args:
+            image: pixels that the format can hold, and metadata as :meth:`Metadata.on` puts them there.
+            coding: how its predecessor was encoded.
+            quality: 1-100; None: like its predecessor's.
+            path: the file.
+        """
+
+    @abstractmethod
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+        """Puts EXIF, and what else libvips does not write well, into what :meth:`encode` made of the image.
+
+        libvips would take EXIF apart and write it anew: tags that it does not know are lost, and makers' notes move,
+        which breaks those that point to places counted from the blob's beginning.
+
+        Args:
+            file: seekable, open for reading and writing.
+            image: the same that was encoded.
+        """

@@ -1,0 +1,111 @@
+"""The steps that are the same for all formats that libvips reads and writes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from unshutter.errors import UnshutterError
+from unshutter.photo.formats.base import Coding, Format, Header
+from unshutter.photo.libvips import computed, field, refusing
+from unshutter.photo.metadata import Metadata
+from unshutter.photo.source import Source
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pyvips
+
+_KEEP_EXIF, _KEEP_XMP, _KEEP_IPTC, _KEEP_ICC, _KEEP_OTHER = 1, 2, 4, 8, 16  # libvips's flags
+_KEEP = _KEEP_XMP | _KEEP_IPTC | _KEEP_ICC | _KEEP_OTHER
+_SAMPLES = {
+    "float": "32-bit float",
+    "double": "64-bit float",
+    "uint": "32-bit",
+    "int": "32-bit signed",
+    "char": "8-bit signed",
+    "short": "16-bit signed",
+}
+
+
+def opened(source: Source, operation: str) -> pyvips.Image:
+    """The picture, its pixels not decoded yet.
+
+    Raises:
+        UnshutterError: libvips cannot make sense of it.
+    """
+    with refusing(f"{source} is damaged, incomplete or unusual"):
+        image = source.load(operation, access="sequential")
+        image.get_fields()  # their names may be damaged, too
+    return image
+
+
+def header(
+    format: Format,
+    source: Source,
+    image: pyvips.Image,
+    coding: Coding,
+    metadata: Metadata,
+    pictures: int | None = None,
+) -> Header:
+    """The header of a picture as libvips sees it.
+
+    Args:
+        format: of the file.
+        source: the file.
+        image: its picture, not decoded yet.
+        coding: how it is encoded.
+        metadata: of the picture.
+        pictures: in the file; None: as libvips counts them.
+
+    Raises:
+        UnshutterError: several pictures, or pixels of a kind that unshutter does not take.
+    """
+    count = field(image, "n-pages", 1) if pictures is None else pictures
+    if count > 1:
+        raise UnshutterError(f"{source} holds {count} pictures: unshutter takes single photos, save them one by one")
+    _check_pixels(source, image)
+    orientation = field(image, "orientation", 1)
+    orientation = orientation if 1 <= orientation <= 8 else 1
+    return Header(format, coding, image.height, image.width, image.bands, orientation, metadata)
+
+
+def _check_pixels(source: Source, image: pyvips.Image) -> None:
+    """Refuses CMYK or CIELAB colours, samples other than 8 or 16 bits unsigned, more than four channels."""
+    if image.interpretation == "cmyk":
+        raise UnshutterError(f"{source} is in CMYK colours: convert it to RGB first")
+    if image.interpretation in ("lab", "labs", "labq", "lch", "xyz", "yxy", "hsv"):
+        raise UnshutterError(f"{source} is in {str(image.interpretation).upper()} colours: convert it to RGB first")
+    if image.format not in ("uchar", "ushort"):
+        kind = _SAMPLES.get(str(image.format), str(image.format))
+        raise UnshutterError(f"{source} has {kind} samples: convert it to 8 or 16 bits first")
+    if image.bands > 4:
+        raise UnshutterError(f"{source} has {image.bands} channels: convert it to grey or RGB first")
+
+
+def decoded(source: Source, operation: str) -> np.ndarray:
+    """The pixels [H, W, bands].
+
+    Raises:
+        UnshutterError: damaged or incomplete. (Of PNG and TIFF libvips warns much that harms nothing.)
+    """
+    with refusing(f"{source} is damaged or incomplete"):
+        return computed(source.load(operation, access="sequential", fail_on="error"))
+
+
+def encoded(
+    image: pyvips.Image, operation: str, path: Path | None, with_exif: bool = False, **options: Any
+) -> bytes | None:
+    """A file of the image and its metadata, or its bytes without ``path``; ``pyvips.Error`` on failure.
+
+    Args:
+        image: pixels and metadata.
+        operation: libvips's.
+        path: the file.
+        with_exif: whether libvips is to write EXIF, too, if the image has any.
+        options: of the operation.
+    """
+    options["keep"] = _KEEP | _KEEP_EXIF if with_exif and field(image, "exif-data") is not None else _KEEP
+    if path is None:
+        return getattr(image, operation + "_buffer")(**options)
+    return getattr(image, operation)(os.fsencode(path), **options)

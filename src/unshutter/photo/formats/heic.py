@@ -1,0 +1,119 @@
+"""HEIC, read through libheif (package pi-heif, extra ``heic``).
+
+A HEIC file holds the pixels as the sensor was read; its boxes irot and imir say how a viewer is to turn and mirror
+them. libheif does that while decoding and cannot be told not to: what it gives is turned back here.
+
+Source: ISO/IEC 23008-12 (HEIF).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, BinaryIO, final
+
+from unshutter.errors import UnshutterError
+from unshutter.photo.formats import boxes
+from unshutter.photo.formats.base import Coding, Format, Header
+from unshutter.photo.metadata import Metadata
+from unshutter.photo.source import Source
+from unshutter.photo.tags import colours
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_SIGNATURE = re.compile(rb"....ftyp(hevc|hevx|msf1|(....)*(hei[cxms]|mif1))", re.DOTALL)
+
+
+@final
+class Heic(Format):
+    """HEIC: only read."""
+
+    name, written_as = "heic", "avif"
+    suffixes = (".heic", ".heif", ".hif")
+
+    def recognises(self, head: bytes, suffix: str) -> bool:
+        """See Format."""
+        return _SIGNATURE.match(head) is not None
+
+    def read_header(self, source: Source) -> Header:
+        """See Format."""
+        boxes.refuse_animation(source)
+        picture = _primary(source)
+        info = picture.info
+        with source.stream() as stream:
+            own = boxes.read_coding(stream)
+        width, height = picture.size[::-1] if own.orientation >= 5 else picture.size
+        profile, packet = info.get("icc_profile") or colours.profile_of(*own.code_points, source), info.get("xmp")
+        metadata = Metadata(
+            exif=info.get("exif"),
+            icc=bytes(profile) if profile else None,
+            xmp=bytes(packet) if packet else None,
+        )
+        coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"])
+        return Header(self, coding, height, width, len(_channels(picture)), own.orientation, metadata)
+
+    def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
+        """See Format."""
+        pixels = boxes.unturned(_turned_pixels(source), header.orientation)
+        if pixels.shape != (header.height, header.width, header.bands):
+            raise UnshutterError(f"{source} is damaged: it holds another picture than it says")
+        return pixels
+
+
+def _turned_pixels(source: Source) -> np.ndarray:
+    """[H, W, bands] uint8 or uint16 of the primary picture, turned and mirrored as the file asks."""
+    import numpy as np
+
+    picture = _primary(source)
+    try:
+        pixels = np.array(picture)  # copied: what pi-heif gives goes with its picture
+    except Exception as error:  # libheif's, by whatever class pi-heif gives them
+        raise UnshutterError(f"{source} is damaged or incomplete: {_cause(error)}") from None
+    pixels = pixels.reshape(*pixels.shape[:2], -1)
+    if _channels(picture).endswith("a"):  # colours multiplied by the opacity
+        top = np.iinfo(pixels.dtype).max
+        opacity = np.maximum(pixels[..., -1:], 1) / top
+        plain = np.minimum(np.round(pixels[..., :-1] / opacity), top).astype(pixels.dtype)
+        pixels = np.concatenate([plain, pixels[..., -1:]], axis=2)
+    pixels.setflags(write=False)
+    return pixels
+
+
+def _channels(picture: Any) -> str:
+    """One letter a channel."""
+    return picture.mode.partition(";")[0]
+
+
+def _primary(source: Source) -> Any:
+    try:
+        import pi_heif
+    except ImportError:
+        raise UnshutterError(f"{source} is a HEIC photo: to read it, pip install 'unshutter[heic]'") from None
+    try:
+        with source.stream() as stream:
+            if not _item_names_are_text(stream):
+                raise ValueError("names of its parts are no text")
+            file = pi_heif.open_heif(stream, convert_hdr_to_8bit=False)
+            if not len(file):
+                raise ValueError("it holds no picture")
+            return file[file.primary_index]
+    except OSError as error:
+        if error.strerror:
+            raise
+        raise UnshutterError(f"{source} is a HEIC photo, damaged, incomplete or unusual: {_cause(error)}") from None
+    except Exception as error:
+        raise UnshutterError(f"{source} is a HEIC photo, damaged, incomplete or unusual: {_cause(error)}") from None
+
+
+def _item_names_are_text(file: BinaryIO) -> bool:
+    """Whether the types of all items are ASCII; where not, pi-heif crashes (1.4)."""
+    try:
+        iinf = dict(boxes.inside(boxes.top_level(file, b"meta")[4:]))[b"iinf"]
+    except KeyError:
+        return True  # told by others
+    entries = (content for name, content in boxes.inside(iinf[6 if iinf[:1] == b"\0" else 8 :]) if name == b"infe")
+    return all(byte < 128 for entry in entries for byte in entry[8:])
+
+
+def _cause(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

@@ -1,0 +1,148 @@
+"""Cameras' raw files, developed through LibRaw (package rawpy, extra ``raw``).
+
+Developed plainly, so that photos of a series stay comparable: the camera's white balance, no brightening, sRGB, 16
+bits. Rows stay rows of the sensor: LibRaw is kept from turning the picture, and knows no lens corrections.
+
+Most raw files are TIFFs, some of them under another magic number. Fuji's holds a JPEG that has EXIF, Canon's newest
+is a box file like HEIC with a TIFF for each directory. Of other kinds no tags are read.
+
+Source: the public descriptions of these formats by exiftool.org and github.com/lclevy/canon_cr3 (facts only).
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, BinaryIO, final
+
+from unshutter.errors import UnshutterError
+from unshutter.photo.formats import boxes, jpeg
+from unshutter.photo.formats.base import Coding, Format, Header
+from unshutter.photo.libvips import libvips
+from unshutter.photo.metadata import Metadata
+from unshutter.photo.source import Source
+from unshutter.photo.tags import exif, iptc, xmp
+from unshutter.photo.tags.directories import EXIF, GPS, SUBFILE_TYPE, Directory, Tree, read_tree
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_CAMERAS = "dng 3fr arw cr2 cr3 crw erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
+_SIGNATURE = re.compile(
+    rb"II\*\0....CR|IIRO|IIRS|MMOR|IIU\0|FUJIFILM|FOVb|\0MRM|......HEAPCCDR|....ftypcrx ", re.DOTALL
+)
+_DNG_VERSION = 0xC612
+_OTHER_MAGIC = (b"IIRO", b"IIRS", b"MMOR", b"IIU\0")  # Olympus, Panasonic
+_MAGIC = {b"II": b"II*\0", b"MM": b"MM\0*"}
+_CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
+# LibRaw's flip (1: left-right, 2: top-bottom, 4: then transposed) -> EXIF orientation
+_ORIENTATION = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
+_SRGB_CURVE = (2.4, 12.92)
+
+
+@final
+class Raw(Format):
+    """Raw files of all makers that LibRaw knows: only read, as 16-bit RGB."""
+
+    name, written_as = "raw", "tiff"
+    suffixes = tuple(f".{ending}" for ending in _CAMERAS.split())
+
+    def recognises(self, head: bytes, suffix: str) -> bool:
+        """See Format. Not all kinds of raw files can be told by their beginning."""
+        return _SIGNATURE.match(head) is not None or suffix in self.suffixes
+
+    def read_header(self, source: Source) -> Header:
+        """See Format."""
+        with _opened(source) as raw:
+            sizes = raw.sizes
+        with source.stream() as stream:
+            tree = read_tags(stream)
+        metadata = Metadata(
+            exif=exif.of_tiff(tree) if tree else None,
+            icc=libvips().Image.profile_load("srgb"),
+            xmp=(tree.data(xmp.TIFF_TAG) or None) if tree else None,
+            resources=iptc.of_tiff(tree) if tree else None,
+        )
+        orientation = _ORIENTATION.get(sizes.flip, 1)
+        return Header(self, Coding(bits=16), sizes.iheight, sizes.iwidth, 3, orientation, metadata)
+
+    def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
+        """See Format."""
+        import rawpy
+
+        with _opened(source) as raw:
+            raw.unpack()
+            pixels = raw.postprocess(
+                rawpy.Params(
+                    user_flip=0,
+                    output_bps=16,
+                    use_camera_wb=True,
+                    no_auto_bright=True,
+                    gamma=_SRGB_CURVE,
+                    output_color=rawpy.ColorSpace.sRGB,
+                )
+            )
+        if pixels.shape != (header.height, header.width, 3):
+            raise UnshutterError(f"{source} cannot be developed: LibRaw turned or cut it")
+        return pixels
+
+
+@contextmanager
+def _opened(source: Source) -> Iterator[Any]:
+    try:
+        import rawpy
+    except ImportError:
+        raise UnshutterError(f"{source} is a camera's raw file: to read it, pip install 'unshutter[raw]'") from None
+    try:
+        with source.stream() as stream, rawpy.RawPy() as raw:
+            raw.open_buffer(stream)
+            yield raw
+    except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError) as error:
+        told = error.args[0] if error.args else type(error).__name__
+        cause = told.decode(errors="replace") if isinstance(told, bytes) else str(told)
+        raise UnshutterError(f"cannot read {source} as a camera's raw file: {cause}") from None
+
+
+# ---- tags ----------------------------------------------------------------------------------------------
+
+
+def is_raw(tree: Tree) -> bool:
+    """Whether a TIFF is a DNG, or begins with a preview as the raw files of Nikon and Sony do."""
+    return _DNG_VERSION in tree.pages[0] or bool((tree.number(SUBFILE_TYPE) or 0) & 1)
+
+
+def read_tags(file: BinaryIO) -> Tree | None:
+    """The directories of a raw file; None where there are none that can be read."""
+    file.seek(0)
+    head = file.read(96)
+    if head[:4] in _OTHER_MAGIC:
+        file.seek(4)
+        return read_tree(io.BytesIO(_MAGIC[head[:2]] + file.read()))
+    if head.startswith(b"FUJIFILM") and len(head) == 96:
+        start, length = struct.unpack_from(">II", head, 84)
+        file.seek(start)
+        return exif.read(jpeg.exif_of(io.BytesIO(file.read(length))))
+    if head[4:12] == b"ftypcrx ":
+        return _canon_tags(file)
+    return read_tree(file)
+
+
+def _canon_tags(file: BinaryIO) -> Tree | None:
+    """One tree of the three that a CR3 has for its first directory, EXIF and GPS; the maker's note stays behind."""
+    try:
+        own = dict(boxes.inside(boxes.top_level(file, b"moov"))).get(b"uuid", b"")
+    except KeyError:
+        return None
+    parts = dict(boxes.inside(own[16:])) if own.startswith(_CANON) else {}
+    first, details, place = (read_tree(io.BytesIO(parts.get(name, b""))) for name in (b"CMT1", b"CMT2", b"CMT4"))
+    if first is None:
+        return None
+    more: Directory = {
+        tag: tree.pages[0]
+        for tag, tree in ((EXIF, details), (GPS, place))
+        if tree is not None and tree.order == first.order
+    }
+    return Tree(first.order, [first.pages[0] | more])

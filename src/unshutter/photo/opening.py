@@ -1,0 +1,51 @@
+"""From encoded data to what they say about their picture, before any of its pixels are decoded."""
+
+from __future__ import annotations
+
+from unshutter.errors import UnshutterError
+from unshutter.photo.formats import FORMATS
+from unshutter.photo.formats.base import Format, Header
+from unshutter.photo.source import Source
+
+_HEAD_BYTES = 64
+
+
+def read_header(source: Source, max_pixels: int) -> Header:
+    """Reads it.
+
+    Raises:
+        UnshutterError: missing, unreadable, of no format that is read, damaged, of a kind that the package does not
+            work on, more pixels than ``max_pixels``, or in need of an extra that is not installed.
+    """
+    format = recognise(source)
+    try:
+        header = format.read_header(source)
+    except OSError as error:
+        raise UnshutterError(f"cannot read {source}: {error.strerror}") from None
+    if header.width * header.height > max_pixels:
+        size = f"{header.width}x{header.height} px ({header.width * header.height / 1e6:.0f} megapixels)"
+        raise UnshutterError(f"{source} has {size}, more than the limit of {max_pixels / 1e6:g} megapixels")
+    return header
+
+
+def recognise(source: Source) -> Format:
+    """The format of encoded data, by their first bytes: endings may lie.
+
+    Raises:
+        UnshutterError: missing, unreadable, empty, or of no format that is read.
+    """
+    try:
+        with source.stream() as stream:
+            head = stream.read(_HEAD_BYTES)
+    except OSError as error:
+        reason = "it is a folder, not a photo" if isinstance(error, IsADirectoryError) else error.strerror
+        raise UnshutterError(f"cannot read {source}: {reason}") from None
+    except ValueError as error:  # a NUL in the name
+        raise UnshutterError(f"cannot read {str(source)!r}: {error}") from None
+    if not head:
+        raise UnshutterError(f"{source} is empty (0 bytes)")
+    suffix = source.path.suffix.lower() if source.path else ""
+    for format in FORMATS.values():
+        if format.recognises(head, suffix):
+            return format
+    raise UnshutterError(f"{source} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture")

@@ -1,0 +1,40 @@
+"""Where encoded data lie: in a file, or in memory."""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from unshutter.photo.libvips import libvips
+
+if TYPE_CHECKING:
+    import pyvips
+
+
+@dataclass(frozen=True)
+class Source:
+    """Encoded data: a file, or bytes in memory."""
+
+    place: Path | bytes
+
+    def __str__(self) -> str:
+        return str(self.place) if isinstance(self.place, Path) else "the picture in memory"
+
+    @property
+    def path(self) -> Path | None:
+        """The file, if it is one."""
+        return self.place if isinstance(self.place, Path) else None
+
+    def stream(self) -> BinaryIO:
+        """A new stream at the beginning; OSError where the file cannot be read."""
+        return self.place.open("rb") if isinstance(self.place, Path) else io.BytesIO(self.place)
+
+    def load(self, operation: str, **options: Any) -> pyvips.Image:
+        """The picture by one of libvips's loaders, lazily; ``pyvips.Error`` where it cannot make sense of it."""
+        image = libvips().Image
+        if isinstance(self.place, Path):  # as bytes: names need not be text
+            return getattr(image, operation)(os.fsencode(self.place), **options)
+        return getattr(image, operation + "_buffer")(self.place, **options)

@@ -1,0 +1,188 @@
+"""TIFF directories: the form in which TIFF files, EXIF and most raw files keep tags.
+
+Source: TIFF 6.0, section 2; CIPA DC-008 (EXIF 2.32), section 4.6.2.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO, NamedTuple, TypeAlias
+
+# Tags by number. Directories hang on those of EXIF, GPS and interoperability.
+EXIF, GPS, INTEROPERABILITY = 0x8769, 0x8825, 0xA005
+SUB_DIRECTORIES = frozenset({EXIF, GPS, INTEROPERABILITY})
+SUBFILE_TYPE = 0x00FE
+
+BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
+# Bytes of one value, and of the units in it that byte order turns, by TIFF type (1 BYTE ... 13 IFD).
+_SIZE = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
+_UNIT = {**_SIZE, 5: 4, 10: 4}
+_ENTRY_BYTES = 12
+# No photo has more; a damaged or malicious file may claim it.
+_MAX_TREE_BYTES = 1 << 28
+_MAX_PAGES = 1000
+
+
+class Entry(NamedTuple):
+    """One tag's value: TIFF type, number of values, their bytes in the byte order of the tree."""
+
+    kind: int
+    count: int
+    data: bytes
+
+
+Directory: TypeAlias = "dict[int, Entry | Directory]"
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Directories of one TIFF structure.
+
+    Attributes:
+        order: ``<`` (II) or ``>`` (MM), as for struct.
+        pages: the chain of top-level directories; EXIF, GPS and interoperability nested in their tags.
+    """
+
+    order: str
+    pages: list[Directory]
+
+    def number(self, tag: int, *path: int, page: int = 0) -> int | None:
+        """First value of a BYTE, SHORT or LONG tag in a page (below the sub-directories ``path``), None if absent."""
+        directory: Directory | Entry | None = self.pages[page]
+        for step in (*path, tag):
+            directory = directory.get(step) if isinstance(directory, dict) else None
+        if not isinstance(directory, Entry) or directory.kind not in (1, 3, 4):
+            return None
+        return struct.unpack_from(self.order + {1: "B", 3: "H", 4: "I"}[directory.kind], directory.data)[0]
+
+    def data(self, tag: int) -> bytes | None:
+        """Bytes of a tag in the first page, None if absent."""
+        entry = self.pages[0].get(tag)
+        return entry.data if isinstance(entry, Entry) else None
+
+
+# ---- reading -------------------------------------------------------------------------------------------
+
+
+class Slot(NamedTuple):
+    """The twelve bytes of one entry as they stand in a directory: tag, TIFF type, number of values; then 4 bytes.
+
+    Those four are the values themselves where they fit, else their offset. ``at`` is where the twelve begin.
+    """
+
+    at: int
+    tag: int
+    kind: int
+    count: int
+
+    @property
+    def value_at(self) -> int:
+        """Where the four bytes of the value or its offset begin."""
+        return self.at + 8
+
+
+def slots(data: bytes | bytearray, order: str, at: int, count: int) -> Iterator[Slot]:
+    """The entries of a directory of which ``count`` begin at a place in the data."""
+    for place in range(at, at + _ENTRY_BYTES * count, _ENTRY_BYTES):
+        yield Slot(place, *struct.unpack_from(order + "HHI", data, place))
+
+
+def read_tree(file: BinaryIO) -> Tree | None:
+    """Reads classic TIFF directories; entries that point nowhere are left out.
+
+    Args:
+        file: seekable, a TIFF file or the TIFF part of an EXIF blob.
+
+    Returns:
+        None when this is no classic TIFF (BigTIFF, damaged header).
+    """
+    file.seek(0)
+    head = file.read(8)
+    order = BYTE_ORDERS.get(head[:4])
+    if order is None or len(head) < 8:
+        return None
+    reader = _Reader(file, order)
+    pages: list[Directory] = []
+    (offset,) = struct.unpack_from(order + "I", head, 4)
+    while offset and len(pages) < _MAX_PAGES and (found := reader.directory(offset)) is not None:
+        pages.append(found[0])
+        offset = found[1]
+    return Tree(order, pages) if pages else None
+
+
+class _Reader:
+    def __init__(self, file: BinaryIO, order: str) -> None:
+        self.file, self.order, self.bytes_left = file, order, _MAX_TREE_BYTES
+
+    def directory(self, offset: int, depth: int = 0) -> tuple[Directory, int] | None:
+        """(directory, offset of the next one), or None where the file ends first."""
+        self.file.seek(offset)
+        try:
+            (count,) = struct.unpack(self.order + "H", self.file.read(2))
+            table = self.file.read(_ENTRY_BYTES * count + 4)
+            (following,) = struct.unpack_from(self.order + "I", table, _ENTRY_BYTES * count)
+        except struct.error:
+            return None
+        self.bytes_left -= len(table)
+        directory: Directory = {}
+        for slot in slots(table, self.order, 0, count):
+            value = self._value(table, slot, depth)
+            if value is not None:
+                directory[slot.tag] = value
+        return directory, following
+
+    def _value(self, table: bytes, slot: Slot, depth: int) -> Entry | Directory | None:
+        size = _SIZE.get(slot.kind, 0) * slot.count
+        if not 0 < size <= self.bytes_left:
+            return None
+        (pointer,) = struct.unpack_from(self.order + "I", table, slot.value_at)
+        if slot.tag in SUB_DIRECTORIES:
+            found = self.directory(pointer, depth + 1) if depth < 2 else None
+            return found[0] if found else None
+        if size > 4:
+            self.file.seek(pointer)
+            data = self.file.read(size)
+        else:
+            data = table[slot.value_at : slot.value_at + size]
+        self.bytes_left -= len(data)
+        return Entry(slot.kind, slot.count, data) if len(data) == size else None
+
+
+# ---- writing -------------------------------------------------------------------------------------------
+
+
+def encoded(directory: Directory, at: int, order: str) -> bytes:
+    """Bytes of a directory that will stand at offset ``at``, followed by its values and sub-directories."""
+    table = struct.pack(order + "H", len(directory))
+    values, values_at = b"", at + 2 + _ENTRY_BYTES * len(directory) + 4
+    for tag, entry in sorted(directory.items(), key=lambda item: item[0]):
+        here = values_at + len(values)
+        if isinstance(entry, dict):
+            kind, count, data, inline = 4, 1, encoded(entry, here, order), False
+        else:
+            kind, count, data, inline = entry.kind, entry.count, entry.data, len(entry.data) <= 4
+        table += struct.pack(order + "HHI", tag, kind, count)
+        table += data.ljust(4, b"\0") if inline else struct.pack(order + "I", here)
+        values += b"" if inline else data + bytes(len(data) % 2)
+    return table + bytes(4) + values  # no further directory
+
+
+def encoded_number(order: str, tag: int, kind: int, value: int) -> bytes:
+    """The twelve bytes of an entry of one number: type 3 (SHORT) or 4 (LONG)."""
+    number = struct.pack(order + "HH", value, 0) if kind == 3 else struct.pack(order + "I", value)
+    return struct.pack(order + "HHI", tag, kind, 1) + number
+
+
+def in_other_order(directory: Directory) -> Directory:
+    """The directory in the other byte order; opaque data (makers' notes) stays as it is."""
+    turned: Directory = {}
+    for tag, entry in directory.items():
+        if isinstance(entry, dict):
+            turned[tag] = in_other_order(entry)
+        else:
+            unit = _UNIT[entry.kind]
+            units = (entry.data[i : i + unit] for i in range(0, len(entry.data), unit))
+            turned[tag] = Entry(entry.kind, entry.count, b"".join(u[::-1] for u in units))
+    return turned

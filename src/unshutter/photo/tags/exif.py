@@ -1,0 +1,250 @@
+"""EXIF: what the camera says of a photo, in TIFF directories.
+
+Every format but TIFF holds EXIF as one blob; TIFF has its tags among its own. Blobs are changed in place or at their
+end, so that all else stays where it was: makers' notes often point to places counted from the blob's beginning.
+
+Source: CIPA DC-008 (EXIF 2.32), sections 4.5 and 4.6.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import struct
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import BinaryIO
+
+from unshutter.photo.tags.directories import (
+    BYTE_ORDERS,
+    EXIF,
+    SUB_DIRECTORIES,
+    Directory,
+    Entry,
+    Slot,
+    Tree,
+    encoded,
+    encoded_number,
+    in_other_order,
+    read_tree,
+    slots,
+)
+
+PREFIX = b"Exif\0\0"
+# What a TIFF's first directory says about the photo rather than about the storage of its pixels: description, make,
+# model, software, date, artist, ratings, copyright, titles of Windows, print matching.
+_CAMERA_TAGS = frozenset(
+    {0x010E, 0x010F, 0x0110, 0x0131, 0x0132, 0x013B, 0x4746, 0x4749, 0x8298, *range(0x9C9B, 0x9CA0), 0xC4A5}
+)
+_IMAGE_WIDTH, _IMAGE_HEIGHT, _COMPRESSION, _ORIENTATION = 0x0100, 0x0101, 0x0103, 0x0112
+_THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
+_MAKER_NOTE, _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0x927C, 0xA002, 0xA003, 0xA405
+_FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
+_LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF ends at 65,527
+_ROOM_IN_TIFF = 65_536  # bytes for directories, beside the values
+
+
+# ---- what it says --------------------------------------------------------------------------------------
+
+
+def read(blob: bytes | None) -> Tree | None:
+    """The directories of an EXIF blob, with or without its prefix; None passes through."""
+    return None if blob is None else read_tree(io.BytesIO(blob.removeprefix(PREFIX)))
+
+
+def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
+    """Focal length [px] from the 35 mm equivalent, which EXIF defines by the diagonal; None where unknown."""
+    tree = read(blob)
+    focal_mm = tree.number(_FOCAL_35MM, EXIF) if tree else None
+    return focal_mm * math.hypot(height, width) / _FULL_FRAME_DIAGONAL_MM if focal_mm else None
+
+
+# ---- between blobs and TIFF files ----------------------------------------------------------------------
+
+
+def of_tiff(tree: Tree) -> bytes | None:
+    """EXIF blob of a TIFF file's first page: camera tags, EXIF, GPS; None when it has none of them.
+
+    The byte order stays: makers' notes are often in the order of the file they stand in.
+    """
+    lifted = _of_the_camera(tree)
+    if not lifted:
+        return None
+    head = struct.pack(tree.order + "2sHI", b"II" if tree.order == "<" else b"MM", 42, 8)
+    return PREFIX + head + encoded(lifted, 8, tree.order)
+
+
+def add_to_tiff(
+    file: BinaryIO, blob: bytes | None, height: int, width: int, more: Mapping[int, Entry] = MappingProxyType({})
+) -> None:
+    """Adds camera tags, EXIF and GPS of a blob to a finished TIFF of one page, at its end.
+
+    The page's own tags win over the blob's. The pixel size that EXIF repeats is set to that of the picture.
+    Does nothing to a BigTIFF, a file too long for more, or with a blob that cannot be read.
+
+    Args:
+        file: seekable, open for reading and writing.
+        blob: EXIF.
+        height: of the picture [px].
+        width: of the picture [px].
+        more: tags of bytes, which stand in either order.
+    """
+    tree, target = read(blob), read_tree(file)
+    end = file.seek(0, io.SEEK_END)
+    length = len(blob or b"") + sum(len(entry.data) for entry in more.values())
+    if target is None or (tree is None and not more) or end + length + _ROOM_IN_TIFF >= 1 << 32:
+        return
+    added: Directory = {}
+    if tree is not None:
+        added = _of_the_camera(tree)
+        added = added if tree.order == target.order else in_other_order(added)
+    details = added.get(EXIF)
+    if isinstance(details, dict):
+        for tag, size in ((_PIXEL_WIDTH, width), (_PIXEL_HEIGHT, height)):
+            if tag in details:
+                details[tag] = Entry(4, 1, struct.pack(target.order + "I", size))
+    start = end + end % 2  # directories begin at even offsets
+    file.seek(end)
+    file.write(bytes(end % 2) + encoded(added | dict(more) | target.pages[0], start, target.order))
+    file.seek(4)
+    file.write(struct.pack(target.order + "I", start))
+
+
+def _of_the_camera(tree: Tree) -> Directory:
+    return {tag: value for tag, value in tree.pages[0].items() if tag in _CAMERA_TAGS or tag in SUB_DIRECTORIES}
+
+
+def without_makers_note(blob: bytes) -> bytes:
+    """The blob written anew without its maker's note, which may hold previews; as it is where it cannot be read."""
+    tree = read(blob)
+    if tree is None:
+        return blob
+    details = tree.pages[0].get(EXIF)
+    if isinstance(details, dict):
+        details.pop(_MAKER_NOTE, None)
+    return of_tiff(tree) or blob
+
+
+# ---- what must follow new pixels -----------------------------------------------------------------------
+
+
+def with_size(blob: bytes, height: int, width: int) -> bytes:
+    """The blob with the size tags that it has set to [px]."""
+    editor = _Editor(blob)
+    for entries, tags in (
+        (editor.first, (_IMAGE_WIDTH, _IMAGE_HEIGHT)),
+        (editor.below(editor.first, EXIF), (_PIXEL_WIDTH, _PIXEL_HEIGHT)),
+    ):
+        for tag, size in zip(tags, (width, height), strict=True):
+            if tag in entries:
+                editor.put(entries[tag], size)
+    return bytes(editor.data)
+
+
+def with_orientation(blob: bytes | None, orientation: int) -> bytes | None:
+    """The blob with EXIF orientation 1-8; made up where there is none and 1 does not go without saying."""
+    if blob is None:
+        if orientation == 1:
+            return None
+        blob = PREFIX + b"II*\0" + struct.pack("<IHI", 8, 0, 0)
+    editor = _Editor(blob)
+    if _ORIENTATION in editor.first:
+        editor.put(editor.first[_ORIENTATION], orientation)
+    elif orientation != 1:
+        editor.add_to_first(_ORIENTATION, orientation)
+    return bytes(editor.data)
+
+
+def has_thumbnail(blob: bytes | None) -> bool:
+    """Whether the blob has a second directory, which is the thumbnail's."""
+    return blob is not None and _Editor(blob).second_at != 0
+
+
+def with_thumbnail(blob: bytes, jpeg: bytes | None, orientation: int = 1) -> bytes:
+    """The blob with another thumbnail instead of its own, which is wiped out; without one for None or lack of room."""
+    editor = _Editor(blob)
+    if editor.second_at:
+        editor.wipe_thumbnail()
+    if jpeg is not None and editor.link_at and len(editor.data) + len(jpeg) + 100 <= _LARGEST_WITH_THUMBNAIL:
+        start, order = editor.end(), editor.order
+        tags = ((_COMPRESSION, 3, 6), (_ORIENTATION, 3, orientation))  # 6: JPEG
+        tags += ((_THUMBNAIL, 4, start + 2 + 12 * 4 + 4), (_THUMBNAIL_LENGTH, 4, len(jpeg)))
+        directory = struct.pack(order + "H", len(tags)) + b"".join(encoded_number(order, *tag) for tag in tags)
+        editor.data += directory + bytes(4) + jpeg
+        struct.pack_into(order + "I", editor.data, editor.link_at, start)
+    return bytes(editor.data)
+
+
+class _Editor:
+    """An EXIF blob by the places of its entries; a damaged one seems to have none.
+
+    Attributes:
+        first: the entries of the first directory, by tag.
+        link_at: place of the offset of the second directory; 0 if there is none to be written.
+        second_at: place of the second directory, or 0.
+    """
+
+    def __init__(self, blob: bytes) -> None:
+        self.data = bytearray(blob)
+        self.start = len(PREFIX) if blob.startswith(PREFIX) else 0
+        self.order = BYTE_ORDERS.get(blob[self.start : self.start + 4], "")
+        self.first: dict[int, Slot] = {}
+        self.link_at = self.second_at = 0
+        if self.order and len(blob) >= self.start + 8:
+            first_at = self._place(self.start + 4)
+            self.first = self.entries(first_at)
+            link_at = first_at + 2 + 12 * len(self.first)
+            if first_at > self.start and link_at + 4 <= len(blob):
+                self.link_at = link_at
+                self.second_at = self._place(link_at)
+
+    def _place(self, at: int) -> int:
+        """The place that the offset at another place means; 0 for none."""
+        (offset,) = struct.unpack_from(self.order + "I", self.data, at)
+        return self.start + offset if 0 < offset < len(self.data) - self.start else 0
+
+    def entries(self, at: int) -> dict[int, Slot]:
+        """The entries of the directory at a place, by tag."""
+        if not 0 < at <= len(self.data) - 2:
+            return {}
+        (count,) = struct.unpack_from(self.order + "H", self.data, at)
+        if at + 2 + 12 * count > len(self.data):
+            return {}
+        return {slot.tag: slot for slot in slots(self.data, self.order, at + 2, count)}
+
+    def below(self, entries: dict[int, Slot], tag: int) -> dict[int, Slot]:
+        """The entries of the directory that hangs on a tag."""
+        return self.entries(self._place(entries[tag].value_at)) if tag in entries else {}
+
+    def put(self, slot: Slot, value: int) -> None:
+        """Makes an entry a single number."""
+        number = encoded_number(self.order, slot.tag, 3 if value < 1 << 16 else 4, value)
+        self.data[slot.at : slot.at + len(number)] = number
+
+    def end(self) -> int:
+        """Pads to an even offset, and gives it."""
+        self.data += bytes((len(self.data) - self.start) % 2)
+        return len(self.data) - self.start
+
+    def add_to_first(self, tag: int, value: int) -> None:
+        """Writes the first directory anew, at the end, with one entry more."""
+        if not self.link_at:
+            return
+        old = [bytes(self.data[slot.at : slot.at + 12]) for slot in self.first.values()]
+        link = bytes(self.data[self.link_at : self.link_at + 4])
+        added = encoded_number(self.order, tag, 3, value)
+        new = sorted([*old, added], key=lambda entry: struct.unpack(self.order + "H", entry[:2]))
+        struct.pack_into(self.order + "I", self.data, self.start + 4, self.end())
+        self.data += struct.pack(self.order + "H", len(new)) + b"".join(new) + link
+
+    def wipe_thumbnail(self) -> None:
+        """Zeroes the thumbnail and the link to its directory."""
+        entries = self.entries(self.second_at)
+        if _THUMBNAIL in entries and _THUMBNAIL_LENGTH in entries:
+            at = self._place(entries[_THUMBNAIL].value_at)
+            (length,) = struct.unpack_from(self.order + "I", self.data, entries[_THUMBNAIL_LENGTH].value_at)
+            length = min(length, len(self.data) - at)
+            if at > self.start + 8:
+                self.data[at : at + length] = bytes(length)
+        self.data[self.link_at : self.link_at + 4] = bytes(4)
+        self.second_at = 0

@@ -1,0 +1,59 @@
+"""IPTC, in Photoshop's image resources: one block of them in JPEG, two tags in TIFF.
+
+libvips hands a JPEG's on as they are, but cuts those of a TIFF to a quarter when it writes them. So they are kept here
+as a JPEG has them, in libvips's field ``iptc-data``, and go to TIFF by :func:`tiff_tags`.
+
+Source: Adobe, Photoshop File Formats (image resource blocks); TIFF tags 33723 (IPTC) and 34377 (Photoshop).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+
+from unshutter.photo.tags.directories import Entry, Tree
+
+IPTC_TAG, RESOURCES_TAG = 33723, 34377
+_PREFIX = b"Photoshop 3.0\0"
+_IPTC, _THUMBNAILS = 1028, (1033, 1036)
+
+
+def of_tiff(tree: Tree) -> bytes | None:
+    """Resources of a TIFF's first page as a JPEG would have them; None where it has none."""
+    blocks, iptc = tree.data(RESOURCES_TAG) or b"", tree.data(IPTC_TAG)
+    if iptc and not any(kind == _IPTC for kind, _, _ in _blocks(blocks)):
+        blocks = b"8BIM" + struct.pack(">HHI", _IPTC, 0, len(iptc)) + iptc + bytes(len(iptc) % 2) + blocks
+    return _PREFIX + blocks if blocks else None
+
+
+def tiff_tags(resources: bytes) -> dict[int, Entry]:
+    """The tags that a TIFF has for such resources."""
+    blocks = resources.removeprefix(_PREFIX)
+    tags = {RESOURCES_TAG: Entry(7, len(blocks), blocks)} if blocks else {}
+    iptc = next((data for kind, data, _ in _blocks(blocks) if kind == _IPTC), None)
+    return tags | ({IPTC_TAG: Entry(7, len(iptc), iptc)} if iptc else {})
+
+
+def without_thumbnails(resources: bytes) -> bytes:
+    """Resources without the pictures among them; what cannot be read stays as it is."""
+    prefix = _PREFIX if resources.startswith(_PREFIX) else b""
+    blocks = resources.removeprefix(prefix)
+    kept, end = b"", 0
+    for kind, _, block in _blocks(blocks):
+        end += len(block)
+        kept += b"" if kind in _THUMBNAILS else block
+    return prefix + kept + blocks[end:]
+
+
+def _blocks(blocks: bytes) -> Iterator[tuple[int, bytes, bytes]]:
+    """(kind, content, whole block) of each resource, as far as they can be read."""
+    at = 0
+    while blocks[at : at + 4] == b"8BIM" and len(blocks) >= at + 12:
+        name = blocks[at + 6] + 1
+        size_at = at + 6 + name + name % 2
+        if len(blocks) < size_at + 4:
+            return
+        kind, size = struct.unpack_from(">H", blocks, at + 4)[0], struct.unpack_from(">I", blocks, size_at)[0]
+        end = size_at + 4 + size + size % 2
+        yield kind, blocks[size_at + 4 : size_at + 4 + size], blocks[at:end]
+        at = end

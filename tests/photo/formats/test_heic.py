@@ -1,0 +1,67 @@
+"""HEIC: what is read from it, and where that goes."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.JpegImagePlugin import get_sampling
+
+from support.camera_files import heic
+from support.drawn_photos import drawn, one_line
+from support.tagged_files import (
+    RATED_XMP,
+    SRGB,
+    check_rich_exif,
+    rich_exif,
+)
+from unshutter.errors import UnshutterError
+from unshutter.photo import Photo
+
+
+@pytest.mark.parametrize("bands", [1, 3, 4])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_heic_of_all_kinds_of_pixels(bands: int, dtype: type) -> None:
+    pixels = drawn(64, 96, bands=bands, dtype=dtype)
+    photo = Photo.from_bytes(heic(pixels[..., 0] if bands == 1 else pixels))
+    assert (photo.format, photo.height, photo.width, photo.bands) == ("heic", 64, 96, bands)
+    read = photo.pixels
+    assert read.dtype == dtype and read.shape == pixels.shape
+    assert np.abs(read.astype(float) - pixels).mean() / np.iinfo(dtype).max < 0.01
+    again = Photo.from_bytes(photo.to_bytes(quality=95))  # as AVIF
+    assert again.format == "avif" and again.pixels.dtype == dtype and again.has_alpha == (bands == 4)
+    if dtype == np.uint16:
+        assert np.all(read % 64 == 0) and np.all(again.pixels % 64 == 0)  # 10 bits, and no more
+
+
+def test_heic_gives_its_metadata_to_every_format() -> None:
+    photo = Photo.from_bytes(
+        heic(drawn(64, 96), exif=rich_exif(6), icc_profile=SRGB, icc_profile_type="prof", xmp=RATED_XMP)
+    )
+    assert photo.orientation == 6 and photo.focal_px() == pytest.approx(26 / 43.2666 * np.hypot(64, 96), rel=1e-4)
+    for target in ("jpeg", "png", "webp", "tiff", "avif"):
+        data = photo.with_pixels(~photo.pixels).to_bytes(target)
+        check_rich_exif(data)
+        with Image.open(io.BytesIO(data)) as picture:
+            assert picture.info["icc_profile"] == SRGB
+            assert b'xmp:Rating="4"' in (picture.info.get("xmp") or picture.info["XML:com.adobe.xmp"].encode())
+        assert Photo.from_bytes(data).orientation == 6
+
+
+@pytest.mark.parametrize(("chroma", "expected"), [(444, 0), (420, 2)])
+def test_heic_gives_its_subsampling_to_jpeg(chroma: int, expected: int) -> None:
+    photo = Photo.from_bytes(heic(drawn(64, 96), chroma=chroma))
+    with Image.open(io.BytesIO(photo.to_bytes("jpeg"))) as picture:
+        assert get_sampling(picture) == expected
+
+
+@pytest.mark.parametrize("kept", [0.2, 0.6, 0.97])
+def test_truncated_heic_is_refused(tmp_path: Path, kept: float) -> None:
+    data = heic(drawn(200, 300))
+    path = tmp_path / "a.heic"
+    path.write_bytes(data[: int(len(data) * kept)])
+    with pytest.raises(UnshutterError) as error:
+        Photo.open(path).save(tmp_path / "a.png")
+    assert "damaged" in one_line(error) and str(path) in str(error.value)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.heic"]

@@ -1,0 +1,100 @@
+"""Raw files: developed plainly, tags found where each maker puts them."""
+
+import io
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageCms
+
+from support.camera_files import dng, linear, soft
+from support.drawn_photos import drawn, encoded, one_line
+from support.tagged_files import (
+    EXIF,
+    GPS,
+    RATED_XMP,
+    check_rich_exif,
+    rich_exif,
+)
+from unshutter.errors import UnshutterError
+from unshutter.photo import Photo
+from unshutter.photo.formats import raw
+from unshutter.photo.tags import exif
+
+
+def test_raw_is_developed_plainly_in_16_bits() -> None:
+    pixels = soft()
+    photo = Photo.from_bytes(dng(linear(pixels)))
+    assert (photo.format, photo.bands, photo.orientation) == ("raw", 3, 1)
+    read = photo.pixels
+    assert read.dtype == np.uint16 and np.any(read % 256)
+    assert np.abs(read / 257 - pixels)[12:-4, 12:-4].mean() < 2.5
+    dark = Photo.from_bytes(dng(linear(np.minimum(pixels, 100)))).pixels  # not brightened
+    assert dark.max() < 110 * 257
+    tiff = Photo.from_bytes(photo.to_bytes())
+    assert tiff.format == "tiff" and np.array_equal(tiff.pixels, read)
+
+
+def raw_with_exif(orientation=1) -> bytes:
+    stream = io.BytesIO(dng(linear(soft()), orientation, tags=[(700, 1, len(RATED_XMP), RATED_XMP, True)]))
+    exif.add_to_tiff(stream, rich_exif(), 120, 160)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("target", ["jpeg", "png", "webp", "tiff", "avif"])
+def test_raw_gives_its_metadata_to_every_format(target: str) -> None:
+    photo = Photo.from_bytes(raw_with_exif(8))
+    data = photo.with_pixels(~photo.pixels).to_bytes(target)
+    check_rich_exif(data)
+    with Image.open(io.BytesIO(data)) as picture:
+        assert ImageCms.ImageCmsProfile(io.BytesIO(picture.info["icc_profile"])).profile.profile_description
+        assert b'xmp:Rating="4"' in (picture.info.get("xmp") or picture.info["XML:com.adobe.xmp"].encode())
+        if target != "tiff":
+            assert picture.getexif()[0x0112] == 8
+    assert Photo.from_bytes(data).orientation == 8
+
+
+def test_raw_of_too_many_pixels_is_refused_before_it_is_developed() -> None:
+    with pytest.raises(UnshutterError, match="160x120 px"):
+        Photo.from_bytes(dng(linear(soft())), max_pixels=10_000)
+
+
+def test_broken_raw_is_refused(tmp_path: Path) -> None:
+    data = dng(linear(soft()))
+    for name, content in (("a.dng", data[:3000]), ("b.nef", b"no raw file at all" * 9), ("c.cr2", data[:100])):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(UnshutterError, match="as a camera's raw file") as error:
+            Photo.open(tmp_path / name).to_array()
+        assert str(tmp_path / name) in one_line(error)
+
+
+def box(name: bytes, *contents: bytes) -> bytes:
+    return struct.pack(">I4s", 8 + sum(map(len, contents)), name) + b"".join(contents)
+
+
+def test_exif_is_found_where_each_maker_puts_it() -> None:
+    tiff = rich_exif().removeprefix(b"Exif\0\0")
+    little = Image.Exif()
+    little.endian = "<"
+    little.update({0x010F: "Acme"})
+    olympus = b"IIRO" + little.tobytes().removeprefix(b"Exif\0\0")[4:]
+    jpeg = encoded(drawn(), "JPEG", exif=rich_exif())
+    fuji = b"FUJIFILMCCD-RAW ".ljust(84, b"\0") + struct.pack(">II", 100, len(jpeg)) + bytes(8) + jpeg
+    exif_only, gps_only = Image.Exif(), Image.Exif()
+    exif_only.update({0x9003: "2024:05:06 07:08:09"})
+    gps_only.update({1: "N"})
+    parts = (exif.tobytes().removeprefix(b"Exif\0\0") for exif in (exif_only, gps_only))
+    parts = [box(b"CMT1", tiff), *(box(name, part) for name, part in zip((b"CMT2", b"CMT4"), parts, strict=True))]
+    canon = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
+    cr3 = box(b"ftyp", b"crx \0\0\0\1crx isom") + box(b"moov", box(b"uuid", canon, *parts), box(b"trak"))
+    for data in (tiff, olympus, fuji, cr3):
+        tree = raw.read_tags(io.BytesIO(data))
+        assert tree is not None and tree.data(0x010F) == b"Acme\0"
+    tree = raw.read_tags(io.BytesIO(cr3))
+    assert tree is not None
+    again = Image.Exif()
+    again.load(exif.of_tiff(tree))
+    assert again.get_ifd(EXIF)[0x9003] == "2024:05:06 07:08:09" and again.get_ifd(GPS)[1] == "N"
+    for broken in (b"", fuji[:90], cr3[:60], box(b"ftyp", b"crx \0\0\0\1")):
+        assert raw.read_tags(io.BytesIO(broken)) is None

@@ -1,0 +1,138 @@
+"""Saving: files are written whole or not at all, and never over an original."""
+
+import contextlib
+import hashlib
+import os
+import resource
+import sys
+
+import numpy as np
+import pytest
+
+from support.drawn_photos import drawn, encoded, one_line
+from unshutter.errors import UnshutterError
+from unshutter.photo import Photo
+from unshutter.photo.formats import WRITTEN
+
+
+def digest(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("format", WRITTEN)
+def test_save_chooses_the_format_by_the_ending_and_leaves_the_original_alone(tmp_path, format):
+    original = tmp_path / "in[1] ö.jpg"
+    original.write_bytes(encoded(drawn(), "JPEG"))
+    before = digest(original)
+    for suffix in WRITTEN[format].suffixes:
+        target = tmp_path / f"out[2]{suffix.upper()}"
+        Photo.open(original).save(target)
+        assert Photo.open(target).format == format
+    assert digest(original) == before
+    assert len(os.listdir(tmp_path)) == 1 + len(WRITTEN[format].suffixes)
+    assert oct(target.stat().st_mode) == oct(original.stat().st_mode)  # not a temporary file's rights
+
+
+def test_existing_files_need_overwrite_and_the_original_is_never_replaced(tmp_path):
+    original, other, target = tmp_path / "in.jpg", tmp_path / "folder", tmp_path / "out.png"
+    original.write_bytes(encoded(drawn(), "JPEG"))
+    target.write_bytes(b"precious")
+    before = digest(original)
+    other.mkdir()
+    (tmp_path / "symbolic.jpg").symlink_to(original)
+    (tmp_path / "hard.jpg").hardlink_to(original)
+    photo = Photo.open(original)
+    changed = photo.with_pixels(~photo.pixels)
+    with pytest.raises(UnshutterError, match="use --overwrite"):
+        changed.save(target)
+    assert target.read_bytes() == b"precious"
+    for own in (original, tmp_path / "symbolic.jpg", tmp_path / "hard.jpg", other / ".." / "in.jpg"):
+        for overwrite in (False, True):
+            with pytest.raises(UnshutterError, match="never overwritten") as error:
+                changed.save(own, overwrite=overwrite)
+            one_line(error)
+    changed.save(target, overwrite=True)
+    np.testing.assert_array_equal(Photo.open(target).to_array(), 255 - photo.to_array())
+    assert digest(original) == before
+    assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
+
+
+def test_saving_through_a_link_writes_the_file_behind_it(tmp_path):
+    behind, link = tmp_path / "behind.png", tmp_path / "link.png"
+    behind.write_bytes(b"old")
+    link.symlink_to(behind)
+    Photo.from_array(drawn()).save(link, overwrite=True)
+    assert link.is_symlink()
+    np.testing.assert_array_equal(Photo.open(behind).to_array(), drawn())
+
+
+def test_places_that_cannot_be_written_to(tmp_path):
+    file = tmp_path / "file"
+    file.write_bytes(b"no folder")
+    (tmp_path / "folder.png").mkdir()
+    for target, expected in (
+        (file / "out.png", "folder"),
+        (tmp_path / "none" / "out.png", "there is no folder"),
+        (tmp_path / "folder.png", "it is a folder"),
+        (tmp_path / ("x" * 300 + ".png"), "too long"),
+    ):
+        with pytest.raises(UnshutterError) as error:
+            Photo.from_array(drawn()).save(target)
+        assert expected in one_line(error)
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder.png"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc, a folder that nobody can write to, root neither")
+def test_a_folder_without_permission():
+    with pytest.raises(UnshutterError, match=r"cannot write /proc/out\.png") as error:
+        Photo.from_array(drawn()).save("/proc/out.png")
+    one_line(error)
+
+
+@contextlib.contextmanager
+def room_for(size):
+    """A limit on the size of files stands in for a full disc: writing fails part of the way."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.parametrize("format", WRITTEN)
+def test_a_disc_that_fills_up_leaves_nothing_behind(tmp_path, format):
+    noise = np.random.default_rng(1).integers(0, 256, (200, 300, 3)).astype(np.uint8)
+    target = tmp_path / f"out{WRITTEN[format].suffixes[0]}"
+    target.write_bytes(b"precious")
+    with room_for(10_000), pytest.raises(UnshutterError) as error:
+        Photo.from_array(noise).save(target, overwrite=True)
+    assert one_line(error) == f"cannot write {target}: File too large"
+    assert os.listdir(tmp_path) == [target.name] and target.read_bytes() == b"precious"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems' names are text")
+def test_complaints_that_are_not_text_do_not_spoil_later_ones(tmp_path):
+    """libvips notes the folder's name, which pyvips takes for text; and it notes warnings that nobody asked for."""
+    folder = tmp_path / os.fsdecode(b"b\xfcro")
+    folder.mkdir()
+    noise = np.random.default_rng(1).integers(0, 256, (200, 300, 3)).astype(np.uint8)
+    with room_for(10_000), pytest.raises(UnshutterError, match=r"cannot write .*: File too large"):
+        Photo.from_array(noise).save(folder / "out.jpg")
+    assert os.listdir(folder) == []
+    odd = encoded(drawn(), "JPEG")
+    scan = odd.index(b"\xff\xda") + 11
+    Photo.from_bytes(odd[:scan] + b"\0\0\0" + odd[scan + 3 :]).to_array()
+    with pytest.raises(UnshutterError) as error:
+        Photo.from_bytes(encoded(drawn(), "WEBP")[:20])
+    assert one_line(error).endswith("unusual: webp: unable to parse image")
+
+
+def test_an_interrupted_save_leaves_nothing_behind(tmp_path, monkeypatch):
+    def interrupted(source, target):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Photo.from_array(drawn()).save(tmp_path / "out.png")
+    assert os.listdir(tmp_path) == []

@@ -1,0 +1,73 @@
+"""Thumbnails follow new pixels."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from support.drawn_photos import drawn, encoded
+from support.tagged_files import (
+    EXIF,
+    blob_with_thumbnail,
+    exif_blob,
+    jpeg_thumbnail,
+    small_jpeg,
+)
+from unshutter.photo import Photo
+from unshutter.photo.formats import WRITTEN
+from unshutter.photo.tags import exif
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("target", WRITTEN)
+def test_the_thumbnail_shows_the_new_pixels(target: str, order: str) -> None:
+    before = drawn(300, 400)
+    photo = Photo.from_bytes(encoded(before, "JPEG", quality=95, exif=blob_with_thumbnail(order)))
+    after = np.ascontiguousarray(255 - before[20:220, 30:330])
+    data = photo.with_pixels(after).to_bytes(target)
+    assert small_jpeg()[-200:] not in data
+    with Image.open(io.BytesIO(data)) as picture:
+        exif = picture.info.get("exif")
+    if target == "tiff":  # a TIFF's second directory is another page
+        assert exif is None
+        return
+    shown = jpeg_thumbnail(exif)
+    assert shown.size == (160, 107)
+    expected = Image.fromarray(after).resize(shown.size, Image.Resampling.BOX)
+    assert np.abs(np.asarray(shown).astype(int) - np.asarray(expected)).mean() < 4
+
+
+@pytest.mark.parametrize("pixels", [drawn(bands=1), drawn(bands=4), drawn(bands=3, dtype=np.uint16)], ids=str)
+def test_thumbnails_of_all_kinds_of_pixels(pixels: np.ndarray) -> None:
+    photo = Photo.from_bytes(encoded(drawn(), "PNG", exif=blob_with_thumbnail()))
+    data = photo.with_pixels(pixels).to_bytes("png")
+    with Image.open(io.BytesIO(data)) as picture:
+        picture.load()
+        shown = jpeg_thumbnail(picture.info["exif"])
+    assert shown.size == (80, 48)  # not enlarged
+    assert abs(int(np.asarray(shown)[..., 0].mean()) - 128) < 40
+
+
+def test_a_photo_that_is_only_copied_keeps_its_thumbnail() -> None:
+    photo = Photo.from_bytes(encoded(drawn(), "JPEG", exif=blob_with_thumbnail()))
+    assert small_jpeg() in photo.to_bytes() and small_jpeg() in photo.to_bytes("png")
+
+
+def test_a_photo_without_a_thumbnail_gets_none() -> None:
+    photo = Photo.from_bytes(encoded(drawn(), "JPEG", exif=exif_blob()))
+    with Image.open(io.BytesIO(photo.with_pixels(~photo.pixels).to_bytes())) as picture:
+        assert jpeg_thumbnail(picture.info["exif"]) is None
+
+
+def test_where_there_is_no_room_the_thumbnail_goes() -> None:
+    note = bytes(range(256)) * 240
+    tags = Image.Exif()
+    tags.get_ifd(EXIF)[0x927C] = note
+    blob = exif.with_thumbnail(tags.tobytes(), small_jpeg())
+    assert len(blob) < 65_000 and jpeg_thumbnail(blob) is not None
+    photo = Photo.from_bytes(encoded(drawn(), "JPEG", exif=blob))
+    changed = photo.with_pixels(np.random.default_rng(1).integers(0, 256, (200, 300, 3)).astype(np.uint8))
+    with Image.open(io.BytesIO(changed.to_bytes())) as picture:
+        assert jpeg_thumbnail(picture.info["exif"]) is None
+        assert picture.getexif().get_ifd(EXIF)[0x927C] == note
