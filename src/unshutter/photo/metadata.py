@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from unshutter.photo.libvips import field, libvips, set_blob
+from unshutter.photo.tags import iptc
 
 if TYPE_CHECKING:
     import pyvips
 
 _TEXT = "png-comment-"
+_UNTOLD = (1.0, 72 / 25.4)  # px/mm: where a file says nothing, and what programs write that know nothing
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class Metadata:
         resolution_unit: in which a TIFF or JPEG said it.
         description: TIFF's ImageDescription.
         texts: of a PNG, by libvips's names.
+        left_behind: what no result gets, in words: the format's reader saw it, but nothing here can carry it.
     """
 
     exif: bytes | None = None
@@ -36,6 +40,7 @@ class Metadata:
     resolution_unit: str | None = None
     description: str | None = None
     texts: tuple[tuple[str, str], ...] = ()
+    left_behind: tuple[str, ...] = ()
 
     @classmethod
     def of_image(cls, image: pyvips.Image) -> Metadata:
@@ -50,6 +55,32 @@ class Metadata:
             description=field(image, "image-description"),
             texts=tuple((name, field(image, name)) for name in image.get_fields() if name.startswith(_TEXT)),
         )
+
+    @property
+    def tells_resolution(self) -> bool:
+        """Whether the resolution says more than that nobody set it."""
+        return not all(any(abs(told - usual) < 0.01 for usual in _UNTOLD) for told in self.resolution)
+
+    def without_place(self, holds: frozenset[str]) -> Iterator[str]:
+        """What of it a format cannot hold, in words.
+
+        Args:
+            holds: names of the attributes that the format has a place for.
+        """
+        if self.exif is not None and "exif" not in holds:
+            yield "EXIF"
+        if self.icc is not None and "icc" not in holds:
+            yield "colour profile"
+        if self.xmp is not None and "xmp" not in holds:
+            yield "XMP"
+        if self.resources is not None and "resources" not in holds:
+            yield "IPTC" if iptc.has_iptc(self.resources) else "Photoshop's data"
+        if self.tells_resolution and "resolution" not in holds:
+            yield "resolution"
+        if self.description is not None and "description" not in holds:
+            yield "description"
+        if self.texts and "texts" not in holds:
+            yield "texts"
 
     def on(self, image: pyvips.Image) -> pyvips.Image:
         """The image with these metadata, where libvips looks for them when it writes a file."""

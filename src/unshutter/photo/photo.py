@@ -12,6 +12,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
 from unshutter.photo import encoding
 from unshutter.photo.decoding import Decoder
+from unshutter.photo.encoding import Encoded
 from unshutter.photo.format import Coding, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN, of_target
 from unshutter.photo.grey import grey_copy, grey_size
@@ -211,10 +212,19 @@ class Photo:
         Raises:
             UsageError: unknown format, quality or subsampling; UnshutterError: the format cannot hold the picture.
         """
-        how = Save(format, quality, subsampling)
+        return self._encoded(Save(format, quality, subsampling)).data
+
+    def encode(
+        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+    ) -> Encoded:
+        """Like :meth:`to_bytes`, and says what of the metadata the format could not hold."""
+        return self._encoded(Save(format, quality, subsampling))
+
+    def _encoded(self, how: Save) -> Encoded:
         own = "png" if self.format == "array" else FORMATS[self.format].written_as
         target = WRITTEN[how.format or own]
-        return encoding.to_bytes(self._ready_for(target), target, self._coding_for(how), how.quality)
+        file = encoding.to_bytes(self._ready_for(target), target, self._coding_for(how), how.quality)
+        return Encoded(file.data, self._without_place_in(target) + file.left_out)
 
     def save(
         self,
@@ -222,7 +232,7 @@ class Photo:
         quality: int | None = None,
         overwrite: bool = False,
         subsampling: Subsampling | None = None,
-    ) -> None:
+    ) -> tuple[str, ...]:
         """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
 
         Args:
@@ -230,6 +240,9 @@ class Photo:
             quality: see :meth:`to_bytes`.
             overwrite: whether an existing file may be replaced; the photo's own file never is.
             subsampling: see :meth:`to_bytes`.
+
+        Returns:
+            What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
 
         Raises:
             UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is the photo's own, its
@@ -240,8 +253,12 @@ class Photo:
         check_target(target, overwrite, self.path)
         image = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
         with written_whole(target) as part:
-            encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
+            left_out = encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
             check_target(target, overwrite, self.path)  # another program may have been faster
+        return self._without_place_in(format) + left_out
+
+    def _without_place_in(self, format: WrittenFormat) -> tuple[str, ...]:
+        return (*self._metadata.without_place(format.holds), *self._metadata.left_behind)
 
     def _coding_for(self, how: Save) -> Coding:
         return replace(self._coding, subsampled=how.subsampling == "4:2:0") if how.subsampling else self._coding

@@ -43,6 +43,7 @@ class Jpeg(WrittenFormat):
     suffixes = (".jpg", ".jpeg")
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
+    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution"})
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
@@ -70,20 +71,22 @@ class Jpeg(WrittenFormat):
         chroma = "on" if coding.subsampled else "off"
         return by_libvips.encoded(image, "jpegsave", path, Q=quality or coding.quality or 95, subsample_mode=chroma)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """See WrittenFormat. EXIF that is too long loses its maker's note; if that is not enough, all of it."""
-        blob = field(image, "exif-data")
+        blob, left_out = field(image, "exif-data"), []
         if blob is None:
-            return
+            return left_out
         if len(blob) > _LONGEST_EXIF:
-            blob = exif.without_makers_note(blob)
+            blob, left_out = exif.without_makers_note(blob), ["maker's note (too long for a JPEG)"]
         content = exif.PREFIX + blob.removeprefix(exif.PREFIX)
         file.seek(2)
         at, head = 2, file.read(4)
         if head[:2] == bytes([0xFF, segments.APP0]):  # JFIF stays first
             at += 2 + struct.unpack(">H", head[2:])[0]
-        if len(content) <= _LONGEST_EXIF:
-            insert(file, at, segments.encoded(segments.APP1, content))
+        if len(content) > _LONGEST_EXIF:
+            return ["EXIF (too long for a JPEG)"]
+        insert(file, at, segments.encoded(segments.APP1, content))
+        return left_out
 
 
 def read_coding(file: BinaryIO) -> Coding:

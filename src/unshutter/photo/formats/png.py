@@ -32,6 +32,7 @@ class Png(WrittenFormat):
     name = written_as = "png"
     suffixes = (".png",)
     longest_side, deep, grey, alpha = 10_000_000, True, True, True
+    holds = frozenset({"exif", "icc", "xmp", "resolution", "texts"})
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
@@ -52,11 +53,12 @@ class Png(WrittenFormat):
         bits = 16 if image.format == "ushort" else 8
         return by_libvips.encoded(image, "pngsave", path, filter="all", bitdepth=bits, palette=False)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """See WrittenFormat."""
         blob = field(image, "exif-data")
         if blob is not None:
             insert(file, _AFTER_HEADER, _chunk(b"eXIf", blob.removeprefix(exif.PREFIX)))
+        return []
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:

@@ -34,6 +34,11 @@ def tiff_tags(resources: bytes) -> dict[int, Entry]:
     return tags | ({IPTC_TAG: Entry(7, len(iptc), iptc)} if iptc else {})
 
 
+def has_iptc(resources: bytes) -> bool:
+    """Whether there is IPTC among the resources."""
+    return any(kind == _IPTC for kind, _, _ in _blocks(resources.removeprefix(_PREFIX)))
+
+
 def without_thumbnails(resources: bytes) -> bytes:
     """Resources without the pictures among them; what cannot be read stays as it is."""
     prefix = _PREFIX if resources.startswith(_PREFIX) else b""
