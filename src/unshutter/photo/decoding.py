@@ -73,6 +73,8 @@ class Decoder:
         return self._grey_of(self.pixels, short_side)
 
     def _grey_of(self, pixels: np.ndarray, short_side: int | None) -> np.ndarray:
+        if self._header.coding.masked:  # libvips would take the last channel for transparency
+            pixels = pixels[..., :-1]
         return grey_copy(as_image(pixels), *grey_size(self._height, self._width, short_side))
 
     def _small_grey(self, short_side: int | None) -> np.ndarray:

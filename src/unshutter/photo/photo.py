@@ -16,7 +16,7 @@ from unshutter.photo.encoding import Encoded
 from unshutter.photo.format import Coding, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN, of_target
 from unshutter.photo.grey import grey_copy, grey_size
-from unshutter.photo.libvips import as_image
+from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
@@ -118,14 +118,20 @@ class Photo:
         """
         pixels = _with_bands(pixels)
         height, width, bands = pixels.shape
-        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None)
+        metadata = self._metadata if (height, width) == (self.height, self.width) else self._metadata.resized()
+        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None, _metadata=metadata)
 
     # ---- what it holds ---------------------------------------------------------------------------------
 
     @property
     def has_alpha(self) -> bool:
         """Whether the last channel is transparency."""
-        return self.bands in (2, 4)
+        return self.bands in (2, 4) and not self._coding.masked
+
+    @property
+    def masked(self) -> bool:
+        """Whether the last channel is a mask beside the picture, as Photoshop stores some in TIFF."""
+        return self.bands in (2, 4) and self._coding.masked
 
     def start_decoding(self, executor: Executor | None = None, grey_px: int | None = None, whole: bool = True) -> None:
         """Decodes in a thread of the executor (by default one of its own) while others work.
@@ -158,6 +164,11 @@ class Photo:
     def image(self) -> pyvips.Image:
         """The stored pixels as libvips sees them."""
         return as_image(self.pixels)
+
+    @property
+    def _picture(self) -> pyvips.Image:
+        """The image without a mask, which libvips would take for transparency."""
+        return as_image(self.pixels[..., :-1]) if self.masked else self.image
 
     def to_array(self) -> np.ndarray:
         """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
@@ -193,7 +204,7 @@ class Photo:
             raise UsageError(f"a grey copy needs a short side of at least 1 px, got {short_side}")
         if self._decoder is not None:
             return self._decoder.grey(short_side)
-        return grey_copy(self.image, *grey_size(self.height, self.width, short_side))
+        return grey_copy(self._picture, *grey_size(self.height, self.width, short_side))
 
     # ---- out -------------------------------------------------------------------------------------------
 
@@ -258,14 +269,22 @@ class Photo:
         return self._without_place_in(format) + left_out
 
     def _without_place_in(self, format: WrittenFormat) -> tuple[str, ...]:
-        return (*self._metadata.without_place(format.holds), *self._metadata.left_behind)
+        return (
+            *self._metadata.without_place(format.holds),
+            *self._metadata.left_behind,
+            *(["mask channel"] if self.masked and not format.masks else []),
+            *(["transparency"] if self.has_alpha and not format.alpha and encoding.is_transparent(self.image) else []),
+        )
 
     def _coding_for(self, how: Save) -> Coding:
         return replace(self._coding, subsampled=how.subsampling == "4:2:0") if how.subsampling else self._coding
 
     def _ready_for(self, format: WrittenFormat) -> pyvips.Image:
         is_new = self._given is not None
-        image = encoding.with_metadata(self.image, self._metadata, self.orientation, is_new)
+        image = self.image if format.masks else self._picture
+        image = encoding.with_metadata(image, self._metadata, self.orientation, is_new)
+        if self.masked:
+            image.set_type(libvips().GValue.gint_type, "tiff-masked", int(format.masks))
         return encoding.fitted(image, format)
 
 
