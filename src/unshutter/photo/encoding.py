@@ -24,25 +24,32 @@ _NAMED = 4  # of the parts that were left out; the rest is counted
 # ---- what goes into a file -----------------------------------------------------------------------------
 
 
-def with_metadata(image: pyvips.Image, metadata: Metadata, orientation: int, is_new: bool) -> pyvips.Image:
-    """The pixels with metadata that are true of them.
+def with_metadata(
+    image: pyvips.Image, metadata: Metadata, orientation: int, is_new: bool, format: WrittenFormat
+) -> tuple[pyvips.Image, tuple[str, ...]]:
+    """The pixels with metadata that are true of them, and the names of those that cannot go along.
 
     Args:
         image: pixels alone.
         metadata: of the photo that they come from.
         orientation: EXIF orientation 1-8.
         is_new: whether the pixels are others than the metadata's, so that thumbnails must be made anew, or go.
+        format: of the file.
     """
+    left_out = [*metadata.without_place(format.holds), *metadata.left_behind]
     packet, resources = metadata.xmp, metadata.resources
     if packet is not None:
-        packet = xmp.with_size(packet, image.height, image.width, orientation)
-    if is_new:
-        packet = None if packet is None else xmp.without_pictures(packet)
-        resources = None if resources is None else iptc.without_thumbnails(resources)
+        has_film = metadata.film is not None and "film" in format.holds
+        left_out += xmp.gone(packet, has_film)
+        packet = xmp.after(packet, xmp.Next(image.height, image.width, orientation, is_new, has_film))
+        if packet is None:
+            left_out.append("XMP (damaged)")
+    if is_new and resources is not None:
+        resources = iptc.without_thumbnails(resources)
     blob = _exif_of(image, metadata.exif, orientation, is_new)
     image = replace(metadata, exif=blob, xmp=packet, resources=resources).on(image)
     image.set_type(libvips().GValue.gint_type, "orientation", orientation)
-    return image
+    return image, tuple(dict.fromkeys(left_out))
 
 
 def _exif_of(image: pyvips.Image, blob: bytes | None, orientation: int, is_new: bool) -> bytes | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -234,8 +235,9 @@ class Photo:
     def _encoded(self, how: Save) -> Encoded:
         own = "png" if self.format == "array" else FORMATS[self.format].written_as
         target = WRITTEN[how.format or own]
-        file = encoding.to_bytes(self._ready_for(target), target, self._coding_for(how), how.quality)
-        return Encoded(file.data, self._without_place_in(target) + file.left_out)
+        image, left_out = self._ready_for(target)
+        file = encoding.to_bytes(image, target, self._coding_for(how), how.quality)
+        return Encoded(file.data, left_out + file.left_out)
 
     def save(
         self,
@@ -262,30 +264,29 @@ class Photo:
         target, how = Path(path), Save(None, quality, subsampling)
         format = of_target(target)
         check_target(target, overwrite, self.path)
-        image = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
+        image, left_out = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
         with written_whole(target) as part:
-            left_out = encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
+            left_out += encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
             check_target(target, overwrite, self.path)  # another program may have been faster
-        return self._without_place_in(format) + left_out
-
-    def _without_place_in(self, format: WrittenFormat) -> tuple[str, ...]:
-        return (
-            *self._metadata.without_place(format.holds),
-            *self._metadata.left_behind,
-            *(["mask channel"] if self.masked and not format.masks else []),
-            *(["transparency"] if self.has_alpha and not format.alpha and encoding.is_transparent(self.image) else []),
-        )
+        return left_out
 
     def _coding_for(self, how: Save) -> Coding:
         return replace(self._coding, subsampled=how.subsampling == "4:2:0") if how.subsampling else self._coding
 
-    def _ready_for(self, format: WrittenFormat) -> pyvips.Image:
+    def _ready_for(self, format: WrittenFormat) -> tuple[pyvips.Image, tuple[str, ...]]:
         is_new = self._given is not None
         image = self.image if format.masks else self._picture
-        image = encoding.with_metadata(image, self._metadata, self.orientation, is_new)
+        image, left_out = encoding.with_metadata(image, self._metadata, self.orientation, is_new, format)
         if self.masked:
             image.set_type(libvips().GValue.gint_type, "tiff-masked", int(format.masks))
-        return encoding.fitted(image, format)
+        return encoding.fitted(image, format), (*left_out, *self._lost_channels(format))
+
+    def _lost_channels(self, format: WrittenFormat) -> Iterator[str]:
+        """Channels that a format cannot hold, in words."""
+        if self.masked and not format.masks:
+            yield "mask channel"
+        if self.has_alpha and not format.alpha and encoding.is_transparent(self.image):
+            yield "transparency"
 
 
 def _with_bands(array: np.ndarray) -> np.ndarray:

@@ -5,8 +5,10 @@ Source: ITU-T T.81 (segments, quantisation); CIPA DC-008 (EXIF in APP1).
 
 from __future__ import annotations
 
+import io
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
@@ -17,7 +19,7 @@ from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import computed, field, libvips, refusing
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
-from unshutter.photo.tags import exif
+from unshutter.photo.tags import exif, iptc, xmp
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,7 +27,15 @@ if TYPE_CHECKING:
 
 # Warnings about JPEGs in which every pixel is there, and which all viewers show.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
-_LONGEST_EXIF = 65_533  # bytes, with the prefix
+_JFIF, _XMP, _MORE_XMP = b"JFIF\0", b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
+_APPLICATIONS = (*range(segments.APP0, segments.APP0 + 16), segments.COMMENT)
+# Segments that are carried elsewhere, or that say how this file alone is coded.
+_KNOWN: dict[int, tuple[bytes, ...]] = {
+    segments.APP0: (_JFIF, b"JFXX\0", b"AVI1"),
+    segments.APP1: (exif.PREFIX[:5], _XMP),
+    segments.APP2: (b"ICC_PROFILE\0",),
+    segments.APP14: (b"Adobe",),
+}
 _TABLES, _FRAMES = 0xDB, (0xC0, 0xC1, 0xC2)  # markers
 # Luminance quantisation of quality 50, in any order (ITU-T T.81, table K.1).
 _LUMINANCE = (
@@ -43,7 +53,7 @@ class Jpeg(WrittenFormat):
     suffixes = (".jpg", ".jpeg")
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
-    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution"})
+    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "segments", "film"})
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
@@ -54,7 +64,8 @@ class Jpeg(WrittenFormat):
         image = by_libvips.opened(source, "jpegload")
         with source.stream() as stream:
             coding = read_coding(stream)
-        return by_libvips.header(self, source, image, coding, Metadata.of_image(image))
+            metadata = _with_own(Metadata.of_image(image), stream)
+        return by_libvips.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. To libjpeg damaged data are but a warning."""
@@ -67,26 +78,89 @@ class Jpeg(WrittenFormat):
                 return computed(source.load("jpegload", access="sequential", fail_on="error", shrink=shrink))
 
     def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
-        """See WrittenFormat."""
+        """See WrittenFormat. What libvips loses or cuts of segments, :meth:`embed` writes."""
         chroma = "on" if coding.subsampled else "off"
+        image = image.copy()
+        for name in ("iptc-data", *(["xmp-data"] if _is_too_long(field(image, "xmp-data")) else [])):
+            image.remove(name)
         return by_libvips.encoded(image, "jpegsave", path, Q=quality or coding.quality or 95, subsample_mode=chroma)
 
     def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
-        """See WrittenFormat. EXIF that is too long loses its maker's note; if that is not enough, all of it."""
-        blob, left_out = field(image, "exif-data"), []
-        if blob is None:
-            return left_out
-        if len(blob) > _LONGEST_EXIF:
-            blob, left_out = exif.without_makers_note(blob), ["maker's note (too long for a JPEG)"]
-        content = exif.PREFIX + blob.removeprefix(exif.PREFIX)
+        """See WrittenFormat. Of EXIF that is too long, the longest tags are left out."""
+        left_out, added = [], b""
+        blob = field(image, "exif-data")
+        if blob is not None:
+            blob, left_out = exif.shortened(blob, segments.LONGEST)
+        if blob is not None:
+            added += segments.encoded(segments.APP1, exif.PREFIX + blob.removeprefix(exif.PREFIX))
+        if _is_too_long(field(image, "xmp-data")):
+            left_out.append("XMP (too long for a JPEG)")
+        resources = field(image, "iptc-data", b"")
+        added += b"".join(segments.encoded(segments.APP13, part) for part in iptc.segments(resources, segments.LONGEST))
+        added += field(image, "jpeg-segments", b"")
         file.seek(2)
         at, head = 2, file.read(4)
         if head[:2] == bytes([0xFF, segments.APP0]):  # JFIF stays first
             at += 2 + struct.unpack(">H", head[2:])[0]
-        if len(content) > _LONGEST_EXIF:
-            return ["EXIF (too long for a JPEG)"]
-        insert(file, at, segments.encoded(segments.APP1, content))
+        elif (density := field(image, "jpeg-density")) is not None:
+            added = segments.encoded(segments.APP0, _JFIF + b"\1\1" + density + bytes(2)) + added
+        if added:
+            insert(file, at, added)
+        film = field(image, "jpeg-film")
+        if film is not None:
+            file.seek(0, io.SEEK_END)
+            file.write(film)
         return left_out
+
+
+def _is_too_long(packet: bytes | None) -> bool:
+    return packet is not None and len(packet) + len(_XMP) > segments.LONGEST
+
+
+# ---- what libvips does not read ------------------------------------------------------------------------
+
+
+def _with_own(metadata: Metadata, file: BinaryIO) -> Metadata:
+    """The metadata with those that libvips does not hand on: density, comments, resources in several segments, film.
+
+    What no result gets is named.
+    """
+    density, resources, kept, left_behind = None, [], [], []
+    for marker, content in segments.before_the_scan(file, _APPLICATIONS):
+        if marker == segments.COMMENT:
+            kept.append((marker, content))
+        elif marker == segments.APP0 and content.startswith(_JFIF) and len(content) >= 12:
+            density = density or struct.unpack_from(">BHH", content, 7)
+        elif marker == segments.APP13 and content.startswith(iptc.PREFIX):
+            resources.append(content)
+        elif marker == segments.APP1 and content.startswith(_MORE_XMP):
+            left_behind.append("XMP beyond the first 64 kB")
+        elif marker == segments.APP2 and content.startswith(b"MPF\0"):
+            if not xmp.has_gain_map(metadata.xmp):  # which is named anyway
+                left_behind.append("previews or further pictures")
+        elif not (marker in _KNOWN and content.startswith(_KNOWN[marker])):
+            left_behind.append(f"data of other programs (APP{marker - segments.APP0})")
+    return replace(
+        metadata,
+        density=density,
+        resources=iptc.joined(resources) if resources else None,
+        segments=tuple(kept),
+        film=_film(metadata.xmp, file),
+        left_behind=tuple(dict.fromkeys(left_behind)),
+    )
+
+
+def _film(packet: bytes | None, file: BinaryIO) -> bytes | None:
+    """The film of a motion photo, which ends with the file."""
+    length = xmp.film_bytes(packet)
+    if not length or length >= file.seek(0, io.SEEK_END):
+        return None
+    file.seek(-length, io.SEEK_END)
+    film = file.read(length)
+    return film if film[4:8] == b"ftyp" else None
+
+
+# ---- how it is encoded ---------------------------------------------------------------------------------
 
 
 def read_coding(file: BinaryIO) -> Coding:
