@@ -184,3 +184,11 @@ def test_resolution_keeps_its_unit(unit):
     assert told == [300, 150, unit]
     with Image.open(io.BytesIO(photo.to_bytes("jpeg"))) as picture:
         assert picture.info.get("jfif_density", (1, 1))[0] != 7620
+
+
+def test_a_description_goes_along_as_exif_does():
+    photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo={270: "a street"}))
+    for format in ("tiff", "jpeg", "png"):
+        file = photo.encode(format)
+        with Image.open(io.BytesIO(file.data)) as picture:
+            assert picture.getexif()[270] == "a street" and file.left_out == ()

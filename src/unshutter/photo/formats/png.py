@@ -1,28 +1,41 @@
-"""PNG: lossless, 8 or 16 bits; EXIF is a chunk.
+"""PNG: lossless, 8 or 16 bits; all metadata are chunks, before the pixels or behind them.
 
-Source: W3C, PNG third edition (chunks, eXIf).
+libvips reads only the chunks before the pixels, and spells texts anew. So they are read here, and written as they were.
+
+Source: W3C, PNG third edition (chunks, eXIf, cICP, acTL).
 """
 
 from __future__ import annotations
 
 import struct
-import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
+from unshutter.errors import UnshutterError
 from unshutter.photo import by_libvips
-from unshutter.photo.containers.insertion import insert
+from unshutter.photo.containers import chunks, insertion
+from unshutter.photo.containers.chunks import COLOURS, TEXTS
 from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
-from unshutter.photo.tags import exif
+from unshutter.photo.tags import colours, exif, png_texts
 
 if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
 _AFTER_HEADER = 33  # bytes: signature and the chunk IHDR
+_PIXELS = (b"IDAT", b"fdAT")
+_CARRIED = TEXTS | COLOURS | {b"pHYs", b"tIME"}
+# What belongs to the coding of the old pixels, and says nothing to a photographer: palettes, significant bits, Apple's
+# list of offsets, frames of a still picture.
+_OF_THE_CODING = frozenset(
+    {b"IHDR", b"PLTE", b"tRNS", b"hIST", b"sPLT", b"sBIT", b"iCCP", b"acTL", b"fcTL", b"iDOT", b"bKGD", b"dSIG"}
+)
+_IN_WORDS = {b"caBX": "content credentials", b"prVW": "a preview"}
+_ONE_FRAME = struct.pack(">I", 1)
 
 
 @final
@@ -32,7 +45,7 @@ class Png(WrittenFormat):
     name = written_as = "png"
     suffixes = (".png",)
     longest_side, deep, grey, alpha = 10_000_000, True, True, True
-    holds = frozenset({"exif", "icc", "xmp", "resolution", "texts"})
+    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "chunks"})
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
@@ -40,26 +53,92 @@ class Png(WrittenFormat):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
+        with source.stream() as stream:
+            own = _read_metadata(source, stream)
+        if exif.has_too_many_tags(own.exif):  # libvips would take minutes
+            raise UnshutterError(f"{source} is damaged: its EXIF has more tags than can be true")
         image = by_libvips.opened(source, "pngload")
         coding = Coding(bits=field(image, "bits-per-sample", 8))
-        return by_libvips.header(self, source, image, coding, Metadata.of_image(image))
+        metadata = replace(own, icc=own.icc or field(image, "icc-profile-data"), resolution=(image.xres, image.yres))
+        header = by_libvips.header(self, source, image, coding, metadata)
+        return replace(header, orientation=exif.orientation(metadata.exif))
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
         return by_libvips.decoded(source, "pngload")
 
     def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
-        """See WrittenFormat."""
+        """See WrittenFormat. XMP comes later: libvips packs it, which the XMP specification forbids."""
+        image = image.copy()
+        for name in ("xmp-data", "iptc-data"):
+            image.remove(name)
         bits = 16 if image.format == "ushort" else 8
         return by_libvips.encoded(image, "pngsave", path, filter="all", bitdepth=bits, palette=False)
 
     def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
-        """See WrittenFormat."""
-        blob = field(image, "exif-data")
+        """See WrittenFormat. libvips tells a resolution even if nobody knows it."""
+        blob, packet, resources = (field(image, name) for name in ("exif-data", "xmp-data", "iptc-data"))
+        added, carried = b"", field(image, "png-chunks", b"")
         if blob is not None:
-            insert(file, _AFTER_HEADER, _chunk(b"eXIf", blob.removeprefix(exif.PREFIX)))
+            added += chunks.encoded(b"eXIf", blob.removeprefix(exif.PREFIX))
+        if packet is not None:
+            added += png_texts.of_xmp(packet)
+        if resources is not None:
+            added += png_texts.of_resources(resources)
+        resolution = chunks.place_of(file, b"pHYs")
+        if resolution is not None and (b"\0\0\0\x09pHYs" in carried or not field(image, "resolution-told")):
+            insertion.replace(file, *resolution, b"")
+        insertion.insert(file, _AFTER_HEADER, added + carried)
         return []
 
 
-def _chunk(name: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
+    """All but the profile in the chunk iCCP, which libvips unpacks, and the resolution.
+
+    Raises:
+        UnshutterError: an animation, or colours of HDR or video.
+    """
+    found: dict[str, bytes] = {}
+    carried: list[tuple[bytes, bytes]] = []
+    lost: list[str] = []
+    background_bytes = _background_bytes(file)
+    for name, data in chunks.of_file(file, skipped=_PIXELS):
+        if data is None:
+            lost.append("damaged chunks")
+        elif name == b"eXIf":
+            found["exif"] = data  # rather than what a text says
+        elif name in TEXTS and (meant := png_texts.metadata_in(name, data)) is not None:
+            if not meant.data:
+                lost.append(f"{meant.attribute.upper()} (damaged)")
+            found.setdefault(meant.attribute, meant.data)
+        elif name in _CARRIED or (name == b"bKGD" and len(data) == background_bytes) or chunks.is_safe_to_copy(name):
+            carried.append((name, data))
+        elif name == b"acTL" and data[:4] > _ONE_FRAME:
+            raise UnshutterError(f"{source} is an animation: unshutter takes single photos")
+        elif name not in _OF_THE_CODING:
+            lost.append(_IN_WORDS.get(name, f"chunk {name.decode('latin-1')}"))
+    return Metadata(
+        exif=found.get("exif") or None,
+        icc=_profile_told(source, carried) or found.get("icc") or None,
+        xmp=found.get("xmp") or None,
+        resources=found.get("resources") or None,
+        chunks=tuple(carried),
+        left_behind=tuple(dict.fromkeys(lost)),
+    )
+
+
+def _profile_told(source: Source, carried: list[tuple[bytes, bytes]]) -> bytes | None:
+    """The profile of the colours that the chunk cICP tells by numbers; None where it does not, or tells sRGB.
+
+    Raises:
+        UnshutterError: those of HDR or video.
+    """
+    told = dict(carried).get(b"cICP", b"")
+    return colours.profile_of(told[0], told[1], source) if len(told) == 4 else None
+
+
+def _background_bytes(file: BinaryIO) -> int:
+    """Length of the chunk bKGD that holds for results, too; 0 where pixels change their form on the way to them."""
+    file.seek(chunks.SIGNATURE_BYTES + 16)
+    depth, colour_type = file.read(2).ljust(2, b"\0")
+    return {0: 2, 2: 6, 4: 2, 6: 6}.get(colour_type, 0) if depth >= 8 else 0

@@ -67,7 +67,7 @@ class Tiff(WrittenFormat):
             return by_libvips.header(self, source, image, coding, metadata)
         if exif.has_no_resolution_unit(tree):  # to libvips that is pixels by the millimetre
             metadata = replace(metadata, resolution=(1.0, 1.0), resolution_unit=None)
-        metadata = replace(metadata, exif=exif.of_tiff(tree), resources=iptc.of_tiff(tree))
+        metadata = replace(metadata, exif=exif.of_tiff(tree), resources=iptc.of_tiff(tree), description=None)
         return by_libvips.header(self, source, image, coding, metadata, _pictures(tree))
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:

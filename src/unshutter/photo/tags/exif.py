@@ -47,6 +47,7 @@ _MAKER_NOTE, _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0x927C, 0xA002, 0xA003, 
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF ends at 65,527
 _ENTRY_BYTES = 12
+_MOST_TAGS = 2000  # in a directory
 _ROOM_IN_TIFF = 65_536  # bytes for directories, beside the values
 
 
@@ -56,6 +57,21 @@ _ROOM_IN_TIFF = 65_536  # bytes for directories, beside the values
 def read(blob: bytes | None) -> Tree | None:
     """The directories of an EXIF blob, with or without its prefix; None passes through."""
     return None if blob is None else read_tree(io.BytesIO(blob.removeprefix(PREFIX)))
+
+
+def has_too_many_tags(blob: bytes | None) -> bool:
+    """Whether a directory has thousands of tags, which no camera writes and libexif takes very long to read."""
+    if blob is None or len(blob) < _MOST_TAGS * _ENTRY_BYTES:
+        return False
+    editor = _Editor(blob)
+    return any(len(directory) > _MOST_TAGS for directory in editor.directories())
+
+
+def orientation(blob: bytes | None) -> int:
+    """EXIF orientation 1-8; 1 where it is not told."""
+    tree = read(blob)
+    told = tree.number(_ORIENTATION) if tree else None
+    return told if told is not None and 1 <= told <= 8 else 1
 
 
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
@@ -280,6 +296,14 @@ class _Editor:
         if at + 2 + 12 * count > len(self.data):
             return []
         return list(slots(self.data, self.order, at + 2, count))
+
+    def directories(self) -> Iterator[list[Slot]]:
+        """The entries of the first two directories, and of those that hang on the first."""
+        first = self.slots_at(self._place(self.start + 4)) if self.first else []
+        yield first
+        yield self.slots_at(self.second_at)
+        for place in {self._place(slot.value_at) for slot in first if slot.tag in SUB_DIRECTORIES}:
+            yield self.slots_at(place)
 
     @staticmethod
     def _by_tag(listed: list[Slot]) -> dict[int, Slot]:
