@@ -32,11 +32,11 @@ from unshutter.photo.tags.directories import (
 
 PREFIX = b"Exif\0\0"
 # What a TIFF's first directory says about the photo rather than about the storage of its pixels: names of document and
-# page, description, make, model, software, date, artist, computer, colours of white and primaries, ratings, copyright,
-# titles of Windows, print matching, unique name and serial number of the camera, lens.
+# page, page number, description, make, model, software, date, artist, computer, colours of white and primaries,
+# ratings, copyright, titles of Windows, print matching, unique name and serial number of the camera, lens.
 _CAMERA_TAGS = frozenset(
-    {0x010D, 0x011D, 0x010E, 0x010F, 0x0110, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F, 0x4746, 0x4749, 0x8298}
-    | {*range(0x9C9B, 0x9CA0), 0xC4A5, 0xC614, 0xC62F, 0xC630}
+    {0x010D, 0x010E, 0x010F, 0x0110, 0x011D, 0x0129, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F}
+    | {0x4746, 0x4749, 0x8298, *range(0x9C9B, 0x9CA0), 0xC4A5, 0xC614, 0xC62F, 0xC630}
 )
 # Where the picture lies on the earth (OGC GeoTIFF 1.1), and what GDAL adds to that.
 _GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0xA480, 0xA481})
@@ -143,10 +143,15 @@ def add_to_tiff(
 
 def _of_the_camera(tree: Tree) -> Directory:
     first = tree.pages[0]
-    lifted = {tag: value for tag, value in first.items() if tag in _CAMERA_TAGS | _GEOTIFF | SUB_DIRECTORIES}
+    lifted = {tag: value for tag, value in first.items() if is_carried(tag)}
     if has_no_resolution_unit(tree):
         lifted |= {tag: first[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in first}
     return lifted
+
+
+def is_carried(tag: int) -> bool:
+    """Whether a tag of a TIFF's first directory goes to its successors with EXIF."""
+    return tag in _CAMERA_TAGS or tag in _GEOTIFF or tag in SUB_DIRECTORIES
 
 
 def has_no_resolution_unit(tree: Tree) -> bool:
