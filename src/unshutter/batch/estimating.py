@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from unshutter.batch.inputs import find_photos, is_folder, motion_name, plan_targets
+from unshutter.batch.inputs import find_photos
 from unshutter.batch.report import Tell, each_photo
+from unshutter.batch.targets import check_named_once, is_folder, motion_names, plan_targets
 from unshutter.errors import UsageError
 from unshutter.estimators.register import check_name
 from unshutter.options import Find, Reference
 from unshutter.prefetch import Prefetch
 from unshutter.storage.places import Place, check_place, make_folder, write_place
+from unshutter.storage.protection import Protection
+
+if TYPE_CHECKING:
+    from unshutter.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -39,31 +45,46 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
     if inputs.many and wanted.plot:
         raise UsageError("--plot draws the motion of one photo only")
     check_name(wanted.find.estimator)
-    targets = plan_targets(inputs, output, motion_name) if output else {}
+    targets = plan_targets(inputs, output, motion_names(inputs)) if output else {}
+    check_named_once([*(("the motion", target) for target in targets.values()), ("--plot", wanted.plot)])
+    protection = Protection(inputs.photos, [output])
     prefetch = Prefetch(list(inputs.photos), wanted.find, max_pixels, whole=False)
-    from unshutter.motion.speed import check_readout_ms, json_with_speed
+    from unshutter.motion.speed import check_readout_ms
 
     if wanted.readout_ms is not None:
         check_readout_ms(wanted.readout_ms)
 
+    in_folder = output is not None and is_folder(output, inputs.many)
+
+    def check(file: Place, photo: Place) -> None:
+        protection.check(file)
+        if in_folder and file != wanted.plot:
+            make_folder(file.parent)
+        check_place(file, overwrite, photo)
+
     def one(photo: Place, tell: Tell) -> None:
         target = targets.get(photo)
-        if target and output and is_folder(output, inputs.many):
-            make_folder(target.parent)
         for file in filter(None, (target, wanted.plot)):
-            check_place(file, overwrite, photo)
+            check(file, photo)
         coming = prefetch.take(photo)
         motion = coming.photo and coming.motion().rereferenced(wanted.reference)
         if motion.reason:
             tell(f"{photo}: no motion ({motion.reason})")
-        if wanted.plot:
-            from unshutter.export.plot import plot_motion
-
-            plot_motion(motion, wanted.plot, title=photo.name, readout_ms=wanted.readout_ms)
-        text = motion.to_json() if wanted.readout_ms is None else json_with_speed(motion, wanted.readout_ms)
+        text = _told(motion, photo, wanted)
         if target:
-            write_place(f"{text}\n".encode(), target)
+            write_place(f"{text}\n".encode(), target, overwrite, mode_of=photo)
         else:
             print(text)
 
     return each_photo(inputs, one)
+
+
+def _told(motion: Motion, photo: Place, wanted: Estimates) -> str:
+    """The motion as text; drawn, too, if that is wanted."""
+    from unshutter.motion.speed import json_with_speed
+
+    if wanted.plot:
+        from unshutter.export.plot import plot_motion
+
+        plot_motion(motion, wanted.plot, title=photo.name, readout_ms=wanted.readout_ms)
+    return motion.to_json() if wanted.readout_ms is None else json_with_speed(motion, wanted.readout_ms)

@@ -1,19 +1,23 @@
-"""Which files are meant, and where the result of each goes."""
+"""Which photos are meant, and which files were passed over, and why."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+import stat
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.photo.formats import FORMATS, WRITTEN, of_suffix
+from unshutter.photo.formats import FORMATS
 from unshutter.storage import places
 from unshutter.storage.places import Place, objects_below, place, way
 
 PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
 RECTIFIED = ".rectified"
+_SEVERAL_PICTURES = (".mpo",)
+_OURS = "unshutter-manifest"
 
 
 @dataclass
@@ -24,11 +28,31 @@ class Inputs:
         photos: each with its folder inside the given one (``.`` for photos named one by one).
         many: whether several were meant.
         unreadable: folders that could not be looked into, and why.
+        passed_over: files in the given folders that were not taken: reason -> their endings, each as often as it was
+            there.
     """
 
     photos: dict[Place, PurePosixPath] = field(default_factory=dict)
     many: bool = False
     unreadable: list[tuple[str, str]] = field(default_factory=list)
+    passed_over: dict[str, Counter[str]] = field(default_factory=dict)
+
+    def pass_over(self, reason: str, name: PurePosixPath) -> None:
+        """Notes a file that is not taken."""
+        self.passed_over.setdefault(reason, Counter())[name.suffix.lower()] += 1
+
+    def counts(self) -> dict[str, int]:
+        """How many files were not taken, by reason."""
+        return {reason: endings.total() for reason, endings in self.passed_over.items()}
+
+    def not_taken(self) -> str:
+        """A line about what was passed over; empty where nothing was."""
+        told = []
+        for reason, endings in sorted(self.passed_over.items(), key=lambda item: (-item[1].total(), item[0])):
+            names = [ending or "no ending" for ending, _ in endings.most_common(5)]
+            more = ", ..." if len(endings) > 5 else ""
+            told.append(f"{endings.total()} {reason} ({', '.join(names)}{more})")
+        return f"not taken: {'; '.join(told)}" if told else ""
 
 
 def find_photos(given: Iterable[str | os.PathLike[str]], leave_out: Place | None = None) -> Inputs:
@@ -52,10 +76,11 @@ def find_photos(given: Iterable[str | os.PathLike[str]], leave_out: Place | None
             inputs.photos.setdefault(source, PurePosixPath())
             continue
         inputs.many = True
-        inside = _in_folder(source, leave_out, inputs.unreadable)
-        meant = [relative for relative in inside if _is_meant(relative)]
+        inside = _in_folder(source, leave_out, inputs)
+        meant = [relative for relative in inside if _is_meant(relative, inputs)]
         if not meant:
-            raise UnshutterError(f"no photos in folder {source} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})")
+            told = f"no photos in folder {source} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})"
+            raise UnshutterError(f"{told}; {inputs.not_taken()}" if inputs.passed_over else told)
         for relative in meant:
             inputs.photos.setdefault(source / relative, relative.parent)
     if not inputs.photos:
@@ -64,12 +89,23 @@ def find_photos(given: Iterable[str | os.PathLike[str]], leave_out: Place | None
     return inputs
 
 
-def _is_meant(relative: PurePosixPath) -> bool:
-    hidden = any(part.startswith(".") for part in relative.parts)
-    return relative.suffix.lower() in PHOTO_SUFFIXES and not hidden and not relative.stem.endswith(RECTIFIED)
+def _is_meant(relative: PurePosixPath, inputs: Inputs) -> bool:
+    suffix = relative.suffix.lower()
+    if any(part.startswith(".") for part in relative.parts):
+        reason = "hidden"
+    elif relative.stem.endswith(RECTIFIED) or relative.parts[0].startswith(_OURS):
+        reason = "made by unshutter"
+    elif suffix in _SEVERAL_PICTURES:
+        reason = "with several pictures in one file"
+    elif suffix not in PHOTO_SUFFIXES:
+        reason = "no photos"
+    else:
+        return True
+    inputs.pass_over(reason, relative)
+    return False
 
 
-def _in_folder(folder: Place, leave_out: Place | None, unreadable: list[tuple[str, str]]) -> list[PurePosixPath]:
+def _in_folder(folder: Place, leave_out: Place | None, inputs: Inputs) -> list[PurePosixPath]:
     """All files below a folder, relative to it, in order."""
     if not isinstance(folder, Path):
         results = way(folder, leave_out) if leave_out is not None else None
@@ -79,70 +115,29 @@ def _in_folder(folder: Place, leave_out: Place | None, unreadable: list[tuple[st
     found: list[PurePosixPath] = []
     results = os.path.realpath(leave_out) if isinstance(leave_out, Path) else None
     if results == os.path.realpath(folder):
-        results = None  # beside the originals: known by their names
+        results = None  # as above
 
     def note(error: OSError) -> None:
-        unreadable.append((str(error.filename), error.strerror or str(error)))
+        inputs.unreadable.append((str(error.filename), error.strerror or str(error)))
 
     for top, folders, files in os.walk(folder, onerror=note):
-        folders[:] = sorted(f for f in folders if not f.startswith(".") and os.path.realpath(Path(top, f)) != results)
         relative = PurePosixPath(Path(top).relative_to(folder).as_posix())
-        found += [relative / name for name in sorted(files) if Path(top, name).is_file()]
+        folders[:] = sorted(name for name in folders if os.path.realpath(Path(top, name)) != results)
+        for name in [*folders]:
+            if name.startswith(".") or os.path.islink(Path(top, name)):
+                inputs.pass_over("hidden" if name.startswith(".") else "links to folders", PurePosixPath("folder/"))
+                folders.remove(name)
+        for name in sorted(files):
+            if reason := _no_file(Path(top, name)):
+                inputs.pass_over(reason, relative / name)
+            else:
+                found.append(relative / name)
     return found
 
 
-def picture_name(photo: Place, format: str | None = None) -> str:
-    """Name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``.
-
-    A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``: cameras write ``a.jpg``
-    beside it.
-
-    Args:
-        photo: which photo.
-        format: of the result; by default the photo's, or the one that follows a format that is only read.
-    """
-    own = of_suffix(photo.suffix)
-    wanted = format or (own.written_as if own else "")
-    if not wanted or (own and wanted == own.name):
-        return f"{photo.stem}{RECTIFIED}{photo.suffix}"
-    return f"{photo.name}{RECTIFIED}{WRITTEN[wanted].suffixes[0]}"
-
-
-def motion_name(photo: Place) -> str:
-    """Name of a photo's motion file: ``a.jpg`` -> ``a.json``; ``a.heic`` -> ``a.heic.json``."""
-    own = of_suffix(photo.suffix)
-    return f"{photo.stem if own is None or own.name in WRITTEN else photo.name}.json"
-
-
-def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[[Place], str]) -> dict[Place, Place]:
-    """Where each photo's result goes: a file, or a folder that takes on the structure of the given ones.
-
-    Raises:
-        UsageError: two photos would share a result, or a folder is wanted where there is a file.
-    """
-    goal = place(output)
-    if not is_folder(goal, inputs.many):
-        return {next(iter(inputs.photos)): goal}
-    if isinstance(goal, Path) and goal.exists() and not goal.is_dir():
-        raise UsageError(f"several photos need a folder to go to, but {goal} is a file")
-    targets = {photo: goal / (inside / name(photo)) for photo, inside in inputs.photos.items()}
-    return _all_different(targets)
-
-
-def beside(inputs: Inputs, name: Callable[[Place], str]) -> dict[Place, Place]:
-    """Results beside their photos."""
-    return _all_different({photo: photo.with_name(name(photo)) for photo in inputs.photos})
-
-
-def is_folder(goal: Place, many: bool) -> bool:
-    """Whether results go into it rather than become it; a name without an ending is meant as a folder."""
-    return many or not goal.suffix or (isinstance(goal, Path) and goal.is_dir())
-
-
-def _all_different(targets: dict[Place, Place]) -> dict[Place, Place]:
-    taken: dict[Place, Place] = {}
-    for photo, target in targets.items():
-        if target in taken:
-            raise UsageError(f"{photo} and {taken[target]} would both be written to {target}")
-        taken[target] = photo
-    return targets
+def _no_file(path: Path) -> str:
+    """Why there is no file to read; empty where there is one."""
+    try:
+        return "" if stat.S_ISREG(path.stat().st_mode) else "pipes or devices"
+    except OSError:
+        return "links that lead nowhere"

@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import MISSING, dataclass, field, fields
 from functools import partial
 from pathlib import Path
 
-from unshutter.batch.inputs import Inputs, beside, find_photos, is_folder, motion_name, picture_name, plan_targets
-from unshutter.batch.manifest import Manifest
+from unshutter.batch.inputs import Inputs, find_photos
+from unshutter.batch.manifest import NAME, Manifest
 from unshutter.batch.report import Report
-from unshutter.batch.run import Batch
+from unshutter.batch.run import Batch, check_outputs
+from unshutter.batch.targets import beside, check_named_once, is_folder, motion_names, picture_name, plan_targets
 from unshutter.batch.work import Job, do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
 from unshutter.errors import UnshutterError, UsageError
@@ -22,7 +23,8 @@ from unshutter.estimators.register import check_name
 from unshutter.options import Rectify, Run
 from unshutter.prefetch import Prefetch
 from unshutter.storage.files import remove_leftovers
-from unshutter.storage.places import absolute, check_place, fingerprint, make_folder, place
+from unshutter.storage.places import Place, absolute, fingerprint, make_folder, place
+from unshutter.storage.protection import Protection
 
 # of a result; those in the first digests
 _OLDEST_OPTIONS = frozenset(
@@ -50,30 +52,36 @@ def rectify_files(
     check_name(wanted.find.estimator)
     motion = _motion_text(wanted.motion)
     jobs = _jobs(inputs, output, save_motion, wanted, run)
+    weights = Path(wanted.find.estimator.partition("@")[2]) if "@" in wanted.find.estimator else None
+    given: dict[str, Place | None] = {"--motion": wanted.motion, "the weights": weights, "--json-log": run.json_log}
+    given["the manifest"] = goal / f"{NAME}.jsonl" if goal is not None and inputs.many else None
+    check_named_once([*_outputs(jobs), *given.items()])
+    folders = [goal, place(save_motion) if save_motion else None]
+    protection = Protection([*inputs.photos, wanted.motion, weights], folders)
     # results beside their photos, and that of a single photo, are known by their names alone
     manifest = Manifest(goal, _digest(wanted, motion)) if goal is not None and inputs.many else None
     plan = _plan(jobs, manifest, run.overwrite)
     if run.dry_run:
-        return _say_what_would_be_done(plan, inputs)
+        return _say_what_would_be_done(plan, inputs, protection)
     if run.jobs is None and run.scheduler is None and plan.to_do:
         find = wanted.find if motion is None else None
         prefetch = Prefetch([job.source for job in plan.to_do], find, run.max_pixels)
     else:
         prefetch = None
-    with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log) as report:
+    with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log, inputs, protection) as report:
         _report_what_is_known(plan, inputs, report)
-        _prepare_folders(jobs, inputs, output, save_motion)
+        _prepare_folders(jobs, inputs, output, save_motion, protection)
         with _workers(run) as workers:
             here = {"prefetch": prefetch} if prefetch else {}  # nothing that could be sent to another process
             work = partial(do_job, wanted=wanted, motion=motion, **here)
-            Batch(work, workers, manifest, report).run(plan.to_do)
+            Batch(work, workers, manifest, report, protection).run(plan.to_do)
     return report.exit_code()
 
 
 def _jobs(inputs: Inputs, output: str | None, save_motion: str | None, wanted: Rectify, run: Run) -> list[Job]:
     rectified = partial(picture_name, format=wanted.save.format)
     targets = plan_targets(inputs, output, rectified) if output is not None else beside(inputs, rectified)
-    motions = plan_targets(inputs, save_motion, motion_name) if save_motion else {}
+    motions = plan_targets(inputs, save_motion, motion_names(inputs)) if save_motion else {}
     where = absolute if run.scheduler is not None else lambda given: given  # other machines have other ways
     return [
         Job(
@@ -85,6 +93,12 @@ def _jobs(inputs: Inputs, output: str | None, save_motion: str | None, wanted: R
         )
         for photo, target in targets.items()
     ]
+
+
+def _outputs(jobs: list[Job]) -> Iterator[tuple[str, Place | None]]:
+    for job in jobs:
+        yield "the picture", job.target
+        yield "its motion", job.motion_target
 
 
 def _motion_text(path: Path | None) -> str | None:
@@ -126,14 +140,14 @@ def _plan(jobs: list[Job], manifest: Manifest | None, overwrite: bool) -> _Plan:
     return plan
 
 
-def _say_what_would_be_done(plan: _Plan, inputs: Inputs) -> int:
+def _say_what_would_be_done(plan: _Plan, inputs: Inputs, protection: Protection) -> int:
     refused = [reason for _, reason in plan.refused]
     refused += [f"cannot read folder {folder}: {reason}" for folder, reason in inputs.unreadable]
     count = 0
     for job in plan.to_do:
         try:
             if not isinstance(job.target, Path) or job.target.parent.is_dir():
-                check_place(job.target, job.overwrite, job.source)
+                check_outputs(job, protection)
         except UnshutterError as error:
             refused.append(f"{job.source}: {error}")
         else:
@@ -141,6 +155,8 @@ def _say_what_would_be_done(plan: _Plan, inputs: Inputs) -> int:
             print(f"{job.source} -> {job.target}")
     for reason in refused:
         print(f"unshutter: {reason}", file=sys.stderr)
+    if inputs.passed_over:
+        print(f"unshutter: {inputs.not_taken()}", file=sys.stderr)
     line = f"{count} photos to do, {len(plan.finished)} finished already, {len(refused)} refused"
     print(f"unshutter: {line}; nothing was written", file=sys.stderr)
     return 1 if refused else 0
@@ -155,15 +171,21 @@ def _report_what_is_known(plan: _Plan, inputs: Inputs, report: Report) -> None:
         report.failed(job.source, reason)
 
 
-def _prepare_folders(jobs: list[Job], inputs: Inputs, output: str | None, save_motion: str | None) -> None:
+def _prepare_folders(
+    jobs: list[Job], inputs: Inputs, output: str | None, save_motion: str | None, protection: Protection
+) -> None:
     """Makes the folders that results go to, and clears them of what killed runs left."""
     targets = [job.target for job in jobs]
     motions = [job.motion_target for job in jobs if job.motion_target is not None]
     for goal, places in ((output, targets), (save_motion, motions)):
         for folder in dict.fromkeys(where.parent for where in places):
+            try:
+                protection.check_folder(folder)
+            except UnshutterError:  # as each of its photos will say
+                continue
             if goal is not None and is_folder(place(goal), inputs.many):
                 make_folder(folder)
-            if isinstance(folder, Path) and inputs.many:
+            if isinstance(folder, Path):
                 remove_leftovers(folder)
 
 

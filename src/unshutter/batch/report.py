@@ -15,7 +15,10 @@ from unshutter.batch.inputs import Inputs
 from unshutter.errors import UnshutterError
 from unshutter.progress import Progress, rate
 from unshutter.storage.places import Place
+from unshutter.storage.plain_files import open_plain
+from unshutter.storage.protection import Protection
 
+_FIRST_WORDS = b'{"event":'  # of every JSON log
 Tell = Callable[[str], None]  # says a line to the user
 
 
@@ -26,16 +29,26 @@ class Report:
         total: photos in all.
         to_do: those of them that there is work to do for.
         log: JSON log to add to, one event a line.
+        inputs: the photos, and what was passed over.
+        protection: of the files that the run reads.
 
     Raises:
         UnshutterError: the log cannot be written, or there is a file that is no such log.
     """
 
-    def __init__(self, total: int, to_do: int, log: Path | None = None):
+    def __init__(
+        self,
+        total: int,
+        to_do: int,
+        log: Path | None = None,
+        inputs: Inputs | None = None,
+        protection: Protection | None = None,
+    ):
         self.total = total
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
         self._start = time.monotonic()
-        self._log = _open_log(log) if log is not None else None
+        self._inputs = inputs or Inputs()
+        self._log = _open_log(log, protection or Protection([])) if log is not None else None
         self._bar = Progress(to_do)
 
     def __enter__(self) -> Report:
@@ -45,6 +58,8 @@ class Report:
     def __exit__(self, *error: object) -> None:
         self._bar.__exit__(*error)
         summary = {**self.counts, "photos": self.total, "stopped": error[0] is not None}
+        if self._inputs.passed_over:
+            summary["not_taken"] = self._inputs.counts()
         self._note("end", **summary, seconds=round(time.monotonic() - self._start, 3))
         if self._log is not None:
             self._log.close()
@@ -92,6 +107,8 @@ class Report:
         if self.total > 1:
             speed = f" ({rate(done / seconds)})" if done else ""
             before = f", {skipped} finished already" if skipped else ""
+            if self._inputs.passed_over:
+                self.tell(f"unshutter: {self._inputs.not_taken()}")
             self.tell(f"unshutter: {done} of {self.total} photos done in {_spoken(seconds)}{speed}{before}")
         return exit_code(self.counts["failed"], self.total)
 
@@ -101,16 +118,17 @@ def _spoken(seconds: float) -> str:
     return f"{hours} h {rest // 60} min" if hours else f"{rest // 60} min {rest % 60} s" if rest >= 60 else f"{rest} s"
 
 
-def _open_log(path: Path) -> TextIO:
+def _open_log(path: Path, protection: Protection) -> TextIO:
     """A log to add to; another file of that name, such as a photo, is left alone."""
+    descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
     try:
-        if path.exists() and path.stat().st_size:
-            with path.open("rb") as stream:
-                if not stream.read(9).startswith(b'{"event":'):
-                    raise UnshutterError(f"{path} is no log of unshutter's: choose another name for --json-log")
-        return path.open("a", encoding="utf-8")
-    except OSError as error:
-        raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+        if os.read(descriptor, len(_FIRST_WORDS)) not in (b"", _FIRST_WORDS):
+            raise UnshutterError(f"{path} is no log of unshutter's: choose another name for --json-log")
+        protection.check(path)
+    except UnshutterError:
+        os.close(descriptor)
+        raise
+    return open(descriptor, "a", encoding="utf-8")
 
 
 def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
@@ -129,6 +147,8 @@ def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
                 failed += 1
                 bar.tell(f"unshutter: {error}")
             bar.advance()
+        if inputs.passed_over:
+            bar.tell(f"unshutter: {inputs.not_taken()}")
     return exit_code(failed, len(files) + len(inputs.unreadable))
 
 

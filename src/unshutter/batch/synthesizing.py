@@ -14,9 +14,12 @@ def synthesize_files(photos: list[Path], output: Path, pictures: Synthesize) -> 
     """Makes rolling-shutter pictures from photos; returns the exit code."""
     from unshutter.synthesis.pair_folder import synthesize_folder
 
-    files = [photo for photo in find_photos(photos, leave_out=output).photos if isinstance(photo, Path)]
+    inputs = find_photos(photos, leave_out=output)
+    files = [photo for photo in inputs.photos if isinstance(photo, Path)]
     with Progress(len(files)) as bar:
         failed = synthesize_folder(files, output, pictures, bar.advance)
         for photo, message in failed:
             bar.tell(f"unshutter: {photo}: {message}")
+        if inputs.passed_over:
+            bar.tell(f"unshutter: {inputs.not_taken()}")
     return exit_code(len(failed), len(files))

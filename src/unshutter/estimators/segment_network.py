@@ -1,4 +1,4 @@
-"""The small transformer (ONNX) that turns line segments into a row motion: segment-transformer's, which others ask too.
+"""The small transformer (ONNX) that turns line segments into a row motion; several methods ask it.
 
 Trained by ``unshutter.learn`` on drawn scenes; the card beside the weights says how.
 """
@@ -20,7 +20,7 @@ MOST_SEGMENTS = 320  # it was trained on no more; the longest are kept
 
 
 class SegmentNetwork:
-    """The exported network, opened when it is first needed; may be asked by several threads at once.
+    """The exported network, opened when it is first needed. Several threads may use it at once.
 
     Args:
         weights: the exported network.
@@ -32,10 +32,10 @@ class SegmentNetwork:
         self._opening = Lock()
 
     def open(self) -> InferenceSession:
-        """The network, opened unless it is open.
+        """The network; opens it the first time.
 
         Raises:
-            UnshutterError: the file holds no network of this kind.
+            UnshutterError: there is no file, or it is not this network.
         """
         with self._opening:
             if self._session is None:

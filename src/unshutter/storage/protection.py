@@ -41,13 +41,22 @@ class Protection:
             raise UnshutterError(
                 f"{target} is an original (an input of this run), which is never overwritten: choose another name"
             )
-        for folder in self._folders:
-            inside = way(folder, target)
-            for above in list(inside.parents)[:-1] if inside and isinstance(folder, Path) else ():
-                if self._is_link(folder / above):
-                    raise UnshutterError(
-                        f"cannot write {target}: {folder / above} is a link, and nothing is written through links"
-                    )
+        self.check_folder(target.parent)
+
+    def check_folder(self, folder: Place) -> None:
+        """Checks a folder before it is made, or something is written there.
+
+        Raises:
+            UnshutterError: it lies behind a link.
+        """
+        for named in self._folders:
+            inside = way(named, folder)
+            if inside is None or not isinstance(named, Path):
+                continue
+            for part in [inside, *inside.parents][:-1]:
+                if self._is_link(named / part):
+                    reason = f"{named / part} is a link, and nothing is written through links"
+                    raise UnshutterError(f"cannot write to {folder}: {reason}")
 
     def _is_input(self, target: Place) -> bool:
         if not isinstance(target, Path):

@@ -1,0 +1,107 @@
+"""Where the result of each photo goes, each to a place of its own."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+
+from unshutter.batch.inputs import RECTIFIED, Inputs
+from unshutter.errors import UsageError
+from unshutter.photo.formats import WRITTEN, of_suffix
+from unshutter.storage.places import Place, place
+
+
+def picture_name(photo: Place, format: str | None = None) -> str:
+    """Name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``.
+
+    A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``: cameras write ``a.jpg``
+    beside it.
+
+    Args:
+        photo: which photo.
+        format: of the result; by default the photo's, or the one that follows a format that is only read.
+    """
+    own = of_suffix(photo.suffix)
+    wanted = format or (own.written_as if own else "")
+    if not wanted or (own and wanted == own.name):
+        return f"{photo.stem}{RECTIFIED}{photo.suffix}"
+    return f"{photo.name}{RECTIFIED}{WRITTEN[wanted].suffixes[0]}"
+
+
+def motion_names(inputs: Inputs) -> Callable[[Place], str]:
+    """Names of the photos' motion files: ``a.jpg`` -> ``a.json``; ``a.heic`` -> ``a.heic.json``.
+
+    Where ``a.jpg`` and ``a.png`` are to go to one folder, both keep their whole name, ``a.jpg.json``, in whatever order
+    they come. Capitals make no difference: to some file systems they are none.
+    """
+    asked = Counter(
+        (inside, name.casefold())
+        for photo, inside in inputs.photos.items()
+        for name in {_short_name(photo), f"{photo.name}.json"}
+    )
+
+    def name(photo: Place) -> str:
+        short = _short_name(photo)
+        return short if asked[inputs.photos[photo], short.casefold()] == 1 else f"{photo.name}.json"
+
+    return name
+
+
+def _short_name(photo: Place) -> str:
+    own = of_suffix(photo.suffix)
+    return f"{photo.stem if own is None or own.name in WRITTEN else photo.name}.json"
+
+
+def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[[Place], str]) -> dict[Place, Place]:
+    """Where each photo's result goes: a file, or a folder that takes on the structure of the given ones.
+
+    Raises:
+        UsageError: two photos would share a result, or a folder is wanted where there is a file.
+    """
+    goal = place(output)
+    if not is_folder(goal, inputs.many):
+        return {next(iter(inputs.photos)): goal}
+    if isinstance(goal, Path) and goal.exists() and not goal.is_dir():
+        raise UsageError(f"several photos need a folder to go to, but {goal} is a file")
+    targets = {photo: goal / (inside / name(photo)) for photo, inside in inputs.photos.items()}
+    return _all_different(targets)
+
+
+def beside(inputs: Inputs, name: Callable[[Place], str]) -> dict[Place, Place]:
+    """Results beside their photos."""
+    return _all_different({photo: photo.with_name(name(photo)) for photo in inputs.photos})
+
+
+def is_folder(goal: Place, many: bool) -> bool:
+    """Whether results go into it rather than become it; a name without an ending is meant as a folder."""
+    return many or not goal.suffix or (isinstance(goal, Path) and goal.is_dir())
+
+
+def check_named_once(named: Iterable[tuple[str, Place | None]]) -> None:
+    """Checks that no place was named for two things, one of which would replace the other.
+
+    Args:
+        named: what a place is for, and the place; all that a run writes, and the files beside photos that it is given.
+
+    Raises:
+        UsageError: one was.
+    """
+    real_folder = cache(os.path.realpath)  # most lie in a few
+    taken: dict[str, str] = {}
+    for what, where in named:
+        if where is not None:
+            path = os.path.join(real_folder(where.parent), where.name) if isinstance(where, Path) else str(where)
+            if taken.setdefault(path, what) != what:
+                raise UsageError(f"{where} was named twice, for {taken[path]} and for {what}: choose another name")
+
+
+def _all_different(targets: dict[Place, Place]) -> dict[Place, Place]:
+    taken: dict[Place, Place] = {}
+    for photo, target in targets.items():
+        if target in taken:
+            raise UsageError(f"{photo} and {taken[target]} would both be written to {target}")
+        taken[target] = photo
+    return targets
