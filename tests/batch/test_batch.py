@@ -13,9 +13,9 @@ import pytest
 
 import unshutter
 from support.batches import leftovers, make_motion, make_photos, rectify, results, start_rectify
+from unshutter.batch.job import Job, Outcome
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch
-from unshutter.batch.work import Job, Outcome
 from unshutter.batch.workers import InThisProcess, Workers, processes
 from unshutter.cli import main
 from unshutter.photo import Photo

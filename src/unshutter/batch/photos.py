@@ -10,7 +10,7 @@ from unshutter.photo.formats import of_target
 from unshutter.storage.places import write_place
 
 if TYPE_CHECKING:
-    from unshutter.batch.work import Job
+    from unshutter.batch.job import Job
     from unshutter.options import Save
     from unshutter.rectification import Rectified
 

@@ -12,11 +12,12 @@ from functools import partial
 from pathlib import Path
 
 from unshutter.batch.inputs import Inputs, find_photos
+from unshutter.batch.job import Job
 from unshutter.batch.manifest import NAME, Manifest
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch, check_outputs
 from unshutter.batch.targets import beside, check_named_once, is_folder, motion_names, picture_name, plan_targets
-from unshutter.batch.work import Job, do_job
+from unshutter.batch.work import do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.register import check_name

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from dataclasses import replace
 
+from unshutter.batch.job import Job, Outcome
 from unshutter.batch.manifest import Manifest
 from unshutter.batch.report import Report, naming_the_photo
-from unshutter.batch.work import Job, Outcome
 from unshutter.batch.workers import Workers
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.storage.places import check_place
