@@ -6,7 +6,9 @@ from unshutter.errors import UnshutterError
 from unshutter.photo.formats import FORMATS
 from unshutter.photo.formats.base import Format, Header
 from unshutter.photo.source import Source
+from unshutter.storage.plain_files import check_plain
 
+SEVERAL_PICTURES = ".mpo"  # of stereo cameras; by its first bytes it is a JPEG
 _HEAD_BYTES = 64
 
 
@@ -34,6 +36,11 @@ def recognise(source: Source) -> Format:
     Raises:
         UnshutterError: missing, unreadable, empty, or of no format that is read.
     """
+    suffix = source.path.suffix.lower() if source.path else ""
+    if source.path:
+        check_plain(source.path)
+    if suffix == SEVERAL_PICTURES:
+        raise UnshutterError(f"{source} holds several pictures (MPO): unshutter takes single photos")
     try:
         with source.stream() as stream:
             head = stream.read(_HEAD_BYTES)
@@ -44,7 +51,6 @@ def recognise(source: Source) -> Format:
         raise UnshutterError(f"cannot read {str(source)!r}: {error}") from None
     if not head:
         raise UnshutterError(f"{source} is empty (0 bytes)")
-    suffix = source.path.suffix.lower() if source.path else ""
     for format in FORMATS.values():
         if format.recognises(head, suffix):
             return format
