@@ -174,7 +174,7 @@ class Photo:
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
 
-        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, likewise across, to 0.2 px, where a JPEG
+        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, across as well, to 0.2 px, where a JPEG
         gives a smaller one than was asked for to 0.5 px.
         JPEGs about twice as large, or more, are decoded at a half, a quarter or an eighth of their size for it, whether
         or not their pixels are known already: an estimate is the same whatever it is for.

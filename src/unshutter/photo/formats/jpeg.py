@@ -1,4 +1,4 @@
-"""JPEG: quality and subsampling are told by its tables; EXIF is a segment.
+"""JPEG: its tables give quality and subsampling; EXIF is a segment.
 
 Source: ITU-T T.81 (segments, quantisation); CIPA DC-008 (EXIF in APP1).
 """
