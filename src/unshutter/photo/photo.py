@@ -131,8 +131,7 @@ class Photo:
 
         Args:
             executor: where to.
-            grey_px: short side of the grey copy that will be wanted, and before all else; None: none. It is kept for
-                the one :meth:`grey` that asks for exactly this size.
+            grey_px: short side of a grey copy that will be wanted, and before all else; None: none.
             whole: all pixels will be wanted.
         """
         if self._decoder is not None:
