@@ -161,6 +161,29 @@ class _Reader:
         return Entry(slot.kind, slot.count, data) if len(data) == size else None
 
 
+def is_tangled(data: bytes) -> bool:
+    """Whether directories of a TIFF structure lead to one that was there before; libexif then works for minutes."""
+    order = BYTE_ORDERS.get(data[:4])
+    if order is None or len(data) < 8:
+        return False
+    waiting, visited = list(struct.unpack_from(order + "I", data, 4)), set()
+    while waiting:
+        at = waiting.pop()
+        if at in visited or len(visited) > _MAX_PAGES:
+            return True
+        visited.add(at)
+        (count,) = struct.unpack_from(order + "H", data, at) if at + 2 <= len(data) else (0,)
+        end = at + 2 + _ENTRY_BYTES * count
+        entries = data[at + 2 : end]
+        entries = entries[: len(entries) // _ENTRY_BYTES * _ENTRY_BYTES]
+        for tag, _, _, value in struct.iter_unpack(order + "HHII", entries):
+            if tag in SUB_DIRECTORIES:
+                waiting.append(value)
+        if end + 4 <= len(data) and (following := struct.unpack_from(order + "I", data, end)[0]):
+            waiting.append(following)
+    return False
+
+
 # ---- writing -------------------------------------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import BinaryIO
 
+from unshutter.photo.tags import directories
 from unshutter.photo.tags.directories import (
     BYTE_ORDERS,
     EXIF,
@@ -51,6 +52,26 @@ _ROOM_IN_TIFF = 65_536  # bytes for directories, beside the values
 def read(blob: bytes | None) -> Tree | None:
     """The directories of an EXIF blob, with or without its prefix; None passes through."""
     return None if blob is None else read_tree(io.BytesIO(blob.removeprefix(PREFIX)))
+
+
+def is_tangled(blob: bytes) -> bool:
+    """Whether a blob's directories go round in circles, in which libexif spends minutes."""
+    return directories.is_tangled(blob.removeprefix(PREFIX))
+
+
+def untangled(blob: bytes) -> bytes | None:
+    """The blob as it is, but written anew where its directories go round in circles; None where nothing is left."""
+    if not is_tangled(blob):
+        return blob
+    tree = read(blob)
+    return of_tiff(tree) if tree else None
+
+
+def orientation(blob: bytes | None) -> int:
+    """EXIF orientation 1-8 that a blob tells; 1 where it tells none."""
+    tree = read(blob)
+    told = tree.number(_ORIENTATION) if tree else None
+    return told if told is not None and 1 <= told <= 8 else 1
 
 
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
