@@ -11,14 +11,14 @@ import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter.photo import by_libvips
+from unshutter.photo import by_libvips, jpeg_metadata
 from unshutter.photo.containers import segments
 from unshutter.photo.containers.insertion import insert
 from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import computed, field, libvips, refusing
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
-from unshutter.photo.tags import exif, iptc, of_jpeg
+from unshutter.photo.tags import exif, iptc
 
 if TYPE_CHECKING:
     import numpy as np
@@ -54,7 +54,7 @@ class Jpeg(WrittenFormat):
         image = by_libvips.opened(_without_tangles(source), "jpegload")
         with source.stream() as stream:
             coding = read_coding(stream)
-            metadata = of_jpeg.with_segments(Metadata.of_image(image), stream)
+            metadata = jpeg_metadata.with_segments(Metadata.of_image(image), stream)
         return by_libvips.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
@@ -94,7 +94,7 @@ class Jpeg(WrittenFormat):
         if head[:2] == bytes([0xFF, segments.APP0]):  # JFIF stays first
             at += 2 + struct.unpack(">H", head[2:])[0]
         elif (density := field(image, "jpeg-density")) is not None:
-            added = segments.encoded(segments.APP0, of_jpeg.JFIF + b"\1\1" + density + bytes(2)) + added
+            added = segments.encoded(segments.APP0, jpeg_metadata.JFIF + b"\1\1" + density + bytes(2)) + added
         if added:
             insert(file, at, added)
         film = field(image, "jpeg-film")
@@ -105,7 +105,7 @@ class Jpeg(WrittenFormat):
 
 
 def _is_too_long(packet: bytes | None) -> bool:
-    return packet is not None and len(packet) + len(of_jpeg.XMP) > segments.LONGEST
+    return packet is not None and len(packet) + len(jpeg_metadata.XMP) > segments.LONGEST
 
 
 def _without_tangles(source: Source) -> Source:
