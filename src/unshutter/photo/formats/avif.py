@@ -105,7 +105,7 @@ class _Extent(NamedTuple):
 
 
 def _exif_extent(file: BinaryIO) -> _Extent | None:
-    """Where an AVIF says that its EXIF is; None without EXIF, or where it is not told as libheif does it."""
+    """Where an AVIF says that its EXIF is; None without EXIF, or where it is not written as libheif writes it."""
     try:
         meta = boxes.top_level(file, b"meta")
         iinf, iloc = (dict(boxes.inside(meta[4:]))[name] for name in (b"iinf", b"iloc"))

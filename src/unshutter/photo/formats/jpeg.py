@@ -1,4 +1,4 @@
-"""JPEG: quality and subsampling are told by its tables; EXIF is a segment.
+"""JPEG: its tables give quality and subsampling; EXIF is a segment.
 
 Source: ITU-T T.81 (segments, quantisation); CIPA DC-008 (EXIF in APP1).
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import re
 import struct
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
@@ -40,7 +41,7 @@ class Jpeg(WrittenFormat):
     """JPEG: 8 bits, grey or RGB, no alpha; the one format that is decoded at a part of its size for less work."""
 
     name = written_as = "jpeg"
-    suffixes = (".jpg", ".jpeg")
+    suffixes = (".jpg", ".jpeg", ".jpe", ".jfif")
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "segments", "film"})
@@ -81,9 +82,8 @@ class Jpeg(WrittenFormat):
         left_out, added = [], b""
         blob = field(image, "exif-data")
         if blob is not None:
-            blob, left_out = exif.shortened(blob, segments.LONGEST)
-        if blob is not None:
-            added += segments.encoded(segments.APP1, exif.PREFIX + blob.removeprefix(exif.PREFIX))
+            blob, left_out = exif.shortened(exif.PREFIX + blob.removeprefix(exif.PREFIX), segments.LONGEST)
+            added += b"" if blob is None else segments.encoded(segments.APP1, blob)
         if _is_too_long(field(image, "xmp-data")):
             left_out.append("XMP (too long for a JPEG)")
         resources = field(image, "iptc-data", b"")
@@ -110,13 +110,15 @@ def _is_too_long(packet: bytes | None) -> bool:
 
 def _without_tangles(source: Source) -> Source:
     """The data, with EXIF that libvips would be caught in made unreadable for it."""
-    with source.stream() as stream:
+    with suppress(OSError), source.stream() as stream:  # libvips says what is wrong
         places = [
             stream.tell() - len(content)
             for _, content in segments.before_the_scan(stream, (segments.APP1,))
-            if content.startswith(exif.PREFIX) and exif.untangled(content) is not content
+            if content.startswith(exif.PREFIX) and exif.is_tangled(content)
         ]
-    return source.patched(places, b"none") if places else source
+        if places:
+            return source.patched(places, b"none")
+    return source
 
 
 # ---- how it is encoded ---------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
@@ -68,7 +69,7 @@ class Png(WrittenFormat):
 def _without_tangles(source: Source) -> Source:
     """The data, with EXIF that libvips would be caught in made unreadable for it."""
     places = []
-    with source.stream() as stream:
+    with suppress(OSError), source.stream() as stream:
         stream.seek(8)
         while len(head := stream.read(8)) == 8:
             size, at = int.from_bytes(head[:4], "big"), stream.tell()
