@@ -56,13 +56,16 @@ class Rectified:
         overwrite: bool = False,
         quality: int | None = None,
         subsampling: Subsampling | None = None,
-    ) -> None:
+    ) -> tuple[str, ...]:
         """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
+
+        Returns:
+            What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
 
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
         """
-        self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
+        return self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
 
 
 # ---- for users ------------------------------------------------------------------------------------------

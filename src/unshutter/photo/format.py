@@ -117,6 +117,7 @@ class WrittenFormat(Format):
         longest_side: [px] that it can hold.
         deep: whether it holds more than 8 bits.
         grey, alpha: whether it holds pictures of one channel, and transparency.
+        holds: attributes of ``Metadata`` that its files have a place for.
     """
 
     name: ClassVar[PictureFormat]
@@ -124,6 +125,7 @@ class WrittenFormat(Format):
     deep: ClassVar[bool]
     grey: ClassVar[bool]
     alpha: ClassVar[bool]
+    holds: ClassVar[frozenset[str]]
 
     @abstractmethod
     def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
@@ -137,7 +139,7 @@ class WrittenFormat(Format):
         """
 
     @abstractmethod
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """Puts EXIF, and what else libvips does not write well, into what :meth:`encode` made of the image.
 
         libvips would take EXIF apart and write it anew: tags that it does not know are lost, and makers' notes move,
@@ -146,4 +148,7 @@ class WrittenFormat(Format):
         Args:
             file: seekable, open for reading and writing.
             image: the same that was encoded.
+
+        Returns:
+            What of the metadata that the format ``holds`` did not go in after all, in words: "maker's note".
         """

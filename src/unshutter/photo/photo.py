@@ -12,6 +12,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
 from unshutter.photo import encoding
 from unshutter.photo.decoding import Decoder
+from unshutter.photo.encoding import Encoded
 from unshutter.photo.format import Coding, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN, of_target
 from unshutter.photo.grey import grey_copy, grey_size
@@ -210,10 +211,20 @@ class Photo:
         Raises:
             UsageError: unknown format, quality or subsampling; UnshutterError: the format cannot hold the picture.
         """
-        how = Save(format, quality, subsampling)
+        return self._encoded(Save(format, quality, subsampling)).data
+
+    def encode(
+        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+    ) -> Encoded:
+        """Like :meth:`to_bytes`, and says what of the metadata the format could not hold."""
+        return self._encoded(Save(format, quality, subsampling))
+
+    def _encoded(self, how: Save) -> Encoded:
         own = "png" if self.format == "array" else FORMATS[self.format].written_as
         target = WRITTEN[how.format or own]
-        return encoding.to_bytes(self._ready_for(target), target, self._coding_for(how), how.quality)
+        image, left_out = self._ready_for(target)
+        file = encoding.to_bytes(image, target, self._coding_for(how), how.quality)
+        return Encoded(file.data, left_out + file.left_out)
 
     def save(
         self,
@@ -221,7 +232,7 @@ class Photo:
         quality: int | None = None,
         overwrite: bool = False,
         subsampling: Subsampling | None = None,
-    ) -> None:
+    ) -> tuple[str, ...]:
         """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
 
         It gets the permissions of the file that the photo was read from.
@@ -232,6 +243,9 @@ class Photo:
             overwrite: whether an existing file may be replaced; the photo's own never is, nor what a link leads to.
             subsampling: see :meth:`to_bytes`.
 
+        Returns:
+            What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
+
         Raises:
             UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is a link or the
                 photo's own, its folder is missing or cannot be written to, the disc is full, or the photo is damaged.
@@ -239,17 +253,18 @@ class Photo:
         target, how = Path(path), Save(None, quality, subsampling)
         format = of_target(target)
         check_target(target, overwrite, self.path)
-        image = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
+        image, left_out = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
         with written_whole(target, overwrite, mode_of=self.path) as part:
-            encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
+            left_out += encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
+        return left_out
 
     def _coding_for(self, how: Save) -> Coding:
         return replace(self._coding, subsampled=how.subsampling == "4:2:0") if how.subsampling else self._coding
 
-    def _ready_for(self, format: WrittenFormat) -> pyvips.Image:
+    def _ready_for(self, format: WrittenFormat) -> tuple[pyvips.Image, tuple[str, ...]]:
         is_new = self._given is not None
-        image = encoding.with_metadata(self.image, self._metadata, self.orientation, is_new)
-        return encoding.fitted(image, format)
+        image, left_out = encoding.with_metadata(self.image, self._metadata, self.orientation, is_new, format)
+        return encoding.fitted(image, format), left_out
 
 
 def _with_bands(array: np.ndarray) -> np.ndarray:

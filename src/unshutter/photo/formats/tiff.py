@@ -35,6 +35,7 @@ class Tiff(WrittenFormat):
     name = written_as = "tiff"
     suffixes = (".tif", ".tiff")
     longest_side, deep, grey, alpha = 10_000_000, True, True, True
+    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "description"})
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
@@ -67,10 +68,11 @@ class Tiff(WrittenFormat):
             options["predictor"] = "horizontal"
         return by_libvips.encoded(image, "tiffsave", path, with_exif=True, bigtiff=size > _CLASSIC_BYTES, **options)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """See WrittenFormat."""
         more = iptc.tiff_tags(field(image, "iptc-data", b""))
         exif.add_to_tiff(file, field(image, "exif-data"), image.height, image.width, more)
+        return []
 
 
 def _pictures(tree: Tree) -> int:
