@@ -162,6 +162,12 @@ def naming_the_photo(photo: Place, one: Callable[[Place], None]) -> None:
         raise type(error)(f"{photo}: {error}") from None
     except MemoryError:
         raise UnshutterError(f"{photo}: not enough memory") from None
+    except BrokenPipeError:  # the reader of our output went away
+        raise
+    except OSError as error:  # a full disc, say
+        if os.environ.get("UNSHUTTER_DEBUG"):
+            raise
+        raise UnshutterError(f"{photo}: {error.strerror or ' '.join(str(error).split())}") from error
     except Exception as error:
         if os.environ.get("UNSHUTTER_DEBUG"):
             raise
