@@ -225,23 +225,24 @@ class Photo:
     ) -> None:
         """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
 
+        It gets the permissions of the file that the photo was read from.
+
         Args:
             path: the ending names the format: .jpg .jpeg .png .webp .tif .tiff .avif.
             quality: see :meth:`to_bytes`.
-            overwrite: whether an existing file may be replaced; the photo's own file never is.
+            overwrite: whether an existing file may be replaced; the photo's own never is, nor what a link leads to.
             subsampling: see :meth:`to_bytes`.
 
         Raises:
-            UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is the photo's own, its
-                folder is missing or cannot be written to, the disc is full, or the photo's own file is damaged.
+            UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is a link or the
+                photo's own, its folder is missing or cannot be written to, the disc is full, or the photo is damaged.
         """
         target, how = Path(path), Save(None, quality, subsampling)
         format = of_target(target)
         check_target(target, overwrite, self.path)
         image = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
-        with written_whole(target) as part:
+        with written_whole(target, overwrite, mode_of=self.path) as part:
             encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
-            check_target(target, overwrite, self.path)  # another program may have been faster
 
     def _coding_for(self, how: Save) -> Coding:
         return replace(self._coding, subsampled=how.subsampling == "4:2:0") if how.subsampling else self._coding

@@ -40,7 +40,7 @@ class Jpeg(WrittenFormat):
     """JPEG: 8 bits, grey or RGB, no alpha; the one format that is decoded at a part of its size for less work."""
 
     name = written_as = "jpeg"
-    suffixes = (".jpg", ".jpeg")
+    suffixes = (".jpg", ".jpeg", ".jpe", ".jfif")
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
 
