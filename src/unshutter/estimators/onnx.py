@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Timer
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
 
@@ -42,9 +42,9 @@ class Network:
             UnshutterError: it cannot be run on that, answers in other shapes, or does not come to an end.
         """
         import numpy as np
-        from onnxruntime import RunOptions
+        import onnxruntime
 
-        options = RunOptions()
+        options: Any = onnxruntime.RunOptions()  # pyright: ignore[reportAttributeAccessIssue]
         options.log_severity_level = 4  # errors are told below
         timer = Timer(LONGEST_RUN_S, setattr, (options, "terminate", True))
         timer.daemon = True
