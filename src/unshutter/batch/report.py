@@ -74,9 +74,9 @@ class Report:
         """A photo's result was there when the batch began, or another run was faster."""
         self._count("skipped", photo, target=str(target))
 
-    def failed(self, photo: str | Place, error: str) -> None:
+    def failed(self, photo: str | Place, error: str, seconds: float = 0.0) -> None:
         """A photo came to nothing."""
-        self._count("failed", photo, error=error)
+        self._count("failed", photo, error=error, **({"seconds": round(seconds, 3)} if seconds else {}))
         self.tell(f"unshutter: {error}")
         self._bar.advance()
 

@@ -150,7 +150,7 @@ class Batch:
             self._one_by_one(crashed.values())
         for future, job in crashed.items():
             if future in overdue:
-                self._finish(job, Outcome(self._given_up(job)))
+                self._finish(job, self._given_up(job))
             elif overdue:
                 again = replace(job, may_repeat=True)
                 self._running[self._given(again)] = again
@@ -161,13 +161,14 @@ class Batch:
             try:
                 outcome = future.result()
             except BrokenExecutor:
-                reason = f"{job.source}: its worker died: not enough memory, or a fault in a decoder"
-                outcome = Outcome(self._given_up(job) if self._workers.is_overdue(future) else reason)
+                died = Outcome(f"{job.source}: its worker died: not enough memory, or a fault in a decoder")
+                outcome = self._given_up(job) if self._workers.is_overdue(future) else died
                 self._workers.executor = self._workers.renew()
             self._finish(job, outcome)
 
-    def _given_up(self, job: Job) -> str:
-        return f"{job.source}: given up after {self._workers.timeout_s:g} s (--timeout gives it longer)"
+    def _given_up(self, job: Job) -> Outcome:
+        limit_s = self._workers.timeout_s or 0.0
+        return Outcome(f"{job.source}: given up after {limit_s:g} s (--timeout gives it longer)", seconds=limit_s)
 
     def _put_off(self, job: Job) -> bool:
         """After a failure: whether it is because another run does the same at the same moment; then once more."""
@@ -192,7 +193,7 @@ class Batch:
         elif self._report.total == 1:
             raise (UsageError if outcome.usage else UnshutterError)(outcome.error)
         else:
-            self._report.failed(job.source, outcome.error)
+            self._report.failed(job.source, outcome.error, outcome.seconds)
 
     def _stop(self) -> None:
         """Drops what has not begun, lets the rest come to its end."""
