@@ -47,6 +47,7 @@ class Avif(WrittenFormat):
             own = boxes.read_coding(stream)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
         metadata = Metadata.of_image(image)
+        metadata = replace(metadata, exif=exif.with_header(metadata.exif))
         if metadata.icc is None:
             metadata = replace(metadata, icc=colours.profile_of(*own.code_points, source))
         header = by_libvips.header(self, source, image, coding, metadata, pictures=1)

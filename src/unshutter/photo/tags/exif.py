@@ -79,6 +79,20 @@ def orientation(blob: bytes | None) -> int:
     return told if told is not None and 1 <= told <= 8 else 1
 
 
+def with_header(blob: bytes | None) -> bytes | None:
+    """The blob, its TIFF header restored where a program has cut off its first four bytes; None where it is none.
+
+    Some files hold EXIF without the number that should stand before it, and decoders skip four bytes all the same.
+    """
+    if blob is None or blob.removeprefix(PREFIX)[:4] in BYTE_ORDERS:
+        return blob
+    for mark, order in BYTE_ORDERS.items():
+        whole = mark + blob
+        if blob[:4] == struct.pack(order + "I", 8) and read(whole) is not None:
+            return PREFIX + whole
+    return None
+
+
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
     """Focal length [px] from the 35 mm equivalent, which EXIF defines by the diagonal; None where unknown."""
     tree = read(blob)
