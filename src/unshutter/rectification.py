@@ -35,10 +35,11 @@ class Rectified:
 
     @property
     def pixels(self) -> np.ndarray:
-        """The picture as an array, stored orientation: [H, W] for grey, else [H, W, bands]; uint8 or uint16.
+        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to."""
+        return self.photo.pixels
 
-        It is ``photo.to_array()``; ``photo.pixels`` always has three axes.
-        """
+    def to_array(self) -> np.ndarray:
+        """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
         return self.photo.to_array()
 
     @property
@@ -172,7 +173,7 @@ def rectify(
         return result.photo.to_bytes()
     if isinstance(photo, (str, os.PathLike, Photo)):
         return result
-    pixels = result.pixels
+    pixels = result.to_array()
     return pixels.reshape(*pixels.shape[:2], *photo.shape[2:])
 
 

@@ -91,6 +91,26 @@ def test_places_without_a_file_are_refused_in_one_line(tmp_path):
         assert expected in one_line(error)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="needs pipes and devices")
+def test_what_could_be_waited_for_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe.jpg")  # opening it would wait for somebody to write
+    for place in (tmp_path / "pipe.jpg", "/dev/zero"):
+        with pytest.raises(UnshutterError, match="a pipe or a device") as error:
+            Photo.open(place)
+        one_line(error)
+
+
+def test_other_endings_of_jpegs(tmp_path):
+    data = encoded(drawn(), "JPEG")
+    for name in ("a.jpe", "a.JFIF"):
+        (tmp_path / name).write_bytes(data)
+        Photo.open(tmp_path / name).save(tmp_path / f"out.{name}")
+        assert Photo.open(tmp_path / f"out.{name}").format == "jpeg"
+    (tmp_path / "a.mpo").write_bytes(data)  # of its several pictures, all but the first would be lost
+    with pytest.raises(UnshutterError, match="holds several pictures"):
+        Photo.open(tmp_path / "a.mpo")
+
+
 def test_too_many_pixels_are_refused_before_they_are_decoded():
     data = Photo.from_array(np.zeros((3000, 4000), np.uint8)).to_bytes("png")
     with pytest.raises(UnshutterError) as error:

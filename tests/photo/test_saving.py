@@ -57,13 +57,28 @@ def test_existing_files_need_overwrite_and_the_original_is_never_replaced(tmp_pa
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
 
 
-def test_saving_through_a_link_writes_the_file_behind_it(tmp_path):
+def test_nothing_is_saved_through_a_link(tmp_path):
     behind, link = tmp_path / "behind.png", tmp_path / "link.png"
     behind.write_bytes(b"old")
     link.symlink_to(behind)
-    Photo.from_array(drawn()).save(link, overwrite=True)
+    with pytest.raises(UnshutterError, match="it is a link") as error:
+        Photo.from_array(drawn()).save(link, overwrite=True)
+    one_line(error)
     assert link.is_symlink()
-    np.testing.assert_array_equal(Photo.open(behind).to_array(), drawn())
+    assert behind.read_bytes() == b"old"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs permissions")
+@pytest.mark.parametrize("mode", [0o600, 0o664])
+def test_the_result_has_the_permissions_of_the_original(tmp_path, mode):
+    original, target = tmp_path / "in.jpg", tmp_path / "out.jpg"
+    original.write_bytes(encoded(drawn(), "JPEG"))
+    original.chmod(mode)
+    Photo.open(original).save(target)
+    assert target.stat().st_mode & 0o777 == mode
+    Photo.from_bytes(original.read_bytes()).save(target, overwrite=True)  # from nowhere: as any new file
+    (tmp_path / "new").touch()
+    assert target.stat().st_mode == (tmp_path / "new").stat().st_mode
 
 
 def test_places_that_cannot_be_written_to(tmp_path):
@@ -128,11 +143,12 @@ def test_complaints_that_are_not_text_do_not_spoil_later_ones(tmp_path):
     assert one_line(error).endswith("unusual: webp: unable to parse image")
 
 
-def test_an_interrupted_save_leaves_nothing_behind(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("overwrite", "call"), [(False, "link"), (True, "replace")])
+def test_an_interrupted_save_leaves_nothing_behind(tmp_path, monkeypatch, overwrite, call):
     def interrupted(source, target):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(os, "replace", interrupted)
+    monkeypatch.setattr(os, call, interrupted)
     with pytest.raises(KeyboardInterrupt):
-        Photo.from_array(drawn()).save(tmp_path / "out.png")
+        Photo.from_array(drawn()).save(tmp_path / "out.png", overwrite=overwrite)
     assert os.listdir(tmp_path) == []

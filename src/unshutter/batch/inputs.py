@@ -11,12 +11,12 @@ from pathlib import Path, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo.formats import FORMATS
+from unshutter.photo.opening import SEVERAL_PICTURES
 from unshutter.storage import places
 from unshutter.storage.places import Place, objects_below, place, way
 
 PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
 RECTIFIED = ".rectified"
-_SEVERAL_PICTURES = (".mpo",)
 _OURS = "unshutter-manifest"
 
 
@@ -95,7 +95,7 @@ def _is_meant(relative: PurePosixPath, inputs: Inputs) -> bool:
         reason = "hidden"
     elif relative.stem.endswith(RECTIFIED) or relative.parts[0].startswith(_OURS):
         reason = "made by unshutter"
-    elif suffix in _SEVERAL_PICTURES:
+    elif suffix == SEVERAL_PICTURES:
         reason = "with several pictures in one file"
     elif suffix not in PHOTO_SUFFIXES:
         reason = "no photos"

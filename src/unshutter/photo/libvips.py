@@ -105,13 +105,11 @@ def computed(image: pyvips.Image) -> np.ndarray:
         pixels = np.frombuffer(data, dtype).reshape(shape)
         pixels.setflags(write=False)
         return pixels
-    import tempfile
-
     import numpy as np
 
-    with tempfile.NamedTemporaryFile(prefix="unshutter-") as file:
-        image.rawsave(file.name)
-        return np.memmap(file.name, dtype=dtype, mode="r", shape=shape)
+    with large_arrays.nameless_file() as file:
+        image.rawsave_target(libvips().Target.new_to_descriptor(file.fileno()))
+        return np.memmap(file, dtype=dtype, mode="r", shape=shape)
 
 
 def as_image(pixels: np.ndarray) -> pyvips.Image:

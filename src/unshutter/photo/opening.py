@@ -6,7 +6,9 @@ from unshutter.errors import UnshutterError
 from unshutter.photo.format import Format, Header
 from unshutter.photo.formats import FORMATS
 from unshutter.photo.source import Source
+from unshutter.storage.plain_files import check_plain
 
+SEVERAL_PICTURES = ".mpo"  # of stereo cameras; by its first bytes it is a JPEG
 _HEAD_BYTES = 64
 # A picture of this size or more that takes fewer bits per pixel is of one colour: made to fill memory, not by a camera.
 _MANY_PIXELS, _LEAST_BITS = 100_000_000, 0.03
@@ -40,6 +42,11 @@ def recognise(source: Source) -> Format:
     Raises:
         UnshutterError: missing, unreadable, empty, or of no format that is read.
     """
+    suffix = source.path.suffix.lower() if source.path else ""
+    if source.path:
+        check_plain(source.path)
+    if suffix == SEVERAL_PICTURES:
+        raise UnshutterError(f"{source} holds several pictures (MPO): unshutter takes single photos")
     try:
         with source.stream() as stream:
             head = stream.read(_HEAD_BYTES)

@@ -139,8 +139,7 @@ class Photo:
 
         Args:
             executor: where to.
-            grey_px: short side of the grey copy that will be wanted, and before all else; None: none. It is kept for
-                the one :meth:`grey` that asks for exactly this size.
+            grey_px: short side of a grey copy that will be wanted, and before all else; None: none.
             whole: all pixels will be wanted.
         """
         if self._decoder is not None:
@@ -187,7 +186,7 @@ class Photo:
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
 
-        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, likewise across, to 0.2 px, where a JPEG
+        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, across as well, to 0.2 px, where a JPEG
         gives a smaller one than was asked for to 0.5 px.
         JPEGs about twice as large, or more, are decoded at a half, a quarter or an eighth of their size for it, whether
         or not their pixels are known already: an estimate is the same whatever it is for.
@@ -248,26 +247,27 @@ class Photo:
     ) -> tuple[str, ...]:
         """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
 
+        It gets the permissions of the file that the photo was read from.
+
         Args:
             path: the ending names the format: .jpg .jpeg .png .webp .tif .tiff .avif.
             quality: see :meth:`to_bytes`.
-            overwrite: whether an existing file may be replaced; the photo's own file never is.
+            overwrite: whether an existing file may be replaced; the photo's own never is, nor what a link leads to.
             subsampling: see :meth:`to_bytes`.
 
         Returns:
             What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
 
         Raises:
-            UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is the photo's own, its
-                folder is missing or cannot be written to, the disc is full, or the photo's own file is damaged.
+            UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is a link or the
+                photo's own, its folder is missing or cannot be written to, the disc is full, or the photo is damaged.
         """
         target, how = Path(path), Save(None, quality, subsampling)
         format = of_target(target)
         check_target(target, overwrite, self.path)
         image, left_out = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
-        with written_whole(target) as part:
+        with written_whole(target, overwrite, mode_of=self.path) as part:
             left_out += encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
-            check_target(target, overwrite, self.path)  # another program may have been faster
         return left_out
 
     def _coding_for(self, how: Save) -> Coding:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
     import numpy as np  # not imported above: decoding, which starts first, can do without
@@ -17,7 +17,12 @@ def new_array(shape: tuple[int, ...], dtype: np.dtype | type) -> np.ndarray:
 
     if math.prod(shape) * np.dtype(dtype).itemsize <= SPILL_BYTES:
         return np.empty(shape, dtype)
+    with nameless_file() as file:
+        return np.memmap(file, dtype=dtype, mode="w+", shape=shape)
+
+
+def nameless_file() -> IO[bytes]:
+    """A temporary file that goes when nobody has it open or mapped any more, however its process ends."""
     import tempfile  # not above: most photos do without
 
-    with tempfile.TemporaryFile(prefix="unshutter-") as file:  # the mapping outlives the name and the handle
-        return np.memmap(file, dtype=dtype, mode="w+", shape=shape)
+    return tempfile.TemporaryFile(prefix="unshutter-")

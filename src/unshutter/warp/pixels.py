@@ -26,7 +26,7 @@ from unshutter.storage.large_arrays import new_array
 from unshutter.warp.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Bool, Float32, UInt
+    from unshutter.geometry.shapes import Bool, UInt
 
 Edges = Literal["keep", "crop", "fill"]
 EDGES = get_args(Edges)
@@ -99,16 +99,6 @@ def distort_pixels(
     height, width = pixels.shape[:2]
     grid = SamplingGrid.of(rs_to_gs_map(motion), height, width)
     return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, blacken=True)
-
-
-def backward_map(motion: Motion) -> tuple[Float32[np.ndarray, "height width"], Float32[np.ndarray, "height width"]]:
-    """RS position of every GS pixel, as ``cv2.remap`` takes it.
-
-    Returns:
-        (col, row), each float32 [H, W] in stored orientation [px], exact to 0.01 px inside the photo.
-    """
-    size = motion.readout.frame_size(motion.height, motion.width)
-    return SamplingGrid.of(gs_to_rs_map(motion), *size).everywhere()
 
 
 def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:

@@ -47,6 +47,7 @@ class Avif(WrittenFormat):
             own = boxes.read_coding(stream)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
         metadata = Metadata.of_image(image)
+        metadata = replace(metadata, exif=exif.with_header(metadata.exif))
         if metadata.icc is None:
             metadata = replace(metadata, icc=colours.profile_of(*own.code_points, source))
         header = by_libvips.header(self, source, image, coding, metadata, pictures=1)
@@ -105,7 +106,7 @@ class _Extent(NamedTuple):
 
 
 def _exif_extent(file: BinaryIO) -> _Extent | None:
-    """Where an AVIF says that its EXIF is; None without EXIF, or where it is not told as libheif does it."""
+    """Where an AVIF says that its EXIF is; None without EXIF, or where it is not written as libheif writes it."""
     try:
         meta = boxes.top_level(file, b"meta")
         iinf, iloc = (dict(boxes.inside(meta[4:]))[name] for name in (b"iinf", b"iloc"))

@@ -1,4 +1,4 @@
-"""JPEG: quality and subsampling are told by its tables; EXIF is a segment.
+"""JPEG: its tables give quality and subsampling; EXIF is a segment.
 
 Source: ITU-T T.81 (segments, quantisation); CIPA DC-008 (EXIF in APP1).
 """
@@ -8,18 +8,18 @@ from __future__ import annotations
 import io
 import re
 import struct
-from dataclasses import replace
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter.photo import by_libvips
+from unshutter.photo import by_libvips, jpeg_metadata
 from unshutter.photo.containers import segments
 from unshutter.photo.containers.insertion import insert
 from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import computed, field, libvips, refusing
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
-from unshutter.photo.tags import exif, iptc, xmp
+from unshutter.photo.tags import exif, iptc
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,15 +27,6 @@ if TYPE_CHECKING:
 
 # Warnings about JPEGs in which every pixel is there, and which all viewers show.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
-_JFIF, _XMP, _MORE_XMP = b"JFIF\0", b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
-_APPLICATIONS = (*range(segments.APP0, segments.APP0 + 16), segments.COMMENT)
-# Segments that are carried elsewhere, or that say how this file alone is coded.
-_KNOWN: dict[int, tuple[bytes, ...]] = {
-    segments.APP0: (_JFIF, b"JFXX\0", b"AVI1"),
-    segments.APP1: (exif.PREFIX[:5], _XMP),
-    segments.APP2: (b"ICC_PROFILE\0",),
-    segments.APP14: (b"Adobe",),
-}
 _TABLES, _FRAMES = 0xDB, (0xC0, 0xC1, 0xC2)  # markers
 # Luminance quantisation of quality 50, in any order (ITU-T T.81, table K.1).
 _LUMINANCE = (
@@ -50,7 +41,7 @@ class Jpeg(WrittenFormat):
     """JPEG: 8 bits, grey or RGB, no alpha; the one format that is decoded at a part of its size for less work."""
 
     name = written_as = "jpeg"
-    suffixes = (".jpg", ".jpeg")
+    suffixes = (".jpg", ".jpeg", ".jpe", ".jfif")
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "segments", "film"})
@@ -61,21 +52,22 @@ class Jpeg(WrittenFormat):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        image = by_libvips.opened(source, "jpegload")
+        image = by_libvips.opened(_without_tangles(source), "jpegload")
         with source.stream() as stream:
             coding = read_coding(stream)
-            metadata = _with_own(Metadata.of_image(image), stream)
+            metadata = jpeg_metadata.with_segments(Metadata.of_image(image), stream)
         return by_libvips.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. To libjpeg damaged data are but a warning."""
         with refusing(f"{source} is damaged or incomplete"):
+            data = _without_tangles(source)
             try:
-                return computed(source.load("jpegload", access="sequential", fail_on="warning", shrink=shrink))
+                return computed(data.load("jpegload", access="sequential", fail_on="warning", shrink=shrink))
             except libvips().Error as error:
                 if not _HARMLESS.search(error.detail):
                     raise
-                return computed(source.load("jpegload", access="sequential", fail_on="error", shrink=shrink))
+                return computed(data.load("jpegload", access="sequential", fail_on="error", shrink=shrink))
 
     def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
         """See WrittenFormat. What libvips loses or cuts of segments, :meth:`embed` writes."""
@@ -90,9 +82,8 @@ class Jpeg(WrittenFormat):
         left_out, added = [], b""
         blob = field(image, "exif-data")
         if blob is not None:
-            blob, left_out = exif.shortened(blob, segments.LONGEST)
-        if blob is not None:
-            added += segments.encoded(segments.APP1, exif.PREFIX + blob.removeprefix(exif.PREFIX))
+            blob, left_out = exif.shortened(exif.PREFIX + blob.removeprefix(exif.PREFIX), segments.LONGEST)
+            added += b"" if blob is None else segments.encoded(segments.APP1, blob)
         if _is_too_long(field(image, "xmp-data")):
             left_out.append("XMP (too long for a JPEG)")
         resources = field(image, "iptc-data", b"")
@@ -103,7 +94,7 @@ class Jpeg(WrittenFormat):
         if head[:2] == bytes([0xFF, segments.APP0]):  # JFIF stays first
             at += 2 + struct.unpack(">H", head[2:])[0]
         elif (density := field(image, "jpeg-density")) is not None:
-            added = segments.encoded(segments.APP0, _JFIF + b"\1\1" + density + bytes(2)) + added
+            added = segments.encoded(segments.APP0, jpeg_metadata.JFIF + b"\1\1" + density + bytes(2)) + added
         if added:
             insert(file, at, added)
         film = field(image, "jpeg-film")
@@ -114,50 +105,20 @@ class Jpeg(WrittenFormat):
 
 
 def _is_too_long(packet: bytes | None) -> bool:
-    return packet is not None and len(packet) + len(_XMP) > segments.LONGEST
+    return packet is not None and len(packet) + len(jpeg_metadata.XMP) > segments.LONGEST
 
 
-# ---- what libvips does not read ------------------------------------------------------------------------
-
-
-def _with_own(metadata: Metadata, file: BinaryIO) -> Metadata:
-    """The metadata with those that libvips does not hand on: density, comments, resources in several segments, film.
-
-    What no result gets is named.
-    """
-    density, resources, kept, left_behind = None, [], [], []
-    for marker, content in segments.before_the_scan(file, _APPLICATIONS):
-        if marker == segments.COMMENT:
-            kept.append((marker, content))
-        elif marker == segments.APP0 and content.startswith(_JFIF) and len(content) >= 12:
-            density = density or struct.unpack_from(">BHH", content, 7)
-        elif marker == segments.APP13 and content.startswith(iptc.PREFIX):
-            resources.append(content)
-        elif marker == segments.APP1 and content.startswith(_MORE_XMP):
-            left_behind.append("XMP beyond the first 64 kB")
-        elif marker == segments.APP2 and content.startswith(b"MPF\0"):
-            if not xmp.has_gain_map(metadata.xmp):  # which is named anyway
-                left_behind.append("previews or further pictures")
-        elif not (marker in _KNOWN and content.startswith(_KNOWN[marker])):
-            left_behind.append(f"data of other programs (APP{marker - segments.APP0})")
-    return replace(
-        metadata,
-        density=density,
-        resources=iptc.joined(resources) if resources else None,
-        segments=tuple(kept),
-        film=_film(metadata.xmp, file),
-        left_behind=tuple(dict.fromkeys(left_behind)),
-    )
-
-
-def _film(packet: bytes | None, file: BinaryIO) -> bytes | None:
-    """The film of a motion photo, which ends with the file."""
-    length = xmp.film_bytes(packet)
-    if not length or length >= file.seek(0, io.SEEK_END):
-        return None
-    file.seek(-length, io.SEEK_END)
-    film = file.read(length)
-    return film if film[4:8] == b"ftyp" else None
+def _without_tangles(source: Source) -> Source:
+    """The data, with EXIF that libvips would be caught in made unreadable for it."""
+    with suppress(OSError), source.stream() as stream:  # libvips says what is wrong
+        places = [
+            stream.tell() - len(content)
+            for _, content in segments.before_the_scan(stream, (segments.APP1,))
+            if content.startswith(exif.PREFIX) and exif.is_tangled(content)
+        ]
+        if places:
+            return source.patched(places, b"none")
+    return source
 
 
 # ---- how it is encoded ---------------------------------------------------------------------------------

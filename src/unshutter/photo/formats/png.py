@@ -8,6 +8,7 @@ Source: W3C, PNG third edition (chunks, eXIf, cICP, acTL).
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
@@ -35,6 +36,7 @@ _OF_THE_CODING = frozenset(
     {b"IHDR", b"PLTE", b"tRNS", b"hIST", b"sPLT", b"sBIT", b"iCCP", b"acTL", b"fcTL", b"iDOT", b"bKGD", b"dSIG"}
 )
 _IN_WORDS = {b"caBX": "content credentials", b"prVW": "a preview"}
+_DAMAGED_EXIF = "EXIF (damaged)"
 _ONE_FRAME = struct.pack(">I", 1)
 
 
@@ -55,9 +57,7 @@ class Png(WrittenFormat):
         """See Format."""
         with source.stream() as stream:
             own = _read_metadata(source, stream)
-        if exif.has_too_many_tags(own.exif):  # libvips would take minutes
-            raise UnshutterError(f"{source} is damaged: its EXIF has more tags than can be true")
-        image = by_libvips.opened(source, "pngload")
+        image = by_libvips.opened(_without_tangles(source, own), "pngload")
         coding = Coding(bits=field(image, "bits-per-sample", 8))
         metadata = replace(own, icc=own.icc or field(image, "icc-profile-data"), resolution=(image.xres, image.yres))
         header = by_libvips.header(self, source, image, coding, metadata)
@@ -65,7 +65,7 @@ class Png(WrittenFormat):
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        return by_libvips.decoded(source, "pngload")
+        return by_libvips.decoded(_without_tangles(source, header.metadata), "pngload")
 
     def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
         """See WrittenFormat. XMP comes later: libvips packs it, which the XMP specification forbids."""
@@ -92,6 +92,16 @@ class Png(WrittenFormat):
         return []
 
 
+def _without_tangles(source: Source, metadata: Metadata) -> Source:
+    """The data, with EXIF that libvips would be caught in made unreadable for it."""
+    if _DAMAGED_EXIF not in metadata.left_behind:
+        return source
+    with suppress(OSError), source.stream() as stream:  # a file that is gone, libvips tells of
+        if (place := chunks.place_of(stream, b"eXIf")) is not None:
+            return source.patched([place[0] + 8], b"none")
+    return source
+
+
 def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
     """All but the profile in the chunk iCCP, which libvips unpacks, and the resolution.
 
@@ -106,7 +116,9 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
         if data is None:
             lost.append("damaged chunks")
         elif name == b"eXIf":
-            found["exif"] = data  # rather than what a text says
+            if exif.is_tangled(data):
+                lost.append(_DAMAGED_EXIF)
+            found["exif"] = exif.untangled(data) or b""  # rather than what a text says
         elif name in TEXTS and (meant := png_texts.metadata_in(name, data)) is not None:
             if not meant.data:
                 lost.append(f"{meant.attribute.upper()} (damaged)")

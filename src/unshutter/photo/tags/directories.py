@@ -91,12 +91,13 @@ def slots(data: bytes | bytearray, order: str, at: int, count: int) -> Iterator[
         yield Slot(place, *struct.unpack_from(order + "HHI", data, place))
 
 
-def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES) -> Tree | None:
+def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None = None) -> Tree | None:
     """Reads classic TIFF directories; entries that point nowhere are left out.
 
     Args:
         file: seekable, a TIFF file or the TIFF part of an EXIF blob.
         most_pages: where to end.
+        first_at: place of the first directory; None: as the file says.
 
     Returns:
         None when this is no classic TIFF (BigTIFF, damaged header).
@@ -108,7 +109,7 @@ def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES) -> Tree | None:
         return None
     reader = _Reader(file, order)
     pages: list[Directory] = []
-    (offset,) = struct.unpack_from(order + "I", head, 4)
+    offset: int = struct.unpack_from(order + "I", head, 4)[0] if first_at is None else first_at
     while offset and len(pages) < most_pages and (found := reader.directory(offset)) is not None:
         pages.append(found[0])
         offset = found[1]
@@ -159,6 +160,29 @@ class _Reader:
             data = table[slot.value_at : slot.value_at + size]
         self.bytes_left -= len(data)
         return Entry(slot.kind, slot.count, data) if len(data) == size else None
+
+
+def is_tangled(data: bytes) -> bool:
+    """Whether directories of a TIFF structure lead to one that was there before; libexif then works for minutes."""
+    order = BYTE_ORDERS.get(data[:4])
+    if order is None or len(data) < 8:
+        return False
+    waiting, visited = list(struct.unpack_from(order + "I", data, 4)), set()
+    while waiting:
+        at = waiting.pop()
+        if at in visited or len(visited) > _MAX_PAGES:
+            return True
+        visited.add(at)
+        (count,) = struct.unpack_from(order + "H", data, at) if at + 2 <= len(data) else (0,)
+        end = at + 2 + _ENTRY_BYTES * count
+        entries = data[at + 2 : end]
+        entries = entries[: len(entries) // _ENTRY_BYTES * _ENTRY_BYTES]
+        for tag, _, _, value in struct.iter_unpack(order + "HHII", entries):
+            if tag in SUB_DIRECTORIES:
+                waiting.append(value)
+        if end + 4 <= len(data) and (following := struct.unpack_from(order + "I", data, end)[0]):
+            waiting.append(following)
+    return False
 
 
 # ---- writing -------------------------------------------------------------------------------------------

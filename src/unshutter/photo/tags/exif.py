@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import BinaryIO
 
+from unshutter.photo.tags import directories
 from unshutter.photo.tags.directories import (
     BYTE_ORDERS,
     EXIF,
@@ -47,7 +48,6 @@ _MAKER_NOTE, _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0x927C, 0xA002, 0xA003, 
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF ends at 65,527
 _ENTRY_BYTES = 12
-_MOST_TAGS = 2000  # in a directory
 _ROOM_IN_TIFF = 65_536  # bytes for directories, beside the values
 
 
@@ -59,19 +59,38 @@ def read(blob: bytes | None) -> Tree | None:
     return None if blob is None else read_tree(io.BytesIO(blob.removeprefix(PREFIX)))
 
 
-def has_too_many_tags(blob: bytes | None) -> bool:
-    """Whether a directory has thousands of tags, which no camera writes and libexif takes very long to read."""
-    if blob is None or len(blob) < _MOST_TAGS * _ENTRY_BYTES:
-        return False
-    editor = _Editor(blob)
-    return any(len(directory) > _MOST_TAGS for directory in editor.directories())
+def is_tangled(blob: bytes) -> bool:
+    """Whether a blob's directories go round in circles, in which libexif spends minutes."""
+    return directories.is_tangled(blob.removeprefix(PREFIX))
+
+
+def untangled(blob: bytes) -> bytes | None:
+    """The blob as it is, but written anew where its directories go round in circles; None where nothing is left."""
+    if not is_tangled(blob):
+        return blob
+    tree = read(blob)
+    return of_tiff(tree) if tree else None
 
 
 def orientation(blob: bytes | None) -> int:
-    """EXIF orientation 1-8; 1 where it is not told."""
+    """EXIF orientation 1-8 that a blob tells; 1 where it tells none."""
     tree = read(blob)
     told = tree.number(_ORIENTATION) if tree else None
     return told if told is not None and 1 <= told <= 8 else 1
+
+
+def with_header(blob: bytes | None) -> bytes | None:
+    """The blob, its TIFF header restored where a program has cut off its first four bytes; None where it is none.
+
+    Some files hold EXIF without the number that should stand before it, and decoders skip four bytes all the same.
+    """
+    if blob is None or blob.removeprefix(PREFIX)[:4] in BYTE_ORDERS:
+        return blob
+    for mark, order in BYTE_ORDERS.items():
+        whole = mark + blob
+        if blob[:4] == struct.pack(order + "I", 8) and read(whole) is not None:
+            return PREFIX + whole
+    return None
 
 
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
@@ -301,14 +320,6 @@ class _Editor:
         if at + 2 + 12 * count > len(self.data):
             return []
         return list(slots(self.data, self.order, at + 2, count))
-
-    def directories(self) -> Iterator[list[Slot]]:
-        """The entries of the first two directories, and of those that hang on the first."""
-        first = self.slots_at(self._place(self.start + 4)) if self.first else []
-        yield first
-        yield self.slots_at(self.second_at)
-        for place in {self._place(slot.value_at) for slot in first if slot.tag in SUB_DIRECTORIES}:
-            yield self.slots_at(place)
 
     @staticmethod
     def _by_tag(listed: list[Slot]) -> dict[int, Slot]:
