@@ -82,9 +82,9 @@ class Png(WrittenFormat):
         if blob is not None:
             added += chunks.encoded(b"eXIf", blob.removeprefix(exif.PREFIX))
         if packet is not None:
-            added += png_texts.of_xmp(packet)
+            added += chunks.encoded(*png_texts.of_xmp(packet))
         if resources is not None:
-            added += png_texts.of_resources(resources)
+            added += chunks.encoded(*png_texts.of_resources(resources))
         resolution = chunks.place_of(file, b"pHYs")
         if resolution is not None and (b"\0\0\0\x09pHYs" in carried or not field(image, "resolution-told")):
             insertion.replace(file, *resolution, b"")

@@ -11,7 +11,6 @@ from __future__ import annotations
 import zlib
 from typing import NamedTuple
 
-from unshutter.photo.containers.chunks import encoded
 from unshutter.photo.tags import exif, iptc
 
 _XMP = b"XML:com.adobe.xmp"
@@ -90,15 +89,15 @@ def _meaning(kind: bytes, data: bytes) -> Found:
 # ---- writing -------------------------------------------------------------------------------------------
 
 
-def of_xmp(packet: bytes) -> bytes:
-    """The chunk of an XMP packet."""
-    return encoded(b"iTXt", _XMP + b"\0\0\0\0\0" + packet)
+def of_xmp(packet: bytes) -> tuple[bytes, bytes]:
+    """Name and data of the chunk of an XMP packet."""
+    return b"iTXt", _XMP + b"\0\0\0\0\0" + packet
 
 
-def of_resources(resources: bytes) -> bytes:
-    """The chunk of Photoshop's resources with IPTC among them."""
+def of_resources(resources: bytes) -> tuple[bytes, bytes]:
+    """Name and data of the chunk of Photoshop's resources with IPTC among them."""
     blocks = resources.removeprefix(iptc.PREFIX)
     digits = blocks.hex().encode()
     lines = b"\n".join(digits[i : i + _HEX_LINE] for i in range(0, len(digits), _HEX_LINE))
     profile = b"\niptc\n%8d\n%s\n" % (len(blocks), lines)
-    return encoded(b"zTXt", _RAW + b"iptc\0\0" + zlib.compress(profile))
+    return b"zTXt", _RAW + b"iptc\0\0" + zlib.compress(profile)
