@@ -1,7 +1,7 @@
 """What is kept of each format, measured on files written on the fly: the table in docs/formats.md.
 
-``python tests/format_table.py`` measures and writes it; test_format_table.py measures it again and compares. Other
-programs than unshutter write the files and look at the results (Pillow, OpenCV, libheif, tifffile).
+``python tests/support/format_table.py`` measures and writes it; test_format_table.py measures it again and
+compares. Other programs than unshutter write the files and look at the results (Pillow, OpenCV, libheif, tifffile).
 """
 
 import io
@@ -17,6 +17,7 @@ from PIL.JpegImagePlugin import get_sampling
 
 import unshutter
 from support.drawn_photos import drawn, encoded, textured
+from support.motion_photos import FILM, motion_photo
 from support.rich_files import (
     COLUMNS,
     DATE,
@@ -36,7 +37,7 @@ from support.tagged_files import jpeg_thumbnail, small_jpeg
 from unshutter import RowMotion, UnshutterError
 
 PAGE = Path(__file__).parents[2] / "docs" / "formats.md"
-BEGIN, END = "<!-- measured: python tests/format_table.py -->\n", "<!-- end -->"
+BEGIN, END = "<!-- measured: python tests/support/format_table.py -->\n", "<!-- end -->"
 MOTION = RowMotion.from_polynomials([0, 12], [0, 0.03], HEIGHT, WIDTH)
 RESULTS = COLUMNS | {"HEIC": ".avif", RAW: ".tif"}
 NONE = "–"
@@ -206,6 +207,26 @@ def iptc(column: str) -> str:
     return "kept" if IptcImagePlugin.getiptcinfo(opened(rich_result(column))) else "lost"
 
 
+def resolution(column: str) -> str:
+    if column not in ("JPEG", "PNG", "TIFF"):
+        return NONE
+    told = opened(rectified(column, file_of(column, drawn(HEIGHT, WIDTH), dpi=(300, 200)))).info.get("dpi", (0, 0))
+    return "kept" if [round(float(number)) for number in told] == [300, 200] else "lost"
+
+
+def comment(column: str) -> str:
+    if column != "JPEG":
+        return NONE
+    kept = opened(rectified(column, file_of(column, drawn(HEIGHT, WIDTH), comment=b"by me"))).info.get("comment")
+    return "kept" if kept == b"by me" else "lost"
+
+
+def film(column: str) -> str:
+    if column != "JPEG":
+        return NONE
+    return "kept" if rectified(column, motion_photo(drawn(HEIGHT, WIDTH))).endswith(FILM) else "lost"
+
+
 def quality(column: str) -> str:
     pixels = textured(HEIGHT, WIDTH)
     if column == "JPEG":
@@ -266,6 +287,9 @@ ROWS: dict[str, Callable[[str], str]] = {
     "ICC profile": icc,
     "XMP": xmp,
     "IPTC": iptc,
+    "resolution": resolution,
+    "comment": comment,
+    "film of a motion photo": film,
     "quality or compression": quality,
     "chroma subsampling": subsampling,
 }
