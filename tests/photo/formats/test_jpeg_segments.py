@@ -133,7 +133,7 @@ def test_much_exif_takes_no_time(target) -> None:
     assert (len(file.data) > 9 << 20) == (target != "jpeg")
 
 
-@pytest.mark.parametrize("format", ["JPEG", "PNG"])
+@pytest.mark.parametrize("format", ["JPEG", "PNG", "WEBP", "AVIF"])
 def test_exif_whose_directories_go_round_in_circles_is_no_trap(format) -> None:
     pointers = b"".join(encoded_number("<", EXIF, 4, 8) for _ in range(5000))
     blob = b"Exif\0\0II*\0" + b"\x08\0\0\0" + (5000).to_bytes(2, "little") + pointers + b"\x08\0\0\0"

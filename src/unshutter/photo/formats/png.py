@@ -46,7 +46,7 @@ class Png(WrittenFormat):
         image = by_libvips.opened(readable, "pngload")
         coding, metadata = Coding(bits=field(image, "bits-per-sample", 8)), Metadata.of_image(image)
         if readable is not source:
-            metadata = replace(metadata, left_behind=("EXIF (damaged)",))
+            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)",))
         return by_libvips.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
@@ -76,7 +76,9 @@ def _without_tangles(source: Source) -> Source:
             if head[4:] == b"eXIf" and exif.is_tangled(stream.read(size)):
                 places.append(at)
             stream.seek(at + size + 4)  # the chunk's check sum
-    return source.patched(places, b"none") if places else source
+        if places:
+            return source.patched(places, b"none")
+    return source
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:
