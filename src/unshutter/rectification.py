@@ -208,7 +208,8 @@ def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rect
     _check_size(photo)
     motion = fitted(motion, photo.height, photo.width, readout)
     motion = motion.rereferenced(how.reference or motion.reference).scaled(how.strength)
-    return Rectified(photo.with_pixels(rectify_pixels(photo.pixels, motion, how.edges)), motion, photo)
+    pixels = rectify_pixels(photo.pixels, motion, how.edges, photo.masked)
+    return Rectified(photo.with_pixels(pixels), motion, photo)
 
 
 def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Motion:

@@ -85,14 +85,19 @@ def _check_pixels(source: Source, image: pyvips.Image) -> None:
         raise UnshutterError(f"{source} has {image.bands} channels: convert it to grey or RGB first")
 
 
-def decoded(source: Source, operation: str) -> np.ndarray:
+def decoded(source: Source, operation: str, fail_on: str = "error") -> np.ndarray:
     """The pixels [H, W, bands].
+
+    Args:
+        source: the file.
+        operation: libvips's.
+        fail_on: the least complaint of libvips's that is refused.
 
     Raises:
         UnshutterError: damaged or incomplete. (Of PNG and TIFF libvips warns much that harms nothing.)
     """
     with refusing(f"{source} is damaged or incomplete"):
-        return computed(source.load(operation, access="sequential", fail_on="error"))
+        return computed(source.load(operation, access="sequential", fail_on=fail_on))
 
 
 def encoded(

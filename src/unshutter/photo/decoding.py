@@ -57,7 +57,9 @@ class Decoder:
         if shrink > 1:
             with suppress(UnshutterError):  # what is wrong with the data, decoding the pixels says
                 return self._grey_of_small(self._small_pixels(shrink), shrink, short_side)
-        return grey_copy(as_image(self.pixels), *grey_size(self._height, self._width, short_side))
+        # libvips would take a masked picture's last channel for transparency
+        pixels = self.pixels[..., :-1] if self._header.coding.masked else self.pixels
+        return grey_copy(as_image(pixels), *grey_size(self._height, self._width, short_side))
 
     def _small_pixels(self, shrink: int) -> np.ndarray:
         """The pixels, decoded so many times smaller."""

@@ -93,6 +93,11 @@ def fitted(image: pyvips.Image, format: WrittenFormat) -> pyvips.Image:
     return standard(colour if alpha is None else colour.bandjoin(alpha))
 
 
+def is_transparent(image: pyvips.Image) -> bool:
+    """Whether an image shows through anywhere, by its last channel."""
+    return image[image.bands - 1].min() < (65_535 if image.format == "ushort" else 255)
+
+
 class Encoded(NamedTuple):
     """A picture as a file.
 

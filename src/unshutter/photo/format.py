@@ -26,6 +26,8 @@ class Coding:
         lossless: WebP only.
         bits: of a sample.
         compression: TIFF's number of it.
+        masked: the last of 2 or 4 channels is a mask or the like, of which the file does not say that it is
+            transparency (TIFF only).
     """
 
     quality: int | None = None
@@ -33,6 +35,7 @@ class Coding:
     lossless: bool = False
     bits: int = 8
     compression: int | None = None
+    masked: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,7 @@ class WrittenFormat(Format):
         longest_side: [px] that it can hold.
         deep: whether it holds more than 8 bits.
         grey, alpha: whether it holds pictures of one channel, and transparency.
+        masks: whether it holds a further channel that is no transparency.
         holds: attributes of ``Metadata`` that its files have a place for.
     """
 
@@ -125,6 +129,7 @@ class WrittenFormat(Format):
     deep: ClassVar[bool]
     grey: ClassVar[bool]
     alpha: ClassVar[bool]
+    masks: ClassVar[bool] = False
     holds: ClassVar[frozenset[str]]
 
     @abstractmethod

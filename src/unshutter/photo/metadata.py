@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from unshutter.photo.containers.segments import COMMENT, encoded
 from unshutter.photo.libvips import field, libvips, set_blob
-from unshutter.photo.tags import iptc
+from unshutter.photo.tags import exif, iptc
 
 if TYPE_CHECKING:
     import pyvips
@@ -64,6 +64,13 @@ class Metadata:
             description=field(image, "image-description"),
             texts=tuple((name, field(image, name)) for name in image.get_fields() if name.startswith(_TEXT)),
         )
+
+    def resized(self) -> Metadata:
+        """The metadata of a picture of another size: what ties its pixels to places on the earth is left behind."""
+        blob = exif.without_geotiff(self.exif)
+        if blob is self.exif:
+            return self
+        return replace(self, exif=blob, left_behind=(*self.left_behind, "GeoTIFF (the picture is cropped)"))
 
     @property
     def tells_resolution(self) -> bool:

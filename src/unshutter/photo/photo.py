@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from unshutter.photo.encoding import Encoded
 from unshutter.photo.format import Coding, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN, of_target
 from unshutter.photo.grey import grey_copy, grey_size
-from unshutter.photo.libvips import as_image
+from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
@@ -118,14 +119,20 @@ class Photo:
         """
         pixels = _with_bands(pixels)
         height, width, bands = pixels.shape
-        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None)
+        metadata = self._metadata if (height, width) == (self.height, self.width) else self._metadata.resized()
+        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None, _metadata=metadata)
 
     # ---- what it holds ---------------------------------------------------------------------------------
 
     @property
     def has_alpha(self) -> bool:
         """Whether the last channel is transparency."""
-        return self.bands in (2, 4)
+        return self.bands in (2, 4) and not self._coding.masked
+
+    @property
+    def masked(self) -> bool:
+        """Whether the last channel is a mask beside the picture, as Photoshop stores some in TIFF."""
+        return self.bands in (2, 4) and self._coding.masked
 
     def start_decoding(self, executor: Executor | None = None, grey_px: int | None = None, whole: bool = True) -> None:
         """Decodes in a thread of the executor (by default one of its own) while others work.
@@ -157,6 +164,11 @@ class Photo:
     def image(self) -> pyvips.Image:
         """The stored pixels as libvips sees them."""
         return as_image(self.pixels)
+
+    @property
+    def _picture(self) -> pyvips.Image:
+        """The image without a mask, which libvips would take for transparency."""
+        return as_image(self.pixels[..., :-1]) if self.masked else self.image
 
     def to_array(self) -> np.ndarray:
         """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
@@ -192,7 +204,7 @@ class Photo:
             raise UsageError(f"a grey copy needs a short side of at least 1 px, got {short_side}")
         if self._decoder is not None:
             return self._decoder.grey(short_side)
-        return grey_copy(self.image, *grey_size(self.height, self.width, short_side))
+        return grey_copy(self._picture, *grey_size(self.height, self.width, short_side))
 
     # ---- out -------------------------------------------------------------------------------------------
 
@@ -263,8 +275,18 @@ class Photo:
 
     def _ready_for(self, format: WrittenFormat) -> tuple[pyvips.Image, tuple[str, ...]]:
         is_new = self._given is not None
-        image, left_out = encoding.with_metadata(self.image, self._metadata, self.orientation, is_new, format)
-        return encoding.fitted(image, format), left_out
+        image = self.image if format.masks else self._picture
+        image, left_out = encoding.with_metadata(image, self._metadata, self.orientation, is_new, format)
+        if self.masked:
+            image.set_type(libvips().GValue.gint_type, "tiff-masked", int(format.masks))
+        return encoding.fitted(image, format), (*left_out, *self._lost_channels(format))
+
+    def _lost_channels(self, format: WrittenFormat) -> Iterator[str]:
+        """Channels that a format cannot hold, in words."""
+        if self.masked and not format.masks:
+            yield "mask channel"
+        if self.has_alpha and not format.alpha and encoding.is_transparent(self.image):
+            yield "transparency"
 
 
 def _with_bands(array: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
 from unshutter.photo import by_libvips
-from unshutter.photo.containers import boxes
+from unshutter.photo.containers import boxes, items
 from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
@@ -51,6 +51,7 @@ class Avif(WrittenFormat):
         metadata = Metadata.of_image(image)
         if readable is not source:
             metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)",))
+        metadata = replace(metadata, exif=exif.with_header(metadata.exif))
         if metadata.icc is None:
             metadata = replace(metadata, icc=colours.profile_of(*own.code_points, source))
         header = by_libvips.header(self, source, image, coding, metadata, pictures=1)
@@ -97,13 +98,14 @@ class Avif(WrittenFormat):
 def _without_tangles(source: Source) -> Source:
     """The data, with EXIF that libvips would be caught in made unreadable for it."""
     with suppress(OSError), source.stream() as stream:
-        extent = _exif_extent(stream)
-        if extent is not None:
-            stream.seek(extent.base + extent.offset)
-            content = stream.read(extent.length)  # four bytes that say where the TIFF header is, then EXIF
+        found = items.place(stream, b"Exif")
+        if found is not None:
+            at, length = found
+            stream.seek(at)
+            content = stream.read(length)  # four bytes that say where the TIFF header is, then EXIF
             start = 4 + int.from_bytes(content[:4], "big")
             if exif.is_tangled(content[start:]):
-                return source.patched([extent.base + extent.offset + start], b"none")
+                return source.patched([at + start], b"none")
     return source
 
 

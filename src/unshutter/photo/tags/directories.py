@@ -91,12 +91,13 @@ def slots(data: bytes | bytearray, order: str, at: int, count: int) -> Iterator[
         yield Slot(place, *struct.unpack_from(order + "HHI", data, place))
 
 
-def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES) -> Tree | None:
+def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None = None) -> Tree | None:
     """Reads classic TIFF directories; entries that point nowhere are left out.
 
     Args:
         file: seekable, a TIFF file or the TIFF part of an EXIF blob.
         most_pages: where to end.
+        first_at: place of the first directory; None: as the file says.
 
     Returns:
         None when this is no classic TIFF (BigTIFF, damaged header).
@@ -108,7 +109,7 @@ def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES) -> Tree | None:
         return None
     reader = _Reader(file, order)
     pages: list[Directory] = []
-    (offset,) = struct.unpack_from(order + "I", head, 4)
+    offset: int = struct.unpack_from(order + "I", head, 4)[0] if first_at is None else first_at
     while offset and len(pages) < most_pages and (found := reader.directory(offset)) is not None:
         pages.append(found[0])
         offset = found[1]

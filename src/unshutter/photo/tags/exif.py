@@ -32,11 +32,16 @@ from unshutter.photo.tags.directories import (
 )
 
 PREFIX = b"Exif\0\0"
-# What a TIFF's first directory says about the photo rather than about the storage of its pixels: description, make,
-# model, software, date, artist, ratings, copyright, titles of Windows, print matching.
+# What a TIFF's first directory says about the photo rather than about the storage of its pixels: names of document and
+# page, description, make, model, software, date, artist, computer, colours of white and primaries, ratings, copyright,
+# titles of Windows, print matching, unique name and serial number of the camera, lens.
 _CAMERA_TAGS = frozenset(
-    {0x010E, 0x010F, 0x0110, 0x0131, 0x0132, 0x013B, 0x4746, 0x4749, 0x8298, *range(0x9C9B, 0x9CA0), 0xC4A5}
+    {0x010D, 0x011D, 0x010E, 0x010F, 0x0110, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F, 0x4746, 0x4749, 0x8298}
+    | {*range(0x9C9B, 0x9CA0), 0xC4A5, 0xC614, 0xC62F, 0xC630}
 )
+# Where the picture lies on the earth (OGC GeoTIFF 1.1), and what GDAL adds to that.
+_GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0xA480, 0xA481})
+_RESOLUTION, _RESOLUTION_UNIT, _NO_UNIT = (0x011A, 0x011B), 0x0128, 1
 _IMAGE_WIDTH, _IMAGE_HEIGHT, _COMPRESSION, _ORIENTATION = 0x0100, 0x0101, 0x0103, 0x0112
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
 _MAKER_NOTE, _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0x927C, 0xA002, 0xA003, 0xA405
@@ -74,6 +79,20 @@ def orientation(blob: bytes | None) -> int:
     return told if told is not None and 1 <= told <= 8 else 1
 
 
+def with_header(blob: bytes | None) -> bytes | None:
+    """The blob, its TIFF header restored where a program has cut off its first four bytes; None where it is none.
+
+    Some files hold EXIF without the number that should stand before it, and decoders skip four bytes all the same.
+    """
+    if blob is None or blob.removeprefix(PREFIX)[:4] in BYTE_ORDERS:
+        return blob
+    for mark, order in BYTE_ORDERS.items():
+        whole = mark + blob
+        if blob[:4] == struct.pack(order + "I", 8) and read(whole) is not None:
+            return PREFIX + whole
+    return None
+
+
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
     """Focal length [px] from the 35 mm equivalent, which EXIF defines by the diagonal; None where unknown."""
     tree = read(blob)
@@ -100,11 +119,11 @@ def _blob_of(directory: Directory, order: str) -> bytes:
 
 def add_to_tiff(
     file: BinaryIO, blob: bytes | None, height: int, width: int, more: Mapping[int, Entry] = MappingProxyType({})
-) -> None:
+) -> bool:
     """Adds camera tags, EXIF and GPS of a blob to a finished TIFF of one page, at its end.
 
-    The page's own tags win over the blob's. The pixel size that EXIF repeats is set to that of the picture.
-    Does nothing to a BigTIFF, a file too long for more, or with a blob that cannot be read.
+    The page's own tags win over the blob's, but for a resolution without a unit. The pixel size that EXIF repeats is
+    set to that of the picture. Does nothing to a BigTIFF, a file too long for more, or with a blob that cannot be read.
 
     Args:
         file: seekable, open for reading and writing.
@@ -112,12 +131,17 @@ def add_to_tiff(
         height: of the picture [px].
         width: of the picture [px].
         more: tags of bytes, which stand in either order.
+
+    Returns:
+        Whether there was room for them, if there are any.
     """
     tree, target = read(blob), read_tree(file)
     end = file.seek(0, io.SEEK_END)
     length = len(blob or b"") + sum(len(entry.data) for entry in more.values())
-    if target is None or (tree is None and not more) or end + length + _ROOM_IN_TIFF >= 1 << 32:
-        return
+    if tree is None and not more:
+        return True
+    if target is None or end + length + _ROOM_IN_TIFF >= 1 << 32:
+        return False
     added: Directory = {}
     if tree is not None:
         added = _of_the_camera(tree)
@@ -127,15 +151,36 @@ def add_to_tiff(
         for tag, size in ((_PIXEL_WIDTH, width), (_PIXEL_HEIGHT, height)):
             if tag in details:
                 details[tag] = Entry(4, 1, struct.pack(target.order + "I", size))
+    winning = {tag: added[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in added}
     start = end + end % 2  # directories begin at even offsets
     file.seek(end)
-    file.write(bytes(end % 2) + encoded(added | dict(more) | target.pages[0], start, target.order))
+    file.write(bytes(end % 2) + encoded(added | dict(more) | target.pages[0] | winning, start, target.order))
     file.seek(4)
     file.write(struct.pack(target.order + "I", start))
+    return True
 
 
 def _of_the_camera(tree: Tree) -> Directory:
-    return {tag: value for tag, value in tree.pages[0].items() if tag in _CAMERA_TAGS or tag in SUB_DIRECTORIES}
+    first = tree.pages[0]
+    lifted = {tag: value for tag, value in first.items() if tag in _CAMERA_TAGS | _GEOTIFF | SUB_DIRECTORIES}
+    if has_no_resolution_unit(tree):
+        lifted |= {tag: first[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in first}
+    return lifted
+
+
+def has_no_resolution_unit(tree: Tree) -> bool:
+    """Whether the resolution is but a ratio of width to height."""
+    return tree.number(_RESOLUTION_UNIT) == _NO_UNIT
+
+
+def without_geotiff(blob: bytes | None) -> bytes | None:
+    """The blob written anew without what it says of the picture's place on the earth; itself where it says nothing."""
+    tree = read(blob)
+    if tree is None or not tree.pages[0].keys() & _GEOTIFF:
+        return blob
+    for tag in _GEOTIFF & tree.pages[0].keys():
+        del tree.pages[0][tag]
+    return of_tiff(tree)
 
 
 def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
