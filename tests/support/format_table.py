@@ -18,6 +18,7 @@ from PIL.JpegImagePlugin import get_sampling
 
 import unshutter
 from support.drawn_photos import drawn, encoded, textured
+from support.motion_photos import FILM, motion_photo
 from support.rich_files import (
     COLUMNS,
     DATE,
@@ -219,10 +220,23 @@ def texts(column: str) -> str:
 def resolution(column: str) -> str:
     if column not in ("JPEG", "PNG", "TIFF"):
         return NONE
-    options = {"resolution_unit": "inch", "x_resolution": 300, "y_resolution": 300} if column == "TIFF" else {}
-    data = file_of(column, drawn(HEIGHT, WIDTH), **(options or {"dpi": (300, 300)}))
+    options = {"resolution_unit": "inch", "x_resolution": 300, "y_resolution": 200} if column == "TIFF" else {}
+    data = file_of(column, drawn(HEIGHT, WIDTH), **(options or {"dpi": (300, 200)}))
     told = opened(rectified(column, data)).info.get("dpi", (0, 0))
-    return "kept" if all(abs(number - 300) < 0.1 for number in told) else "lost"
+    return "kept" if [round(float(number)) for number in told] == [300, 200] else "lost"
+
+
+def comment(column: str) -> str:
+    if column != "JPEG":
+        return NONE
+    kept = opened(rectified(column, file_of(column, drawn(HEIGHT, WIDTH), comment=b"by me"))).info.get("comment")
+    return "kept" if kept == b"by me" else "lost"
+
+
+def film(column: str) -> str:
+    if column != "JPEG":
+        return NONE
+    return "kept" if rectified(column, motion_photo(drawn(HEIGHT, WIDTH))).endswith(FILM) else "lost"
 
 
 def quality(column: str) -> str:
@@ -287,6 +301,8 @@ ROWS: dict[str, Callable[[str], str]] = {
     "IPTC": iptc,
     "texts (PNG)": texts,
     "resolution": resolution,
+    "comment": comment,
+    "film of a motion photo": film,
     "quality or compression": quality,
     "chroma subsampling": subsampling,
 }
