@@ -27,7 +27,7 @@ from typing import Any
 
 BEGIN, END = "<!-- measured: python benchmarks/corpus.py -->\n", "<!-- end -->"
 SLOW_S = 10
-KINDS = ("EXIF", "MakerNotes", "XMP", "IPTC", "Photoshop", "ICC_Profile", "JFIF", "PNG", "MPF", "QuickTime")
+KINDS = ("EXIF", "MakerNotes", "XMP", "IPTC", "Photoshop", "ICC_Profile", "JFIF", "PNG", "MPF")
 # what follows the new pixels, the new file, or the format that it is written in
 STRUCTURE = re.compile(
     r"(Thumbnail|Preview|Strip|Tile|Jpg|JpgFromRaw|OtherImage|.*Offsets?$|.*Image(Width|Height|Size|Length)$|"

@@ -86,7 +86,7 @@ class Batch:
                 self._manifest.close()
 
     def _given(self, job: Job) -> Future[Outcome]:
-        """The job's future; a broken one if a worker has just died, before anybody could be told."""
+        """The job's future; a broken one if a worker has just died, before anybody noticed."""
         try:
             return self._workers.executor.submit(self._work, job)
         except BrokenExecutor as error:

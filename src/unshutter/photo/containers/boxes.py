@@ -95,7 +95,7 @@ class BoxCoding(NamedTuple):
         orientation: EXIF number of the turn and mirroring that decoders apply (boxes irot, imir).
         grey: no chroma at all.
         subsampled: chroma at half the resolution in both directions (4:2:0).
-        code_points: primaries and transfer of the colours, (2, 2) where they are not told.
+        code_points: primaries and transfer of the colours, (2, 2) where the file does not say.
 
     What ``grey`` and ``subsampled`` say holds for AVIF only.
     """
