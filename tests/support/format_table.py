@@ -1,7 +1,8 @@
 """What is kept of each format, measured on files written on the fly: the table in docs/formats.md.
 
 ``PYTHONPATH=tests python -m support.format_table`` measures and writes it;
-test_format_table.py measures it again and compares. Other programs than unshutter write the files and look at the results (Pillow, OpenCV, libheif, tifffile).
+test_format_table.py measures it again and compares. Other programs than unshutter write the files and look at the
+results (Pillow, OpenCV, libheif, tifffile).
 """
 
 import io

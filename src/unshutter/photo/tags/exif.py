@@ -59,20 +59,6 @@ def read(blob: bytes | None) -> Tree | None:
     return None if blob is None else read_tree(io.BytesIO(blob.removeprefix(PREFIX)))
 
 
-def with_header(blob: bytes | None) -> bytes | None:
-    """The blob, its TIFF header restored where a program has cut off its first four bytes; None where it is none.
-
-    Some files hold EXIF without the number that should stand before it, and decoders skip four bytes all the same.
-    """
-    if blob is None or blob.removeprefix(PREFIX)[:4] in BYTE_ORDERS:
-        return blob
-    for mark, order in BYTE_ORDERS.items():
-        whole = mark + blob
-        if blob[:4] == struct.pack(order + "I", 8) and read(whole) is not None:
-            return PREFIX + whole
-    return None
-
-
 def is_tangled(blob: bytes) -> bool:
     """Whether a blob's directories go round in circles, in which libexif spends minutes."""
     return directories.is_tangled(blob.removeprefix(PREFIX))
@@ -91,6 +77,20 @@ def orientation(blob: bytes | None) -> int:
     tree = read(blob)
     told = tree.number(_ORIENTATION) if tree else None
     return told if told is not None and 1 <= told <= 8 else 1
+
+
+def with_header(blob: bytes | None) -> bytes | None:
+    """The blob, its TIFF header restored where a program has cut off its first four bytes; None where it is none.
+
+    Some files hold EXIF without the number that should stand before it, and decoders skip four bytes all the same.
+    """
+    if blob is None or blob.removeprefix(PREFIX)[:4] in BYTE_ORDERS:
+        return blob
+    for mark, order in BYTE_ORDERS.items():
+        whole = mark + blob
+        if blob[:4] == struct.pack(order + "I", 8) and read(whole) is not None:
+            return PREFIX + whole
+    return None
 
 
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:

@@ -73,11 +73,11 @@ class Element:
 
     def below(self) -> Iterator[Element]:
         """All elements in it, and itself first."""
-        waiting = [self]
+        waiting: list[Element] = [self]
         while waiting:
             element = waiting.pop()
             yield element
-            waiting += reversed(element.children)
+            waiting.extend(reversed(element.children))
 
 
 class Packet:
