@@ -107,7 +107,7 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
     if job.motion_target is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
-    save_picture(result, job, over_picture, wanted.save)
+    save_picture(result, job.target, over_picture, job.may_repeat, wanted.save)
     target_digest, motion_digest = (digest(target) if job.recorded and target else None for target in targets)
     return Outcome(
         note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",
