@@ -6,18 +6,13 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from support.batches import make_motion, make_photos, rectify
+from support.batches import make_photos, rectify
 from unshutter.batch.inputs import find_photos
 from unshutter.cli import main
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links, pipes and devices")
-
-
-@pytest.fixture
-def motion(tmp_path: Path) -> Path:
-    return make_motion(tmp_path / "motion.json")
 
 
 @pytest.fixture

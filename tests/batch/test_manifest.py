@@ -7,16 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from support.batches import make_motion, make_photos, rectify, results
+from support.batches import make_photos, rectify, results
 from unshutter.batch.manifest import NAME, Manifest
 from unshutter.batch.work import Job, Outcome
 from unshutter.storage import places, plain_files
 from unshutter.storage.places import digest, fingerprint
-
-
-@pytest.fixture
-def motion(tmp_path: Path) -> Path:
-    return make_motion(tmp_path / "motion.json")
 
 
 @pytest.fixture

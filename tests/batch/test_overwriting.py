@@ -6,17 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from support.batches import make_motion, make_photos, rectify, results
+from support.batches import make_photos, rectify, results
 from unshutter.cli import main
 from unshutter.photo import Photo
 
 MANIFEST = "unshutter-manifest.jsonl"
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links and permissions")
-
-
-@pytest.fixture
-def motion(tmp_path: Path) -> Path:
-    return make_motion(tmp_path / "motion.json")
 
 
 @pytest.fixture

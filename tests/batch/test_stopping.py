@@ -11,17 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from support.batches import leftovers, make_motion, make_photos, rectify, results, start_rectify
+from support.batches import leftovers, make_photos, rectify, results, start_rectify
 from unshutter.photo import Photo
 from unshutter.storage.files import written_whole
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals")
 MANIFEST = "unshutter-manifest.jsonl"
-
-
-@pytest.fixture
-def motion(tmp_path: Path) -> Path:
-    return make_motion(tmp_path / "motion.json")
 
 
 @pytest.fixture

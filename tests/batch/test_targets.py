@@ -5,16 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from support.batches import make_motion, make_photos, rectify, results
+from support.batches import make_photos, rectify, results
 from unshutter.batch.inputs import Inputs, find_photos
 from unshutter.batch.targets import check_named_once, motion_names
 from unshutter.cli import main
 from unshutter.errors import UsageError
-
-
-@pytest.fixture
-def motion(tmp_path: Path) -> Path:
-    return make_motion(tmp_path / "motion.json")
 
 
 def names(*photos: str) -> dict[str, str]:

@@ -59,8 +59,8 @@ def test_an_installed_package_adds_a_method(tmp_path: Path, rolling_facade: np.n
     [
         ("no_such_module:METHOD", "ModuleNotFoundError"),
         ("unshutter.options:NOTHING", "AttributeError"),
-        ("unshutter.estimators.register:METHODS", "is no Method so named"),
-        ("unshutter.estimators.register:method", "is no Method so named"),
+        ("unshutter.estimators.register:METHODS", "is no Method of that name"),
+        ("unshutter.estimators.register:method", "is no Method of that name"),
         ("elsewhere_home:ELSEWHERE", "unshutter.errors:UsageError is no Estimator"),
     ],
 )
@@ -130,7 +130,7 @@ def test_every_method_keeps_the_contract(
     [
         ("magic", "unknown estimator 'magic': choose one of segment-transformer, "),
         ("magic@file.onnx", "unknown estimator 'magic'"),
-        ("none@file.onnx", "no weights that could be others"),
+        ("none@file.onnx", "does not run on other weights"),
         ("rengarajan2017", "rengarajan2017@FILE"),
     ],
 )

@@ -327,6 +327,6 @@ def test_results_come_back_from_their_file(tmp_path: Path) -> None:
 def test_the_command_line_knows_every_protocol() -> None:
     from typing import get_args
 
-    from unshutter.cli.commands.evaluate import Protocol
+    from unshutter.cli.commands.evaluate import ProtocolName
 
-    assert set(get_args(Protocol)) == set(PROTOCOLS)
+    assert set(get_args(ProtocolName)) == set(PROTOCOLS)

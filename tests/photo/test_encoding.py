@@ -16,7 +16,8 @@ from support.tagged_files import (
     SRGB,
 )
 from unshutter.photo import Photo
-from unshutter.photo.formats import WRITTEN, boxes
+from unshutter.photo.containers import boxes
+from unshutter.photo.formats import WRITTEN
 
 LOSSLESS = ("png", "tiff")
 

@@ -18,7 +18,7 @@ import time
 from dataclasses import replace
 from typing import Any, Literal
 
-from unshutter.batch.work import Job, Outcome
+from unshutter.batch.job import Job, Outcome
 from unshutter.storage.journal import open_journal
 from unshutter.storage.places import Place, absolute, digest, fingerprint, way
 from unshutter.version import __version__

@@ -12,11 +12,12 @@ from functools import partial
 from pathlib import Path
 
 from unshutter.batch.inputs import Inputs, find_photos
+from unshutter.batch.job import Job
 from unshutter.batch.manifest import NAME, Manifest
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch, check_outputs
 from unshutter.batch.targets import beside, check_named_once, is_folder, motion_names, picture_name, plan_targets
-from unshutter.batch.work import Job, do_job
+from unshutter.batch.work import do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.register import check_name
@@ -63,7 +64,7 @@ def rectify_files(
     plan = _plan(jobs, manifest, run.overwrite)
     if run.dry_run:
         return _say_what_would_be_done(plan, inputs, protection)
-    if run.jobs is None and run.scheduler is None and plan.to_do:
+    if run.jobs is run.scheduler is run.timeout is None and plan.to_do:
         find = wanted.find if motion is None else None
         prefetch = Prefetch([job.source for job in plan.to_do], find, run.max_pixels)
     else:
@@ -192,4 +193,8 @@ def _prepare_folders(
 def _workers(run: Run) -> AbstractContextManager[Workers]:
     if run.scheduler is not None:
         return cluster(run.scheduler)
-    return processes(run.jobs) if run.jobs is not None else this_process()
+    if run.jobs is not None:
+        return processes(run.jobs, run.timeout)
+    if run.timeout is not None:  # this process could not stop a decoder that hangs in it
+        return processes(1, run.timeout, all_processors=True)
+    return this_process()

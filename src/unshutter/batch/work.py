@@ -3,76 +3,21 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from unshutter.batch.job import Job, Outcome
 from unshutter.batch.photos import save_picture
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
+from unshutter.photo.encoding import not_written
 from unshutter.prefetch import Prefetch
 from unshutter.storage.places import Place, check_place, digest, fingerprint, write_place
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
-
-
-@dataclass(frozen=True)
-class Job:
-    """One photo and where its result goes.
-
-    Attributes:
-        source: the photo.
-        target: its rectified picture.
-        motion_target: its motion file, if one is wanted.
-        overwrite: whether the target may replace what is there.
-        max_pixels: of a photo that is read.
-        may_repeat: whether an earlier attempt may have written the outputs, before its worker died or its run was
-            killed: what is there stays if it is the same, byte for byte.
-        left: digests of the picture and the motion file as an earlier run left them from this photo: what still has
-            them may be replaced.
-        recorded: whether the manifest wants digests of what is written.
-    """
-
-    source: Place
-    target: Place
-    motion_target: Place | None
-    overwrite: bool
-    max_pixels: int
-    may_repeat: bool = False
-    left: tuple[str | None, str | None] = (None, None)
-    recorded: bool = False
-
-    @property
-    def outputs(self) -> list[Place]:
-        """All that is to be written: the picture, then the motion file."""
-        return [self.target] if self.motion_target is None else [self.target, self.motion_target]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a job went.
-
-    Attributes:
-        error: one line; empty where all went well.
-        usage: the error is about the request rather than the photo.
-        note: something that the user should know.
-        seconds: that it took.
-        source_is: fingerprint of the photo that was read.
-        target_is, motion_is: fingerprints of what was written.
-        target_digest, motion_digest: of its bytes, where they are recorded.
-    """
-
-    error: str = ""
-    usage: bool = False
-    note: str = ""
-    seconds: float = 0.0
-    source_is: str | None = None
-    target_is: str | None = None
-    motion_is: str | None = None
-    target_digest: str | None = None
-    motion_digest: str | None = None
 
 
 def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
@@ -107,10 +52,11 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
     if job.motion_target is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
-    save_picture(result, job.target, over_picture, job.may_repeat, wanted.save)
+    left_out = save_picture(result, job, over_picture, wanted.save)
     target_digest, motion_digest = (digest(target) if job.recorded and target else None for target in targets)
+    unchanged = f"unchanged: {result.motion.reason}" if result.motion.reason else ""
     return Outcome(
-        note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",
+        note="; ".join(note for note in (unchanged, not_written(left_out)) if note),
         source_is=source_is,
         target_is=fingerprint(job.target),
         motion_is=fingerprint(job.motion_target) if job.motion_target is not None else None,

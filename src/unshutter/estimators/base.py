@@ -1,4 +1,4 @@
-"""What an estimator is given, and what it must be."""
+"""View, which an estimator is given, and Estimator, which it must be."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class View:
 
     Attributes:
         photo: as it was read.
-        camera: what the user knows of the camera; what is left open the photo is asked for.
-        guessed_focal_px: a better guess than by the picture's size, as for one cut out of a larger photo.
+        camera: what the user knows of the camera; for the rest, the photo's own metadata are used.
+        guessed_focal_px: a better guess than one from the picture's size, say for a part cut out of a larger photo.
     """
 
     photo: Photo
@@ -55,7 +55,7 @@ class View:
         return self.readout.turn(self.photo.grey(short_side))
 
     def focal_px(self) -> float:
-        """Focal length [px of the full-size picture]: the known one, else a guess, by itself 0.85 (width + height)."""
+        """Focal length [px of the full-size picture]: the known one, else a guess: 0.85 (width + height)."""
         return self.known_focal_px() or self.guessed_focal_px or 0.85 * (self.width + self.height)
 
     def known_focal_px(self) -> float | None:
@@ -116,11 +116,11 @@ class View:
 
 
 class Estimator(ABC):
-    """Finds the row motion of a photo; may be asked by several threads at once.
+    """Finds the row motion of a photo. Several threads may use one at once.
 
     Args:
-        method: what is known of it without importing it.
-        weights: file that it is to run on; None where it needs none.
+        method: its entry in the register.
+        weights: file to run on; None for methods that need none.
     """
 
     def __init__(self, method: Method, weights: Path | None = None):
@@ -129,13 +129,13 @@ class Estimator(ABC):
 
     @property
     def name(self) -> str:
-        """By which it was asked for; its motions bear it."""
+        """The method's name, which its motions carry as ``estimator``."""
         return self.method.name
 
     def prepare(self) -> None:
-        """Does beforehand what the first estimate would otherwise wait for: opens a network, say.
+        """Does in advance what the first estimate would otherwise wait for, such as opening a network.
 
-        The one method with a body that may be overridden: most have nothing to prepare. May be called twice.
+        Does nothing unless overridden (the only concrete method here that may be). May be called more than once.
 
         Raises:
             UnshutterError: the weights cannot be used.
@@ -146,5 +146,5 @@ class Estimator(ABC):
     def estimate(self, view: View) -> Motion:
         """The motion of the full-size photo in its readout frame, first row as the reference.
 
-        Where the photo does not say enough the motion is zero and carries a reason; it never raises for that.
+        Where the photo does not show enough, the motion is zero and carries a reason; that is no error.
         """

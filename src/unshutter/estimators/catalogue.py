@@ -1,4 +1,4 @@
-"""What estimators there are: what each does, how large its weights are, how well it did."""
+"""The list of methods for ``unshutter models``: what each does, the size of its weights, how well it did."""
 
 from __future__ import annotations
 

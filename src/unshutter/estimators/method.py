@@ -10,17 +10,17 @@ _WEIGHTS = Path(__file__).parents[1] / "weights"  # importlib.resources says the
 
 @dataclass(frozen=True)
 class Method:
-    """What is said of a method in the register.
+    """A method's entry in the register.
 
     Attributes:
-        name: by which it is asked for.
+        name: by which users ask for it.
         summary: one line for ``unshutter models``.
         home: ``module:class`` of its :class:`Estimator`.
-        grey_px: short side of the grey copy that it asks the photo for [px], so that decoding can start before the
-            method is imported; None: it asks for none.
-        weights: stem of the file in ``unshutter/weights`` that it runs on; None: no such file.
-        takes_weights: whether NAME@FILE runs it with weights of the user's own.
-        ships: whether it runs without such; False: NAME@FILE only.
+        grey_px: short side [px] of the grey copy that it works on (``View.grey``), so that decoding can start before
+            the method is imported; None: it uses none.
+        weights: stem of the file in ``unshutter/weights`` that it runs on; None: none of them.
+        takes_weights: whether NAME@FILE runs it with the user's own weights.
+        ships: whether it also runs without them; False: NAME@FILE only.
     """
 
     name: str
@@ -33,5 +33,5 @@ class Method:
 
     @property
     def weights_path(self) -> Path | None:
-        """The package's own weights, where it runs on some."""
+        """The weights in the package that it runs on, if any."""
         return None if self.weights is None else _WEIGHTS / f"{self.weights}.onnx"

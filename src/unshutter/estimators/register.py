@@ -1,4 +1,4 @@
-"""Which methods there are, known without importing them: a photo is being decoded before that.
+"""The methods by name, known without importing them, so that a photo can be decoded first.
 
 A package of your own can add a method: its entry point in the group ``unshutter.estimators`` names a :class:`Method`::
 
@@ -18,7 +18,7 @@ from unshutter.estimators.method import Method
 from unshutter.options import DEFAULT_ESTIMATOR
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoints
+    from importlib.metadata import EntryPoint, EntryPoints
 
     from unshutter.estimators.base import Estimator
 
@@ -88,59 +88,53 @@ METHODS = (
 
 
 def names() -> list[str]:
-    """The methods that run without weights of the user's own: the package's, then those of installed packages."""
+    """The methods that need no weights of the user's own: the package's, then those of other installed packages."""
     built_in = [known.name for known in METHODS if known.ships]
     return built_in + sorted(_installed().names - {known.name for known in METHODS})
 
 
 def method(name: str) -> Method:
-    """The method of that name, or of NAME@FILE; one of the package's comes before an installed one.
+    """The method of that name, or of NAME@FILE; the package's own methods come before those of other packages.
 
     Raises:
         UsageError: there is none.
-        UnshutterError: the installed package that has it is broken.
+        UnshutterError: the package that it comes from is broken.
     """
     name = name.partition("@")[0]
     for known in METHODS:
         if known.name == name:
             return known
-    for entry in _installed().select(name=name):
-        try:
-            found = entry.load()
-        except Exception as error:  # whatever somebody else's module does while it is imported
-            raise UnshutterError(f"cannot load the installed estimator '{name}': {_one_line(error)}") from None
-        if not isinstance(found, Method) or found.name != name:
-            raise UnshutterError(f"cannot load the installed estimator '{name}': {entry.value} is no Method so named")
-        return found
-    raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(names())}")
+    entry = next(iter(_installed().select(name=name)), None)
+    if entry is None:
+        raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(names())}")
+    return _loaded(entry)
 
 
 def check_name(name: str) -> None:
-    """Passes for the name of a method, or NAME@FILE.
+    """Passes for the name of a method, and for NAME@FILE where it takes weights.
 
     Raises:
-        UsageError: no method has this name, or it has no weights, or could have none.
-        UnshutterError: the installed package that has it is broken.
+        UsageError: there is no such method, it needs weights, or it takes none.
+        UnshutterError: the package that it comes from is broken.
     """
     own, _, weights = name.partition("@")
     found = method(own)
     if not found.ships and not weights:
         raise UsageError(f"no weights of {own} are shipped: train it (docs/training) and say {own}@FILE.onnx")
     if weights and not found.takes_weights:
-        raise UsageError(f"estimator '{own}' has no weights that could be others: leave out @{weights}")
+        raise UsageError(f"estimator '{own}' does not run on other weights: leave out @{weights}")
 
 
 @lru_cache(maxsize=4)
 def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
-    """The estimator of that name, ready to be used for any number of photos; built once per process.
+    """The estimator of that name, ready for any number of photos; built once per process.
 
     Args:
-        name: of a method (:func:`names`); NAME@FILE runs it with the weights (ONNX) in a file, say of a network of
-            your own.
+        name: one of :func:`names`, or NAME@FILE to run it with your own weights (ONNX).
 
     Raises:
-        UsageError: no method has this name, or it takes no weights.
-        UnshutterError: the weights cannot be used.
+        UsageError: there is no such method, it needs weights, or it takes none.
+        UnshutterError: the weights cannot be used, or the package that the method comes from is broken.
     """
     check_name(name)
     own, _, weights = name.partition("@")
@@ -149,7 +143,7 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     found = method(own)
     estimator = _class_of(found)(found, Path(weights) if weights else found.weights_path)
     if weights:
-        estimator.prepare()  # what is wrong with the file is told here
+        estimator.prepare()  # so that a bad file is refused here, not at the first photo
     return estimator
 
 
@@ -163,11 +157,19 @@ def _class_of(found: Method) -> type[Estimator]:
     return kind
 
 
+def _loaded(entry: EntryPoint) -> Method:
+    """The method that another package's entry point names."""
+    failure = f"cannot load the installed estimator '{entry.name}'"
+    try:
+        found = entry.load()
+    except Exception as error:  # another package's import may raise anything
+        raise UnshutterError(" ".join(f"{failure}: {type(error).__name__}: {error}".split())) from None
+    if not isinstance(found, Method) or found.name != entry.name:
+        raise UnshutterError(f"{failure}: {entry.value} is no Method of that name")
+    return found
+
+
 def _installed() -> EntryPoints:
     from importlib.metadata import entry_points  # not above: it is slow, and rarely needed
 
     return entry_points(group=_GROUP)
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())

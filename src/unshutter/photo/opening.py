@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from unshutter.errors import UnshutterError
+from unshutter.photo.format import Format, Header
 from unshutter.photo.formats import FORMATS
-from unshutter.photo.formats.base import Format, Header
 from unshutter.photo.source import Source
 from unshutter.storage.plain_files import check_plain
 
@@ -44,6 +44,7 @@ def recognise(source: Source) -> Format:
     try:
         with source.stream() as stream:
             head = stream.read(_HEAD_BYTES)
+        found = next((format for format in FORMATS.values() if format.recognises(source, head)), None)
     except OSError as error:
         reason = "it is a folder, not a photo" if isinstance(error, IsADirectoryError) else error.strerror
         raise UnshutterError(f"cannot read {source}: {reason}") from None
@@ -51,7 +52,6 @@ def recognise(source: Source) -> Format:
         raise UnshutterError(f"cannot read {str(source)!r}: {error}") from None
     if not head:
         raise UnshutterError(f"{source} is empty (0 bytes)")
-    for format in FORMATS.values():
-        if format.recognises(head, suffix):
-            return format
-    raise UnshutterError(f"{source} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture")
+    if found is None:
+        raise UnshutterError(f"{source} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture")
+    return found

@@ -9,7 +9,7 @@ from typing import Literal
 from unshutter.cli.arguments import Command, required
 from unshutter.options import option
 
-Protocol = Literal["synthetic", "native", "trajectory", "undistorted", "robustness", "pairs", "video"]
+ProtocolName = Literal["synthetic", "native", "trajectory", "undistorted", "robustness", "pairs", "video"]
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Arguments:
         "Folders, each a group in the tables: of undistorted photos; for pairs and video of rs_0.png, gs_0_middle.png."
     )
     estimators: str = option("all", "Names with commas between them, or all. Default: all.")
-    protocol: Protocol = option("synthetic", "What is measured; docs/use.md says how. Default: synthetic.")
+    protocol: ProtocolName = option("synthetic", "What is measured; docs/use.md says how. Default: synthetic.")
     output: Path = option(
         Path("evaluation"),
         "Folder for tables, figures of every picture, plots and contact sheets. A run that was stopped there goes on. "

@@ -76,7 +76,12 @@ def minimise(
     return x, cost
 
 
-def forward_differences(residuals: Residuals, x: np.ndarray, r: np.ndarray, steps: np.ndarray) -> np.ndarray:
+def forward_differences(
+    residuals: Residuals,
+    x: Float[np.ndarray, "*at unknowns"],
+    r: Float[np.ndarray, "*at residuals"],
+    steps: Float[np.ndarray, "unknowns"],
+) -> Float[np.ndarray, "*at residuals unknowns"]:
     """The Jacobian dr/dx, to the first order of the steps.
 
     Args:

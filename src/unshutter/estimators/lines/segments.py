@@ -47,7 +47,7 @@ def in_rows(segments: Float[np.ndarray, "segments 4"], height: int, width: int) 
     return (segments - center) / height
 
 
-def unusable(segments: np.ndarray, height: int, width: int) -> str:
+def unusable(segments: Float[np.ndarray, "segments 4"], height: int, width: int) -> str:
     """Why these segments of a photo of that size do not tell its motion; empty where they may."""
     if max(width / height, height / width) > WIDEST_ASPECT:
         return f"the photo's sides differ by more than {WIDEST_ASPECT:g} times"

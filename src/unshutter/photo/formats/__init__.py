@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 from unshutter.errors import UsageError
+from unshutter.options import PictureFormat
+from unshutter.photo.format import Format, WrittenFormat
 from unshutter.photo.formats.avif import Avif
-from unshutter.photo.formats.base import Format, WrittenFormat
 from unshutter.photo.formats.heic import Heic
 from unshutter.photo.formats.jpeg import Jpeg
 from unshutter.photo.formats.png import Png
@@ -14,20 +16,20 @@ from unshutter.photo.formats.raw import Raw
 from unshutter.photo.formats.tiff import Tiff
 from unshutter.photo.formats.webp import Webp
 
-# Asked in this order whether a file is theirs: AVIF files begin like HEIC, and many raw files only their names tell.
+# Asked in this order whether a file is theirs: AVIF files may call themselves HEIC, too, and most raw files TIFF.
 FORMATS: dict[str, Format] = {
     format.name: format
     for format in (
         Jpeg(),
         Png(),
         Webp(),
-        Tiff(),
         Avif(),
         Heic(),
         Raw(),
+        Tiff(),
     )
 }
-WRITTEN = {name: format for name, format in FORMATS.items() if isinstance(format, WrittenFormat)}
+WRITTEN = {name: format for name in get_args(PictureFormat) if isinstance(format := FORMATS[name], WrittenFormat)}
 
 
 def of_suffix(suffix: str) -> Format | None:

@@ -1,4 +1,4 @@
-"""WebP.
+"""WebP: lossy or lossless, which stays so; EXIF is a chunk.
 
 Source: RFC 9649 (the container's chunks).
 """
@@ -10,8 +10,8 @@ import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter.photo.formats import by_libvips
-from unshutter.photo.formats.base import Coding, Header, WrittenFormat
+from unshutter.photo import by_libvips
+from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
@@ -31,8 +31,9 @@ class Webp(WrittenFormat):
     name = written_as = "webp"
     suffixes = (".webp",)
     longest_side, deep, grey, alpha = 16_383, False, False, True
+    holds = frozenset({"exif", "icc", "xmp"})
 
-    def recognises(self, head: bytes, suffix: str) -> bool:
+    def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
         return _SIGNATURE.match(head) is not None
 
@@ -54,11 +55,11 @@ class Webp(WrittenFormat):
         options = {"lossless": True, "exact": True} if lossless else {"Q": quality or 90}
         return by_libvips.encoded(image, "webpsave", path, with_exif=True, **options)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """See WrittenFormat."""
         blob = field(image, "exif-data")
         if blob is None:
-            return
+            return []
         tiff = blob.removeprefix(exif.PREFIX)
         file.seek(12)
         chunks = b""
@@ -71,6 +72,7 @@ class Webp(WrittenFormat):
         file.seek(0)
         file.write(b"RIFF" + struct.pack("<I", 4 + len(chunks)) + b"WEBP" + chunks)
         file.truncate()
+        return []
 
 
 def _is_lossless(file: BinaryIO) -> bool:

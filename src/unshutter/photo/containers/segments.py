@@ -1,0 +1,51 @@
+"""Segments, of which JPEG files are made.
+
+Source: ITU-T T.81, annex B.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from typing import BinaryIO
+
+from unshutter.photo.tags import exif
+
+# markers; what the applications' segments hold, they say in their first bytes
+SCAN, APP0, APP1, APP2, APP13, APP14, COMMENT = 0xDA, 0xE0, 0xE1, 0xE2, 0xED, 0xEE, 0xFE
+LONGEST = 65_533  # bytes of content
+_MOST_FILL = 1 << 16  # bytes before a marker
+
+
+def before_the_scan(file: BinaryIO, wanted: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
+    """(marker, content) of segments before the first scan."""
+    file.seek(2)
+    while (marker := _marker(file)) not in (None, SCAN):
+        size = file.read(2)
+        length = int.from_bytes(size, "big")
+        if len(size) < 2 or length < 2:
+            return
+        if marker in wanted:
+            yield marker, file.read(length - 2)
+        else:
+            file.seek(length - 2, 1)
+
+
+def _marker(file: BinaryIO) -> int | None:
+    """The next marker, before which any number of bytes 0xFF may stand; None where there is none."""
+    if file.read(1) != b"\xff":
+        return None
+    for _ in range(_MOST_FILL):
+        if (byte := file.read(1)) != b"\xff":
+            return byte[0] if byte else None
+    return None
+
+
+def encoded(marker: int, content: bytes) -> bytes:
+    """The bytes of a segment."""
+    return struct.pack(">BBH", 0xFF, marker, len(content) + 2) + content
+
+
+def exif_of(file: BinaryIO) -> bytes | None:
+    """The EXIF blob of a JPEG."""
+    return next((content for _, content in before_the_scan(file, (APP1,)) if content.startswith(exif.PREFIX)), None)
