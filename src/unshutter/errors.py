@@ -1,8 +1,14 @@
 """The two ways in which unshutter says no."""
 
+# Names of files and methods may hold line breaks, and codes that change a terminal.
+_VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
+
 
 class UnshutterError(Exception):
     """Something about the input makes the job impossible; the message is one line for the user (exit code 1)."""
+
+    def __str__(self) -> str:
+        return super().__str__().translate(_VISIBLE)
 
 
 class UsageError(UnshutterError):

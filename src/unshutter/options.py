@@ -19,6 +19,7 @@ from unshutter.geometry.readout import Readout
 
 DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
+_LONGEST_TIMEOUT_S = 86_400  # a day
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
 Reference = Literal["first", "middle", "last"]
@@ -188,9 +189,12 @@ class Run:
         dry_run: only say what would be done.
         json_log: file to add what happens to, one JSON object a line.
         max_pixels: photos with more are refused.
+        timeout: time after which a photo is given up [s]; None: half an hour where processes do the work, else no
+            limit. With a limit, but without ``jobs``, one other process does the work: a decoder that hangs cannot be
+            stopped in this one.
 
     Raises:
-        UsageError: a number below 1, or both ``jobs`` and ``scheduler``.
+        UsageError: a number below 1, both ``jobs`` and ``scheduler``, or a time limit for a scheduler's workers.
     """
 
     overwrite: bool = option(False, "Replace outputs that exist already, finished ones too.")
@@ -201,8 +205,17 @@ class Run:
     dry_run: bool = option(False, "Only say what would be done.")
     json_log: Path | None = option(None, "Add what happens to this file, one JSON object a line.")
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
+    timeout: float | None = option(
+        None,
+        "Give up on a photo that takes longer, and go on. Default: 1800 with --jobs, else none.",
+        metavar="SECONDS",
+    )
 
     def __post_init__(self) -> None:
+        if self.timeout is not None and not 0 < self.timeout <= _LONGEST_TIMEOUT_S:
+            raise UsageError(f"--timeout must lie between 0 and {_LONGEST_TIMEOUT_S} s, got {self.timeout:g}")
+        if self.timeout is not None and self.scheduler is not None:
+            raise UsageError("--timeout is for this machine: the workers of a scheduler have limits of their own")
         if self.jobs is not None and self.jobs < 1:
             raise UsageError(f"--jobs must be at least 1, got {self.jobs}")
         if self.max_pixels < 1:

@@ -35,10 +35,11 @@ class Rectified:
 
     @property
     def pixels(self) -> np.ndarray:
-        """The picture as an array, stored orientation: [H, W] for grey, else [H, W, bands]; uint8 or uint16.
+        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to."""
+        return self.photo.pixels
 
-        It is ``photo.to_array()``; ``photo.pixels`` always has three axes.
-        """
+    def to_array(self) -> np.ndarray:
+        """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
         return self.photo.to_array()
 
     @property
@@ -55,13 +56,16 @@ class Rectified:
         overwrite: bool = False,
         quality: int | None = None,
         subsampling: Subsampling | None = None,
-    ) -> None:
+    ) -> tuple[str, ...]:
         """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
+
+        Returns:
+            What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
 
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
         """
-        self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
+        return self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
 
 
 # ---- for users ------------------------------------------------------------------------------------------
@@ -169,7 +173,7 @@ def rectify(
         return result.photo.to_bytes()
     if isinstance(photo, (str, os.PathLike, Photo)):
         return result
-    pixels = result.pixels
+    pixels = result.to_array()
     return pixels.reshape(*pixels.shape[:2], *photo.shape[2:])
 
 
@@ -204,7 +208,8 @@ def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rect
     _check_size(photo)
     motion = fitted(motion, photo.height, photo.width, readout)
     motion = motion.rereferenced(how.reference or motion.reference).scaled(how.strength)
-    return Rectified(photo.with_pixels(rectify_pixels(photo.pixels, motion, how.edges)), motion, photo)
+    pixels = rectify_pixels(photo.pixels, motion, how.edges, photo.masked)
+    return Rectified(photo.with_pixels(pixels), motion, photo)
 
 
 def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Motion:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -355,3 +356,41 @@ def test_ctrl_c_keeps_what_is_finished(jobs: list, motion: Path, tmp_path: Path)
 def whole_records(folder: Path) -> list[dict]:
     text = (folder / MANIFEST).read_text()
     return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+
+# ---- a photo that takes too long -----------------------------------------------------------------------------
+
+
+def hang_on_b(job: Job) -> Outcome:
+    """``b`` never ends, and lets nobody else in its process have a turn."""
+    if job.source.stem == "b":
+        re.match(r"(a|a)*c", "a" * 200)
+    time.sleep(0.05)
+    return Outcome(note=str(os.getpid()))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_photo_that_hangs_is_given_up_and_the_others_are_done(count: int, tmp_path: Path, capsys) -> None:
+    jobs = [Job(tmp_path / f"{name}.jpg", tmp_path / f"{name}.out.jpg", None, False, 1) for name in "abcdefgh"]
+    start = time.monotonic()
+    with Report(len(jobs), len(jobs)) as report, processes(count, timeout_s=2) as workers:
+        Batch(hang_on_b, workers, None, report).run(jobs)
+    assert report.counts == {"done": 7, "skipped": 0, "failed": 1}
+    assert "b.jpg: given up after 2 s (--timeout gives it longer)" in capsys.readouterr().err
+    assert time.monotonic() - start < 60
+
+
+def test_a_time_limit_without_processes_takes_one(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
+    assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--timeout", 600) == 0
+    assert rectify(archive, "-o", tmp_path / "plain", "--motion", motion) == 0
+    assert results(tmp_path / "out") == results(tmp_path / "plain")
+    assert rectify(archive, "-o", tmp_path / "no", "--motion", motion, "--timeout", "0.01") == 1
+    told = capsys.readouterr().err
+    assert "given up after 0.01 s" in told and "Traceback" not in told
+    assert results(tmp_path / "no") == {} and leftovers(tmp_path / "no") == []
+
+
+@pytest.mark.parametrize("wrong", [["--timeout", "0"], ["--timeout", "nan"], ["--timeout", "5", "--scheduler", "x"]])
+def test_time_limits_that_cannot_be(wrong: list, archive: Path, tmp_path: Path, capsys) -> None:
+    assert rectify(archive, "-o", tmp_path / "out", *wrong) == 2
+    assert "--timeout" in capsys.readouterr().err

@@ -9,6 +9,7 @@ import pytest
 import skimage.metrics as skimage
 
 from support.drawn_photos import textured
+from support.looking_back import backward_map
 from unshutter import Motion, RowMotion
 from unshutter.estimators.base import View
 from unshutter.estimators.register import load
@@ -24,7 +25,7 @@ from unshutter.motion import RotationMotion
 from unshutter.photo import Photo
 from unshutter.synthesis.pairs import synthesize
 from unshutter.synthesis.row_motions import draw_quadratic
-from unshutter.warp.pixels import backward_map, validity_mask
+from unshutter.warp.pixels import validity_mask
 
 
 class Fixed:

@@ -8,10 +8,10 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from support.looking_back import backward_map
 from unshutter import Motion, RowMotion, UnshutterError, UsageError
 from unshutter.geometry import rotations as rotation_geometry
 from unshutter.motion import RotationMotion
-from unshutter.warp.pixels import backward_map
 
 FOCAL = 400.0
 

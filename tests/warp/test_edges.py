@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from support.looking_back import backward_map
 from support.shaken_scenes import drawn_scene, inside, shake
 from unshutter.errors import UnshutterError
 from unshutter.motion import RowMotion
-from unshutter.warp.pixels import backward_map, largest_valid_rectangle, rectify_pixels, validity_mask
+from unshutter.warp.pixels import largest_valid_rectangle, rectify_pixels, validity_mask
 
 
 @pytest.mark.parametrize("bands", [1, 2, 3, 4])

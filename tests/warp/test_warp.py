@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from support.looking_back import backward_map
 from support.shaken_scenes import drawn_scene, inside, shake
 from support.stored import as_stored
 from unshutter.errors import UnshutterError, UsageError
@@ -17,7 +18,7 @@ from unshutter.synthesis.row_motions import draw_quadratic
 from unshutter.warp import grid as sampling_map
 from unshutter.warp import pixels as warp
 from unshutter.warp.grid import SamplingGrid, gs_to_rs_map
-from unshutter.warp.pixels import backward_map, distort_pixels, rectify_pixels, validity_mask
+from unshutter.warp.pixels import distort_pixels, rectify_pixels, validity_mask
 
 
 def positions_by_motion(motion):

@@ -15,8 +15,11 @@ if TYPE_CHECKING:
     from unshutter.rectification import Rectified
 
 
-def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> None:
+def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> tuple[str, ...]:
     """Writes a job's result; the format is that of the name's ending.
+
+    Returns:
+        What of the metadata did not go into the file.
 
     Raises:
         UsageError, UnshutterError: see ``Photo.save``.
@@ -24,8 +27,7 @@ def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> No
     target = job.target
     done_before = isinstance(target, Path) and job.may_repeat and os.path.lexists(target)
     if isinstance(target, Path) and not done_before:
-        result.save(target, overwrite=overwrite, quality=save.quality, subsampling=save.subsampling)
-    else:
-        name = of_target(Path(target.name)).name
-        data = result.photo.to_bytes(name, save.quality, save.subsampling)
-        write_place(data, target, overwrite, mode_of=job.source)
+        return result.save(target, overwrite=overwrite, quality=save.quality, subsampling=save.subsampling)
+    file = result.photo.encode(of_target(Path(target.name)).name, save.quality, save.subsampling)
+    write_place(file.data, target, overwrite, mode_of=job.source)
+    return file.left_out

@@ -64,7 +64,7 @@ def rectify_files(
     plan = _plan(jobs, manifest, run.overwrite)
     if run.dry_run:
         return _say_what_would_be_done(plan, inputs, protection)
-    if run.jobs is None and run.scheduler is None and plan.to_do:
+    if run.jobs is run.scheduler is run.timeout is None and plan.to_do:
         find = wanted.find if motion is None else None
         prefetch = Prefetch([job.source for job in plan.to_do], find, run.max_pixels)
     else:
@@ -193,4 +193,8 @@ def _prepare_folders(
 def _workers(run: Run) -> AbstractContextManager[Workers]:
     if run.scheduler is not None:
         return cluster(run.scheduler)
-    return processes(run.jobs) if run.jobs is not None else this_process()
+    if run.jobs is not None:
+        return processes(run.jobs, run.timeout)
+    if run.timeout is not None:  # this process could not stop a decoder that hangs in it
+        return processes(1, run.timeout, all_processors=True)
+    return this_process()

@@ -74,9 +74,9 @@ class Report:
         """A photo's result was there when the batch began, or another run was faster."""
         self._count("skipped", photo, target=str(target))
 
-    def failed(self, photo: str | Place, error: str) -> None:
+    def failed(self, photo: str | Place, error: str, seconds: float = 0.0) -> None:
         """A photo came to nothing."""
-        self._count("failed", photo, error=error)
+        self._count("failed", photo, error=error, **({"seconds": round(seconds, 3)} if seconds else {}))
         self.tell(f"unshutter: {error}")
         self._bar.advance()
 
@@ -162,6 +162,12 @@ def naming_the_photo(photo: Place, one: Callable[[Place], None]) -> None:
         raise type(error)(f"{photo}: {error}") from None
     except MemoryError:
         raise UnshutterError(f"{photo}: not enough memory") from None
+    except BrokenPipeError:  # the reader of our output went away
+        raise
+    except OSError as error:  # a full disc, say
+        if os.environ.get("UNSHUTTER_DEBUG"):
+            raise
+        raise UnshutterError(f"{photo}: {error.strerror or ' '.join(str(error).split())}") from error
     except Exception as error:
         if os.environ.get("UNSHUTTER_DEBUG"):
             raise

@@ -86,7 +86,7 @@ class Batch:
                 self._manifest.close()
 
     def _given(self, job: Job) -> Future[Outcome]:
-        """The job's future; a broken one if a worker has just died, before anybody could be told."""
+        """The job's future; a broken one if a worker has just died, before anybody noticed."""
         try:
             return self._workers.executor.submit(self._work, job)
         except BrokenExecutor as error:
@@ -124,12 +124,12 @@ class Batch:
 
     def _collect(self) -> None:
         """Waits for at least one job; nothing to wait for, no wait."""
-        crashed: list[Job] = []
+        crashed: dict[Future[Outcome], Job] = {}
         for future in wait(self._running, return_when=FIRST_COMPLETED).done:
             job = self._running.pop(future)
             error = future.exception()
             if isinstance(error, BrokenExecutor):
-                crashed.append(job)
+                crashed[future] = job
             elif isinstance(error, CancelledError):
                 raise UnshutterError("lost touch with the workers: run the same command again to go on") from None
             elif error is not None:
@@ -138,20 +138,37 @@ class Batch:
             else:
                 self._finish(job, future.result())
         if crashed:
-            crashed += self._running.values()  # all that a broken executor had
-            self._running.clear()
-            self._one_by_one(crashed)
+            crashed |= self._running  # all that a broken executor had
+            self._running = {}
+            self._go_on_after(crashed)
 
-    def _one_by_one(self, jobs: list[Job]) -> None:
-        """Finds out which of the jobs costs its worker the life."""
+    def _go_on_after(self, crashed: dict[Future[Outcome], Job]) -> None:
+        """Finds out which of the jobs cost its worker the life, and does the others again."""
+        overdue = {future for future in crashed if self._workers.is_overdue(future)}
         self._workers.executor = self._workers.renew()
+        if not overdue:
+            self._one_by_one(crashed.values())
+        for future, job in crashed.items():
+            if future in overdue:
+                self._finish(job, self._given_up(job))
+            elif overdue:
+                again = replace(job, may_repeat=True)
+                self._running[self._given(again)] = again
+
+    def _one_by_one(self, jobs: Iterable[Job]) -> None:
         for job in jobs:
+            future = self._given(replace(job, may_repeat=True))
             try:
-                outcome = self._workers.executor.submit(self._work, replace(job, may_repeat=True)).result()
+                outcome = future.result()
             except BrokenExecutor:
+                died = Outcome(f"{job.source}: its worker died: not enough memory, or a fault in a decoder")
+                outcome = self._given_up(job) if self._workers.is_overdue(future) else died
                 self._workers.executor = self._workers.renew()
-                outcome = Outcome(f"{job.source}: its worker died: not enough memory, or a fault in a decoder")
             self._finish(job, outcome)
+
+    def _given_up(self, job: Job) -> Outcome:
+        limit_s = self._workers.timeout_s or 0.0
+        return Outcome(f"{job.source}: given up after {limit_s:g} s (--timeout gives it longer)", seconds=limit_s)
 
     def _put_off(self, job: Job) -> bool:
         """After a failure: whether it is because another run does the same at the same moment; then once more."""
@@ -176,7 +193,7 @@ class Batch:
         elif self._report.total == 1:
             raise (UsageError if outcome.usage else UnshutterError)(outcome.error)
         else:
-            self._report.failed(job.source, outcome.error)
+            self._report.failed(job.source, outcome.error, outcome.seconds)
 
     def _stop(self) -> None:
         """Drops what has not begun, lets the rest come to its end."""

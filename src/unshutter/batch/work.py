@@ -12,6 +12,7 @@ from unshutter.batch.photos import save_picture
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
+from unshutter.photo.encoding import not_written
 from unshutter.prefetch import Prefetch
 from unshutter.storage.places import Place, check_place, digest, fingerprint, write_place
 
@@ -51,10 +52,11 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
     if job.motion_target is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
-    save_picture(result, job, over_picture, wanted.save)
+    left_out = save_picture(result, job, over_picture, wanted.save)
     target_digest, motion_digest = (digest(target) if job.recorded and target else None for target in targets)
+    unchanged = f"unchanged: {result.motion.reason}" if result.motion.reason else ""
     return Outcome(
-        note=f"unchanged: {result.motion.reason}" if result.motion.reason else "",
+        note="; ".join(note for note in (unchanged, not_written(left_out)) if note),
         source_is=source_is,
         target_is=fingerprint(job.target),
         motion_is=fingerprint(job.motion_target) if job.motion_target is not None else None,

@@ -12,12 +12,11 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from unshutter.errors import UnshutterError
 
-if TYPE_CHECKING:
-    from concurrent.futures import ProcessPoolExecutor
+LONGEST_JOB_S = 1800.0  # unless the user says otherwise: the largest photo takes minutes on a slow processor
 
 
 @dataclass
@@ -29,12 +28,16 @@ class Workers:
         at_once: jobs that it is given before the first has ended: enough that nobody waits.
         renew: gives a new executor after a worker died and took the old one with it.
         elsewhere: whether jobs may be done twice, when a worker dies that nobody has heard from.
+        timeout_s: longest time of a job; None: no limit.
+        is_overdue: whether a job whose worker died had been given all its time.
     """
 
     executor: Executor
     at_once: int
     renew: Callable[[], Executor]
     elsewhere: bool = False
+    timeout_s: float | None = None
+    is_overdue: Callable[[Future[Any]], bool] = lambda _: False
 
 
 class InThisProcess(Executor):
@@ -57,20 +60,28 @@ def this_process() -> Iterator[Workers]:
 
 
 @contextmanager
-def processes(count: int) -> Iterator[Workers]:
-    """So many processes, each of which uses one processor."""
-    from concurrent.futures import ProcessPoolExecutor  # not above: a single photo starts faster without
-    from multiprocessing import get_context
+def processes(count: int, timeout_s: float | None = None, all_processors: bool = False) -> Iterator[Workers]:
+    """Processes on this machine.
 
-    def pool() -> ProcessPoolExecutor:
-        # spawned: a fork would copy libvips's and OpenCV's locks without the threads that hold them
-        made = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=settle_worker)
-        pools.append(made)
-        return made
+    Args:
+        count: how many.
+        timeout_s: longest time of a job; by default half an hour.
+        all_processors: whether each uses all processors, rather than one.
+    """
+    from unshutter.batch.timed_pool import TimedPool  # not above: a single photo starts faster without
 
-    pools: list[ProcessPoolExecutor] = []
+    limit_s = LONGEST_JOB_S if timeout_s is None else timeout_s
+
+    def pool() -> Executor:
+        pools.append(TimedPool(count, limit_s, settle_only_worker if all_processors else settle_worker))
+        return pools[-1]
+
+    def is_overdue(future: Future[Any]) -> bool:
+        return any(each.is_overdue(future) for each in pools)
+
+    pools: list[TimedPool] = []
     try:
-        yield Workers(pool(), 2 * count, pool)
+        yield Workers(pool(), 2 * count, pool, timeout_s=limit_s, is_overdue=is_overdue)
     finally:
         for each in pools:
             each.shutdown(wait=True, cancel_futures=True)
@@ -78,12 +89,17 @@ def processes(count: int) -> Iterator[Workers]:
 
 def settle_worker() -> None:
     """Makes a worker process use one processor, leave Ctrl-C to its parent, and end when its parent does."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     import cv2
 
     cv2.setNumThreads(1)
+    settle_only_worker()
+
+
+def settle_only_worker() -> None:
+    """The same for a worker that has the machine for itself: it uses all processors."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

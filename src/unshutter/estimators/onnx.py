@@ -1,20 +1,76 @@
-"""Opens exported networks (ONNX), each on one thread, or says in one line why a file is not that network."""
+"""Opens and runs exported networks (ONNX), each on one thread, or says in one line why a file is not that network."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from threading import Timer
+from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
 
 if TYPE_CHECKING:
+    import numpy as np
     from onnxruntime import InferenceSession
+
+LONGEST_RUN_S = 60.0  # the slowest takes a second
+
+
+class Network:
+    """An exported network, open. Several threads may use it at once.
+
+    Args:
+        session: onnxruntime's.
+        name: of the estimator.
+        weights: the file that it came from.
+    """
+
+    def __init__(self, session: InferenceSession, name: str, weights: Path):
+        self._session, self._name, self._weights = session, name, weights
+
+    def answers(self, given: dict[str, np.ndarray], *shapes: tuple[int, ...]) -> list[np.ndarray]:
+        """Runs it.
+
+        Args:
+            given: what it takes, by name.
+            shapes: of its answers. It may give fewer than there are shapes, but one.
+
+        Returns:
+            The answers, float64.
+
+        Raises:
+            UnshutterError: it cannot be run on that, answers in other shapes, or does not come to an end.
+        """
+        import numpy as np
+        import onnxruntime
+
+        options: Any = onnxruntime.RunOptions()  # pyright: ignore[reportAttributeAccessIssue]
+        options.log_severity_level = 4  # errors are told below
+        timer = Timer(LONGEST_RUN_S, setattr, (options, "terminate", True))
+        timer.daemon = True
+        timer.start()
+        try:
+            outputs = [np.asarray(output) for output in self._session.run(None, given, options)]
+        except Exception as error:  # onnxruntime's own kinds have no common parent
+            if options.terminate:
+                raise self._refusal(f"it was not done after {LONGEST_RUN_S:g} s") from None
+            raise self._refusal(_cause(error)) from None
+        finally:
+            timer.cancel()
+        got = [output.shape for output in outputs]
+        if got != list(shapes[: max(len(got), 1)]) or not all(output.dtype.kind == "f" for output in outputs):
+            raise self._refusal(f"they are not of {self._name}")
+        if not all(np.isfinite(output).all() for output in outputs):
+            raise self._refusal("its answer is no number")
+        return [output.astype(np.float64) for output in outputs]
+
+    def _refusal(self, why: str) -> UnshutterError:
+        return UnshutterError(f"cannot use the weights {self._weights}: {why}")
 
 
 def open_network(
     name: str, weights: Path | None, inputs: Sequence[str], answer: str, opens_fast: bool = False
-) -> InferenceSession:
+) -> Network:
     """Opens the network of an estimator.
 
     Args:
@@ -42,7 +98,12 @@ def open_network(
     try:
         session = onnxruntime.InferenceSession(str(weights), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's own kinds have no common parent
-        raise UnshutterError(f"cannot use the weights {weights}: {str(error).splitlines()[0]}") from None
-    if [i.name for i in session.get_inputs()] != list(inputs) or session.get_outputs()[0].name != answer:
+        raise UnshutterError(f"cannot use the weights {weights}: {_cause(error)}") from None
+    answers = [output.name for output in session.get_outputs()]
+    if [i.name for i in session.get_inputs()] != list(inputs) or answers[:1] != [answer]:
         raise UnshutterError(f"cannot use the weights {weights}: they are not of {name}")
-    return session
+    return Network(session, name, weights)
+
+
+def _cause(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)

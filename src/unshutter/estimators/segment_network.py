@@ -7,14 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.estimators.onnx import open_network
-
-if TYPE_CHECKING:
-    from onnxruntime import InferenceSession
+from unshutter.estimators.onnx import Network, open_network
 
 MOST_SEGMENTS = 320  # it was trained on no more; the longest are kept
 
@@ -28,20 +24,20 @@ class SegmentNetwork:
 
     def __init__(self, weights: Path | None):
         self._weights = weights
-        self._session: InferenceSession | None = None
+        self._network: Network | None = None
         self._opening = Lock()
 
-    def open(self) -> InferenceSession:
+    def open(self) -> Network:
         """The network; opens it the first time.
 
         Raises:
             UnshutterError: there is no file, or it is not this network.
         """
         with self._opening:
-            if self._session is None:
+            if self._network is None:
                 inputs, answer = ["tokens", "mask"], "coefficients"
-                self._session = open_network("segment-transformer", self._weights, inputs, answer, opens_fast=True)
-            return self._session
+                self._network = open_network("segment-transformer", self._weights, inputs, answer, opens_fast=True)
+            return self._network
 
     def coefficients(self, segments: np.ndarray, up: tuple[int, int] = (0, -1)) -> np.ndarray:
         """Runs the network.
@@ -52,8 +48,11 @@ class SegmentNetwork:
 
         Returns:
             [2, 3] coefficients of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
+
+        Raises:
+            UnshutterError: the file is not this network, after all.
         """
         tokens = np.concatenate([segments, np.broadcast_to(np.asarray(up), (len(segments), 2))], axis=1)
         mask = np.ones((1, len(tokens)), dtype=bool)
-        (answer,) = self.open().run(None, {"tokens": tokens[None].astype(np.float32), "mask": mask})
-        return np.asarray(answer, dtype=np.float64)[0]
+        given = {"tokens": tokens[None].astype(np.float32), "mask": mask}
+        return self.open().answers(given, (1, 2, 3))[0][0]

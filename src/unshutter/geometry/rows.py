@@ -172,7 +172,7 @@ def row_motion_from_polynomial(
     Args:
         tx_coefficients: [K] or [..., K]: coefficients of u^0, u^1, ... [px]; leading dimensions broadcast
             against the rows that are asked for.
-        rz_coefficients: likewise [rad].
+        rz_coefficients: the same of r_z [rad].
         first, last: coordinates of the first and the last row.
     """
     xp = namespace(tx_coefficients)

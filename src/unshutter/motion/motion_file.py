@@ -82,7 +82,7 @@ def numbers(values: Any) -> np.ndarray:
 
 @contextmanager
 def reading() -> Iterator[None]:
-    """Whatever is wrong with a stranger's file is told in one line.
+    """Whatever is wrong with a stranger's file becomes one line.
 
     Raises:
         UnshutterError: instead of what Python and NumPy raise.

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
 from unshutter.photo.format import Coding, Format, Header
-from unshutter.photo.libvips import computed, field, refusing
+from unshutter.photo.libvips import computed, field, refusing, set_blob
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
+from unshutter.photo.tags import exif
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 _KEEP_EXIF, _KEEP_XMP, _KEEP_IPTC, _KEEP_ICC, _KEEP_OTHER = 1, 2, 4, 8, 16  # libvips's flags
 _KEEP = _KEEP_XMP | _KEEP_IPTC | _KEEP_ICC | _KEEP_OTHER
+_PLACEHOLDER = exif.PREFIX + b"II*\0\x08\0\0\0" + bytes(6)  # libvips refuses to write much EXIF
 _SAMPLES = {
     "float": "32-bit float",
     "double": "64-bit float",
@@ -65,7 +67,7 @@ def header(
     if count > 1:
         raise UnshutterError(f"{source} holds {count} pictures: unshutter takes single photos, save them one by one")
     _check_pixels(source, image)
-    orientation = field(image, "orientation", 1)
+    orientation = field(image, "orientation") or exif.orientation(metadata.exif)
     orientation = orientation if 1 <= orientation <= 8 else 1
     return Header(format, coding, image.height, image.width, image.bands, orientation, metadata)
 
@@ -83,14 +85,19 @@ def _check_pixels(source: Source, image: pyvips.Image) -> None:
         raise UnshutterError(f"{source} has {image.bands} channels: convert it to grey or RGB first")
 
 
-def decoded(source: Source, operation: str) -> np.ndarray:
+def decoded(source: Source, operation: str, fail_on: str = "error") -> np.ndarray:
     """The pixels [H, W, bands].
+
+    Args:
+        source: the file.
+        operation: libvips's.
+        fail_on: the least complaint of libvips's that is refused.
 
     Raises:
         UnshutterError: damaged or incomplete. (Of PNG and TIFF libvips warns much that harms nothing.)
     """
     with refusing(f"{source} is damaged or incomplete"):
-        return computed(source.load(operation, access="sequential", fail_on="error"))
+        return computed(source.load(operation, access="sequential", fail_on=fail_on))
 
 
 def encoded(
@@ -102,10 +109,14 @@ def encoded(
         image: pixels and metadata.
         operation: libvips's.
         path: the file.
-        with_exif: whether libvips is to write EXIF, too, if the image has any.
+        with_exif: whether libvips is to make a place for EXIF, if the image has any: what stands there is not it.
         options: of the operation.
     """
-    options["keep"] = _KEEP | _KEEP_EXIF if with_exif and field(image, "exif-data") is not None else _KEEP
+    options["keep"] = _KEEP
+    if with_exif and field(image, "exif-data") is not None:
+        options["keep"] |= _KEEP_EXIF
+        image = image.copy()
+        set_blob(image, "exif-data", _PLACEHOLDER)
     if path is None:
         return getattr(image, operation + "_buffer")(**options)
     return getattr(image, operation)(os.fsencode(path), **options)

@@ -25,38 +25,27 @@ class Decoder:
     def __init__(self, source: Source, header: Header):
         self._source, self._header = source, header
         self._height, self._width = header.height, header.width
-        self._grey_px: int | None = None  # short side of the copy that is made ahead
-        self._grey_ahead: Future[np.ndarray] | None = None
+        self._small_ahead: tuple[int, Future[np.ndarray]] | None = None  # decoded so many times smaller
         self._pixels_ahead: Future[np.ndarray] | None = None
-        self._grey_begun = self._pixels_begun = False
+        self._small_begun = self._pixels_begun = False
 
     def start(self, executor: Executor, grey_px: int | None, whole: bool) -> None:
-        """Begins with the grey copy, if one is wanted, then the pixels, if they are wanted ``whole``.
+        """Decodes what a grey copy is made of, if one is wanted, then the pixels, if they are wanted ``whole``.
 
-        Where a grey copy is made of the pixels, these come first. Errors are raised where the results are asked for.
+        Errors are raised where the results are asked for.
         """
-        if grey_px is not None and self._shrink(grey_px) > 1:
-            self._start_grey(executor, grey_px)
-            grey_px = None
-        if (whole or grey_px is not None) and not self._pixels_begun:
+        shrink = 1 if grey_px is None else self._shrink(grey_px)
+        if shrink > 1 and not self._small_begun:
+            self._small_begun = True
+            self._small_ahead = shrink, executor.submit(self._decode, shrink)
+        if (whole or (grey_px is not None and shrink == 1)) and not self._pixels_begun:
             self._pixels_begun = True
             self._pixels_ahead = executor.submit(self._decode)
-            if grey_px is not None:
-                self._start_grey(executor, grey_px, self._pixels_ahead)
-
-    def _start_grey(self, executor: Executor, grey_px: int, pixels: Future[np.ndarray] | None = None) -> None:
-        if self._grey_begun:
-            return
-        self._grey_begun, self._grey_px = True, grey_px
-        if pixels is None:
-            self._grey_ahead = executor.submit(self._small_grey, grey_px)
-        else:
-            self._grey_ahead = executor.submit(lambda: self._grey_of(pixels.result(), grey_px))
 
     @cached_property
     def pixels(self) -> np.ndarray:
         """See ``Photo.pixels``."""
-        self._grey_begun = self._pixels_begun = True
+        self._small_begun = self._pixels_begun = True
         if self._pixels_ahead is not None:
             with suppress(UnshutterError):  # decoded again for its message: libvips mixes those of two threads
                 return self._pixels_ahead.result()
@@ -64,21 +53,21 @@ class Decoder:
 
     def grey(self, short_side: int | None) -> np.ndarray:
         """See ``Photo.grey``."""
-        ahead = None
-        if short_side is not None and short_side == self._grey_px:
-            ahead, self._grey_ahead = self._grey_ahead, None  # given away once: it may be written to
-        if ahead or self._shrink(short_side) > 1:
+        shrink = self._shrink(short_side)
+        if shrink > 1:
             with suppress(UnshutterError):  # what is wrong with the data, decoding the pixels says
-                return ahead.result() if ahead else self._small_grey(short_side)
-        return self._grey_of(self.pixels, short_side)
-
-    def _grey_of(self, pixels: np.ndarray, short_side: int | None) -> np.ndarray:
+                return self._grey_of_small(self._small_pixels(shrink), shrink, short_side)
+        # libvips would take a masked picture's last channel for transparency
+        pixels = self.pixels[..., :-1] if self._header.coding.masked else self.pixels
         return grey_copy(as_image(pixels), *grey_size(self._height, self._width, short_side))
 
-    def _small_grey(self, short_side: int | None) -> np.ndarray:
-        """The grey copy of data that are decoded at a part of their size."""
-        shrink = self._shrink(short_side)
-        small = as_image(self._decode(shrink))
+    def _small_pixels(self, shrink: int) -> np.ndarray:
+        """The pixels, decoded so many times smaller."""
+        ahead, self._small_ahead = self._small_ahead, None  # used once: not kept for as long as the photo
+        return ahead[1].result() if ahead and ahead[0] == shrink else self._decode(shrink)
+
+    def _grey_of_small(self, pixels: np.ndarray, shrink: int, short_side: int | None) -> np.ndarray:
+        small = as_image(pixels)
         height, width = grey_size(self._height, self._width, short_side)
         if small.height < height:
             return grey_copy(small, round(self._height / shrink), round(self._width / shrink), 1.0, 1.0)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from unshutter.errors import UnshutterError
 from unshutter.photo.format import Coding, WrittenFormat
@@ -17,30 +18,38 @@ if TYPE_CHECKING:
     import pyvips
 
 _THUMBNAIL_SIDE = 160  # px
+_NAMED = 4  # of the parts that were left out; the rest is counted
 
 
 # ---- what goes into a file -----------------------------------------------------------------------------
 
 
-def with_metadata(image: pyvips.Image, metadata: Metadata, orientation: int, is_new: bool) -> pyvips.Image:
-    """The pixels with metadata that are true of them.
+def with_metadata(
+    image: pyvips.Image, metadata: Metadata, orientation: int, is_new: bool, format: WrittenFormat
+) -> tuple[pyvips.Image, tuple[str, ...]]:
+    """The pixels with metadata that are true of them, and the names of those that cannot go along.
 
     Args:
         image: pixels alone.
         metadata: of the photo that they come from.
         orientation: EXIF orientation 1-8.
         is_new: whether the pixels are others than the metadata's, so that thumbnails must be made anew, or go.
+        format: of the file.
     """
+    left_out = [*metadata.without_place(format.holds), *metadata.left_behind]
     packet, resources = metadata.xmp, metadata.resources
     if packet is not None:
-        packet = xmp.with_size(packet, image.height, image.width, orientation)
-    if is_new:
-        packet = None if packet is None else xmp.without_pictures(packet)
-        resources = None if resources is None else iptc.without_thumbnails(resources)
+        has_film = metadata.film is not None and "film" in format.holds
+        left_out += xmp.gone(packet, has_film)
+        packet = xmp.after(packet, xmp.Next(image.height, image.width, orientation, is_new, has_film))
+        if packet is None:
+            left_out.append("XMP (damaged)")
+    if is_new and resources is not None:
+        resources = iptc.without_thumbnails(resources)
     blob = _exif_of(image, metadata.exif, orientation, is_new)
     image = replace(metadata, exif=blob, xmp=packet, resources=resources).on(image)
     image.set_type(libvips().GValue.gint_type, "orientation", orientation)
-    return image
+    return image, tuple(dict.fromkeys(left_out))
 
 
 def _exif_of(image: pyvips.Image, blob: bytes | None, orientation: int, is_new: bool) -> bytes | None:
@@ -84,10 +93,38 @@ def fitted(image: pyvips.Image, format: WrittenFormat) -> pyvips.Image:
     return standard(colour if alpha is None else colour.bandjoin(alpha))
 
 
+def is_transparent(image: pyvips.Image) -> bool:
+    """Whether an image shows through anywhere, by its last channel."""
+    return image[image.bands - 1].min() < (65_535 if image.format == "ushort" else 255)  # type: ignore[operator] (it is one number)
+
+
+class Encoded(NamedTuple):
+    """A picture as a file.
+
+    Attributes:
+        data: the file.
+        left_out: metadata that did not go into it, in words: ("IPTC", "texts"). :func:`not_written` says it in a line.
+    """
+
+    data: bytes
+    left_out: tuple[str, ...]
+
+
+def not_written(left_out: Sequence[str]) -> str:
+    """One line for the user that names what a file could not take; empty where it took everything."""
+    if not left_out:
+        return ""
+    named = list(dict.fromkeys(left_out))
+    more = [f"{len(named) - _NAMED} more"] if len(named) > _NAMED else []
+    named = [*named[:_NAMED], *more]
+    listed = " and ".join([", ".join(named[:-1]), named[-1]]) if len(named) > 1 else named[0]
+    return f"not written: {listed}"
+
+
 # ---- files ---------------------------------------------------------------------------------------------
 
 
-def to_bytes(image: pyvips.Image, format: WrittenFormat, coding: Coding, quality: int | None) -> bytes:
+def to_bytes(image: pyvips.Image, format: WrittenFormat, coding: Coding, quality: int | None) -> Encoded:
     """An encoded file of an image that is :func:`fitted`.
 
     Raises:
@@ -97,14 +134,17 @@ def to_bytes(image: pyvips.Image, format: WrittenFormat, coding: Coding, quality
         data = format.encode(image, coding, quality, None)
     assert data is not None
     stream = io.BytesIO(data)
-    format.embed(stream, image)
-    return stream.getvalue()
+    left_out = format.embed(stream, image)
+    return Encoded(stream.getvalue(), tuple(left_out))
 
 
 def to_file(
     image: pyvips.Image, format: WrittenFormat, coding: Coding, quality: int | None, file: Path, target: Path
-) -> None:
+) -> tuple[str, ...]:
     """Writes a file of an image that is :func:`fitted`; ``target`` is what messages call it.
+
+    Returns:
+        What of the metadata the format could not take after all.
 
     Raises:
         UnshutterError: libvips or the system refuses.
@@ -112,4 +152,4 @@ def to_file(
     with refusing(f"cannot write {target}"):
         format.encode(image, coding, quality, file)
     with file.open("r+b") as stream:
-        format.embed(stream, image)
+        return tuple(format.embed(stream, image))

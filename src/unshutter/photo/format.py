@@ -26,6 +26,8 @@ class Coding:
         lossless: WebP only.
         bits: of a sample.
         compression: TIFF's number of it.
+        masked: the last of 2 or 4 channels is a mask or the like, of which the file does not say that it is
+            transparency (TIFF only).
     """
 
     quality: int | None = None
@@ -33,6 +35,7 @@ class Coding:
     lossless: bool = False
     bits: int = 8
     compression: int | None = None
+    masked: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,8 @@ class WrittenFormat(Format):
         longest_side: [px] that it can hold.
         deep: whether it holds more than 8 bits.
         grey, alpha: whether it holds pictures of one channel, and transparency.
+        masks: whether it holds a further channel that is no transparency.
+        holds: attributes of ``Metadata`` that its files have a place for.
     """
 
     name: ClassVar[PictureFormat]
@@ -124,6 +129,8 @@ class WrittenFormat(Format):
     deep: ClassVar[bool]
     grey: ClassVar[bool]
     alpha: ClassVar[bool]
+    masks: ClassVar[bool] = False
+    holds: ClassVar[frozenset[str]]
 
     @abstractmethod
     def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
@@ -137,7 +144,7 @@ class WrittenFormat(Format):
         """
 
     @abstractmethod
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """Puts EXIF, and what else libvips does not write well, into what :meth:`encode` made of the image.
 
         libvips would take EXIF apart and write it anew: tags that it does not know are lost, and makers' notes move,
@@ -146,4 +153,7 @@ class WrittenFormat(Format):
         Args:
             file: seekable, open for reading and writing.
             image: the same that was encoded.
+
+        Returns:
+            What of the metadata that the format ``holds`` did not go in after all, in words: "maker's note".
         """

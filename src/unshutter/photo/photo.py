@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,10 +13,11 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
 from unshutter.photo import encoding
 from unshutter.photo.decoding import Decoder
+from unshutter.photo.encoding import Encoded
 from unshutter.photo.format import Coding, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN, of_target
 from unshutter.photo.grey import grey_copy, grey_size
-from unshutter.photo.libvips import as_image
+from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
@@ -117,22 +119,27 @@ class Photo:
         """
         pixels = _with_bands(pixels)
         height, width, bands = pixels.shape
-        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None)
+        metadata = self._metadata if (height, width) == (self.height, self.width) else self._metadata.resized()
+        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None, _metadata=metadata)
 
     # ---- what it holds ---------------------------------------------------------------------------------
 
     @property
     def has_alpha(self) -> bool:
         """Whether the last channel is transparency."""
-        return self.bands in (2, 4)
+        return self.bands in (2, 4) and not self._coding.masked
+
+    @property
+    def masked(self) -> bool:
+        """Whether the last channel is a mask beside the picture, as Photoshop stores some in TIFF."""
+        return self.bands in (2, 4) and self._coding.masked
 
     def start_decoding(self, executor: Executor | None = None, grey_px: int | None = None, whole: bool = True) -> None:
         """Decodes in a thread of the executor (by default one of its own) while others work.
 
         Args:
             executor: where to.
-            grey_px: short side of the grey copy that will be wanted, and before all else; None: none. It is kept for
-                the one :meth:`grey` that asks for exactly this size.
+            grey_px: short side of a grey copy that will be wanted, and before all else; None: none.
             whole: all pixels will be wanted.
         """
         if self._decoder is not None:
@@ -158,6 +165,11 @@ class Photo:
         """The stored pixels as libvips sees them."""
         return as_image(self.pixels)
 
+    @property
+    def _picture(self) -> pyvips.Image:
+        """The image without a mask, which libvips would take for transparency."""
+        return as_image(self.pixels[..., :-1]) if self.masked else self.image
+
     def to_array(self) -> np.ndarray:
         """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
         return self.pixels[..., 0].copy() if self.bands == 1 else self.pixels.copy()
@@ -174,7 +186,7 @@ class Photo:
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
 
-        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, likewise across, to 0.2 px, where a JPEG
+        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, across as well, to 0.2 px, where a JPEG
         gives a smaller one than was asked for to 0.5 px.
         JPEGs about twice as large, or more, are decoded at a half, a quarter or an eighth of their size for it, whether
         or not their pixels are known already: an estimate is the same whatever it is for.
@@ -192,7 +204,7 @@ class Photo:
             raise UsageError(f"a grey copy needs a short side of at least 1 px, got {short_side}")
         if self._decoder is not None:
             return self._decoder.grey(short_side)
-        return grey_copy(self.image, *grey_size(self.height, self.width, short_side))
+        return grey_copy(self._picture, *grey_size(self.height, self.width, short_side))
 
     # ---- out -------------------------------------------------------------------------------------------
 
@@ -211,10 +223,20 @@ class Photo:
         Raises:
             UsageError: unknown format, quality or subsampling; UnshutterError: the format cannot hold the picture.
         """
-        how = Save(format, quality, subsampling)
+        return self._encoded(Save(format, quality, subsampling)).data
+
+    def encode(
+        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+    ) -> Encoded:
+        """Like :meth:`to_bytes`, and says what of the metadata the format could not hold."""
+        return self._encoded(Save(format, quality, subsampling))
+
+    def _encoded(self, how: Save) -> Encoded:
         own = "png" if self.format == "array" else FORMATS[self.format].written_as
         target = WRITTEN[how.format or own]
-        return encoding.to_bytes(self._ready_for(target), target, self._coding_for(how), how.quality)
+        image, left_out = self._ready_for(target)
+        file = encoding.to_bytes(image, target, self._coding_for(how), how.quality)
+        return Encoded(file.data, left_out + file.left_out)
 
     def save(
         self,
@@ -222,7 +244,7 @@ class Photo:
         quality: int | None = None,
         overwrite: bool = False,
         subsampling: Subsampling | None = None,
-    ) -> None:
+    ) -> tuple[str, ...]:
         """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
 
         It gets the permissions of the file that the photo was read from.
@@ -233,6 +255,9 @@ class Photo:
             overwrite: whether an existing file may be replaced; the photo's own never is, nor what a link leads to.
             subsampling: see :meth:`to_bytes`.
 
+        Returns:
+            What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
+
         Raises:
             UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is a link or the
                 photo's own, its folder is missing or cannot be written to, the disc is full, or the photo is damaged.
@@ -240,17 +265,28 @@ class Photo:
         target, how = Path(path), Save(None, quality, subsampling)
         format = of_target(target)
         check_target(target, overwrite, self.path)
-        image = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
+        image, left_out = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
         with written_whole(target, overwrite, mode_of=self.path) as part:
-            encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
+            left_out += encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
+        return left_out
 
     def _coding_for(self, how: Save) -> Coding:
         return replace(self._coding, subsampled=how.subsampling == "4:2:0") if how.subsampling else self._coding
 
-    def _ready_for(self, format: WrittenFormat) -> pyvips.Image:
+    def _ready_for(self, format: WrittenFormat) -> tuple[pyvips.Image, tuple[str, ...]]:
         is_new = self._given is not None
-        image = encoding.with_metadata(self.image, self._metadata, self.orientation, is_new)
-        return encoding.fitted(image, format)
+        image = self.image if format.masks else self._picture
+        image, left_out = encoding.with_metadata(image, self._metadata, self.orientation, is_new, format)
+        if self.masked:
+            image.set_type(libvips().GValue.gint_type, "tiff-masked", int(format.masks))
+        return encoding.fitted(image, format), (*left_out, *self._lost_channels(format))
+
+    def _lost_channels(self, format: WrittenFormat) -> Iterator[str]:
+        """Channels that a format cannot hold, in words."""
+        if self.masked and not format.masks:
+            yield "mask channel"
+        if self.has_alpha and not format.alpha and encoding.is_transparent(self.image):
+            yield "transparency"
 
 
 def _with_bands(array: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -36,6 +37,14 @@ class Source:
     def stream(self) -> BinaryIO:
         """A new stream at the beginning; OSError where the file cannot be read."""
         return self.place.open("rb") if isinstance(self.place, Path) else io.BytesIO(self.place)
+
+    def patched(self, places: Sequence[int], data: bytes) -> Source:
+        """A copy in memory with some bytes replaced at each of the places; OSError where it cannot be read."""
+        with self.stream() as stream:
+            copy = bytearray(stream.read())
+        for at in places:
+            copy[at : at + len(data)] = data
+        return Source(bytes(copy))
 
     def load(self, operation: str, **options: Any) -> pyvips.Image:
         """The picture by one of libvips's loaders, lazily; ``pyvips.Error`` where it cannot make sense of it."""

@@ -26,7 +26,7 @@ from unshutter.storage.large_arrays import new_array
 from unshutter.warp.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Bool, Float32, UInt
+    from unshutter.geometry.shapes import Bool, UInt
 
 Edges = Literal["keep", "crop", "fill"]
 EDGES = get_args(Edges)
@@ -38,7 +38,7 @@ _REACH = 3  # px that interpolation looks beyond a position
 
 
 def rectify_pixels(
-    pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep"
+    pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep", masked: bool = False
 ) -> UInt[np.ndarray, "new_height new_width *bands"]:
     """The global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
 
@@ -49,6 +49,7 @@ def rectify_pixels(
         edges: for pixels whose RS position lies outside the photo: ``keep`` makes them black (and alpha
             0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
             repeats the nearest border pixel.
+        masked: the last of 2 or 4 bands is no alpha but a mask: it is interpolated like a colour, apart from them.
 
     Returns:
         New pixels of the same type and bands, and size (smaller for ``crop``); ``pixels`` itself when the motion is
@@ -75,7 +76,7 @@ def rectify_pixels(
                 "use other edges, keep or fill"
             )
         window = Tile(top, top + h, left, left + w)
-    return _warped(pixels, grid, window, cv2.INTER_CUBIC, blacken=edges == "keep")
+    return _warped(pixels, grid, window, cv2.INTER_CUBIC, blacken=edges == "keep", masked=masked)
 
 
 def distort_pixels(
@@ -98,16 +99,6 @@ def distort_pixels(
     height, width = pixels.shape[:2]
     grid = SamplingGrid.of(rs_to_gs_map(motion), height, width)
     return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, blacken=True)
-
-
-def backward_map(motion: Motion) -> tuple[Float32[np.ndarray, "height width"], Float32[np.ndarray, "height width"]]:
-    """RS position of every GS pixel, as ``cv2.remap`` takes it.
-
-    Returns:
-        (col, row), each float32 [H, W] in stored orientation [px], exact to 0.01 px inside the photo.
-    """
-    size = motion.readout.frame_size(motion.height, motion.width)
-    return SamplingGrid.of(gs_to_rs_map(motion), *size).everywhere()
 
 
 def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
@@ -178,17 +169,21 @@ def _mask(grid: SamplingGrid) -> np.ndarray:
     return mask
 
 
-def _warped(pixels: np.ndarray, grid: SamplingGrid, window: Tile, interpolation: int, blacken: bool) -> np.ndarray:
+def _warped(
+    pixels: np.ndarray, grid: SamplingGrid, window: Tile, interpolation: int, blacken: bool, masked: bool = False
+) -> np.ndarray:
     """A window of the output; both directions of the warp end here.
 
     Args:
         blacken: make what lies outside the picture 0; otherwise the border is repeated.
+        masked: see :func:`rectify_pixels`.
     """
     cv2.setNumThreads(1)  # the threads are here
     result = new_array((window.bottom - window.top, window.right - window.left, *pixels.shape[2:]), pixels.dtype)
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
 
-    how = {"method": interpolation, "blacken": blacken, "scratch": _Scratch()}
+    has_alpha = pixels.shape[2] in (2, 4) and not masked
+    how = {"method": interpolation, "blacken": blacken, "has_alpha": has_alpha, "scratch": _Scratch()}
     make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, **how)
     with ThreadPoolExecutor(_thread_count()) as threads:
         for _ in threads.map(make, window.tiles()):
@@ -218,6 +213,7 @@ def _make(
     window: Tile,
     method: int,
     blacken: bool,
+    has_alpha: bool,
     scratch: _Scratch,
 ) -> None:
     """A tile of the output.
@@ -230,12 +226,12 @@ def _make(
         extent = Extent.of(*grid.positions(tile, out=positions))
         if _too_long(extent):
             for half in tile.halves():
-                _make(half, pixels, out, grid, window, method, blacken, scratch)
+                _make(half, pixels, out, grid, window, method, blacken, has_alpha, scratch)
             return
     source, left, top = _cut(pixels, extent)
     col, row = grid.positions(tile, left, top, out=positions)
     made = out[tile.within(window)]
-    _sample(source, col, row, method, made, scratch)
+    _sample(source, col, row, method, has_alpha, made, scratch)
     if blacken and not grid.contains(extent):
         made[~grid.inside(col, row, left, top)] = 0
 
@@ -259,10 +255,16 @@ def _cut(pixels: np.ndarray, extent: Extent) -> tuple[np.ndarray, int, int]:
 
 
 def _sample(
-    image: np.ndarray, col: np.ndarray, row: np.ndarray, method: int, out: np.ndarray, scratch: _Scratch
+    image: np.ndarray,
+    col: np.ndarray,
+    row: np.ndarray,
+    method: int,
+    has_alpha: bool,
+    out: np.ndarray,
+    scratch: _Scratch,
 ) -> None:
     """Writes the image at positions, its border repeated, into out [rows, cols, bands]."""
-    has_alpha, top = image.shape[2] in (2, 4), np.iinfo(image.dtype).max
+    top = np.iinfo(image.dtype).max
     if image.dtype == np.uint8 and not has_alpha:
         cv2.remap(image, col, row, method, dst=out, borderMode=cv2.BORDER_REPLICATE)
         return

@@ -1,10 +1,12 @@
 """AVIF: bit depth, orientation by its boxes, grey."""
 
 import io
+import struct
 
 import numpy as np
 import pytest
 import pyvips
+from PIL import Image
 
 from support.drawn_photos import drawn, encoded, textured
 from support.tagged_files import (
@@ -12,6 +14,7 @@ from support.tagged_files import (
 )
 from unshutter.photo import Photo
 from unshutter.photo.containers import boxes
+from unshutter.photo.formats import avif
 
 
 @pytest.mark.parametrize(("bits", "step"), [(10, 64), (12, 16)])
@@ -41,3 +44,67 @@ def test_grey_avif_stays_grey_inside():
     photo = Photo.from_bytes(encoded(pixels, "AVIF", quality=95))
     assert photo.bands == 1 and photo.to_array().shape == (48, 80)
     assert np.abs(photo.to_array().astype(int) - pixels).mean() < 8
+
+
+def box(name: bytes, content: bytes, size: int | None = None) -> bytes:
+    """A box; with a size of 64 bits (1), or one that means all that follows (0)."""
+    if size == 1:
+        return struct.pack(">I4sQ", 1, name, 16 + len(content)) + content
+    return struct.pack(">I4s", 8 + len(content) if size is None else size, name) + content
+
+
+def with_moved_pixels(made: bytes, by: int) -> bytes:
+    """The content of ``meta`` of an AVIF whose places count from 0, made right for pixels that moved."""
+    meta = dict(boxes.inside(made))[b"meta"]
+    at = meta.index(b"iloc") + 4
+    assert meta[at] == 0 and meta[at + 4 : at + 6] == b"\x44\x00"  # version; offset and length of 32 bits, no base
+    moved, at = bytearray(meta), at + 8
+    for _ in range(struct.unpack_from(">H", meta, at - 2)[0]):
+        (offset,) = struct.unpack_from(">I", meta, at + 6)
+        struct.pack_into(">I", moved, at + 6, offset + by)
+        at += 14
+    return bytes(moved)
+
+
+@pytest.mark.parametrize("kind", ["pixels first, 64 bits", "64 bits", "to the end"])
+def test_boxes_of_every_size_are_read(kind: str) -> None:
+    made = encoded(textured(48, 80), "AVIF", quality=95, exif=full_exif(orientation=6))
+    whole = dict(boxes.inside(made))
+    ftyp, mdat = box(b"ftyp", whole[b"ftyp"]), whole[b"mdat"]
+    meta_bytes = len(whole[b"meta"])
+    before = len(ftyp) + 8 + meta_bytes + 8
+    if kind == "pixels first, 64 bits":
+        data = ftyp + box(b"mdat", mdat, 1) + box(b"meta", with_moved_pixels(made, len(ftyp) + 16 - before))
+    elif kind == "64 bits":
+        data = ftyp + box(b"meta", with_moved_pixels(made, 8), 1) + box(b"mdat", mdat)
+    else:
+        data = ftyp + box(b"mdat", mdat) + box(b"meta", with_moved_pixels(made, len(ftyp) + 8 - before), 0)
+    one, other = Photo.from_bytes(made), Photo.from_bytes(data)
+    assert other.orientation == one.orientation == 6
+    assert (other.height, other.width) == (48, 80)
+    assert np.array_equal(other.pixels, one.pixels)
+    assert boxes.read_coding(io.BytesIO(data)) == boxes.read_coding(io.BytesIO(made))
+
+
+def test_boxes_that_make_no_sense_end_the_reading() -> None:
+    for head in (struct.pack(">I4sQ", 1, b"meta", 3), struct.pack(">I4s", 7, b"meta"), struct.pack(">I4s", 1, b"meta")):
+        assert boxes.read_coding(io.BytesIO(head)) == boxes.BoxCoding()
+        assert list(boxes.inside(head)) == []
+    many = struct.pack(">I4s", 8, b"free") * 1_000_000
+    assert len(list(boxes.top_level_extents(io.BytesIO(many)))) <= 10_000
+
+
+def test_exif_without_the_number_before_it_keeps_its_header() -> None:
+    """Decoders skip four bytes, here the TIFF header's own."""
+    photo = Photo.from_bytes(encoded(textured(48, 80), "JPEG", exif=full_exif(orientation=1)))
+    data = photo.to_bytes("avif")
+    told = avif._exif_extent(io.BytesIO(data))
+    assert told is not None
+    start, changed = told.base + told.offset + 4 + 6, bytearray(data)  # behind the number and the prefix
+    struct.pack_into(">II", changed, told.numbers_at, told.offset + 10, told.length - 10)
+    data, blob = bytes(changed), data[start : start + told.length - 10]
+    again = Image.open(io.BytesIO(Photo.from_bytes(data).to_bytes())).getexif()
+    assert again[0x010F] == Image.open(io.BytesIO(photo.to_bytes())).getexif()[0x010F]
+    junk = data.replace(blob, bytes(len(blob)))
+    assert Photo.from_bytes(junk).focal_px() is None
+    assert not Image.open(io.BytesIO(Photo.from_bytes(junk).to_bytes())).getexif()

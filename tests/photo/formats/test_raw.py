@@ -19,6 +19,7 @@ from support.tagged_files import (
 )
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
+from unshutter.photo.containers import sensor_data
 from unshutter.photo.formats import raw
 from unshutter.photo.tags import exif
 
@@ -98,3 +99,79 @@ def test_exif_is_found_where_each_maker_puts_it() -> None:
     assert again.get_ifd(EXIF)[0x9003] == "2024:05:06 07:08:09" and again.get_ifd(GPS)[1] == "N"
     for broken in (b"", fuji[:90], cr3[:60], box(b"ftyp", b"crx \0\0\0\1")):
         assert raw.read_tags(io.BytesIO(broken)) is None
+
+
+def with_longer_strip(raw_file: bytes, more: int) -> bytes:
+    """A DNG whose table says that its only strip is longer than it is."""
+    at = raw_file.index(struct.pack("<HH", 279, 4)) + 8
+    changed = bytearray(raw_file)
+    struct.pack_into("<I", changed, at, struct.unpack_from("<I", raw_file, at)[0] + more)
+    return bytes(changed)
+
+
+def panasonic_tags(jpeg: bytes) -> bytes:
+    """The head of an RW2: a TIFF under another number, with a whole JPEG in one of its tags."""
+    table = struct.pack("<H", 2)
+    table += struct.pack("<HHII", 0x002E, 7, len(jpeg), 8 + 2 + 2 * 12 + 4)
+    table += struct.pack("<HHI4s", 0x010F, 2, 4, b"Own\0")
+    return b"IIU\0" + struct.pack("<I", 8) + table + bytes(4) + jpeg
+
+
+@pytest.mark.parametrize("left", [0.0, 0.02, 0.5, 0.9, 0.9999])
+def test_a_raw_that_was_cut_short_is_refused(left: float) -> None:
+    """LibRaw would develop what is there, and the rest black."""
+    data = dng(linear(soft()))
+    start = len(data) - 120 * 160 * 2
+    with pytest.raises(UnshutterError, match=r"incomplete|Input/output error") as error:
+        Photo.from_bytes(data[: start + int(left * 120 * 160 * 2)]).to_array()
+    one_line(error)
+
+
+@pytest.mark.parametrize("missing", [2, 1000, 30_000])
+def test_a_decoder_that_reads_on_behind_the_end_is_found_out(missing: int) -> None:
+    data = np.random.default_rng(1).integers(1, 255, 40_000, np.uint8).tobytes()
+
+    def decode(stream: io.BytesIO) -> np.ndarray:
+        """The first 40,000 bytes, zeros where there are fewer."""
+        return np.frombuffer(stream.read(40_000).ljust(40_000, b"\0"), np.uint8)
+
+    assert sensor_data.is_complete(data, decode(io.BytesIO(data)), decode)
+    cut = data[:-missing]
+    assert not sensor_data.is_complete(cut, decode(io.BytesIO(cut)), decode)
+    assert sensor_data.is_complete(cut, decode(io.BytesIO(cut)), lambda _: None)  # a kind read from its end
+    assert not sensor_data.is_complete(data, np.zeros(9, np.uint16), lambda _: None)
+
+
+def test_a_table_that_is_wrong_does_no_harm() -> None:
+    """Panasonic's strips are said to be as long as they would be without compression."""
+    data = dng(linear(soft()))
+    odd = with_longer_strip(data, 100_000)
+    assert sensor_data.is_told_whole(io.BytesIO(data)) is True
+    assert sensor_data.is_told_whole(io.BytesIO(odd)) is None
+    assert np.array_equal(Photo.from_bytes(odd).pixels, Photo.from_bytes(data).pixels)
+
+
+def test_lengths_of_fuji_and_canon_are_believed() -> None:
+    fuji = b"FUJIFILMCCD-RAW ".ljust(84, b"\0") + struct.pack(">6I", 108, 50, 158, 10, 168, 32) + bytes(92)
+    cr3 = box(b"ftyp", b"crx \0\0\0\1crx isom") + box(b"mdat", bytes(100))
+    for data in (fuji, cr3):
+        assert sensor_data.is_told_whole(io.BytesIO(data)) is True
+        assert sensor_data.is_told_whole(io.BytesIO(data[:-1])) is False
+
+
+def test_panasonics_makers_note_is_found() -> None:
+    note = b"Panasonic\0\0\0" + bytes(range(100))
+    tags = Image.Exif()
+    tags[0x010F] = "Acme"
+    tags.get_ifd(EXIF)[0x927C] = note
+    tree = raw.read_tags(io.BytesIO(panasonic_tags(encoded(drawn(), "JPEG", exif=tags))))
+    assert tree is not None
+    blob = raw.exif_of(tree)
+    again = Image.Exif()
+    again.load(blob)
+    assert again[0x010F] == "Acme" and again.get_ifd(EXIF)[0x927C] == note
+    for preview in (b"", b"no JPEG at all", encoded(drawn(), "JPEG")):
+        tree = raw.read_tags(io.BytesIO(panasonic_tags(preview)))
+        assert tree is not None
+        again.load(raw.exif_of(tree))
+        assert again[0x010F] == "Own"

@@ -1,6 +1,7 @@
 """TIFF: compression, pages, BigTIFF, IPTC and tags of its own."""
 
 import io
+import struct
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from support.tagged_files import (
     EXIF,
     full_exif,
 )
+from unshutter import RowMotion, UnshutterError, rectify
 from unshutter.photo import Photo
 from unshutter.photo.tags import exif
 
@@ -51,3 +53,134 @@ def test_big_tiff_is_left_alone():
     photo = Photo.from_bytes(big)
     np.testing.assert_array_equal(photo.to_array(), drawn())
     np.testing.assert_array_equal(Photo.from_bytes(photo.to_bytes()).to_array(), drawn())
+
+
+# ---- channels beside the colours -----------------------------------------------------------------------
+
+
+def with_mask(pixels: np.ndarray, mask: np.ndarray, told: bool = True) -> bytes:
+    """A TIFF whose last channel is a mask, called unspecified or (not told) nothing at all."""
+    data = bytearray(encoded(np.dstack([pixels, mask]), "TIFF"))
+    at = 8 + 2 + 12 * [tag for tag, _ in entries(bytes(data))].index(338)
+    assert struct.unpack_from("<HHIH", data, at) == (338, 3, 1, 2)
+    if told:
+        struct.pack_into("<H", data, at + 8, 0)
+    else:
+        struct.pack_into("<H", data, at, 339)  # the next tag: what numbers the samples are
+        struct.pack_into("<H", data, at + 8, 1)
+    return bytes(data)
+
+
+def entries(data: bytes) -> list[tuple[int, bytes]]:
+    """(tag, its twelve bytes) of the first directory of a little-endian TIFF."""
+    (at,) = struct.unpack_from("<I", data, 4)
+    (count,) = struct.unpack_from("<H", data, at)
+    rows = [data[at + 2 + 12 * i : at + 14 + 12 * i] for i in range(count)]
+    return [(struct.unpack_from("<H", row)[0], row) for row in rows]
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_mask_is_not_taken_for_transparency(told):
+    """Colours under a mask of 0 stay, and the mask moves with them."""
+    colours, mask = textured(64, 80), np.zeros((64, 80), np.uint8)
+    mask[20:40, 30:60] = 255
+    photo = Photo.from_bytes(with_mask(colours, mask, told))
+    assert not photo.has_alpha and photo.masked
+    motion = RowMotion(80, np.full(64, 2.0), np.zeros(64))
+    result = rectify(photo, motion=motion, edges="fill").photo
+    alone = rectify(colours, motion=motion, edges="fill")
+    np.testing.assert_array_equal(result.to_array()[..., :3], alone)
+    np.testing.assert_array_equal(result.grey(), Photo.from_array(alone).grey())
+    np.testing.assert_array_equal(photo.grey(), Photo.from_array(colours).grey())
+    assert result.to_array()[30, 45, 3] == 255 and result.to_array()[5, 45, 3] == 0
+
+    again = Photo.from_bytes(result.to_bytes())
+    np.testing.assert_array_equal(again.pixels, result.pixels)
+    assert again.masked
+    for format in ("png", "jpeg", "webp", "avif"):
+        file = result.encode(format)
+        assert file.left_out == ("mask channel",) and Photo.from_bytes(file.data).bands == 3
+
+
+def test_a_mask_of_a_big_tiff_is_not_taken_for_transparency():
+    data = bytearray(pyvips.Image.new_from_array(drawn(bands=4)).tiffsave_buffer(bigtiff=True))
+    at = data.index(struct.pack("<HHQH", 338, 3, 1, 2))
+    struct.pack_into("<H", data, at + 12, 0)
+    photo = Photo.from_bytes(bytes(data))
+    assert photo.masked
+    assert Photo.from_bytes(photo.to_bytes()).masked
+
+
+def test_transparency_stays_so():
+    photo = Photo.from_bytes(encoded(drawn(bands=4), "TIFF"))
+    assert photo.has_alpha and Photo.from_bytes(photo.to_bytes()).has_alpha
+
+
+def test_grey_with_several_channels_is_no_rgb():
+    data = bytearray(encoded(drawn(), "TIFF"))
+    at = data.index(struct.pack("<HHIH", 262, 3, 1, 2))
+    struct.pack_into("<H", data, at + 8, 1)
+    with pytest.raises(UnshutterError, match="2 channels beside grey"):
+        Photo.from_bytes(bytes(data))
+
+
+# ---- half read -----------------------------------------------------------------------------------------
+
+
+def test_old_style_jpeg_is_refused():
+    data = bytearray(encoded(drawn(), "TIFF", compression="jpeg"))
+    at = data.index(struct.pack("<HHIH", 259, 3, 1, 7))
+    struct.pack_into("<H", data, at + 8, 6)
+    with pytest.raises(UnshutterError, match="old style"):
+        Photo.from_bytes(bytes(data))
+
+
+def test_damaged_jpeg_data_inside_are_refused():
+    data = bytearray(encoded(textured(96, 128), "TIFF", compression="jpeg"))
+    with Image.open(io.BytesIO(data)) as picture:
+        at, length = picture.tag_v2[273][0], picture.tag_v2[279][0]
+    data[at + length // 2 : at + length] = b"\xff" * (length - length // 2)
+    photo = Photo.from_bytes(bytes(data))
+    with pytest.raises(UnshutterError, match="damaged or incomplete"):
+        photo.to_array()
+
+
+# ---- tags of its own -----------------------------------------------------------------------------------
+
+OWN_TAGS = {
+    269: "a document",
+    285: "a page",
+    316: "a computer",
+    318: (0.3127, 0.329),
+    319: (0.64, 0.33, 0.3, 0.6, 0.15, 0.06),
+    50735: "serial 12",
+}
+PLACE = {33550: (0.5, 0.5, 0.0), 33922: (0.0, 0.0, 0.0, 11.0, 48.0, 0.0), 34735: (1, 1, 0, 1, 1024, 0, 1, 2)}
+
+
+def test_names_colours_serial_number_and_place_on_earth_are_kept():
+    photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo=OWN_TAGS | PLACE))
+    result = photo.with_pixels(drawn()).encode()
+    with Image.open(io.BytesIO(result.data)) as picture:
+        for tag, value in (OWN_TAGS | PLACE).items():
+            expected = pytest.approx(value) if isinstance(value[0], float) else value
+            assert picture.tag_v2[tag] == expected, tag
+    assert result.left_out == ()
+
+
+def test_a_cropped_picture_is_not_where_the_whole_one_was():
+    photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo=OWN_TAGS | PLACE)).with_pixels(drawn()[5:, 5:].copy())
+    result = photo.encode()
+    with Image.open(io.BytesIO(result.data)) as picture:
+        assert picture.tag_v2[269] == "a document" and not picture.tag_v2.keys() & PLACE.keys()
+    assert result.left_out == ("GeoTIFF (the picture is cropped)",)
+
+
+@pytest.mark.parametrize("unit", [1, 2, 3])
+def test_resolution_keeps_its_unit(unit):
+    photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo={282: 300.0, 283: 150.0, 296: unit}))
+    with Image.open(io.BytesIO(photo.to_bytes())) as picture:
+        told = [picture.tag_v2[tag] for tag in (282, 283, 296)]
+    assert told == [300, 150, unit]
+    with Image.open(io.BytesIO(photo.to_bytes("jpeg"))) as picture:
+        assert picture.info.get("jfif_density", (1, 1))[0] != 7620

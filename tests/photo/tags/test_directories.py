@@ -85,6 +85,6 @@ def test_damaged_directories_are_read_as_far_as_they_go(data):
 def test_endless_directories_end():
     loop = b"II*\0\x08\0\0\0" + struct.pack("<HHHII", 1, 256, 4, 1, 7) + struct.pack("<I", 8)
     tree = directories.read_tree(io.BytesIO(loop))
-    assert tree is not None and len(tree.pages) == 1000
+    assert tree is not None and len(tree.pages) == 1
     inside_itself = b"II*\0\x08\0\0\0" + struct.pack("<HHHII", 1, EXIF, 4, 1, 8) + bytes(4)
     assert directories.read_tree(io.BytesIO(inside_itself)) is not None

@@ -22,7 +22,7 @@ class Kandula2020(Estimator):
 
     def __init__(self, method: Method, weights: Path | None = None):
         super().__init__(method, weights)
-        self._session = open_network(self.name, weights, ["rs"], "motion")
+        self._network = open_network(self.name, weights, ["rs"], "motion")
 
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z with the row map, enlarged to the photo; first row as the reference."""
@@ -47,6 +47,5 @@ class Kandula2020(Estimator):
 
     def _answer(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
         """What the network says: trajectory [2, 256] (t_x [px of 256], r_z [rad]) and row map [256, 256], if any."""
-        outputs = self._session.run(None, {"rs": square_of(view)})
-        trajectory, *row_map = (np.asarray(output, dtype=np.float64)[0] for output in outputs)
-        return trajectory, row_map[0] if row_map else None
+        trajectory, *row_map = self._network.answers({"rs": square_of(view)}, (1, 2, SIZE), (1, SIZE, SIZE))
+        return trajectory[0], row_map[0][0] if row_map else None

@@ -23,11 +23,10 @@ class Rengarajan2017(Estimator):
 
     def __init__(self, method: Method, weights: Path | None = None):
         super().__init__(method, weights)
-        self._session = open_network(self.name, weights, ["rs"], "key_rows")
+        self._network = open_network(self.name, weights, ["rs"], "key_rows")
 
     def estimate(self, view: View) -> Motion:
         """Quadratic t_x and r_z through the key rows, first row as the reference."""
-        (answer,) = self._session.run(None, {"rs": square_of(view)})
-        key_rows = np.asarray(answer, dtype=np.float64)[0]
+        key_rows = self._network.answers({"rs": square_of(view)}, (1, 2, len(KEY_ROWS)))[0][0]
         motion = motion_of_square(view, KEY_ROWS, key_rows, self.name, degree=2)
         return motion.rereferenced("first")

@@ -112,7 +112,8 @@ def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     if motion.is_zero:
         return in_8_bits(photo), whole
     try:
-        return in_8_bits(photo.with_pixels(rectify_pixels(photo.pixels, motion))), validity_mask(motion)
+        pixels = rectify_pixels(photo.pixels, motion, masked=photo.masked)
+        return in_8_bits(photo.with_pixels(pixels)), validity_mask(motion)
     except UnshutterError:
         return in_8_bits(photo), whole
 

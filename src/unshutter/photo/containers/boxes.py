@@ -5,6 +5,7 @@ Source: ISO/IEC 14496-12 (boxes), ISO/IEC 23008-12 (HEIF: items and their proper
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 from collections.abc import Iterator
@@ -16,6 +17,9 @@ from unshutter.photo.source import Source
 if TYPE_CHECKING:
     import numpy as np
 
+_HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a size of 64 bits
+_LONGEST_READ = 1 << 24  # bytes: what pictures say of themselves takes some thousands
+_MOST_BOXES = 10_000  # of a file itself: pictures have a handful
 _ANIMATION = re.compile(rb"....ftyp(avis|hevc|hevx|msf1)", re.DOTALL)
 
 
@@ -23,27 +27,51 @@ _ANIMATION = re.compile(rb"....ftyp(avis|hevc|hevx|msf1)", re.DOTALL)
 
 
 def top_level(file: BinaryIO, wanted: bytes) -> bytes:
-    """Content of a box of the file itself; KeyError where there is none."""
-    file.seek(0)
-    while len(head := file.read(8)) == 8:
-        size, name = struct.unpack(">I4s", head)
+    """Content of a box of the file itself, after which the file then stands; KeyError where there is none."""
+    for name, start, end in top_level_extents(file):
         if name == wanted:
-            return file.read(size - 8)
-        if size < 8:  # to the end of the file, or longer than 4 GiB: the pixels
-            break
-        file.seek(size - 8, 1)
+            file.seek(start)
+            return file.read(min(end - start, _LONGEST_READ))
     raise KeyError(wanted)
+
+
+def top_level_extents(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
+    """(type, first byte of the content, byte after it) of the boxes of the file itself.
+
+    The last one may claim to end behind the file.
+    """
+    length, at = file.seek(0, io.SEEK_END), 0
+    for _ in range(_MOST_BOXES):
+        file.seek(at)
+        if at + _HEAD > length:
+            return
+        head, size, name = _head(file.read(_LONG_HEAD), length - at)
+        if size < head:
+            return
+        yield name, at + head, at + size
+        at += size
 
 
 def inside(data: bytes) -> Iterator[tuple[bytes, bytes]]:
     """(type, content) of the boxes in the content of another one."""
     at = 0
-    while at + 8 <= len(data):
-        size, name = struct.unpack_from(">I4s", data, at)
-        if size < 8:
+    while at + _HEAD <= len(data):
+        head, size, name = _head(data[at : at + _LONG_HEAD], len(data) - at)
+        if size < head:
             return
-        yield name, data[at + 8 : at + size]
+        yield name, data[at + head : at + size]
         at += size
+
+
+def _head(data: bytes, left: int) -> tuple[int, int, bytes]:
+    """(bytes of the head, of the whole box, type) of a box with at least 8 bytes.
+
+    A size of 0 means all that is ``left``; 1 that the size has 64 bits, behind the type.
+    """
+    size, name = struct.unpack_from(">I4s", data)
+    if size == 1 and len(data) >= _LONG_HEAD:
+        return _LONG_HEAD, struct.unpack_from(">Q", data, _HEAD)[0], name
+    return _HEAD, size or left, name
 
 
 def refuse_animation(source: Source) -> None:
@@ -67,7 +95,7 @@ class BoxCoding(NamedTuple):
         orientation: EXIF number of the turn and mirroring that decoders apply (boxes irot, imir).
         grey: no chroma at all.
         subsampled: chroma at half the resolution in both directions (4:2:0).
-        code_points: primaries and transfer of the colours, (2, 2) where they are not told.
+        code_points: primaries and transfer of the colours, (2, 2) where the file does not say.
 
     What ``grey`` and ``subsampled`` say holds for AVIF only.
     """

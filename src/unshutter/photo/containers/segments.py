@@ -11,20 +11,34 @@ from typing import BinaryIO
 
 from unshutter.photo.tags import exif
 
-SCAN, APP0, APP1 = 0xDA, 0xE0, 0xE1  # markers; what the applications' segments hold, they say in their first bytes
+# markers; what the applications' segments hold, they say in their first bytes
+SCAN, APP0, APP1, APP2, APP13, APP14, COMMENT = 0xDA, 0xE0, 0xE1, 0xE2, 0xED, 0xEE, 0xFE
+LONGEST = 65_533  # bytes of content
+_MOST_FILL = 1 << 16  # bytes before a marker
 
 
 def before_the_scan(file: BinaryIO, wanted: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
     """(marker, content) of segments before the first scan."""
     file.seek(2)
-    while len(head := file.read(4)) == 4:
-        mark, marker, length = struct.unpack(">BBH", head)
-        if mark != 0xFF or marker == SCAN or length < 2:
+    while (marker := _marker(file)) not in (None, SCAN):
+        size = file.read(2)
+        length = int.from_bytes(size, "big")
+        if len(size) < 2 or length < 2:
             return
         if marker in wanted:
             yield marker, file.read(length - 2)
         else:
             file.seek(length - 2, 1)
+
+
+def _marker(file: BinaryIO) -> int | None:
+    """The next marker, before which any number of bytes 0xFF may stand; None where there is none."""
+    if file.read(1) != b"\xff":
+        return None
+    for _ in range(_MOST_FILL):
+        if (byte := file.read(1)) != b"\xff":
+            return byte[0] if byte else None
+    return None
 
 
 def encoded(marker: int, content: bytes) -> bytes:

@@ -33,6 +33,7 @@ class Avif(WrittenFormat):
     name = written_as = "avif"
     suffixes = (".avif",)
     longest_side, deep, grey, alpha = 16_384, True, False, True
+    holds = frozenset({"exif", "icc", "xmp"})
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
@@ -46,6 +47,7 @@ class Avif(WrittenFormat):
             own = boxes.read_coding(stream)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
         metadata = Metadata.of_image(image)
+        metadata = replace(metadata, exif=exif.with_header(metadata.exif))
         if metadata.icc is None:
             metadata = replace(metadata, icc=colours.profile_of(*own.code_points, source))
         header = by_libvips.header(self, source, image, coding, metadata, pictures=1)
@@ -73,12 +75,12 @@ class Avif(WrittenFormat):
         }
         return by_libvips.encoded(image, "heifsave", path, with_exif=True, **options)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """See WrittenFormat. Appends the blob, and makes the item of the old one, which is zeroed, point to it."""
         blob = field(image, "exif-data")
         old = None if blob is None else _exif_extent(file)
         if blob is None or old is None:
-            return
+            return [] if blob is None else ["EXIF"]
         end = file.seek(0, 2)
         content = struct.pack(">I", len(exif.PREFIX)) + exif.PREFIX + blob.removeprefix(exif.PREFIX)
         file.write(struct.pack(">I4s", 8 + len(content), b"mdat") + content)
@@ -86,6 +88,7 @@ class Avif(WrittenFormat):
         file.write(bytes(old.length))
         file.seek(old.numbers_at)
         file.write(struct.pack(">II", end + 8 - old.base, len(content)))
+        return []
 
 
 class _Extent(NamedTuple):
@@ -103,7 +106,7 @@ class _Extent(NamedTuple):
 
 
 def _exif_extent(file: BinaryIO) -> _Extent | None:
-    """Where an AVIF says that its EXIF is; None without EXIF, or where it is not told as libheif does it."""
+    """Where an AVIF says that its EXIF is; None without EXIF, or where it is not written as libheif writes it."""
     try:
         meta = boxes.top_level(file, b"meta")
         iinf, iloc = (dict(boxes.inside(meta[4:]))[name] for name in (b"iinf", b"iloc"))

@@ -1,7 +1,7 @@
 """HEIC, read through libheif (package pi-heif, extra ``heic``).
 
 A HEIC file holds the pixels as the sensor was read; its boxes irot and imir say how a viewer is to turn and mirror
-them. libheif does that while decoding and cannot be told not to: what it gives is turned back here.
+them. libheif always does that while it decodes; what it gives is turned back here.
 
 Source: ISO/IEC 23008-12 (HEIF).
 """
@@ -110,7 +110,7 @@ def _item_names_are_text(file: BinaryIO) -> bool:
     try:
         iinf = dict(boxes.inside(boxes.top_level(file, b"meta")[4:]))[b"iinf"]
     except KeyError:
-        return True  # told by others
+        return True  # others will complain
     entries = (content for name, content in boxes.inside(iinf[6 if iinf[:1] == b"\0" else 8 :]) if name == b"infe")
     return all(byte < 128 for entry in entries for byte in entry[8:])
 

@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, BinaryIO, final
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.containers import boxes, segments
+from unshutter.photo.containers import boxes, segments, sensor_data
 from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.libvips import libvips
 from unshutter.photo.metadata import Metadata
@@ -34,7 +34,7 @@ _CAMERAS = "dng 3fr arw cr2 cr3 crw erf fff iiq kdc mef mos mrw nef nrw orf pef 
 _SIGNATURE = re.compile(
     rb"II\*\0....CR|IIRO|IIRS|MMOR|IIU\0|FUJIFILM|FOVb|\0MRM|......HEAPCCDR|....ftypcrx ", re.DOTALL
 )
-_DNG_VERSION = 0xC612
+_DNG_VERSION, _PANASONIC_JPEG = 0xC612, 0x002E
 _OTHER_MAGIC = (b"IIRO", b"IIRS", b"MMOR", b"IIU\0")  # Olympus, Panasonic
 _MAGIC = {b"II": b"II*\0", b"MM": b"MM\0*"}
 _CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
@@ -61,7 +61,7 @@ class Raw(Format):
         with source.stream() as stream:
             tree = read_tags(stream)
         metadata = Metadata(
-            exif=exif.of_tiff(tree) if tree else None,
+            exif=exif_of(tree) if tree else None,
             icc=libvips().Image.profile_load("srgb"),
             xmp=(tree.data(xmp.TIFF_TAG) or None) if tree else None,
             resources=iptc.of_tiff(tree) if tree else None,
@@ -74,7 +74,10 @@ class Raw(Format):
         import rawpy
 
         with _opened(source) as raw:
+            is_whole = _is_told_whole(source)
             raw.unpack()
+            if is_whole is None and not _is_complete(source, raw.raw_image):
+                raise UnshutterError(f"{source} is incomplete: it ends before its picture does")
             pixels = raw.postprocess(
                 rawpy.Params(
                     user_flip=0,
@@ -88,6 +91,40 @@ class Raw(Format):
         if pixels.shape != (header.height, header.width, 3):
             raise UnshutterError(f"{source} cannot be developed: LibRaw turned or cut it")
         return pixels
+
+
+def _is_told_whole(source: Source) -> bool | None:
+    """Whether a file says that it is whole; None where that cannot be known.
+
+    Raises:
+        UnshutterError: it cannot be whole.
+    """
+    with source.stream() as stream:
+        told = sensor_data.is_told_whole(stream)
+    if told is False:
+        raise UnshutterError(f"{source} is incomplete: it ends before its picture does")
+    return told
+
+
+def _is_complete(source: Source, pixels: np.ndarray) -> bool:
+    with source.stream() as stream:
+        return sensor_data.is_complete(stream.read(), pixels, _sensor_values)
+
+
+def _sensor_values(stream: BinaryIO) -> np.ndarray | None:
+    """What the sensor saw; None for a kind of file that LibRaw does not know, no values where the data are damaged."""
+    import numpy as np
+    import rawpy
+
+    opened = False
+    try:
+        with rawpy.RawPy() as raw:
+            raw.open_buffer(stream)
+            opened = True
+            raw.unpack()
+            return raw.raw_image.copy()
+    except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError):
+        return np.empty(0, np.uint16) if opened else None
 
 
 @contextmanager
@@ -130,6 +167,13 @@ def read_tags(file: BinaryIO) -> Tree | None:
     if head[4:12] == b"ftypcrx ":
         return _canon_tags(file)
     return read_tree(file)
+
+
+def exif_of(tree: Tree) -> bytes | None:
+    """EXIF of a raw file's tags. Panasonic has all of it, the maker's note too, in a JPEG in one of them."""
+    preview = tree.data(_PANASONIC_JPEG)
+    whole = segments.exif_of(io.BytesIO(preview)) if preview and preview.startswith(b"\xff\xd8") else None
+    return whole if exif.read(whole) else exif.of_tiff(tree)
 
 
 def _canon_tags(file: BinaryIO) -> Tree | None:

@@ -6,24 +6,31 @@ Source: TIFF 6.0.
 from __future__ import annotations
 
 import re
+import struct
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
+from unshutter.errors import UnshutterError
 from unshutter.photo import by_libvips
 from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
 from unshutter.photo.tags import exif, iptc
-from unshutter.photo.tags.directories import SUBFILE_TYPE, Tree, read_tree
+from unshutter.photo.tags.directories import EXIF, GPS, SUBFILE_TYPE, Tree, read_tree
 
 if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
 _SIGNATURE = re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
-_COMPRESSION = 0x0103
+_COMPRESSION, _PHOTOMETRIC, _SAMPLES, _EXTRA_SAMPLES = 0x0103, 0x0106, 0x0115, 0x0152
+_OLD_JPEG, _JPEG = 6, 7  # compressions
+_COLOURS = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}  # samples that they take, by photometric interpretation
+_UNSPECIFIED = 0  # the meaning of an extra sample; 1 and 2 are transparency
+_ABOUT_THE_PHOTO = {EXIF, GPS, iptc.IPTC_TAG, iptc.RESOURCES_TAG}
+_MOST_TAGS = 4096  # in a directory
 _SMALLER_COPY, _MASK = 1, 4  # bits of a subfile's type
 _CLASSIC_BYTES = 3_500_000_000  # more go into a BigTIFF
 
@@ -34,7 +41,8 @@ class Tiff(WrittenFormat):
 
     name = written_as = "tiff"
     suffixes = (".tif", ".tiff")
-    longest_side, deep, grey, alpha = 10_000_000, True, True, True
+    longest_side, deep, grey, alpha, masks = 10_000_000, True, True, True, True
+    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "description"})
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
@@ -44,18 +52,28 @@ class Tiff(WrittenFormat):
         """See Format."""
         with source.stream() as stream:
             tree = read_tree(stream)
+            numbers = _numbers(stream)
+        _check_kind(source, numbers)
         image = by_libvips.opened(source, "tiffload")
-        coding = Coding(bits=field(image, "bits-per-sample", 8))
+        coding = Coding(
+            bits=field(image, "bits-per-sample", 8),
+            compression=numbers.get(_COMPRESSION),
+            masked=_extra_samples(numbers) == 1 and numbers.get(_EXTRA_SAMPLES, _UNSPECIFIED) == _UNSPECIFIED,
+        )
         metadata = replace(Metadata.of_image(image), resources=None)
-        if tree is None:  # a BigTIFF
+        if tree is None:
+            lost = ("EXIF and IPTC of a BigTIFF",) if numbers.keys() & _ABOUT_THE_PHOTO else ()
+            metadata = replace(metadata, left_behind=lost)
             return by_libvips.header(self, source, image, coding, metadata)
-        coding = replace(coding, compression=tree.number(_COMPRESSION))
+        if exif.has_no_resolution_unit(tree):  # to libvips that is pixels by the millimetre
+            metadata = replace(metadata, resolution=(1.0, 1.0), resolution_unit=None)
         metadata = replace(metadata, exif=exif.of_tiff(tree), resources=iptc.of_tiff(tree))
         return by_libvips.header(self, source, image, coding, metadata, _pictures(tree))
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
-        """See Format."""
-        return by_libvips.decoded(source, "tiffload")
+        """See Format. Damaged JPEG data are but a warning; of other warnings most harm nothing."""
+        fail_on = "warning" if header.coding.compression == _JPEG else "error"
+        return by_libvips.decoded(source, "tiffload", fail_on)
 
     def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
         """See WrittenFormat. Photoshop's resources come later: libvips cuts them to a quarter."""
@@ -67,10 +85,76 @@ class Tiff(WrittenFormat):
             options["predictor"] = "horizontal"
         return by_libvips.encoded(image, "tiffsave", path, with_exif=True, bigtiff=size > _CLASSIC_BYTES, **options)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """See WrittenFormat."""
         more = iptc.tiff_tags(field(image, "iptc-data", b""))
-        exif.add_to_tiff(file, field(image, "exif-data"), image.height, image.width, more)
+        added = exif.add_to_tiff(file, field(image, "exif-data"), image.height, image.width, more)
+        if field(image, "tiff-masked"):
+            _put_number(file, _EXTRA_SAMPLES, _UNSPECIFIED)  # libvips calls it transparency
+        return [] if added else ["EXIF and IPTC (the TIFF is too large)"]
+
+
+def _check_kind(source: Source, numbers: dict[int, int]) -> None:
+    """Refuses what libvips would read wrongly.
+
+    Raises:
+        UnshutterError: old-style JPEG, of which some decoders make a black picture; grey with more than one channel
+            beside it, which is no RGB.
+    """
+    if numbers.get(_COMPRESSION) == _OLD_JPEG:
+        raise UnshutterError(f"{source} holds a JPEG in the old style of TIFF: save it anew with another program first")
+    if _COLOURS.get(numbers.get(_PHOTOMETRIC, -1)) == 1 and _extra_samples(numbers) > 1:
+        raise UnshutterError(
+            f"{source} has {_extra_samples(numbers)} channels beside grey: convert it to grey or RGB first"
+        )
+
+
+def _extra_samples(numbers: dict[int, int]) -> int:
+    """Channels beside grey or RGB."""
+    return numbers.get(_SAMPLES, 1) - _COLOURS.get(numbers.get(_PHOTOMETRIC, -1), numbers.get(_SAMPLES, 1))
+
+
+# ---- directories ---------------------------------------------------------------------------------------
+
+
+def _places(file: BinaryIO) -> tuple[str, dict[int, tuple[int, int]]]:
+    """The byte order, and TIFF type and place of what the first directory has for its tags; of BigTIFFs, too."""
+    file.seek(0)
+    head = file.read(16).ljust(16, b"\0")
+    order = "<" if head.startswith(b"II") else ">"
+    is_big = head[2:4] in (b"+\0", b"\0+")
+    (at,) = struct.unpack_from(order + ("Q" if is_big else "I"), head, 8 if is_big else 4)
+    size, count_form = (20, "Q") if is_big else (12, "H")
+    file.seek(min(at, 1 << 62))  # farther it cannot go
+    counted = file.read(struct.calcsize(order + count_form))
+    if len(counted) < struct.calcsize(order + count_form):
+        return order, {}
+    (count,) = struct.unpack(order + count_form, counted)
+    table, start = file.read(size * min(count, _MOST_TAGS)), at + len(counted)
+    places = {}
+    for entry_at in range(0, len(table) - size + 1, size):
+        tag, kind = struct.unpack_from(order + "HH", table, entry_at)
+        places[tag] = (kind, start + entry_at + (12 if is_big else 8))
+    return order, places
+
+
+def _numbers(file: BinaryIO) -> dict[int, int]:
+    """The whole numbers of the first directory, 0 for all else, by tag."""
+    order, places = _places(file)
+    numbers = {}
+    for tag, (kind, at) in places.items():
+        file.seek(at)
+        data, form = file.read(4), {1: "B", 3: "H", 4: "I"}.get(kind)
+        numbers[tag] = struct.unpack_from(order + form, data)[0] if form and len(data) == 4 else 0
+    return numbers
+
+
+def _put_number(file: BinaryIO, tag: int, number: int) -> None:
+    """Gives a tag of one short number another one."""
+    order, places = _places(file)
+    if tag in places:
+        file.seek(places[tag][1])
+        file.write(struct.pack(order + "H", number))
 
 
 def _pictures(tree: Tree) -> int:

@@ -31,6 +31,7 @@ class Webp(WrittenFormat):
     name = written_as = "webp"
     suffixes = (".webp",)
     longest_side, deep, grey, alpha = 16_383, False, False, True
+    holds = frozenset({"exif", "icc", "xmp"})
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
@@ -54,11 +55,11 @@ class Webp(WrittenFormat):
         options = {"lossless": True, "exact": True} if lossless else {"Q": quality or 90}
         return by_libvips.encoded(image, "webpsave", path, with_exif=True, **options)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> None:
+    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """See WrittenFormat."""
         blob = field(image, "exif-data")
         if blob is None:
-            return
+            return []
         tiff = blob.removeprefix(exif.PREFIX)
         file.seek(12)
         chunks = b""
@@ -71,6 +72,7 @@ class Webp(WrittenFormat):
         file.seek(0)
         file.write(b"RIFF" + struct.pack("<I", 4 + len(chunks)) + b"WEBP" + chunks)
         file.truncate()
+        return []
 
 
 def _is_lossless(file: BinaryIO) -> bool:

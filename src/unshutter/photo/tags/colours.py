@@ -8,12 +8,12 @@ from __future__ import annotations
 from unshutter.errors import UnshutterError
 from unshutter.photo.libvips import libvips
 
-# sRGB and "not told", Display P3; transfers that are shown alike: Rec. 709, not told, Rec. 601, sRGB.
+# sRGB and "unspecified", Display P3; transfers that are shown alike: Rec. 709, unspecified, Rec. 601, sRGB.
 _SRGB, _P3, _USUAL_TRANSFERS = (1, 2), 12, (1, 2, 6, 13)
 
 
 def profile_of(primaries: int, transfer: int, source: object) -> bytes | None:
-    """ICC profile of such colours; None where they are sRGB or not told.
+    """ICC profile of such colours; None where they are sRGB or unspecified.
 
     Args:
         primaries: code point.

@@ -5,6 +5,7 @@ Source: TIFF 6.0, section 2; CIPA DC-008 (EXIF 2.32), section 4.6.2.
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ _ENTRY_BYTES = 12
 # No photo has more; a damaged or malicious file may claim it.
 _MAX_TREE_BYTES = 1 << 28
 _MAX_PAGES = 1000
+_SMALL_BYTES = 1 << 16
 
 
 class Entry(NamedTuple):
@@ -89,12 +91,13 @@ def slots(data: bytes | bytearray, order: str, at: int, count: int) -> Iterator[
         yield Slot(place, *struct.unpack_from(order + "HHI", data, place))
 
 
-def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES) -> Tree | None:
+def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None = None) -> Tree | None:
     """Reads classic TIFF directories; entries that point nowhere are left out.
 
     Args:
         file: seekable, a TIFF file or the TIFF part of an EXIF blob.
         most_pages: where to end.
+        first_at: place of the first directory; None: as the file says.
 
     Returns:
         None when this is no classic TIFF (BigTIFF, damaged header).
@@ -106,7 +109,7 @@ def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES) -> Tree | None:
         return None
     reader = _Reader(file, order)
     pages: list[Directory] = []
-    (offset,) = struct.unpack_from(order + "I", head, 4)
+    offset: int = struct.unpack_from(order + "I", head, 4)[0] if first_at is None else first_at
     while offset and len(pages) < most_pages and (found := reader.directory(offset)) is not None:
         pages.append(found[0])
         offset = found[1]
@@ -115,10 +118,16 @@ def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES) -> Tree | None:
 
 class _Reader:
     def __init__(self, file: BinaryIO, order: str) -> None:
-        self.file, self.order, self.bytes_left = file, order, _MAX_TREE_BYTES
+        self.file, self.order = file, order
+        # Values do not overlap in a whole file; many that point to one place would take memory without end.
+        self.bytes_left = min(_MAX_TREE_BYTES, 2 * file.seek(0, io.SEEK_END) + _SMALL_BYTES)
+        self.visited: set[int] = set()  # directories that lead back to themselves, or many to one
 
     def directory(self, offset: int, depth: int = 0) -> tuple[Directory, int] | None:
         """(directory, offset of the next one), or None where the file ends first."""
+        if offset in self.visited:
+            return None
+        self.visited.add(offset)
         self.file.seek(offset)
         try:
             (count,) = struct.unpack(self.order + "H", self.file.read(2))
@@ -127,6 +136,8 @@ class _Reader:
         except struct.error:
             return None
         self.bytes_left -= len(table)
+        if self.bytes_left < 0:
+            return None
         directory: Directory = {}
         for slot in slots(table, self.order, 0, count):
             value = self._value(table, slot, depth)
@@ -151,23 +162,47 @@ class _Reader:
         return Entry(slot.kind, slot.count, data) if len(data) == size else None
 
 
+def is_tangled(data: bytes) -> bool:
+    """Whether directories of a TIFF structure lead to one that was there before; libexif then works for minutes."""
+    order = BYTE_ORDERS.get(data[:4])
+    if order is None or len(data) < 8:
+        return False
+    waiting, visited = list(struct.unpack_from(order + "I", data, 4)), set()
+    while waiting:
+        at = waiting.pop()
+        if at in visited or len(visited) > _MAX_PAGES:
+            return True
+        visited.add(at)
+        (count,) = struct.unpack_from(order + "H", data, at) if at + 2 <= len(data) else (0,)
+        end = at + 2 + _ENTRY_BYTES * count
+        entries = data[at + 2 : end]
+        entries = entries[: len(entries) // _ENTRY_BYTES * _ENTRY_BYTES]
+        for tag, _, _, value in struct.iter_unpack(order + "HHII", entries):
+            if tag in SUB_DIRECTORIES:
+                waiting.append(value)
+        if end + 4 <= len(data) and (following := struct.unpack_from(order + "I", data, end)[0]):
+            waiting.append(following)
+    return False
+
+
 # ---- writing -------------------------------------------------------------------------------------------
 
 
 def encoded(directory: Directory, at: int, order: str) -> bytes:
     """Bytes of a directory that will stand at offset ``at``, followed by its values and sub-directories."""
-    table = struct.pack(order + "H", len(directory))
-    values, values_at = b"", at + 2 + _ENTRY_BYTES * len(directory) + 4
+    table = [struct.pack(order + "H", len(directory))]
+    values, here = [], at + 2 + _ENTRY_BYTES * len(directory) + 4
     for tag, entry in sorted(directory.items(), key=lambda item: item[0]):
-        here = values_at + len(values)
         if isinstance(entry, dict):
             kind, count, data, inline = 4, 1, encoded(entry, here, order), False
         else:
             kind, count, data, inline = entry.kind, entry.count, entry.data, len(entry.data) <= 4
-        table += struct.pack(order + "HHI", tag, kind, count)
-        table += data.ljust(4, b"\0") if inline else struct.pack(order + "I", here)
-        values += b"" if inline else data + bytes(len(data) % 2)
-    return table + bytes(4) + values  # no further directory
+        table += [struct.pack(order + "HHI", tag, kind, count)]
+        table += [data.ljust(4, b"\0") if inline else struct.pack(order + "I", here)]
+        if not inline:
+            values += [data, bytes(len(data) % 2)]
+            here += len(data) + len(data) % 2
+    return b"".join([*table, bytes(4), *values])  # no further directory
 
 
 def encoded_number(order: str, tag: int, kind: int, value: int) -> bytes:
@@ -183,7 +218,8 @@ def in_other_order(directory: Directory) -> Directory:
         if isinstance(entry, dict):
             turned[tag] = in_other_order(entry)
         else:
-            unit = _UNIT[entry.kind]
-            units = (entry.data[i : i + unit] for i in range(0, len(entry.data), unit))
-            turned[tag] = Entry(entry.kind, entry.count, b"".join(u[::-1] for u in units))
+            unit, data = _UNIT[entry.kind], bytearray(entry.data)
+            for byte in range(unit):
+                data[byte::unit] = entry.data[unit - 1 - byte :: unit]
+            turned[tag] = Entry(entry.kind, entry.count, bytes(data))
     return turned

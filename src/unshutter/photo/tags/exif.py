@@ -11,10 +11,11 @@ from __future__ import annotations
 import io
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import BinaryIO
 
+from unshutter.photo.tags import directories
 from unshutter.photo.tags.directories import (
     BYTE_ORDERS,
     EXIF,
@@ -31,16 +32,22 @@ from unshutter.photo.tags.directories import (
 )
 
 PREFIX = b"Exif\0\0"
-# What a TIFF's first directory says about the photo rather than about the storage of its pixels: description, make,
-# model, software, date, artist, ratings, copyright, titles of Windows, print matching.
+# What a TIFF's first directory says about the photo rather than about the storage of its pixels: names of document and
+# page, description, make, model, software, date, artist, computer, colours of white and primaries, ratings, copyright,
+# titles of Windows, print matching, unique name and serial number of the camera, lens.
 _CAMERA_TAGS = frozenset(
-    {0x010E, 0x010F, 0x0110, 0x0131, 0x0132, 0x013B, 0x4746, 0x4749, 0x8298, *range(0x9C9B, 0x9CA0), 0xC4A5}
+    {0x010D, 0x011D, 0x010E, 0x010F, 0x0110, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F, 0x4746, 0x4749, 0x8298}
+    | {*range(0x9C9B, 0x9CA0), 0xC4A5, 0xC614, 0xC62F, 0xC630}
 )
+# Where the picture lies on the earth (OGC GeoTIFF 1.1), and what GDAL adds to that.
+_GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0xA480, 0xA481})
+_RESOLUTION, _RESOLUTION_UNIT, _NO_UNIT = (0x011A, 0x011B), 0x0128, 1
 _IMAGE_WIDTH, _IMAGE_HEIGHT, _COMPRESSION, _ORIENTATION = 0x0100, 0x0101, 0x0103, 0x0112
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
 _MAKER_NOTE, _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0x927C, 0xA002, 0xA003, 0xA405
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF ends at 65,527
+_ENTRY_BYTES = 12
 _ROOM_IN_TIFF = 65_536  # bytes for directories, beside the values
 
 
@@ -50,6 +57,40 @@ _ROOM_IN_TIFF = 65_536  # bytes for directories, beside the values
 def read(blob: bytes | None) -> Tree | None:
     """The directories of an EXIF blob, with or without its prefix; None passes through."""
     return None if blob is None else read_tree(io.BytesIO(blob.removeprefix(PREFIX)))
+
+
+def is_tangled(blob: bytes) -> bool:
+    """Whether a blob's directories go round in circles, in which libexif spends minutes."""
+    return directories.is_tangled(blob.removeprefix(PREFIX))
+
+
+def untangled(blob: bytes) -> bytes | None:
+    """The blob as it is, but written anew where its directories go round in circles; None where nothing is left."""
+    if not is_tangled(blob):
+        return blob
+    tree = read(blob)
+    return of_tiff(tree) if tree else None
+
+
+def orientation(blob: bytes | None) -> int:
+    """EXIF orientation 1-8 that a blob tells; 1 where it tells none."""
+    tree = read(blob)
+    told = tree.number(_ORIENTATION) if tree else None
+    return told if told is not None and 1 <= told <= 8 else 1
+
+
+def with_header(blob: bytes | None) -> bytes | None:
+    """The blob, its TIFF header restored where a program has cut off its first four bytes; None where it is none.
+
+    Some files hold EXIF without the number that should stand before it, and decoders skip four bytes all the same.
+    """
+    if blob is None or blob.removeprefix(PREFIX)[:4] in BYTE_ORDERS:
+        return blob
+    for mark, order in BYTE_ORDERS.items():
+        whole = mark + blob
+        if blob[:4] == struct.pack(order + "I", 8) and read(whole) is not None:
+            return PREFIX + whole
+    return None
 
 
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
@@ -68,19 +109,21 @@ def of_tiff(tree: Tree) -> bytes | None:
     The byte order stays: makers' notes are often in the order of the file they stand in.
     """
     lifted = _of_the_camera(tree)
-    if not lifted:
-        return None
-    head = struct.pack(tree.order + "2sHI", b"II" if tree.order == "<" else b"MM", 42, 8)
-    return PREFIX + head + encoded(lifted, 8, tree.order)
+    return _blob_of(lifted, tree.order) if lifted else None
+
+
+def _blob_of(directory: Directory, order: str) -> bytes:
+    head = struct.pack(order + "2sHI", b"II" if order == "<" else b"MM", 42, 8)
+    return PREFIX + head + encoded(directory, 8, order)
 
 
 def add_to_tiff(
     file: BinaryIO, blob: bytes | None, height: int, width: int, more: Mapping[int, Entry] = MappingProxyType({})
-) -> None:
+) -> bool:
     """Adds camera tags, EXIF and GPS of a blob to a finished TIFF of one page, at its end.
 
-    The page's own tags win over the blob's. The pixel size that EXIF repeats is set to that of the picture.
-    Does nothing to a BigTIFF, a file too long for more, or with a blob that cannot be read.
+    The page's own tags win over the blob's, but for a resolution without a unit. The pixel size that EXIF repeats is
+    set to that of the picture. Does nothing to a BigTIFF, a file too long for more, or with a blob that cannot be read.
 
     Args:
         file: seekable, open for reading and writing.
@@ -88,12 +131,17 @@ def add_to_tiff(
         height: of the picture [px].
         width: of the picture [px].
         more: tags of bytes, which stand in either order.
+
+    Returns:
+        Whether there was room for them, if there are any.
     """
     tree, target = read(blob), read_tree(file)
     end = file.seek(0, io.SEEK_END)
     length = len(blob or b"") + sum(len(entry.data) for entry in more.values())
-    if target is None or (tree is None and not more) or end + length + _ROOM_IN_TIFF >= 1 << 32:
-        return
+    if tree is None and not more:
+        return True
+    if target is None or end + length + _ROOM_IN_TIFF >= 1 << 32:
+        return False
     added: Directory = {}
     if tree is not None:
         added = _of_the_camera(tree)
@@ -103,26 +151,81 @@ def add_to_tiff(
         for tag, size in ((_PIXEL_WIDTH, width), (_PIXEL_HEIGHT, height)):
             if tag in details:
                 details[tag] = Entry(4, 1, struct.pack(target.order + "I", size))
+    winning = {tag: added[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in added}
     start = end + end % 2  # directories begin at even offsets
     file.seek(end)
-    file.write(bytes(end % 2) + encoded(added | dict(more) | target.pages[0], start, target.order))
+    file.write(bytes(end % 2) + encoded(added | dict(more) | target.pages[0] | winning, start, target.order))
     file.seek(4)
     file.write(struct.pack(target.order + "I", start))
+    return True
 
 
 def _of_the_camera(tree: Tree) -> Directory:
-    return {tag: value for tag, value in tree.pages[0].items() if tag in _CAMERA_TAGS or tag in SUB_DIRECTORIES}
+    first = tree.pages[0]
+    lifted = {tag: value for tag, value in first.items() if tag in _CAMERA_TAGS | _GEOTIFF | SUB_DIRECTORIES}
+    if has_no_resolution_unit(tree):
+        lifted |= {tag: first[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in first}
+    return lifted
 
 
-def without_makers_note(blob: bytes) -> bytes:
-    """The blob written anew without its maker's note, which may hold previews; as it is where it cannot be read."""
+def has_no_resolution_unit(tree: Tree) -> bool:
+    """Whether the resolution is but a ratio of width to height."""
+    return tree.number(_RESOLUTION_UNIT) == _NO_UNIT
+
+
+def without_geotiff(blob: bytes | None) -> bytes | None:
+    """The blob written anew without what it says of the picture's place on the earth; itself where it says nothing."""
     tree = read(blob)
-    if tree is None:
+    if tree is None or not tree.pages[0].keys() & _GEOTIFF:
         return blob
-    details = tree.pages[0].get(EXIF)
-    if isinstance(details, dict):
-        details.pop(_MAKER_NOTE, None)
-    return of_tiff(tree) or blob
+    for tag in _GEOTIFF & tree.pages[0].keys():
+        del tree.pages[0][tag]
+    return of_tiff(tree)
+
+
+def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
+    """The blob, or where it is longer than that many bytes, one written anew without its longest tags.
+
+    The maker's note, which may hold previews, goes first.
+
+    Returns:
+        The blob, None where nothing can be saved; and what was left out, in words.
+    """
+    if len(blob) <= most:
+        return blob, []
+    tree = read(blob)
+    lifted = _of_the_camera(tree) if tree else {}
+    if tree is None or not lifted:
+        return None, ["EXIF (too long)"]
+    left_out = 0
+    note = _removed(lifted, _MAKER_NOTE)
+    told = ["maker's note (too long)"] if note else []
+    while len(shorter := _blob_of(lifted, tree.order)) > most:
+        excess, by_size = len(shorter) - most, sorted(_entries(lifted), key=lambda found: -len(found[2].data))
+        for directory, tag, entry in by_size:
+            del directory[tag]
+            left_out += 1
+            excess -= len(entry.data) + _ENTRY_BYTES
+            if excess <= 0:
+                break
+    if left_out:
+        told.append(f"{left_out} of EXIF's tags (too long)" if left_out > 1 else "a tag of EXIF (too long)")
+    return shorter, told
+
+
+def _removed(directory: Directory, tag: int) -> bool:
+    """Takes a tag out of the EXIF directory, and says whether it was there."""
+    details = directory.get(EXIF)
+    return isinstance(details, dict) and details.pop(tag, None) is not None
+
+
+def _entries(directory: Directory) -> Iterator[tuple[Directory, int, Entry]]:
+    """All entries with the directories that they are in."""
+    for tag, value in directory.items():
+        if isinstance(value, dict):
+            yield from _entries(value)
+        else:
+            yield directory, tag, value
 
 
 # ---- what must follow new pixels -----------------------------------------------------------------------
@@ -179,7 +282,7 @@ class _Editor:
     """An EXIF blob by the places of its entries; a damaged one seems to have none.
 
     Attributes:
-        first: the entries of the first directory, by tag.
+        first: the entries of the first directory, by tag; of several with one tag the first, as most programs read.
         link_at: place of the offset of the second directory; 0 if there is none to be written.
         second_at: place of the second directory, or 0.
     """
@@ -192,8 +295,9 @@ class _Editor:
         self.link_at = self.second_at = 0
         if self.order and len(blob) >= self.start + 8:
             first_at = self._place(self.start + 4)
-            self.first = self.entries(first_at)
-            link_at = first_at + 2 + 12 * len(self.first)
+            listed = self.slots_at(first_at)
+            self.first = self._by_tag(listed)
+            link_at = first_at + 2 + 12 * len(listed)
             if first_at > self.start and link_at + 4 <= len(blob):
                 self.link_at = link_at
                 self.second_at = self._place(link_at)
@@ -203,18 +307,22 @@ class _Editor:
         (offset,) = struct.unpack_from(self.order + "I", self.data, at)
         return self.start + offset if 0 < offset < len(self.data) - self.start else 0
 
-    def entries(self, at: int) -> dict[int, Slot]:
-        """The entries of the directory at a place, by tag."""
+    def slots_at(self, at: int) -> list[Slot]:
+        """The entries of the directory at a place; two may have one tag."""
         if not 0 < at <= len(self.data) - 2:
-            return {}
+            return []
         (count,) = struct.unpack_from(self.order + "H", self.data, at)
         if at + 2 + 12 * count > len(self.data):
-            return {}
-        return {slot.tag: slot for slot in slots(self.data, self.order, at + 2, count)}
+            return []
+        return list(slots(self.data, self.order, at + 2, count))
+
+    @staticmethod
+    def _by_tag(listed: list[Slot]) -> dict[int, Slot]:
+        return {slot.tag: slot for slot in reversed(listed)}
 
     def below(self, entries: dict[int, Slot], tag: int) -> dict[int, Slot]:
         """The entries of the directory that hangs on a tag."""
-        return self.entries(self._place(entries[tag].value_at)) if tag in entries else {}
+        return self._by_tag(self.slots_at(self._place(entries[tag].value_at))) if tag in entries else {}
 
     def put(self, slot: Slot, value: int) -> None:
         """Makes an entry a single number."""
@@ -230,7 +338,8 @@ class _Editor:
         """Writes the first directory anew, at the end, with one entry more."""
         if not self.link_at:
             return
-        old = [bytes(self.data[slot.at : slot.at + 12]) for slot in self.first.values()]
+        count = (self.link_at - first_at - 2) // 12 if (first_at := self._place(self.start + 4)) else 0
+        old = [bytes(self.data[slot.at : slot.at + 12]) for slot in slots(self.data, self.order, first_at + 2, count)]
         link = bytes(self.data[self.link_at : self.link_at + 4])
         added = encoded_number(self.order, tag, 3, value)
         new = sorted([*old, added], key=lambda entry: struct.unpack(self.order + "H", entry[:2]))
@@ -239,10 +348,11 @@ class _Editor:
 
     def wipe_thumbnail(self) -> None:
         """Zeroes the thumbnail and the link to its directory."""
-        entries = self.entries(self.second_at)
-        if _THUMBNAIL in entries and _THUMBNAIL_LENGTH in entries:
-            at = self._place(entries[_THUMBNAIL].value_at)
-            (length,) = struct.unpack_from(self.order + "I", self.data, entries[_THUMBNAIL_LENGTH].value_at)
+        listed = self.slots_at(self.second_at)
+        places = [self._place(slot.value_at) for slot in listed if slot.tag == _THUMBNAIL]
+        lengths = [slot.value_at for slot in listed if slot.tag == _THUMBNAIL_LENGTH]
+        for at, length_at in zip(places, lengths, strict=False):
+            (length,) = struct.unpack_from(self.order + "I", self.data, length_at)
             length = min(length, len(self.data) - at)
             if at > self.start + 8:
                 self.data[at : at + length] = bytes(length)

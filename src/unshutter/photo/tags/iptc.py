@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from unshutter.photo.tags.directories import Entry, Tree
 
 IPTC_TAG, RESOURCES_TAG = 33723, 34377
-_PREFIX = b"Photoshop 3.0\0"
+PREFIX = b"Photoshop 3.0\0"
 _IPTC, _THUMBNAILS = 1028, (1033, 1036)
 
 
@@ -23,26 +23,42 @@ def of_tiff(tree: Tree) -> bytes | None:
     blocks, iptc = tree.data(RESOURCES_TAG) or b"", tree.data(IPTC_TAG)
     if iptc and not any(kind == _IPTC for kind, _, _ in _blocks(blocks)):
         blocks = b"8BIM" + struct.pack(">HHI", _IPTC, 0, len(iptc)) + iptc + bytes(len(iptc) % 2) + blocks
-    return _PREFIX + blocks if blocks else None
+    return PREFIX + blocks if blocks else None
 
 
 def tiff_tags(resources: bytes) -> dict[int, Entry]:
     """The tags that a TIFF has for such resources."""
-    blocks = resources.removeprefix(_PREFIX)
+    blocks = resources.removeprefix(PREFIX)
     tags = {RESOURCES_TAG: Entry(7, len(blocks), blocks)} if blocks else {}
     iptc = next((data for kind, data, _ in _blocks(blocks) if kind == _IPTC), None)
     return tags | ({IPTC_TAG: Entry(7, len(iptc), iptc)} if iptc else {})
 
 
+def joined(parts: list[bytes]) -> bytes:
+    """Resources of a JPEG that has them in several segments, between which a block may be cut."""
+    return PREFIX + b"".join(part.removeprefix(PREFIX) for part in parts)
+
+
+def segments(resources: bytes, longest: int) -> list[bytes]:
+    """Contents of segments of at most so many bytes for a JPEG."""
+    blocks, room = resources.removeprefix(PREFIX), longest - len(PREFIX)
+    return [PREFIX + blocks[at : at + room] for at in range(0, len(blocks), room)]
+
+
+def has_iptc(resources: bytes) -> bool:
+    """Whether there is IPTC among the resources."""
+    return any(kind == _IPTC for kind, _, _ in _blocks(resources.removeprefix(PREFIX)))
+
+
 def without_thumbnails(resources: bytes) -> bytes:
     """Resources without the pictures among them; what cannot be read stays as it is."""
-    prefix = _PREFIX if resources.startswith(_PREFIX) else b""
+    prefix = PREFIX if resources.startswith(PREFIX) else b""
     blocks = resources.removeprefix(prefix)
-    kept, end = b"", 0
+    kept, end = [], 0
     for kind, _, block in _blocks(blocks):
         end += len(block)
-        kept += b"" if kind in _THUMBNAILS else block
-    return prefix + kept + blocks[end:]
+        kept += [] if kind in _THUMBNAILS else [block]
+    return prefix + b"".join(kept) + blocks[end:]
 
 
 def _blocks(blocks: bytes) -> Iterator[tuple[int, bytes, bytes]]:

@@ -1,29 +1,147 @@
 """XMP: what must follow new pixels in it.
 
-Source: Adobe, XMP specification parts 1 and 3.
+Source: Adobe, XMP specification parts 1 and 3; Google, Motion Photo format 1.0 and Ultra HDR image format 1.1.
 """
 
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from unshutter.photo.tags.xmp_packet import Attribute, Element, Packet
 
 TIFF_TAG = 0x02BC
+# Packets without these names, which are most, have nothing that must follow new pixels, and are not even parsed.
+_FOLLOWS = re.compile(
+    rb"Image(?:Width|Length)|Pixel[XY]Dimension|Orientation|Thumbnails|HasExtendedXMP|MotionPhoto|MicroVideo"
+    rb"|Container|[Gg]ain[Mm]ap|gain-map|depthmap|photos/1.0/image|GDepth|GImage|hdrgm|<!DOCTYPE"
+)
+_WIDTHS, _HEIGHTS = ("exif:PixelXDimension", "tiff:ImageWidth"), ("exif:PixelYDimension", "tiff:ImageLength")
+_SMALL_OR_ELSEWHERE = ("xmp:Thumbnails", "xmpNote:HasExtendedXMP")
+_FILM = re.compile("GCamera:(MotionPhoto|MicroVideo)")
+_BESIDE = re.compile("(hdrgm|HDRGainMap|GDepth|GImage):")
+_DIRECTORY = "Container:Directory"
+_SEMANTIC, _LENGTH, _PADDING = "Item:Semantic", "Item:Length", "Item:Padding"
+_OLD_FILM_LENGTH = "GCamera:MicroVideoOffset"  # which is counted from the end of the file
 
 
-def with_size(packet: bytes, height: int, width: int, orientation: int) -> bytes:
-    """The packet with the sizes [px] and the orientation that it has set to these."""
-    for names, value in (
-        (b"exif:PixelXDimension|tiff:ImageWidth", width),
-        (b"exif:PixelYDimension|tiff:ImageLength", height),
-        (b"tiff:Orientation", orientation),
+class Next(NamedTuple):
+    """The picture that a packet is to be true of.
+
+    Attributes:
+        height, width: of the stored pixels [px].
+        orientation: EXIF orientation 1-8.
+        is_new: whether the pixels are others than before, so that small pictures of the old ones go.
+        has_film: whether the film of a motion photo is still at the end of the file. Gain maps, depth maps and other
+            pictures beside the picture never are.
+    """
+
+    height: int
+    width: int
+    orientation: int
+    is_new: bool
+    has_film: bool
+
+
+def after(packet: bytes, picture: Next) -> bytes | None:
+    """The packet with what it says of the picture made true of the next one; all else stays byte by byte.
+
+    None where it cannot be read, and may tell of pictures that are gone.
+    """
+    if not _FOLLOWS.search(packet):
+        return packet
+    read = _read(packet)
+    if read is None:
+        is_stale = b"<!DOCTYPE" in packet or (picture.is_new and b"Thumbnails" in packet) or b"photos/1.0/" in packet
+        return None if is_stale else packet
+    directory = None
+    for element in read.root.below():
+        _follow(read, element, element.name, picture)
+        for name, attribute in element.attributes.items():
+            _follow(read, attribute, name, picture)
+        if element.name == _DIRECTORY and directory is None:
+            directory = element
+    if directory is not None and picture.has_film:
+        _keep_film_alone(read, directory)
+    return read.changed()
+
+
+def _follow(packet: Packet, thing: Element | Attribute, name: str, picture: Next) -> None:
+    """What must follow of one property, which is an element or an attribute."""
+    if name in _WIDTHS:
+        packet.set_number(thing, picture.width)
+    elif name in _HEIGHTS:
+        packet.set_number(thing, picture.height)
+    elif name == "tiff:Orientation":
+        packet.set_number(thing, picture.orientation)
+    elif (
+        _BESIDE.match(name)
+        or (picture.is_new and name in _SMALL_OR_ELSEWHERE)
+        or (not picture.has_film and (name == _DIRECTORY or _FILM.match(name)))
     ):
-        told = b"\\g<1>%d" % value
-        packet = re.sub(rb"(<(?:%s)\s*>\s*)\d+" % names, told, packet)
-        packet = re.sub(rb"""((?:%s)\s*=\s*["'])\d+""" % names, told, packet)
-    return packet
+        packet.remove(thing)
 
 
-def without_pictures(packet: bytes) -> bytes:
-    """The packet without embedded thumbnails, and without the link to more XMP that a JPEG may have elsewhere."""
-    packet = re.sub(rb"<(xmp|xap):Thumbnails\b.*?</\1:Thumbnails\s*>", b"", packet, flags=re.DOTALL)
-    return re.sub(rb"""\s+xmpNote:HasExtendedXMP\s*=\s*(["'])[^"']*\1""", b"", packet)
+def _keep_film_alone(packet: Packet, directory: Element) -> None:
+    """Takes all but the picture and the film out of the list of what is in the file, and the gap between the two."""
+    for item in directory.below():
+        if item.name == "rdf:li" and _told(item, _SEMANTIC) not in (None, "Primary", "MotionPhoto"):
+            packet.remove(item)
+        if _PADDING in item.attributes:
+            packet.set_number(item.attributes[_PADDING], 0)
+
+
+# ---- what it says of pictures and films beside the picture ----------------------------------------------
+
+
+def film_bytes(packet: bytes | None) -> int | None:
+    """Length of a motion photo's film, which ends with the file; None where there is none."""
+    if packet is None or (b"MotionPhoto" not in packet and b"MicroVideo" not in packet):
+        return None
+    read = _read(packet)
+    if read is None:
+        return None
+    length = None
+    for element in read.root.below():
+        if element.name == "rdf:li" and _told(element, _SEMANTIC) == "MotionPhoto":
+            return _whole(_told(element, _LENGTH))
+        if length is None:
+            length = _whole(_own(read, element, _OLD_FILM_LENGTH))
+    return length
+
+
+def gone(packet: bytes, has_film: bool) -> list[str]:
+    """What beside the picture the packet tells of, and the next picture is without."""
+    film = not has_film and film_bytes(packet) is not None
+    return ["gain map"] * has_gain_map(packet) + ["film"] * film
+
+
+def has_gain_map(packet: bytes | None) -> bool:
+    """Whether the packet tells of a gain map."""
+    return packet is not None and (b"GainMap" in packet or b"hdrgm:" in packet)
+
+
+def _read(packet: bytes) -> Packet | None:
+    from unshutter.photo.tags.xmp_packet import Packet, UnreadableError  # here: seldom needed
+
+    try:
+        return Packet(packet)
+    except UnreadableError:
+        return None
+
+
+def _told(item: Element, name: str) -> str | None:
+    """Value of an attribute of an item of a list, or of an element in it."""
+    return next((found.attributes[name].value for found in (item, *item.children) if name in found.attributes), None)
+
+
+def _own(packet: Packet, element: Element, name: str) -> str | None:
+    if element.name == name:
+        return packet.data[element.content_at : element.content_end].decode(errors="replace")
+    return element.attributes[name].value if name in element.attributes else None
+
+
+def _whole(text: str | None) -> int | None:
+    text = (text or "").strip()
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 19 else None

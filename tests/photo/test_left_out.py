@@ -1,0 +1,54 @@
+"""What a file's format has no place for is named, never dropped without a word."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.drawn_photos import drawn, encoded
+from support.tagged_files import TITLE, full_exif, image_resources, jpeg_with
+from unshutter import RowMotion, rectify
+from unshutter.photo import Photo
+from unshutter.photo.encoding import not_written
+
+WITH_IPTC = jpeg_with(drawn(96, 128), (0xED, b"Photoshop 3.0\0" + image_resources((1028, TITLE))), exif=full_exif())
+
+
+@pytest.mark.parametrize(
+    ("format", "left_out"), [("jpeg", ()), ("tiff", ()), ("png", ("IPTC",)), ("webp", ("IPTC",)), ("avif", ("IPTC",))]
+)
+def test_iptc_is_named_where_the_format_has_no_place_for_it(tmp_path: Path, format, left_out) -> None:
+    photo = Photo.from_bytes(WITH_IPTC)
+    file = photo.encode(format)
+    assert file.left_out == left_out
+    assert photo.to_bytes(format) == file.data
+    assert photo.save(tmp_path / f"out.{format}") == left_out
+
+
+def test_a_result_says_what_it_leaves_out(tmp_path: Path) -> None:
+    (tmp_path / "in.jpg").write_bytes(WITH_IPTC)
+    motion = RowMotion.from_polynomials([0, 2], [0, 0], 96, 128)
+    assert rectify(tmp_path / "in.jpg", motion=motion).save(tmp_path / "out.webp") == ("IPTC",)
+
+
+def test_the_command_says_it_in_the_photos_line(tmp_path: Path) -> None:
+    (tmp_path / "in.jpg").write_bytes(WITH_IPTC)
+    RowMotion.from_polynomials([0, 2], [0, 0], 96, 128).save(tmp_path / "motion.json")
+    command = [sys.executable, "-m", "unshutter", "rectify", "in.jpg", "-o", "out.webp", "--motion", "motion.json"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "in.jpg -> out.webp (not written: IPTC)" in done.stderr
+
+
+def test_the_line_names_four_parts_and_counts_the_rest() -> None:
+    assert not_written(()) == ""
+    assert not_written(("GPS",)) == "not written: GPS"
+    assert not_written(("GPS", "IPTC", "GPS")) == "not written: GPS and IPTC"
+    assert not_written("abcdef") == "not written: a, b, c, d and 2 more"
+
+
+def test_nothing_is_named_that_was_never_there() -> None:
+    for format in ("JPEG", "PNG", "WEBP", "TIFF"):
+        photo = Photo.from_bytes(encoded(drawn(), format))
+        for target in ("jpeg", "png", "webp", "tiff", "avif"):
+            assert photo.encode(target).left_out == ()
