@@ -95,7 +95,7 @@ def fitted(image: pyvips.Image, format: WrittenFormat) -> pyvips.Image:
 
 def is_transparent(image: pyvips.Image) -> bool:
     """Whether an image shows through anywhere, by its last channel."""
-    return image[image.bands - 1].min() < (65_535 if image.format == "ushort" else 255)
+    return image[image.bands - 1].min() < (65_535 if image.format == "ushort" else 255)  # type: ignore[operator] (it is one number)
 
 
 class Encoded(NamedTuple):

@@ -77,7 +77,7 @@ class Element:
         while waiting:
             element = waiting.pop()
             yield element
-            waiting.extend(element.children[::-1])
+            waiting.extend(reversed(element.children))
 
 
 class Packet:
