@@ -34,7 +34,7 @@ from support.rich_files import (
     file_of,
     rich_file,
 )
-from support.tagged_files import jpeg_thumbnail, small_jpeg
+from support.tagged_files import TITLE, jpeg_thumbnail, small_jpeg
 from unshutter import RowMotion, UnshutterError
 
 PAGE = Path(__file__).parents[2] / "docs" / "formats.md"
@@ -203,16 +203,27 @@ def xmp_of(picture: Image.Image) -> bytes:
 
 
 def iptc(column: str) -> str:
+    if column == "PNG":
+        profile = opened(rich_result(column)).info.get("Raw profile type iptc", "")
+        return "kept" if TITLE.hex() in "".join(profile.split()) else "lost"
     if column not in ("JPEG", "TIFF", RAW):
         return NONE
     return "kept" if IptcImagePlugin.getiptcinfo(opened(rich_result(column))) else "lost"
 
 
+def texts(column: str) -> str:
+    if column != "PNG":
+        return NONE
+    return "kept" if opened(rich_result(column)).info.get("Creation Time") == "© Müller" else "lost"
+
+
 def resolution(column: str) -> str:
     if column not in ("JPEG", "PNG", "TIFF"):
         return NONE
-    told = opened(rectified(column, file_of(column, drawn(HEIGHT, WIDTH), dpi=(300, 200)))).info.get("dpi", (0, 0))
-    return "kept" if [round(float(number)) for number in told] == [300, 200] else "lost"
+    options = {"resolution_unit": "inch", "x_resolution": 300, "y_resolution": 300} if column == "TIFF" else {}
+    data = file_of(column, drawn(HEIGHT, WIDTH), **(options or {"dpi": (300, 300)}))
+    told = opened(rectified(column, data)).info.get("dpi", (0, 0))
+    return "kept" if all(abs(number - 300) < 0.1 for number in told) else "lost"
 
 
 def comment(column: str) -> str:
@@ -288,6 +299,7 @@ ROWS: dict[str, Callable[[str], str]] = {
     "ICC profile": icc,
     "XMP": xmp,
     "IPTC": iptc,
+    "texts (PNG)": texts,
     "resolution": resolution,
     "comment": comment,
     "film of a motion photo": film,
