@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from support.batches import leftovers, make_motion, make_photos, rectify, results
+from support.batches import leftovers, make_photos, rectify, results
 
 distributed = pytest.importorskip("distributed", reason="needs unshutter[dask]")
 
@@ -27,11 +27,6 @@ def cluster() -> Iterator:
 def archive(tmp_path: Path) -> Path:
     make_photos(tmp_path / "archive", [f"{k % 3}/{k:03}.jpg" for k in range(PHOTOS)])
     return tmp_path / "archive"
-
-
-@pytest.fixture
-def motion(tmp_path: Path) -> Path:
-    return make_motion(tmp_path / "motion.json")
 
 
 class Watch(threading.Thread):

@@ -12,16 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from support.batches import leftovers, make_motion, make_photos, rectify, results, start_rectify
+from support.batches import leftovers, make_photos, rectify, results, start_rectify
 from unshutter.photo import Photo
 
 MANIFEST = "unshutter-manifest.jsonl"
 posix = pytest.mark.skipif(os.name == "nt", reason="needs POSIX signals, limits and users")
-
-
-@pytest.fixture
-def motion(tmp_path: Path) -> Path:
-    return make_motion(tmp_path / "motion.json")
 
 
 def finished(folder: Path) -> list[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from support.batches import make_motion, make_photos, rectify, results
+from support.batches import make_photos, rectify, results
 from unshutter.photo import Photo
 from unshutter.storage.places import objects_below, place
 
@@ -53,11 +53,6 @@ def memory() -> Iterator[str]:
 @pytest.fixture(params=["memory", "s3"])
 def store(request: pytest.FixtureRequest) -> str:
     return request.getfixturevalue(request.param)
-
-
-@pytest.fixture
-def motion(tmp_path: Path) -> Path:
-    return make_motion(tmp_path / "motion.json")
 
 
 def upload(folder: Path, url: str) -> None:

@@ -77,3 +77,18 @@ def test_a_killed_run_leaves_no_half_written_file(tmp_path: Path, rolling_facade
         if out.exists():
             Photo.open(out).to_array()
             os.unlink(out)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems' names are text")
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_names_that_the_output_cannot_show(photo: Path, encoding: str) -> None:
+    for name in (os.fsdecode(b"b\xfcro.jpg"), "büro.jpg"):
+        strange = photo.with_name(name)
+        strange.write_bytes(photo.read_bytes())
+        command = [sys.executable, "-m", "unshutter", "rectify", str(strange), "--dry-run"]
+        done = subprocess.run(
+            command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": encoding}, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert b"ro.rectified.jpg" in done.stdout
+        assert b"Traceback" not in done.stderr

@@ -153,3 +153,13 @@ def test_a_header_alone_is_a_table_of_no_points(tmp_path: Path) -> None:
     (tmp_path / "in.csv").write_text("x,y\n")
     assert move_file(shake(), tmp_path / "in.csv", tmp_path / "out.csv") == (0, 0)
     assert (tmp_path / "out.csv").read_text() == "x,y\n"
+
+
+def test_the_motion_is_never_the_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motion, table = tmp_path / "motion.json", tmp_path / "points.csv"
+    shake().save(motion)
+    table.write_text("1,2\n")
+    before = motion.read_bytes()
+    assert main(["points", str(motion), str(table), "-o", str(motion), "--overwrite"]) == 1
+    assert "never overwritten" in capsys.readouterr().err
+    assert motion.read_bytes() == before

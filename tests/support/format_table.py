@@ -220,10 +220,10 @@ def texts(column: str) -> str:
 def resolution(column: str) -> str:
     if column not in ("JPEG", "PNG", "TIFF"):
         return NONE
-    options = {"resolution_unit": "inch", "x_resolution": 300, "y_resolution": 300} if column == "TIFF" else {}
-    data = file_of(column, drawn(HEIGHT, WIDTH), **(options or {"dpi": (300, 300)}))
+    options = {"resolution_unit": "inch", "x_resolution": 300, "y_resolution": 200} if column == "TIFF" else {}
+    data = file_of(column, drawn(HEIGHT, WIDTH), **(options or {"dpi": (300, 200)}))
     told = opened(rectified(column, data)).info.get("dpi", (0, 0))
-    return "kept" if all(abs(number - 300) < 0.1 for number in told) else "lost"
+    return "kept" if [round(float(number)) for number in told] == [300, 200] else "lost"
 
 
 def comment(column: str) -> str:

@@ -13,6 +13,7 @@ from unshutter.errors import UsageError
 from unshutter.estimators.register import check_name
 from unshutter.options import Find, Reference
 from unshutter.prefetch import Prefetch
+from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import Place, check_place, make_folder, write_place
 from unshutter.storage.protection import Protection
 
@@ -48,6 +49,7 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
     targets = plan_targets(inputs, output, motion_names(inputs)) if output else {}
     check_named_once([*(("the motion", target) for target in targets.values()), ("--plot", wanted.plot)])
     protection = Protection(inputs.photos, [output])
+    _remove_leftovers(targets)
     prefetch = Prefetch(list(inputs.photos), wanted.find, max_pixels, whole=False)
     from unshutter.motion.speed import check_readout_ms
 
@@ -77,6 +79,12 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
             print(text)
 
     return each_photo(inputs, one)
+
+
+def _remove_leftovers(targets: dict[Place, Place]) -> None:
+    for folder in {target.parent for target in targets.values()}:
+        if isinstance(folder, Path):
+            remove_leftovers(folder)
 
 
 def _told(motion: Motion, photo: Place, wanted: Estimates) -> str:

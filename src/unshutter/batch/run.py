@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 from unshutter.batch.job import Job, Outcome
 from unshutter.batch.manifest import Manifest
 from unshutter.batch.report import Report, naming_the_photo
 from unshutter.batch.workers import Workers
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import check_place
 from unshutter.storage.protection import Protection
 
@@ -54,6 +57,7 @@ class Batch:
         self._manifest = manifest
         self._report = report
         self._protection = protection or Protection([])
+        self._stopping = False
         self._running: dict[Future[Outcome], Job] = {}
         self._later: deque[Job] = deque()  # until another run has finished them, or is known to be dead
 
@@ -137,7 +141,9 @@ class Batch:
                 self._finish(job, Outcome(line))
             else:
                 self._finish(job, future.result())
-        if crashed:
+        if crashed and self._stopping:  # whoever stopped this process may have ended its workers, too
+            self._running = {}
+        elif crashed:
             crashed |= self._running  # all that a broken executor had
             self._running = {}
             self._go_on_after(crashed)
@@ -146,6 +152,9 @@ class Batch:
         """Finds out which of the jobs cost its worker the life, and does the others again."""
         overdue = {future for future in crashed if self._workers.is_overdue(future)}
         self._workers.executor = self._workers.renew()
+        for folder in {job.target.parent for job in crashed.values()}:
+            if isinstance(folder, Path):
+                remove_leftovers(folder)
         if not overdue:
             self._one_by_one(crashed.values())
         for future, job in crashed.items():
@@ -172,7 +181,7 @@ class Batch:
 
     def _put_off(self, job: Job) -> bool:
         """After a failure: whether it is because another run does the same at the same moment; then once more."""
-        if self._manifest is None or job.overwrite:
+        if self._manifest is None or job.overwrite or job.may_repeat:
             return False
         self._manifest.refresh()
         if self._manifest.is_contested(job):
@@ -197,10 +206,12 @@ class Batch:
 
     def _stop(self) -> None:
         """Drops what has not begun, lets the rest come to its end."""
+        self._stopping = True
         for future in list(self._running):
             if future.cancel():
                 del self._running[future]
         if self._running:
-            self._report.tell("unshutter: finishing the photos that are at work (Ctrl-C again to drop them)")
+            with suppress(OSError):  # the terminal was closed
+                self._report.tell("unshutter: finishing the photos that are at work (Ctrl-C again to drop them)")
         while self._running:
             self._collect()

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from unshutter.errors import UnshutterError
+from unshutter.storage.files import remove_own_parts
 
 LONGEST_JOB_S = 1800.0  # unless the user says otherwise: the largest photo takes minutes on a slow processor
 
@@ -79,6 +80,7 @@ def processes(count: int, timeout_s: float | None = None, all_processors: bool =
     def is_overdue(future: Future[Any]) -> bool:
         return any(each.is_overdue(future) for each in pools)
 
+    _keep_tracker_from_hanging_up()
     pools: list[TimedPool] = []
     try:
         yield Workers(pool(), 2 * count, pool, timeout_s=limit_s, is_overdue=is_overdue)
@@ -87,8 +89,24 @@ def processes(count: int, timeout_s: float | None = None, all_processors: bool =
             each.shutdown(wait=True, cancel_futures=True)
 
 
+def _keep_tracker_from_hanging_up() -> None:
+    """Starts multiprocessing's helper, which outlives the workers, such that SIGHUP does not end it before them.
+
+    Python sees to the same for SIGINT and SIGTERM. Else its successor would complain that it knows nothing.
+    """
+    from multiprocessing import resource_tracker
+
+    if hasattr(signal, "SIGHUP") and threading.current_thread() is threading.main_thread():
+        before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        resource_tracker.ensure_running()
+        signal.signal(signal.SIGHUP, before)
+
+
 def settle_worker() -> None:
-    """Makes a worker process use one processor, leave Ctrl-C to its parent, and end when its parent does."""
+    """Makes a worker process use one processor, leave Ctrl-C to its parent, and end when its parent does.
+
+    Told to end, it takes what it has half written along.
+    """
     for name in ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
     import cv2
@@ -100,7 +118,16 @@ def settle_worker() -> None:
 def settle_only_worker() -> None:
     """The same for a worker that has the machine for itself: it uses all processors."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _end)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end(number: int, _frame: object) -> None:
+    remove_own_parts()
+    os._exit(128 + number)  # an exception would be taken for the job's, and the worker go on
 
 
 def _end_with_parent() -> None:
@@ -111,6 +138,7 @@ def _end_with_parent() -> None:
     parent = parent_process()
     if parent is not None:
         wait([parent.sentinel])
+        remove_own_parts()
         os._exit(1)
 
 

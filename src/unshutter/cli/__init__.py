@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
+from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
 from unshutter.cli.arguments import Command, parse
+from unshutter.cli.stopping import Stopped, stop_on_signals
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.version import __version__
 
@@ -27,6 +30,10 @@ _ABOUT = "Undoes rolling-shutter distortion (skew, wobble) in a single photo. Or
 
 def run() -> NoReturn:
     """The program: :func:`main`, then the end of the process, which has nothing to tidy up after a photo or two."""
+    stop_on_signals()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names of files need not be text, and a terminal may know few letters
+            stream.reconfigure(errors="backslashreplace")
     code = main()
     with_helpers = {"multiprocessing", "distributed", "torch"} & sys.modules.keys()
     for stream in filter(None, (sys.stdout, sys.stderr)):
@@ -61,8 +68,8 @@ def main(words: list[str] | None = None) -> int:
         return _say(f"cannot load a library that it needs; if that persists, install it again: {cause}", 1)
     except MemoryError:
         return _say("not enough memory", 1)
-    except KeyboardInterrupt:
-        return _say("stopped; what was finished is kept", 130)
+    except KeyboardInterrupt as stop:
+        return _say("stopped; what was finished is kept", stop.exit_code if isinstance(stop, Stopped) else 130)
 
 
 def _run_command(words: list[str]) -> int:
@@ -91,5 +98,6 @@ def _help() -> str:
 
 
 def _say(message: str, code: int) -> int:
-    print(f"unshutter: {message}", file=sys.stderr)
+    with suppress(OSError):  # the terminal was closed
+        print(f"unshutter: {message}", file=sys.stderr)
     return code

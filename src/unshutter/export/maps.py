@@ -77,7 +77,7 @@ class PixelMap:
         target = Path(path)
         check_map_target(target, overwrite)
         suffix = target.suffix.lower()
-        with written_whole(target) as part:
+        with written_whole(target, overwrite) as part:
             if suffix == ".npz":
                 with part.open("wb") as stream:
                     np.savez(stream, map_x=self.col, map_y=self.row)

@@ -98,9 +98,9 @@ class PointTable:
             fields[self.x], fields[self.y] = f"{new_x:.4f}", f"{new_y:.4f}"
         return PointTable(self.header, rows, self.x, self.y)
 
-    def write(self, path: Path) -> None:
-        """Writes the table as CSV, UTF-8, whole or not at all, replacing what is there."""
-        with written_whole(path) as part, part.open("w", newline="", encoding="utf-8") as stream:
+    def write(self, path: Path, overwrite: bool = True) -> None:
+        """Writes the table as CSV, UTF-8, whole or not at all; by default it replaces what is there."""
+        with written_whole(path, overwrite) as part, part.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerows(([self.header] if self.header else []) + self.rows)
 
@@ -127,7 +127,7 @@ def move_file(
     table = PointTable.read(source)
     col, row = (p - first_pixel for p in table.positions)
     moved = move_points(motion, col, row, inverse)
-    table.moved_to(moved[0] + first_pixel, moved[1] + first_pixel).write(target)
+    table.moved_to(moved[0] + first_pixel, moved[1] + first_pixel).write(target, overwrite)
     in_photo = moved if inverse else (col, row)
     height, width = motion.readout.frame_size(motion.height, motion.width)
     seen = [(p >= -0.5) & (p <= size - 0.5) for p, size in zip(in_photo, (width, height), strict=True)]

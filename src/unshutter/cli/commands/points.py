@@ -29,7 +29,9 @@ def run(given: Arguments) -> int:
     """Moves the points."""
     from unshutter.export.points import move_file
     from unshutter.motion import Motion
+    from unshutter.storage.files import check_target
 
+    check_target(given.output, given.overwrite, given.motion, given.table)
     motion, first = Motion.load(given.motion), float(given.first_pixel)
     total, unseen = move_file(motion, given.table, given.output, given.inverse, first, given.overwrite)
     note = f", {unseen} of them outside the photo" if unseen else ""

@@ -1,0 +1,57 @@
+"""What the user is told of a batch: dry runs, the JSON log, usage."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from support.batches import make_photos, rectify, results
+
+
+def test_a_dry_run_writes_nothing(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
+    before = sorted(tmp_path.rglob("*"))
+    assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--dry-run") == 0
+    told = capsys.readouterr()
+    assert len(told.out.splitlines()) == 4
+    assert "4 photos to do, 0 finished already, 0 refused" in told.err
+    assert sorted(tmp_path.rglob("*")) == before
+    make_photos(tmp_path, ["out/a.rectified.jpg"])
+    assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--dry-run") == 1
+    assert "3 photos to do, 0 finished already, 1 refused" in capsys.readouterr().err
+
+
+def test_the_json_log_says_what_happened(archive: Path, motion: Path, tmp_path: Path) -> None:
+    (archive / "bad.jpg").write_text("no photo")
+    log = tmp_path / "log.jsonl"
+    for _ in range(2):
+        assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--json-log", log) == 1
+    events = [json.loads(line) for line in log.read_text().splitlines()]
+    told = [event["event"] for event in events]
+    assert sorted(told[:5]) == ["done"] * 4 + ["failed"]
+    assert sorted(told[6:11]) == ["failed"] + ["skipped"] * 4
+    (failed, _) = (event for event in events if event["event"] == "failed")
+    assert failed["photo"] == str(archive / "bad.jpg")
+    assert "is not a JPEG" in failed["error"]
+    assert {"done": 0, "skipped": 4, "failed": 1, "photos": 5, "stopped": False}.items() <= events[-1].items()
+
+
+def test_a_photo_is_no_log(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
+    before = results(archive)
+    assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--json-log", archive / "a.jpg") == 1
+    assert "no log" in capsys.readouterr().err
+    assert results(archive) == before
+
+
+@pytest.mark.parametrize(
+    "options", [["--jobs", 0], ["--jobs", 2, "--scheduler", "tcp://127.0.0.1:1"], ["--max-pixels", 0]]
+)
+def test_wrong_usage(archive: Path, tmp_path: Path, options: list, capsys) -> None:
+    assert rectify(archive, "-o", tmp_path / "out", *options) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_large_photos_are_refused_unless_the_limit_is_raised(archive: Path, motion: Path, tmp_path: Path, capsys):
+    assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--max-pixels", 72 * 96 - 1) == 1
+    assert "4 of 4 photos failed" in capsys.readouterr().err
+    assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--max-pixels", 72 * 96) == 0

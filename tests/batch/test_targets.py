@@ -1,0 +1,95 @@
+"""Where results go: names that cannot clash, and no name for two things."""
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from support.batches import make_photos, rectify, results
+from unshutter.batch.inputs import Inputs, find_photos
+from unshutter.batch.targets import check_named_once, motion_names
+from unshutter.cli import main
+from unshutter.errors import UsageError
+
+
+def names(*photos: str) -> dict[str, str]:
+    given = [Path(photo) for photo in photos]
+    inputs = find_photos(given)
+    name = motion_names(inputs)
+    return {str(photo): name(photo) for photo in given}
+
+
+def test_motion_files_are_named_after_their_photos() -> None:
+    assert names("a.jpg", "b.png", "c.heic", "d.dng") == {
+        "a.jpg": "a.json", "b.png": "b.json", "c.heic": "c.heic.json", "d.dng": "d.dng.json",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("photos", "expected"),
+    [
+        (("a.jpg", "a.png"), {"a.jpg.json", "a.png.json"}),
+        (("a.jpg", "A.png"), {"a.jpg.json", "A.png.json"}),  # one name to some file systems
+        (("a.jpg", "a.png", "a.jpg.png"), {"a.jpg.json", "a.png.json", "a.jpg.png.json"}),
+        (("a.jpg", "a.jpg.png"), {"a.json", "a.jpg.png.json"}),
+        (("a.jpg", "a.heic"), {"a.json", "a.heic.json"}),
+        (("a.heic", "a.heic.jpg"), {"a.heic.json", "a.heic.jpg.json"}),
+    ],
+)
+def test_motion_files_never_clash_whatever_the_order(photos: tuple[str, ...], expected: set[str]) -> None:
+    found = [names(*order) for order in itertools.permutations(photos)]
+    assert set(found[0].values()) == expected
+    assert all(other == found[0] for other in found)
+
+
+def test_photos_of_two_formats_in_one_folder(motion: Path, tmp_path: Path) -> None:
+    make_photos(tmp_path / "in", ["a.jpg", "a.png", "b.jpg", "trip/a.jpg"])
+    out = tmp_path / "out"
+    assert rectify(tmp_path / "in", "-o", out, "--motion", motion, "--save-motion", out) == 0
+    found = sorted(path.relative_to(out).as_posix() for path in out.rglob("*.json"))
+    assert found == ["a.jpg.json", "a.png.json", "b.json", "trip/a.json"]
+    assert main(["estimate", str(tmp_path / "in"), "-o", str(tmp_path / "found"), "--estimator", "none"]) == 0
+    assert (
+        sorted(path.relative_to(tmp_path / "found").as_posix() for path in (tmp_path / "found").rglob("*.json"))
+        == found
+    )
+
+
+def test_a_place_is_named_once(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    check_named_once([("the picture", tmp_path / "a.png"), ("its motion", tmp_path / "b.png"), ("--json-log", None)])
+    for other in (tmp_path / "a.png", tmp_path / "folder" / ".." / "a.png"):
+        with pytest.raises(UsageError, match="named twice, for the picture and for its motion"):
+            check_named_once([("the picture", tmp_path / "a.png"), ("its motion", other)])
+    assert Inputs().not_taken() == ""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["-o", "{}/out.png", "--save-motion", "{}/out.png"],
+        ["-o", "{}/out.png", "--json-log", "{}/out.png"],
+        ["-o", "{}/out.png", "--save-motion", "{}/log.json", "--json-log", "{}/log.json"],
+        ["-o", "{}/out", "--json-log", "{}/out/unshutter-manifest.jsonl", "{}/b.jpg"],
+        ["-o", "{}/out.png", "--save-motion", "{}/motion.json"],
+        ["-o", "{}/out.png", "--json-log", "{}/motion.json"],
+        ["--save-motion", "{}/a.rectified.jpg"],
+    ],
+)
+def test_one_name_for_two_things_is_refused(words: list[str], motion: Path, tmp_path: Path, capsys) -> None:
+    make_photos(tmp_path, ["a.jpg", "b.jpg"])
+    given, before = motion.read_bytes(), results(tmp_path)
+    arguments = [word.format(tmp_path) for word in words]
+    assert rectify(tmp_path / "a.jpg", "--motion", motion, "--overwrite", *arguments) == 2
+    errors = capsys.readouterr().err
+    assert "was named twice" in errors and errors.count("\n") == 1
+    assert motion.read_bytes() == given
+    assert results(tmp_path) == before
+
+
+def test_a_plot_is_no_motion(tmp_path: Path, capsys) -> None:
+    make_photos(tmp_path, ["a.jpg"])
+    both = str(tmp_path / "m.png")
+    assert main(["estimate", str(tmp_path / "a.jpg"), "-o", both, "--plot", both, "--estimator", "none"]) == 2
+    assert "was named twice" in capsys.readouterr().err
+    assert not Path(both).exists()
