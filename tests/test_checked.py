@@ -34,6 +34,7 @@ def test_a_wrong_type_is_seen() -> None:
 
 def test_a_wrong_result_is_seen() -> None:
     at = np.zeros((3, 4))
+    assert gs_to_rs(at, at, lambda row: (at, at, at))[0].shape == (3, 4)  # of these shapes a call has passed
     with pytest.raises(TypeCheckError, match="return value"):
         gs_to_rs(at, at, lambda row: (np.zeros((2, 3, 4)), at, at))  # the columns come out larger than the rows
 

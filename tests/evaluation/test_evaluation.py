@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,14 @@ def photos(tmp_path_factory: pytest.TempPathFactory, facade: np.ndarray) -> Path
 def run(photos: Path, out: Path, *more: str, estimators: str = "none,segment-transformer", jobs: int = 1) -> int:
     words = ["evaluate", "--data", str(photos), "--estimators", estimators, "-o", str(out), "--jobs", str(jobs)]
     return main([*words, *more])
+
+
+@pytest.fixture(scope="session")
+def measured(photos: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What a plain run leaves; tests that change it copy it."""
+    folder = tmp_path_factory.mktemp("measured")
+    assert run(photos, folder) == 0
+    return folder
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -61,16 +70,14 @@ def test_a_run_leaves_tables_figures_plots_and_sheets_and_says_where(
     assert page.count("![") == sum(name in page for name in names if name.endswith((".png", ".jpg")))
 
 
-def test_twice_the_same_figures_whatever_the_number_of_processes(photos: Path, tmp_path: Path) -> None:
-    for name, jobs in (("one", 1), ("two", 2)):
-        assert run(photos, tmp_path / name, jobs=jobs) == 0
+def test_twice_the_same_figures_whatever_the_number_of_processes(photos: Path, measured: Path, tmp_path: Path) -> None:
+    assert run(photos, tmp_path, jobs=2) == 0
     for file in ("results.csv", "results.json", "results.md", "epe.png", "sheet_1.jpg"):
-        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "two" / file).read_bytes(), file
+        assert (tmp_path / file).read_bytes() == (measured / file).read_bytes(), file
 
 
-def test_a_run_that_was_killed_goes_on(photos: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert run(photos, out) == 0
+def test_a_run_that_was_killed_goes_on(photos: Path, measured: Path, tmp_path: Path) -> None:
+    out = shutil.copytree(measured, tmp_path / "out")
     before = rows_of(out)
     journal = out / "records.jsonl"
     lines = journal.read_text().splitlines()
@@ -84,29 +91,28 @@ def test_a_run_that_was_killed_goes_on(photos: Path, tmp_path: Path) -> None:
     assert len(journal.read_text().splitlines()) == len(lines)
 
 
-def test_another_estimator_is_added_to_a_run(photos: Path, tmp_path: Path) -> None:
-    assert run(photos, tmp_path / "out", estimators="none") == 0
-    assert run(photos, tmp_path / "out") == 0
-    both = (tmp_path / "out" / "results.csv").read_text()
-    assert run(photos, tmp_path / "new") == 0
-    assert both == (tmp_path / "new" / "results.csv").read_text()
+def test_another_estimator_is_added_to_a_run(photos: Path, measured: Path, tmp_path: Path) -> None:
+    assert run(photos, tmp_path, estimators="none") == 0
+    assert run(photos, tmp_path) == 0
+    assert (tmp_path / "results.csv").read_text() == (measured / "results.csv").read_text()
 
 
 def test_another_run_in_the_folder_is_not_mixed_in(
     photos: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = tmp_path / "out"
-    assert run(photos, out, estimators="none") == 0
-    assert run(photos, out, "--seed", "1", estimators="none") == 2
+    once = ["--per-photo", "1"]
+    assert run(photos, tmp_path, *once, estimators="none") == 0
+    assert run(photos, tmp_path, *once, "--seed", "1", estimators="none") == 2
     assert "--overwrite" in one_line(capsys)
-    assert run(photos, out, "--seed", "1", "--overwrite", estimators="none") == 0
-    assert "Seed 1" in (out / "results.md").read_text()
+    assert run(photos, tmp_path, *once, "--seed", "1", "--overwrite", estimators="none") == 0
+    assert "Seed 1" in (tmp_path / "results.md").read_text()
 
 
 def test_fewer_photos_are_chosen_by_the_seed(photos: Path, tmp_path: Path) -> None:
     chosen = set()
     for seed in (0, 1, 2):
-        assert run(photos, tmp_path / str(seed), "--photos", "1", "--seed", str(seed), estimators="none") == 0
+        more = ["--photos", "1", "--per-photo", "1", "--seed", str(seed)]
+        assert run(photos, tmp_path / str(seed), *more, estimators="none") == 0
         chosen |= {row["photo"] for row in rows_of(tmp_path / str(seed))}
     assert chosen == {"a.png", "more/b.jpg"}
 

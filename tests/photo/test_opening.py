@@ -129,3 +129,9 @@ def test_names_that_are_not_text(tmp_path):
     path.write_bytes(encoded(drawn(), "JPEG"))
     Photo.open(path).save(path.with_suffix(".png"))
     assert Photo.open(path.with_suffix(".png")).width == 80
+
+
+def test_a_picture_too_large_for_its_bytes_is_refused():
+    bomb = pyvips.Image.black(12_000, 10_000).pngsave_buffer(bitdepth=1)
+    with pytest.raises(UnshutterError, match=rf"12000x10000 px \(120 megapixels\) cannot come from {len(bomb)} bytes"):
+        Photo.from_bytes(bomb)

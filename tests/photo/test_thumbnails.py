@@ -1,6 +1,7 @@
 """Thumbnails follow new pixels."""
 
 import io
+import struct
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from support.tagged_files import (
     blob_with_thumbnail,
     exif_blob,
     jpeg_thumbnail,
+    jpeg_with,
     small_jpeg,
 )
 from unshutter.photo import Photo
@@ -71,3 +73,25 @@ def test_where_there_is_no_room_the_thumbnail_goes() -> None:
     with Image.open(io.BytesIO(changed.to_bytes())) as picture:
         assert jpeg_thumbnail(picture.info["exif"]) is None
         assert picture.getexif().get_ifd(EXIF)[0x927C] == note
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_tag_that_stands_twice_does_not_keep_the_old_thumbnail(order: str) -> None:
+    blob = blob_with_thumbnail(order)
+    entry = struct.pack(order + "HHIHH", 0x0112, 3, 1, 1, 0)
+    added = bytearray(blob[:8] + bytes(6) + blob[14:])  # the first directory again, at the end, with a tag twice
+    struct.pack_into(order + "I", added, 10, len(blob) - 6 + len(blob) % 2)
+    blob = bytes(added[:6]) + blob[6:10] + bytes(added[10:]) + bytes(len(blob) % 2)
+    (link,) = struct.unpack_from(order + "I", blob_with_thumbnail(order), 6 + 8 + 2 + 12)
+    blob += struct.pack(order + "H", 2) + entry + entry + struct.pack(order + "I", link)
+    photo = Photo.from_bytes(encoded(drawn(), "JPEG", exif=blob))
+    data = photo.with_pixels(~photo.pixels).to_bytes()
+    assert small_jpeg()[-200:] not in data
+    with Image.open(io.BytesIO(data)) as picture:
+        assert jpeg_thumbnail(picture.info["exif"]).size == (80, 48)
+
+
+def test_a_second_exif_does_not_keep_the_old_thumbnail() -> None:
+    second = (0xE1, blob_with_thumbnail())
+    photo = Photo.from_bytes(jpeg_with(drawn(), second, second))
+    assert small_jpeg()[-200:] not in photo.with_pixels(~photo.pixels).to_bytes()

@@ -1,8 +1,8 @@
 """What is kept of each format, measured on files written on the fly: the table in docs/formats.md.
 
 ``PYTHONPATH=tests python -m support.format_table`` measures and writes it;
-test_format_table.py measures it again and compares. Other programs than unshutter write the files and look at the results
-(Pillow, OpenCV, libheif, tifffile).
+test_format_table.py measures it again and compares. Other programs than unshutter write the files and look at the
+results (Pillow, OpenCV, libheif, tifffile).
 """
 
 import io
@@ -18,6 +18,7 @@ from PIL.JpegImagePlugin import get_sampling
 
 import unshutter
 from support.drawn_photos import drawn, encoded, textured
+from support.motion_photos import FILM, motion_photo
 from support.rich_files import (
     COLUMNS,
     DATE,
@@ -33,7 +34,7 @@ from support.rich_files import (
     file_of,
     rich_file,
 )
-from support.tagged_files import jpeg_thumbnail, small_jpeg
+from support.tagged_files import TITLE, jpeg_thumbnail, small_jpeg
 from unshutter import RowMotion, UnshutterError
 
 PAGE = Path(__file__).parents[2] / "docs" / "formats.md"
@@ -202,9 +203,40 @@ def xmp_of(picture: Image.Image) -> bytes:
 
 
 def iptc(column: str) -> str:
+    if column == "PNG":
+        profile = opened(rich_result(column)).info.get("Raw profile type iptc", "")
+        return "kept" if TITLE.hex() in "".join(profile.split()) else "lost"
     if column not in ("JPEG", "TIFF", RAW):
         return NONE
     return "kept" if IptcImagePlugin.getiptcinfo(opened(rich_result(column))) else "lost"
+
+
+def texts(column: str) -> str:
+    if column != "PNG":
+        return NONE
+    return "kept" if opened(rich_result(column)).info.get("Creation Time") == "© Müller" else "lost"
+
+
+def resolution(column: str) -> str:
+    if column not in ("JPEG", "PNG", "TIFF"):
+        return NONE
+    options = {"resolution_unit": "inch", "x_resolution": 300, "y_resolution": 200} if column == "TIFF" else {}
+    data = file_of(column, drawn(HEIGHT, WIDTH), **(options or {"dpi": (300, 200)}))
+    told = opened(rectified(column, data)).info.get("dpi", (0, 0))
+    return "kept" if [round(float(number)) for number in told] == [300, 200] else "lost"
+
+
+def comment(column: str) -> str:
+    if column != "JPEG":
+        return NONE
+    kept = opened(rectified(column, file_of(column, drawn(HEIGHT, WIDTH), comment=b"by me"))).info.get("comment")
+    return "kept" if kept == b"by me" else "lost"
+
+
+def film(column: str) -> str:
+    if column != "JPEG":
+        return NONE
+    return "kept" if rectified(column, motion_photo(drawn(HEIGHT, WIDTH))).endswith(FILM) else "lost"
 
 
 def quality(column: str) -> str:
@@ -267,6 +299,10 @@ ROWS: dict[str, Callable[[str], str]] = {
     "ICC profile": icc,
     "XMP": xmp,
     "IPTC": iptc,
+    "texts (PNG)": texts,
+    "resolution": resolution,
+    "comment": comment,
+    "film of a motion photo": film,
     "quality or compression": quality,
     "chroma subsampling": subsampling,
 }

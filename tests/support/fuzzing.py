@@ -8,6 +8,8 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import gettempdir
 
 import numpy as np
 from hypothesis import HealthCheck, settings
@@ -18,6 +20,7 @@ from unshutter import UnshutterError
 CASES = int(os.environ.get("UNSHUTTER_FUZZ_CASES", "100"))
 MOST_MEMORY = 600_000_000  # bytes above what was used before: many times what a picture of 4 megapixels takes
 LONGEST_S, HANG_S = 5, 60
+_hang_told_in = (Path(gettempdir()) / "unshutter-fuzz-hang.txt").open("w")
 thorough = settings(
     max_examples=CASES, deadline=None, database=None, suppress_health_check=list(HealthCheck), derandomize=CASES <= 300
 )
@@ -86,15 +89,15 @@ def peak_memory() -> int:
 def check(read: Callable[[], object]) -> object:
     """What was read, or None after a clear refusal, soon and with little memory.
 
-    A hang ends the test run with the place where it hangs; the test itself cannot interrupt a decoder.
+    A hang ends the test run, and leaves the place where it hangs in a file: the test cannot interrupt a decoder.
     """
-    faulthandler.dump_traceback_later(HANG_S, exit=True, file=sys.__stderr__)
+    faulthandler.dump_traceback_later(HANG_S, exit=True, file=_hang_told_in)
     before, start = peak_memory(), time.process_time()
     try:
         result = read()
     except UnshutterError as error:
         result, message = None, str(error)
-        assert 0 < len(message) < 5000  # it may quote what is wrong
+        assert 0 < len(message) < 20_000  # it may quote what is wrong
         assert "\n" not in message
         assert "Traceback" not in message
     finally:

@@ -66,6 +66,8 @@ def rich_file(column: str, orientation: int = 6) -> bytes:
     if column == "PNG":
         texts = PngInfo()
         texts.add_itxt("XML:com.adobe.xmp", XMP.decode())
+        texts.add_text("Creation Time", "© Müller")
+        texts.add_text("Raw profile type iptc", f"\niptc\n{len(RESOURCES):8}\n{RESOURCES.hex()}\n", zip=True)
         return encoded(pixels, "PNG", exif=blob, icc_profile=ICC, pnginfo=texts)
     if column == "TIFF":
         tags = exif(orientation)

@@ -95,7 +95,8 @@ def fitted(image: pyvips.Image, format: WrittenFormat) -> pyvips.Image:
 
 def is_transparent(image: pyvips.Image) -> bool:
     """Whether an image shows through anywhere, by its last channel."""
-    return image[image.bands - 1].min() < (65_535 if image.format == "ushort" else 255)
+    opaque = 65_535 if image.format == "ushort" else 255
+    return float(image[image.bands - 1].min()) < opaque  # pyright: ignore[reportArgumentType]
 
 
 class Encoded(NamedTuple):

@@ -7,15 +7,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from unshutter.photo.containers.segments import COMMENT, encoded
+from unshutter.photo.containers import chunks, segments
 from unshutter.photo.libvips import field, libvips, set_blob
 from unshutter.photo.tags import exif, iptc
 
 if TYPE_CHECKING:
     import pyvips
 
-_TEXT = "png-comment-"
-_DENSITY, _SEGMENTS, _FILM = "jpeg-density", "jpeg-segments", "jpeg-film"  # fields that libvips does not know
+# Fields that libvips does not know.
+_DENSITY, _SEGMENTS, _FILM, _CHUNKS = "jpeg-density", "jpeg-segments", "jpeg-film", "png-chunks"
 _UNTOLD = (1.0, 72 / 25.4)  # px/mm: where a file says nothing, and what programs write that know nothing
 
 
@@ -31,7 +31,7 @@ class Metadata:
         resolution: across and down [px/mm].
         resolution_unit: in which a TIFF or JPEG said it.
         description: TIFF's ImageDescription.
-        texts: of a PNG, by libvips's names.
+        chunks: (name, data) of a PNG's texts, colours and others that go along as they are.
         density: unit (0: none, 1: inch, 2: cm), and pixels in it across and down, as a JPEG's JFIF header has them.
         segments: (marker, content) of a JPEG's comments, and of others that go along as they are.
         film: of a motion photo, which stands at the end of its JPEG.
@@ -45,7 +45,7 @@ class Metadata:
     resolution: tuple[float, float] = (1.0, 1.0)
     resolution_unit: str | None = None
     description: str | None = None
-    texts: tuple[tuple[str, str], ...] = ()
+    chunks: tuple[tuple[bytes, bytes], ...] = ()
     density: tuple[int, int, int] | None = None
     segments: tuple[tuple[int, bytes], ...] = ()
     film: bytes | None = None
@@ -62,7 +62,6 @@ class Metadata:
             resolution=(image.xres, image.yres),
             resolution_unit=field(image, "resolution-unit"),
             description=field(image, "image-description"),
-            texts=tuple((name, field(image, name)) for name in image.get_fields() if name.startswith(_TEXT)),
         )
 
     def resized(self) -> Metadata:
@@ -95,26 +94,32 @@ class Metadata:
             yield "resolution"
         if self.description is not None and "description" not in holds:
             yield "description"
-        if self.texts and "texts" not in holds:
-            yield "texts"
+        if "chunks" not in holds:
+            yield from chunks.in_words(self.chunks, self.icc is not None)
         if self.segments and "segments" not in holds:
-            yield "comment" if any(marker == COMMENT for marker, _ in self.segments) else "data of other programs"
+            yield (
+                "comment"
+                if any(marker == segments.COMMENT for marker, _ in self.segments)
+                else "data of other programs"
+            )
         if self.film is not None and "film" not in holds:
             yield "film"
 
     def on(self, image: pyvips.Image) -> pyvips.Image:
         """The image with these metadata, where libvips looks for them when it writes a file."""
         image = image.copy(xres=self.resolution[0], yres=self.resolution[1])
-        texts = (("resolution-unit", self.resolution_unit), ("image-description", self.description), *self.texts)
+        texts = (("resolution-unit", self.resolution_unit), ("image-description", self.description))
         for name, text in texts:
             if text is not None:
                 image.set_type(libvips().GValue.refstr_type, name, text)
         blobs = {"icc-profile-data": self.icc, "xmp-data": self.xmp, "iptc-data": self.resources}
         blobs |= {"exif-data": self.exif, _FILM: self.film, _DENSITY: self._density()}
-        blobs[_SEGMENTS] = b"".join(encoded(*segment) for segment in self.segments) or None
+        blobs[_SEGMENTS] = b"".join(segments.encoded(*segment) for segment in self.segments) or None
+        blobs[_CHUNKS] = b"".join(chunks.encoded(*chunk) for chunk in self.chunks) or None
         for name, data in blobs.items():
             if data is not None:
                 set_blob(image, name, data)
+        image.set_type(libvips().GValue.gint_type, "resolution-told", int(self.tells_resolution))
         return image
 
     def _density(self) -> bytes | None:

@@ -10,6 +10,8 @@ from unshutter.storage.plain_files import check_plain
 
 SEVERAL_PICTURES = ".mpo"  # of stereo cameras; by its first bytes it is a JPEG
 _HEAD_BYTES = 64
+# A picture of this size or more that takes fewer bits per pixel is of one colour: made to fill memory, not by a camera.
+_MANY_PIXELS, _LEAST_BITS = 100_000_000, 0.03
 
 
 def read_header(source: Source, max_pixels: int) -> Header:
@@ -17,16 +19,20 @@ def read_header(source: Source, max_pixels: int) -> Header:
 
     Raises:
         UnshutterError: missing, unreadable, of no format that is read, damaged, of a kind that the package does not
-            work on, more pixels than ``max_pixels``, or in need of an extra that is not installed.
+            work on, more pixels than ``max_pixels`` or than its bytes can tell of, or in need of an extra that is not
+            installed.
     """
     format = recognise(source)
     try:
-        header = format.read_header(source)
+        header, length = format.read_header(source), source.length
     except OSError as error:
         raise UnshutterError(f"cannot read {source}: {error.strerror}") from None
-    if header.width * header.height > max_pixels:
-        size = f"{header.width}x{header.height} px ({header.width * header.height / 1e6:.0f} megapixels)"
+    pixels = header.width * header.height
+    size = f"{header.width}x{header.height} px ({pixels / 1e6:.0f} megapixels)"
+    if pixels > max_pixels:
         raise UnshutterError(f"{source} has {size}, more than the limit of {max_pixels / 1e6:g} megapixels")
+    if pixels >= _MANY_PIXELS and 8 * length < _LEAST_BITS * pixels:
+        raise UnshutterError(f"{source} is no photo: {size} cannot come from {length} bytes")
     return header
 
 

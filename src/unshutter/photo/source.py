@@ -34,6 +34,11 @@ class Source:
         """The ending of the file's name in lower case; empty for bytes in memory."""
         return self.place.suffix.lower() if isinstance(self.place, Path) else ""
 
+    @property
+    def length(self) -> int:
+        """Of the data, in bytes; OSError where the file is gone."""
+        return self.place.stat().st_size if isinstance(self.place, Path) else len(self.place)
+
     def stream(self) -> BinaryIO:
         """A new stream at the beginning; OSError where the file cannot be read."""
         return self.place.open("rb") if isinstance(self.place, Path) else io.BytesIO(self.place)

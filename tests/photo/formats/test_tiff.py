@@ -184,3 +184,29 @@ def test_resolution_keeps_its_unit(unit):
     assert told == [300, 150, unit]
     with Image.open(io.BytesIO(photo.to_bytes("jpeg"))) as picture:
         assert picture.info.get("jfif_density", (1, 1))[0] != 7620
+
+
+def test_a_description_goes_along_as_exif_does():
+    photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo={270: "a street"}))
+    for format in ("tiff", "jpeg", "png"):
+        file = photo.encode(format)
+        with Image.open(io.BytesIO(file.data)) as picture:
+            assert picture.getexif()[270] == "a street" and file.left_out == ()
+
+
+def test_tags_that_nobody_knows_are_named():
+    photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo={65000: "mine", 37724: b"layers"}))
+    assert photo.encode().left_out == ("Photoshop's layers", "tag 65000")
+
+
+def test_colours_multiplied_by_their_opacity_are_divided_by_it():
+    straight = drawn(bands=4)
+    stored = straight.copy()
+    stored[..., :3] = np.round(straight[..., :3] * (straight[..., 3:] / 255))
+    data = bytearray(encoded(stored, "TIFF"))
+    at = data.index(struct.pack("<HHIH", 338, 3, 1, 2))
+    struct.pack_into("<H", data, at + 8, 1)
+    photo = Photo.from_bytes(bytes(data))
+    assert photo.has_alpha
+    assert np.abs(photo.to_array().astype(int) - straight).max() <= 2
+    np.testing.assert_array_equal(Photo.from_bytes(photo.to_bytes()).pixels, photo.pixels)

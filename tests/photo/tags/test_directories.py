@@ -88,3 +88,24 @@ def test_endless_directories_end():
     assert tree is not None and len(tree.pages) == 1
     inside_itself = b"II*\0\x08\0\0\0" + struct.pack("<HHHII", 1, EXIF, 4, 1, 8) + bytes(4)
     assert directories.read_tree(io.BytesIO(inside_itself)) is not None
+
+
+def test_directories_that_share_their_values_take_no_more_memory_than_the_file_is_long():
+    size, count = 60_000, 5000
+    entries = b"".join(struct.pack("<HHII", 1000 + i, 7, size, 8) for i in range(count))
+    data = b"II*\0" + struct.pack("<I", 8 + size) + bytes(size) + struct.pack("<H", count) + entries + bytes(4)
+    tree = directories.read_tree(io.BytesIO(data))
+    assert tree is not None
+    held = sum(len(entry.data) for entry in tree.pages[0].values() if not isinstance(entry, dict))
+    assert held <= 3 * len(data)
+
+
+def test_many_tags_are_written_in_time_that_their_number_bounds():
+    import time
+
+    many = {tag: directories.Entry(7, 2000, bytes(2000)) for tag in range(1, 30_000)}
+    start = time.perf_counter()
+    written = directories.encoded(directories.in_other_order(many), 8, "<")
+    assert time.perf_counter() - start < 5
+    tree = directories.read_tree(io.BytesIO(b"II*\0\x08\0\0\0" + written))
+    assert tree is not None and tree.pages[0] == many

@@ -8,6 +8,28 @@ from typing import BinaryIO
 _PIECE = 1 << 24  # bytes
 
 
+def replace(file: BinaryIO, start: int, end: int, data: bytes) -> None:
+    """Puts bytes in the place of others. What is behind moves in pieces: pictures may be larger than memory."""
+    if len(data) >= end - start:
+        file.seek(start)
+        file.write(data[: end - start])
+        insert(file, end, data[end - start :])
+        return
+    file.seek(start)
+    file.write(data)
+    behind, to = end, start + len(data)
+    while piece := _read_at(file, behind):
+        file.seek(to)
+        file.write(piece)
+        behind, to = behind + len(piece), to + len(piece)
+    file.truncate(to)
+
+
+def _read_at(file: BinaryIO, at: int) -> bytes:
+    file.seek(at)
+    return file.read(_PIECE)
+
+
 def insert(file: BinaryIO, at: int, data: bytes) -> None:
     """Moves what is behind a place, in pieces from the end: pictures may be larger than memory."""
     end = file.seek(0, io.SEEK_END)

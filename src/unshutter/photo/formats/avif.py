@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import re
 import struct
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
 from unshutter.photo import by_libvips
-from unshutter.photo.containers import boxes
+from unshutter.photo.containers import boxes, items
 from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
@@ -42,11 +43,14 @@ class Avif(WrittenFormat):
     def read_header(self, source: Source) -> Header:
         """See Format. The orientation is that of the boxes, by which the decoder turns; EXIF has no say in it."""
         boxes.refuse_animation(source)
-        image = by_libvips.opened(source, "heifload")
+        readable = _without_tangles(source)
+        image = by_libvips.opened(readable, "heifload")
         with source.stream() as stream:
             own = boxes.read_coding(stream)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
         metadata = Metadata.of_image(image)
+        if readable is not source:
+            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)",))
         metadata = replace(metadata, exif=exif.with_header(metadata.exif))
         if metadata.icc is None:
             metadata = replace(metadata, icc=colours.profile_of(*own.code_points, source))
@@ -58,7 +62,7 @@ class Avif(WrittenFormat):
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        pixels = by_libvips.decoded(source, "heifload")
+        pixels = by_libvips.decoded(_without_tangles(source), "heifload")
         if header.bands <= 2 < pixels.shape[2]:
             pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
         return boxes.unturned(pixels, header.orientation)
@@ -89,6 +93,20 @@ class Avif(WrittenFormat):
         file.seek(old.numbers_at)
         file.write(struct.pack(">II", end + 8 - old.base, len(content)))
         return []
+
+
+def _without_tangles(source: Source) -> Source:
+    """The data, with EXIF that libvips would be caught in made unreadable for it."""
+    with suppress(OSError), source.stream() as stream:
+        found = items.place(stream, b"Exif")
+        if found is not None:
+            at, length = found
+            stream.seek(at)
+            content = stream.read(length)  # four bytes that say where the TIFF header is, then EXIF
+            start = 4 + int.from_bytes(content[:4], "big")
+            if exif.is_tangled(content[start:]):
+                return source.patched([at + start], b"none")
+    return source
 
 
 class _Extent(NamedTuple):

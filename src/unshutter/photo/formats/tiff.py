@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
@@ -28,7 +29,9 @@ _SIGNATURE = re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
 _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _EXTRA_SAMPLES = 0x0103, 0x0106, 0x0115, 0x0152
 _OLD_JPEG, _JPEG = 6, 7  # compressions
 _COLOURS = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}  # samples that they take, by photometric interpretation
-_UNSPECIFIED = 0  # the meaning of an extra sample; 1 and 2 are transparency
+_UNSPECIFIED, _TRANSPARENCY = 0, (1, 2)  # meanings of an extra sample; colours multiplied by it (1) libvips divides
+_PRIVATE, _LAYERS, _ICC = 0x8000, 0x935C, 0x8773
+_CARRIED = {iptc.IPTC_TAG, iptc.RESOURCES_TAG, _ICC}
 _ABOUT_THE_PHOTO = {EXIF, GPS, iptc.IPTC_TAG, iptc.RESOURCES_TAG}
 _MOST_TAGS = 4096  # in a directory
 _SMALLER_COPY, _MASK = 1, 4  # bits of a subfile's type
@@ -55,10 +58,11 @@ class Tiff(WrittenFormat):
             numbers = _numbers(stream)
         _check_kind(source, numbers)
         image = by_libvips.opened(source, "tiffload")
+        meaning = numbers.get(_EXTRA_SAMPLES, _UNSPECIFIED)
         coding = Coding(
             bits=field(image, "bits-per-sample", 8),
             compression=numbers.get(_COMPRESSION),
-            masked=_extra_samples(numbers) == 1 and numbers.get(_EXTRA_SAMPLES, _UNSPECIFIED) == _UNSPECIFIED,
+            masked=_extra_samples(numbers) == 1 and meaning not in _TRANSPARENCY,
         )
         metadata = replace(Metadata.of_image(image), resources=None)
         if tree is None:
@@ -67,7 +71,8 @@ class Tiff(WrittenFormat):
             return by_libvips.header(self, source, image, coding, metadata)
         if exif.has_no_resolution_unit(tree):  # to libvips that is pixels by the millimetre
             metadata = replace(metadata, resolution=(1.0, 1.0), resolution_unit=None)
-        metadata = replace(metadata, exif=exif.of_tiff(tree), resources=iptc.of_tiff(tree))
+        metadata = replace(metadata, exif=exif.of_tiff(tree), resources=iptc.of_tiff(tree), description=None)
+        metadata = replace(metadata, left_behind=tuple(_left_behind(tree)))
         return by_libvips.header(self, source, image, coding, metadata, _pictures(tree))
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
@@ -112,6 +117,15 @@ def _check_kind(source: Source, numbers: dict[int, int]) -> None:
 def _extra_samples(numbers: dict[int, int]) -> int:
     """Channels beside grey or RGB."""
     return numbers.get(_SAMPLES, 1) - _COLOURS.get(numbers.get(_PHOTOMETRIC, -1), numbers.get(_SAMPLES, 1))
+
+
+def _left_behind(tree: Tree) -> Iterator[str]:
+    """Private tags that no result gets, in words; those below are TIFF's own, and carried or of the old coding."""
+    for tag in tree.pages[0]:
+        if tag == _LAYERS:
+            yield "Photoshop's layers"
+        elif tag >= _PRIVATE and tag not in _CARRIED and not exif.is_carried(tag):
+            yield f"tag {tag}"
 
 
 # ---- directories ---------------------------------------------------------------------------------------

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import re
 import struct
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
@@ -39,15 +41,18 @@ class Webp(WrittenFormat):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        image = by_libvips.opened(source, "webpload")
+        readable = _without_tangles(source)
+        image = by_libvips.opened(readable, "webpload")
         with source.stream() as stream:
             lossless = _is_lossless(stream)
-        coding = Coding(subsampled=not lossless, lossless=lossless)
-        return by_libvips.header(self, source, image, coding, Metadata.of_image(image))
+        coding, metadata = Coding(subsampled=not lossless, lossless=lossless), Metadata.of_image(image)
+        if readable is not source:
+            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)",))
+        return by_libvips.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        return by_libvips.decoded(source, "webpload")
+        return by_libvips.decoded(_without_tangles(source), "webpload")
 
     def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
         """See WrittenFormat. libvips writes EXIF, too: :meth:`embed` takes its place."""
@@ -73,6 +78,21 @@ class Webp(WrittenFormat):
         file.write(b"RIFF" + struct.pack("<I", 4 + len(chunks)) + b"WEBP" + chunks)
         file.truncate()
         return []
+
+
+def _without_tangles(source: Source) -> Source:
+    """The data, with EXIF that libvips would be caught in made unreadable for it."""
+    places = []
+    with suppress(OSError), source.stream() as stream:
+        stream.seek(12)
+        while len(head := stream.read(8)) == 8:
+            size, at = int.from_bytes(head[4:], "little"), stream.tell()
+            if head[:4] == b"EXIF" and exif.is_tangled(blob := stream.read(size)):
+                places.append(at + len(blob) - len(blob.removeprefix(exif.PREFIX)))
+            stream.seek(at + size + size % 2)
+        if places:
+            return source.patched(places, b"none")
+    return source
 
 
 def _is_lossless(file: BinaryIO) -> bool:

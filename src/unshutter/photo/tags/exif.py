@@ -22,22 +22,20 @@ from unshutter.photo.tags.directories import (
     SUB_DIRECTORIES,
     Directory,
     Entry,
-    Slot,
     Tree,
     encoded,
     encoded_number,
     in_other_order,
     read_tree,
-    slots,
 )
+from unshutter.photo.tags.exif_editor import PREFIX, Editor
 
-PREFIX = b"Exif\0\0"
 # What a TIFF's first directory says about the photo rather than about the storage of its pixels: names of document and
-# page, description, make, model, software, date, artist, computer, colours of white and primaries, ratings, copyright,
-# titles of Windows, print matching, unique name and serial number of the camera, lens.
+# page, page number, description, make, model, software, date, artist, computer, colours of white and primaries,
+# ratings, copyright, titles of Windows, print matching, unique name and serial number of the camera, lens.
 _CAMERA_TAGS = frozenset(
-    {0x010D, 0x011D, 0x010E, 0x010F, 0x0110, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F, 0x4746, 0x4749, 0x8298}
-    | {*range(0x9C9B, 0x9CA0), 0xC4A5, 0xC614, 0xC62F, 0xC630}
+    {0x010D, 0x010E, 0x010F, 0x0110, 0x011D, 0x0129, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F}
+    | {0x4746, 0x4749, 0x8298, *range(0x9C9B, 0x9CA0), 0xC4A5, 0xC614, 0xC62F, 0xC630}
 )
 # Where the picture lies on the earth (OGC GeoTIFF 1.1), and what GDAL adds to that.
 _GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0xA480, 0xA481})
@@ -162,10 +160,15 @@ def add_to_tiff(
 
 def _of_the_camera(tree: Tree) -> Directory:
     first = tree.pages[0]
-    lifted = {tag: value for tag, value in first.items() if tag in _CAMERA_TAGS | _GEOTIFF | SUB_DIRECTORIES}
+    lifted = {tag: value for tag, value in first.items() if is_carried(tag)}
     if has_no_resolution_unit(tree):
         lifted |= {tag: first[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in first}
     return lifted
+
+
+def is_carried(tag: int) -> bool:
+    """Whether a tag of a TIFF's first directory goes to its successors with EXIF."""
+    return tag in _CAMERA_TAGS or tag in _GEOTIFF or tag in SUB_DIRECTORIES
 
 
 def has_no_resolution_unit(tree: Tree) -> bool:
@@ -233,7 +236,7 @@ def _entries(directory: Directory) -> Iterator[tuple[Directory, int, Entry]]:
 
 def with_size(blob: bytes, height: int, width: int) -> bytes:
     """The blob with the size tags that it has set to [px]."""
-    editor = _Editor(blob)
+    editor = Editor(blob)
     for entries, tags in (
         (editor.first, (_IMAGE_WIDTH, _IMAGE_HEIGHT)),
         (editor.below(editor.first, EXIF), (_PIXEL_WIDTH, _PIXEL_HEIGHT)),
@@ -250,7 +253,7 @@ def with_orientation(blob: bytes | None, orientation: int) -> bytes | None:
         if orientation == 1:
             return None
         blob = PREFIX + b"II*\0" + struct.pack("<IHI", 8, 0, 0)
-    editor = _Editor(blob)
+    editor = Editor(blob)
     if _ORIENTATION in editor.first:
         editor.put(editor.first[_ORIENTATION], orientation)
     elif orientation != 1:
@@ -260,12 +263,12 @@ def with_orientation(blob: bytes | None, orientation: int) -> bytes | None:
 
 def has_thumbnail(blob: bytes | None) -> bool:
     """Whether the blob has a second directory, which is the thumbnail's."""
-    return blob is not None and _Editor(blob).second_at != 0
+    return blob is not None and Editor(blob).second_at != 0
 
 
 def with_thumbnail(blob: bytes, jpeg: bytes | None, orientation: int = 1) -> bytes:
     """The blob with another thumbnail instead of its own, which is wiped out; without one for None or lack of room."""
-    editor = _Editor(blob)
+    editor = Editor(blob)
     if editor.second_at:
         editor.wipe_thumbnail()
     if jpeg is not None and editor.link_at and len(editor.data) + len(jpeg) + 100 <= _LARGEST_WITH_THUMBNAIL:
@@ -276,85 +279,3 @@ def with_thumbnail(blob: bytes, jpeg: bytes | None, orientation: int = 1) -> byt
         editor.data += directory + bytes(4) + jpeg
         struct.pack_into(order + "I", editor.data, editor.link_at, start)
     return bytes(editor.data)
-
-
-class _Editor:
-    """An EXIF blob by the places of its entries; a damaged one seems to have none.
-
-    Attributes:
-        first: the entries of the first directory, by tag; of several with one tag the first, as most programs read.
-        link_at: place of the offset of the second directory; 0 if there is none to be written.
-        second_at: place of the second directory, or 0.
-    """
-
-    def __init__(self, blob: bytes) -> None:
-        self.data = bytearray(blob)
-        self.start = len(PREFIX) if blob.startswith(PREFIX) else 0
-        self.order = BYTE_ORDERS.get(blob[self.start : self.start + 4], "")
-        self.first: dict[int, Slot] = {}
-        self.link_at = self.second_at = 0
-        if self.order and len(blob) >= self.start + 8:
-            first_at = self._place(self.start + 4)
-            listed = self.slots_at(first_at)
-            self.first = self._by_tag(listed)
-            link_at = first_at + 2 + 12 * len(listed)
-            if first_at > self.start and link_at + 4 <= len(blob):
-                self.link_at = link_at
-                self.second_at = self._place(link_at)
-
-    def _place(self, at: int) -> int:
-        """The place that the offset at another place means; 0 for none."""
-        (offset,) = struct.unpack_from(self.order + "I", self.data, at)
-        return self.start + offset if 0 < offset < len(self.data) - self.start else 0
-
-    def slots_at(self, at: int) -> list[Slot]:
-        """The entries of the directory at a place; two may have one tag."""
-        if not 0 < at <= len(self.data) - 2:
-            return []
-        (count,) = struct.unpack_from(self.order + "H", self.data, at)
-        if at + 2 + 12 * count > len(self.data):
-            return []
-        return list(slots(self.data, self.order, at + 2, count))
-
-    @staticmethod
-    def _by_tag(listed: list[Slot]) -> dict[int, Slot]:
-        return {slot.tag: slot for slot in reversed(listed)}
-
-    def below(self, entries: dict[int, Slot], tag: int) -> dict[int, Slot]:
-        """The entries of the directory that hangs on a tag."""
-        return self._by_tag(self.slots_at(self._place(entries[tag].value_at))) if tag in entries else {}
-
-    def put(self, slot: Slot, value: int) -> None:
-        """Makes an entry a single number."""
-        number = encoded_number(self.order, slot.tag, 3 if value < 1 << 16 else 4, value)
-        self.data[slot.at : slot.at + len(number)] = number
-
-    def end(self) -> int:
-        """Pads to an even offset, and gives it."""
-        self.data += bytes((len(self.data) - self.start) % 2)
-        return len(self.data) - self.start
-
-    def add_to_first(self, tag: int, value: int) -> None:
-        """Writes the first directory anew, at the end, with one entry more."""
-        if not self.link_at:
-            return
-        count = (self.link_at - first_at - 2) // 12 if (first_at := self._place(self.start + 4)) else 0
-        old = [bytes(self.data[slot.at : slot.at + 12]) for slot in slots(self.data, self.order, first_at + 2, count)]
-        link = bytes(self.data[self.link_at : self.link_at + 4])
-        added = encoded_number(self.order, tag, 3, value)
-        new = sorted([*old, added], key=lambda entry: struct.unpack(self.order + "H", entry[:2]))
-        struct.pack_into(self.order + "I", self.data, self.start + 4, self.end())
-        self.data += struct.pack(self.order + "H", len(new)) + b"".join(new) + link
-
-    def wipe_thumbnail(self) -> None:
-        """Zeroes the thumbnail and the link to its directory."""
-        listed = self.slots_at(self.second_at)
-        places = [self._place(slot.value_at) for slot in listed if slot.tag == _THUMBNAIL]
-        lengths = [slot.value_at for slot in listed if slot.tag == _THUMBNAIL_LENGTH]
-        for at, length_at in zip(places, lengths, strict=False):
-            (length,) = struct.unpack_from(self.order + "I", self.data, length_at)
-            length = min(length, len(self.data) - at)
-            if at > self.start + 8:
-                self.data[at : at + length] = bytes(length)
-        self.data[self.link_at : self.link_at + 4] = bytes(4)
-        self.second_at = 0

@@ -26,6 +26,13 @@ def of_tiff(tree: Tree) -> bytes | None:
     return PREFIX + blocks if blocks else None
 
 
+def of_blocks(blocks: bytes) -> bytes:
+    """Resources as a JPEG would have them, of blocks without a prefix, or of bare IPTC."""
+    if blocks.startswith(b"8BIM"):
+        return PREFIX + blocks
+    return PREFIX + b"8BIM" + struct.pack(">HHI", _IPTC, 0, len(blocks)) + blocks + bytes(len(blocks) % 2)
+
+
 def tiff_tags(resources: bytes) -> dict[int, Entry]:
     """The tags that a TIFF has for such resources."""
     blocks = resources.removeprefix(PREFIX)

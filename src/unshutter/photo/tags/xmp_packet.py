@@ -30,7 +30,7 @@ NAMESPACES = {
     "GImage": "http://ns.google.com/photos/1.0/image/",
 }
 _PREFIX_OF = {uri: prefix for prefix, uri in reversed(NAMESPACES.items())}
-_MOST_ELEMENTS = 200_000
+_MOST_ELEMENTS = 100_000
 _TAG_NAME = re.compile(rb"<[^\s/>]+")
 _ATTRIBUTE = re.compile(rb"""\s*([^\s=/>]+)\s*=\s*("[^"]*"|'[^']*')""")
 _TAG_END = re.compile(rb"\s*(/?)>")
@@ -73,11 +73,11 @@ class Element:
 
     def below(self) -> Iterator[Element]:
         """All elements in it, and itself first."""
-        waiting = [self]
+        waiting: list[Element] = [self]
         while waiting:
             element = waiting.pop()
             yield element
-            waiting += reversed(element.children)
+            waiting.extend(reversed(element.children))
 
 
 class Packet:

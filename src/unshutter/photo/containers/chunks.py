@@ -1,0 +1,87 @@
+"""Chunks, of which PNG files are made.
+
+Source: W3C, PNG third edition, sections 5 (structure, conventions for names) and 14 (what editors do with chunks that
+they do not know).
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Collection, Iterator, Sequence
+from typing import BinaryIO, NamedTuple
+
+SIGNATURE_BYTES = 8
+TEXTS = frozenset({b"tEXt", b"zTXt", b"iTXt"})
+COLOURS = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"mDCV", b"cLLI"})
+_NAMED = TEXTS | COLOURS | {b"pHYs", b"tIME", b"bKGD"}  # these mean something to others than PNG's readers
+_USUAL_GAMMA = struct.pack(">I", 45455)
+_USUAL_PRIMARIES = struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)
+_LARGEST, _MOST, _MOST_BYTES = 1 << 26, 10_000, 1 << 27  # of a chunk's data, of chunks, and of the data of all [bytes]
+_LOWER = 0x20  # the bit that tells small letters from capitals
+
+
+class Chunk(NamedTuple):
+    """A chunk's name and data; ``data`` is None where they are damaged, or too long for a photo's metadata."""
+
+    name: bytes
+    data: bytes | None
+
+
+def is_safe_to_copy(name: bytes) -> bool:
+    """Whether a chunk's data stay true of a picture with other pixels; by its name, a chunk says so itself."""
+    return bool(name[0] & _LOWER and name[3] & _LOWER)
+
+
+def of_file(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
+    """All chunks of a PNG, those after the pixels too, but for the names that are skipped."""
+    file.seek(SIGNATURE_BYTES)
+    count, left = 0, _MOST_BYTES
+    while len(head := file.read(8)) == 8 and head[4:] != b"IEND":
+        length, name = struct.unpack(">I4s", head)
+        if name in skipped:
+            file.seek(length + 4, 1)
+            continue
+        count += 1
+        if length > min(_LARGEST, left) or count > _MOST:
+            file.seek(length + 4, 1)
+            yield Chunk(name, None)
+            continue
+        left -= length
+        data, checksum = file.read(length), file.read(4)
+        yield Chunk(name, data if checksum == struct.pack(">I", zlib.crc32(name + data)) else None)
+
+
+def encoded(name: bytes, data: bytes) -> bytes:
+    """The bytes of a chunk."""
+    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+
+def place_of(file: BinaryIO, wanted: bytes) -> tuple[int, int] | None:
+    """Where a chunk before the pixels begins and ends; None where there is none."""
+    at = SIGNATURE_BYTES
+    file.seek(at)
+    while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
+        (length,) = struct.unpack_from(">I", head)
+        if head[4:] == wanted:
+            return at, at + 12 + length
+        at += 12 + length
+        file.seek(at)
+    return None
+
+
+def in_words(chunks: Sequence[tuple[bytes, bytes]], has_profile: bool) -> Iterator[str]:
+    """What a file without chunks lacks; colours are not lost where a profile tells them, or where they are sRGB's."""
+    names = {name for name, _ in chunks}
+    if names & TEXTS:
+        yield "texts"
+    told = dict(chunks)
+    are_usual = b"sRGB" in names or (
+        told.get(b"gAMA", _USUAL_GAMMA) == _USUAL_GAMMA and told.get(b"cHRM", _USUAL_PRIMARIES) == _USUAL_PRIMARIES
+    )
+    if not has_profile and names & {b"gAMA", b"cHRM"} and not are_usual:
+        yield "colours (gAMA and cHRM)"
+    if b"mDCV" in names or b"cLLI" in names:
+        yield "brightness of the screen (mDCV, cLLI)"
+    if any(name not in _NAMED for name in names):
+        yield "chunks of other programs"

@@ -1,0 +1,103 @@
+"""PNG's texts, and the metadata of other formats that programs hide in them.
+
+XMP is the text of a keyword. Before PNG had a place for EXIF, ImageMagick wrote it, and all else that a JPEG has, as
+hexadecimal text under ``Raw profile type ...``; for IPTC that is the only place to this day, and others read it.
+
+Source: W3C, PNG third edition, section 11.3.3 (texts); Adobe, XMP specification part 3; exiftool.org, PNG tags.
+"""
+
+from __future__ import annotations
+
+import zlib
+from typing import NamedTuple
+
+from unshutter.photo.tags import exif, iptc
+
+_XMP = b"XML:com.adobe.xmp"
+_RAW = b"Raw profile type "
+_ATTRIBUTES = {
+    **{_XMP: "xmp", b"xmp": "xmp", b"exif": "exif", b"app1": "exif"},
+    **{b"iptc": "resources", b"8bim": "resources", b"icc": "icc", b"icm": "icc"},
+}
+_XMP_OF_JPEG = b"http://ns.adobe.com/xap/1.0/\0"
+_LONGEST = 1 << 26  # bytes of an unpacked text that is metadata
+_HEX_LINE = 72  # characters
+
+
+class Found(NamedTuple):
+    """Metadata in a text: an attribute of ``Metadata``, and its value, which is empty where it cannot be read."""
+
+    attribute: str
+    data: bytes
+
+
+def metadata_in(name: bytes, data: bytes) -> Found | None:
+    """What of other formats' metadata a text holds; None for plain texts.
+
+    Args:
+        name: of the chunk.
+        data: of the chunk.
+    """
+    keyword = data[:80].partition(b"\0")[0]
+    kind = _XMP if keyword == _XMP else keyword.removeprefix(_RAW).lower()
+    if kind not in _ATTRIBUTES or not keyword.startswith((_RAW, _XMP)):
+        return None
+    content = _content(name, data[len(keyword) + 1 :])
+    if content is None:
+        return Found(_ATTRIBUTES[kind], b"")
+    return Found("xmp", content) if keyword == _XMP else _meaning(kind, _unpacked_profile(content))
+
+
+def _content(name: bytes, data: bytes) -> bytes | None:
+    """The text of what follows a keyword, as bytes; None where it is damaged or far too long."""
+    packed = name == b"zTXt"
+    if name == b"iTXt":
+        packed, parts = data[:1] == b"\1", data[2:].split(b"\0", 2)  # language, translated keyword, text
+        data = parts[2] if len(parts) == 3 else b""
+    elif packed:
+        data = data[1:]
+    if not packed:
+        return data
+    unpacker = zlib.decompressobj()
+    try:
+        content = unpacker.decompress(data, _LONGEST)
+    except zlib.error:
+        return None
+    return content if unpacker.eof else None
+
+
+def _unpacked_profile(content: bytes) -> bytes:
+    """The bytes that a raw profile spells: a line with its name, one with its length, then hexadecimal digits."""
+    parts = content.split(b"\n", 3)
+    try:
+        data = bytes.fromhex(parts[3].decode("ascii"))
+        return data if len(data) == int(parts[2]) else b""
+    except (IndexError, ValueError):
+        return b""
+
+
+def _meaning(kind: bytes, data: bytes) -> Found:
+    """What the bytes of a raw profile are; of the kind ``app1`` they say themselves."""
+    if data.startswith(_XMP_OF_JPEG):
+        return Found("xmp", data.removeprefix(_XMP_OF_JPEG))
+    attribute = _ATTRIBUTES[kind]
+    if attribute == "exif" and exif.read(data) is None:
+        return Found("exif", b"")
+    return Found(attribute, iptc.of_blocks(data) if attribute == "resources" and data else data)
+
+
+# ---- writing -------------------------------------------------------------------------------------------
+
+
+def of_xmp(packet: bytes) -> tuple[bytes, bytes]:
+    """Name and data of the chunk of an XMP packet."""
+    return b"iTXt", _XMP + b"\0\0\0\0\0" + packet
+
+
+def of_resources(resources: bytes) -> tuple[bytes, bytes]:
+    """Name and data of the chunk of Photoshop's resources with IPTC among them."""
+    blocks = resources.removeprefix(iptc.PREFIX)
+    digits = blocks.hex().encode()
+    lines = b"\n".join(digits[i : i + _HEX_LINE] for i in range(0, len(digits), _HEX_LINE))
+    profile = b"\niptc\n%8d\n%s\n" % (len(blocks), lines)
+    return b"zTXt", _RAW + b"iptc\0\0" + zlib.compress(profile)
