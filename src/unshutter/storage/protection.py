@@ -27,7 +27,7 @@ class Protection:
     def __init__(self, inputs: Iterable[Place | None], folders: Iterable[Place | None] = ()):
         self._inputs = [place for place in inputs if place is not None]
         self._folders = [place for place in folders if place is not None]
-        self._is_link = cache(os.path.islink)
+        self._looked_at: set[Place] = set()  # folders behind no link
 
     def check(self, target: Place | None) -> None:
         """Checks a place before something is written there.
@@ -49,14 +49,17 @@ class Protection:
         Raises:
             UnshutterError: it lies behind a link.
         """
+        if folder in self._looked_at:
+            return
         for named in self._folders:
             inside = way(named, folder)
             if inside is None or not isinstance(named, Path):
                 continue
             for part in [inside, *inside.parents][:-1]:
-                if self._is_link(named / part):
+                if os.path.islink(named / part):
                     reason = f"{named / part} is a link, and nothing is written through links"
                     raise UnshutterError(f"cannot write to {folder}: {reason}")
+        self._looked_at.add(folder)
 
     def _is_input(self, target: Place) -> bool:
         if not isinstance(target, Path):
