@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import MISSING, dataclass, field, fields
 from functools import partial
@@ -53,22 +53,15 @@ def rectify_files(
     check_name(wanted.find.estimator)
     motion = _motion_text(wanted.motion)
     jobs = _jobs(inputs, output, save_motion, wanted, run)
-    weights = Path(wanted.find.estimator.partition("@")[2]) if "@" in wanted.find.estimator else None
-    given: dict[str, Place | None] = {"--motion": wanted.motion, "the weights": weights, "--json-log": run.json_log}
-    given["the manifest"] = goal / f"{NAME}.jsonl" if goal is not None and inputs.many else None
-    check_named_once([*_outputs(jobs), *given.items()])
-    folders = [goal, place(save_motion) if save_motion else None]
-    protection = Protection([*inputs.photos, wanted.motion, weights], folders)
+    protection = _protection(inputs, jobs, output, save_motion, wanted, run)
     # results beside their photos, and that of a single photo, are known by their names alone
     manifest = Manifest(goal, _digest(wanted, motion)) if goal is not None and inputs.many else None
     plan = _plan(jobs, manifest, run.overwrite)
     if run.dry_run:
         return _say_what_would_be_done(plan, inputs, protection)
-    if run.jobs is run.scheduler is run.timeout is None and plan.to_do:
-        find = wanted.find if motion is None else None
-        prefetch = Prefetch([job.source for job in plan.to_do], find, run.max_pixels)
-    else:
-        prefetch = None
+    prefetch = None
+    if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
+        prefetch = Prefetch([job.source for job in plan.to_do], None if motion else wanted.find, run.max_pixels)
     with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log, inputs, protection) as report:
         _report_what_is_known(plan, inputs, report)
         _prepare_folders(jobs, inputs, output, save_motion, protection)
@@ -96,10 +89,28 @@ def _jobs(inputs: Inputs, output: str | None, save_motion: str | None, wanted: R
     ]
 
 
-def _outputs(jobs: list[Job]) -> Iterator[tuple[str, Place | None]]:
-    for job in jobs:
-        yield "the picture", job.target
-        yield "its motion", job.motion_target
+def _protection(
+    inputs: Inputs, jobs: list[Job], output: str | None, save_motion: str | None, wanted: Rectify, run: Run
+) -> Protection:
+    """What no output may be written over.
+
+    Raises:
+        UsageError: one name stands for two files of the run.
+    """
+    _, at, file = wanted.find.estimator.partition("@")
+    weights = Path(file) if at else None
+    manifest = place(output) / f"{NAME}.jsonl" if output is not None and inputs.many else None
+    named: list[tuple[str, Place | None]] = [
+        *(("the picture", job.target) for job in jobs),
+        *(("its motion", job.motion_target) for job in jobs),
+        ("--motion", wanted.motion),
+        ("the weights", weights),
+        ("--json-log", run.json_log),
+        ("the manifest", manifest),
+    ]
+    check_named_once(named)
+    folders = [place(folder) if folder is not None else None for folder in (output, save_motion)]
+    return Protection([*inputs.photos, wanted.motion, weights], folders)
 
 
 def _motion_text(path: Path | None) -> str | None:
