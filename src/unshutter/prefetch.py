@@ -51,6 +51,7 @@ class Prefetch:
         self._waiting, self._left = iter(places), set(places)
         self._begun: dict[Place, Coming] = {}
         self._estimator: Future[Estimator] = Future()
+        self._has_loaded = find is None
         self._reader, self._looker = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
         libvips()  # here: two threads that import at once mostly wait for each other
         self._begin_next()
@@ -64,6 +65,9 @@ class Prefetch:
                 raise
             self._estimator.set_result(estimator)
             estimator.prepare()  # in this thread: a third one would be too many for two processors
+            self._has_loaded = True
+            for coming in self._begun.values():
+                self._reader.submit(self._decode_rest, coming)
 
     def take(self, place: Place) -> Coming:
         """The photo of a place, on its way; the next one is begun."""
@@ -88,8 +92,13 @@ class Prefetch:
 
     def _opened(self, place: Place) -> Photo:
         photo = open_photo(place, self._max_pixels)
-        photo.start_decoding(self._reader, self._grey_px, self._whole)
+        # until all libraries are loaded, decoding more than the estimate needs would hold it up
+        photo.start_decoding(self._reader, self._grey_px, self._whole and self._has_loaded)
         return photo
+
+    def _decode_rest(self, coming: Coming) -> None:
+        with suppress(UnshutterError):  # raised again where the photo is taken
+            coming.photo.start_decoding(self._reader, None, self._whole)
 
 
 class Coming:
