@@ -36,7 +36,7 @@ _LOCAL = 2 * _PER_FRAME + 4  # splines that two frames' times reach
 _DEGREES = 3.0  # of freedom of Student's t
 _FINEST = 0.02  # px; tracks are not taken to be better than this
 _RIDGE = 1e-6  # px^-2; T is counted from anywhere: this ties it
-_STIFFNESS = tuple(10.0**k for k in (-3, -2, -1, 0, 1, 2))  # px^-2 frames^3: what is tried
+_STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: what is tried
 _ROUNDS = 4
 
 
@@ -50,7 +50,6 @@ class Fit:
         noise_px: of the tracks [px of ROWS rows].
         stiffness: what the spline's curvature was weighted with.
         log_evidence: logarithm of the probability of the tracks, up to a constant.
-        error_px: expected error of the turn over a frame interval [px of ROWS rows]. Not a bound.
     """
 
     coefficients: Float64[np.ndarray, "knots 3"]
@@ -58,6 +57,11 @@ class Fit:
     noise_px: float
     stiffness: float
     log_evidence: float
+
+    @property
+    def knots_per_frame(self) -> int:
+        """How densely the spline can bend."""
+        return _PER_FRAME
 
     def turn(self, at: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3"]:
         """T [rad] at times [frame intervals since the first frame's first row]; goes on straight beyond the ends."""
@@ -150,7 +154,7 @@ class Problem:
             return self._solved(design, stiffness, near)
         best = near
         tried: dict[float, Fit] = {}
-        at = _STIFFNESS.index(near.stiffness) if near is not None else len(_STIFFNESS) // 2
+        at = _STIFFNESS.index(near.stiffness) if near is not None else _STIFFNESS.index(1.0)
         while True:  # the evidence has one maximum: it is climbed
             for k in (at, at - 1, at + 1):
                 if 0 <= k < len(_STIFFNESS) and _STIFFNESS[k] not in tried:
