@@ -1,0 +1,312 @@
+"""From frames in the order in which they were taken to the motion of each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.camera import ROWS, Fit, Problem
+from unshutter.frames.focal import focal_from_motion, usual_focal
+from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
+from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
+from unshutter.geometry.readout import Readout
+from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.options import Camera, Reference, Undo
+from unshutter.photo import Photo
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import UInt8
+
+NAME = "frames-camera"
+_CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
+_SEARCHED = 60  # frames from which the readout ratio is found
+_PATIENCE = 240  # frames after which it is given up
+_STILL_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
+_TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
+_GUESSED_RATIO = 0.5  # to look for a focal length with
+_FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
+
+
+@dataclass(frozen=True)
+class FrameMotion:
+    """What is known of one frame's motion; small, as long as it is not asked for every row's.
+
+    Attributes:
+        height, width: of the frame's readout frame [px].
+        readout: direction in which its stored pixels were read.
+        fit: the camera's motion about that time; None: unknown.
+        index: of the frame in that fit.
+        ratio: readout time in frame intervals.
+        reason: why there is no motion; empty otherwise.
+    """
+
+    height: int
+    width: int
+    readout: Readout
+    fit: Fit | None = None
+    index: int = 0
+    ratio: float = 0.0
+    reason: str = ""
+
+    def motion(self, reference: Reference = "first") -> Motion:
+        """The frame's motion; zero, with the reason, where none was found."""
+        if self.fit is None:
+            return self._none(self.reason)
+        times = self.index + self.ratio * (np.arange(self.height) + 0.5) / self.height
+        turn = self.fit.turn(times)
+        rotations = turn - turn[0]
+        reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
+        if reach.max() < _STILL_PX:
+            return self._none("the camera stood still")
+        common = {"readout": self.readout, "estimator": NAME}
+        focal = self.fit.focal_px * self.height / ROWS
+        try:
+            motion = RotationMotion(width=self.width, rotations=rotations, focal_px=focal, **common)
+            motion.check_unfolded()
+        except UnshutterError as error:
+            return self._none(f"what fits the tracks is no motion of a camera: {error}")
+        return motion.rereferenced(reference)
+
+    def _none(self, reason: str) -> Motion:
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)
+
+
+@dataclass(eq=False)
+class CameraMotion:
+    """Finds the motion of each frame of a sequence. For one camera; it remembers what it has found out about it.
+
+    Attributes:
+        ratio: readout time in frame intervals; None: found from the frames.
+        focal_px: focal length [px of the frames]; None: EXIF's, else found from the frames.
+        readout: direction in which stored pixels were read.
+    """
+
+    ratio: ReadoutRatio | None = None
+    focal_px: float | None = None
+    readout: Readout = Readout.TOP_TO_BOTTOM
+    _focal: float | None = field(default=None, init=False)  # px of ROWS rows
+
+    def frames(self, frames: Iterable[_FRAME]) -> Iterator[FrameMotion]:
+        """What is known of each frame's motion, in order, some frames later than they come; memory stays flat."""
+        shot = _Shot()
+        for frame in frames:
+            seen = self._look(frame)
+            if not shot.joins(seen, self.ratio):
+                yield from self._ready(shot, ended=True)
+                shot = _Shot(broken_by=shot.broken_by)
+            shot.add(seen)
+            yield from self._ready(shot, ended=False)
+        yield from self._ready(shot, ended=True)
+
+    def _look(self, frame: _FRAME) -> _Seen:
+        photo = frame if isinstance(frame, Photo) else _opened(frame)
+        height, width = self.readout.frame_size(photo.height, photo.width)
+        if self._focal is None and (known := self.focal_px or photo.focal_px()):
+            self._focal = known * ROWS / height
+        return _Seen(height, width, np.ascontiguousarray(self.readout.turn(photo.grey(TRACKED_SIDE))))
+
+    def _ready(self, shot: _Shot, ended: bool) -> Iterator[FrameMotion]:
+        """The frames of a shot that are ready."""
+        waiting = len(shot.waiting)
+        if self.ratio is None and waiting and (ended or waiting in (_SEARCHED, _PATIENCE)):
+            self._find_ratio(shot)
+        if self.ratio is None and not ended and waiting < (_SEARCHED if shot.still else _PATIENCE):
+            return
+        while shot.waiting and (ended or len(shot.waiting) >= _CORE + _MARGIN):
+            many = len(shot.waiting) if len(shot.waiting) <= _CORE + _MARGIN and ended else _CORE
+            fit, reason = self._fit(shot, many)
+            for seen in shot.waiting[:many]:
+                index = seen.number - shot.first
+                ratio = self.ratio.value if self.ratio else 0.0
+                yield FrameMotion(seen.height, seen.width, self.readout, fit, index, ratio, reason)
+            shot.drop(many, _MARGIN)
+
+    def _find_ratio(self, shot: _Shot) -> None:
+        shot.why_unknown = ""
+        pairs = [pair for pair in shot.pairs if len(pair)]
+        if not pairs:
+            return
+        try:
+            focal = self._focal or focal_from_motion(pairs[: _SEARCHED // 2], _GUESSED_RATIO)
+            self.ratio = ratio_from_motion(pairs, focal)
+        except UnshutterError as error:
+            shot.why_unknown = str(error)
+
+    def _fit(self, shot: _Shot, many: int) -> tuple[Fit | None, str]:
+        """The motion about the next frames of a shot; or why there is none."""
+        pairs = shot.pairs[: shot.before + many + _MARGIN - 1]
+        if not pairs:
+            return None, shot.broken_by or "there is no frame before or after it"
+        if shot.still:
+            return None, "the camera stood still"
+        if self.ratio is None:
+            return None, shot.why_unknown
+        if self._focal is None:
+            long_enough = len(pairs) >= _CORE // 2
+            focal = focal_from_motion(pairs, self.ratio.value)
+            self._focal = focal if long_enough else None
+        else:
+            focal = self._focal
+        fit = Problem(pairs, focal).fit(self.ratio.value)
+        if fit.noise_px > _TOO_NOISY_PX:
+            return None, "near and far move too differently for one motion of the camera"
+        return fit, ""
+
+
+# ---- frames that show one scene ------------------------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class _Seen:
+    """A frame as it is looked at: its full size and a small grey copy."""
+
+    height: int
+    width: int
+    grey: UInt8[np.ndarray, "rows columns"]
+    number: int = 0
+
+
+@dataclass(eq=False)
+class _Shot:
+    """Frames that show one scene, those that wait for their motion and a few before them.
+
+    Attributes:
+        broken_by: why the shot began here.
+        pairs: tracks of the background from each kept frame to the next.
+        waiting: frames that wait.
+        first: number of the frame at which ``pairs`` begin.
+        before: how many of the kept frames wait no more.
+        why_unknown: why the readout ratio could not be found from them.
+    """
+
+    broken_by: str = ""
+    pairs: list[Tracks] = field(default_factory=list)
+    waiting: list[_Seen] = field(default_factory=list)
+    first: int = 0
+    before: int = 0
+    why_unknown: str = ""
+    _last: _Seen | None = None
+    _next: Background | None = None
+    _moving: list[bool] = field(default_factory=list)
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing says that the camera moved."""
+        return not any(self._moving)
+
+    def joins(self, seen: _Seen, ratio: ReadoutRatio | None) -> bool:
+        """Whether a frame shows the same scene as the one before it."""
+        self._next = None
+        if self._last is None:
+            return True
+        if (seen.height, seen.width) != (self._last.height, self._last.width):
+            self.broken_by = "the frames before and after it have another size"
+            return False
+        tracks = follow(self._last.grey, seen.grey)
+        self._next = background(tracks, ratio.value if ratio else None)
+        if not self._next.joined:
+            few = tracks.looked_for < 2 * _LEAST_CORNERS
+            self.broken_by = "there is too little to follow" if few else "no frame beside it shows the same scene"
+        return self._next.joined
+
+    def add(self, seen: _Seen) -> None:
+        """The next frame, after :meth:`joins`."""
+        if self._last is not None and self._next is not None:
+            self.pairs.append(self._next.tracks)
+            self._moving.append(not self._next.still and _median_move(self._next.tracks) > _STILL_PX)
+            seen.number = self._last.number + 1
+            self._last.grey = seen.grey[:0]  # no longer needed
+        self.waiting.append(seen)
+        self._last = seen
+
+    def drop(self, many: int, margin: int) -> None:
+        """Frames wait no more; a few of them are kept."""
+        del self.waiting[:many]
+        self.before += many
+        surplus = max(self.before - margin, 0)
+        del self.pairs[:surplus], self._moving[:surplus]
+        self.first += surplus
+        self.before -= surplus
+
+
+_LEAST_CORNERS = 12
+
+
+def _median_move(tracks: Tracks) -> float:
+    """How far tracks went [px of ROWS rows]."""
+    return float(np.median(np.hypot(*(tracks.end - tracks.start).T))) * ROWS / tracks.height
+
+
+# ---- for users ---------------------------------------------------------------------------------------------------
+
+
+def estimate_frames(
+    frames: Iterable[_FRAME],
+    *,
+    readout_ratio: float | None = None,
+    readout_ms: float | None = None,
+    fps: float | None = None,
+    focal_px: float | None = None,
+    readout: str = "auto",
+    reference: Reference = "first",
+) -> Iterator[Motion]:
+    """Finds how the camera moved while each frame of a sequence was read out, from the frames beside it.
+
+    Exact where one photo cannot be: what moves from frame to frame by v is sheared by ratio * v over a frame's height.
+    Cuts, and frames of another size, begin a sequence of their own.
+
+    Args:
+        frames: in the order in which they were taken, at even intervals: paths, encoded files as bytes, pixels
+            [H, W] or [H, W, 1..4] (uint8 or uint16), or Photos. They are taken one by one and not kept.
+        readout_ratio: time in which a frame is read out, in frame intervals (above 0, at most 1).
+        readout_ms, fps: the same as a time [ms] and the frames per second. Without either, the ratio is found from the
+            frames: how smoothly the camera moved says it, unless it stood still, moved evenly or shook.
+        focal_px: focal length [px of the frames]; by default EXIF's, else it is found, too.
+        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        reference: row at whose moment the global-shutter pictures are taken: first, middle or last.
+
+    Yields:
+        The motion of each frame, up to some 60 frames (while a ratio is looked for, 240) after it was taken from
+        ``frames``. It is zero, with a ``reason``, where the frames do not say enough.
+
+    Raises:
+        UsageError: a ratio or another option that cannot be. UnshutterError: a frame cannot be read.
+    """
+    camera, how = Camera(readout, focal_px), Undo(reference)
+    ratio = known_ratio(readout_ratio, readout_ms, fps)
+    found = CameraMotion(ratio, focal_px, camera.direction)
+    return (frame.motion(how.reference or "first") for frame in found.frames(frames))
+
+
+def known_ratio(
+    readout_ratio: float | None = None, readout_ms: float | None = None, fps: float | None = None
+) -> ReadoutRatio | None:
+    """The readout ratio that a user gives; None where they give none.
+
+    Raises:
+        UsageError: it is not above 0 and at most 1, or only a part of it is given.
+    """
+    if readout_ms is not None and readout_ratio is not None:
+        raise UsageError("give the readout ratio or the readout time, not both")
+    if readout_ms is not None:
+        if fps is None:
+            raise UsageError("the readout time needs the frames per second beside it (--fps)")
+        readout_ratio = readout_ms * fps / 1000
+    if readout_ratio is None:
+        return None
+    if not 0 < readout_ratio <= 1:
+        raise UsageError(f"the readout ratio must be above 0 and at most 1, got {readout_ratio:g}")
+    return ReadoutRatio(readout_ratio, 0.0, "what was given")
+
+
+def _opened(frame: str | os.PathLike[str] | bytes | np.ndarray) -> Photo:
+    if isinstance(frame, bytes):
+        return Photo.from_bytes(frame)
+    if isinstance(frame, np.ndarray):
+        return Photo.from_array(frame)
+    return Photo.open(frame)
