@@ -11,6 +11,9 @@ where D is that difference: linear in T, and so in its spline's coefficients. (T
 to about 1e-4 of the square of their size.) Directions need a focal length; a long one makes D_y, D_x, D_z what
 translations t_x, t_y and a rotation r_z do, for cameras of which no focal length fits.
 
+A fourth unknown is the growth of the picture, x1 - x0 = x D_4, y1 - y0 = y D_4: a camera that drives ahead would
+otherwise be taken for one that turns. It is found and left as it is.
+
 Errors of tracks are taken as Student's t, so that outliers do not pull; the spline's second derivative is taken as
 white noise. How strong both are is found with the rest, as what makes the tracks most probable (the evidence).
 """
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
 
 ROWS = 256  # errors and curvatures are counted in pixels of a picture of so many rows
 _PER_FRAME = 4  # knots
+_UNKNOWNS = 4  # of a moment: three turns and the growth of the picture
 _LOCAL = 2 * _PER_FRAME + 4  # splines that two frames' times reach
 _DEGREES = 3.0  # of freedom of Student's t
 _FINEST = 0.02  # px; tracks are not taken to be better than this
@@ -45,14 +49,14 @@ class Fit:
     """How the camera turned, as it follows from tracks.
 
     Attributes:
-        coefficients: [knots, 3] of the spline [px of ROWS rows, times the focal length in them: rad].
+        coefficients: [knots, 4] of the spline [px of ROWS rows, times the focal length in them: rad].
         focal_px: focal length [px of ROWS rows].
         noise_px: of the tracks [px of ROWS rows].
         stiffness: what the spline's curvature was weighted with.
         log_evidence: logarithm of the probability of the tracks, up to a constant.
     """
 
-    coefficients: Float64[np.ndarray, "knots 3"]
+    coefficients: Float64[np.ndarray, "knots 4"]
     focal_px: float
     noise_px: float
     stiffness: float
@@ -67,7 +71,7 @@ class Fit:
         """T [rad] at times [frame intervals since the first frame's first row]; goes on straight beyond the ends."""
         last = (len(self.coefficients) - 3) / _PER_FRAME
         inside = np.clip(at, 0.0, last)
-        turn = basis(inside * _PER_FRAME, len(self.coefficients)) @ self.coefficients
+        turn = basis(inside * _PER_FRAME, len(self.coefficients)) @ self.coefficients[:, :3]
         return turn / self.focal_px
 
 
@@ -110,20 +114,20 @@ class Problem:
 
     @cached_property
     def _jacobian(self) -> np.ndarray:
-        """[pairs, most, 2, 3] by how much each track moves for a turn of 1 / focal length."""
+        """[pairs, most, 2, 4] by how much each track moves for a turn of 1 / focal length."""
         width = self.pairs[0].width * self._unit
         x, y = np.moveaxis((self._ends.mean(axis=0) - [width / 2, ROWS / 2]) / self.focal_px, -1, 0)
-        columns = np.stack([-x * y, 1 + x * x, -y], axis=-1)
-        rows = np.stack([-(1 + y * y), x * y, x], axis=-1)
+        columns = np.stack([-x * y, 1 + x * x, -y, x], axis=-1)
+        rows = np.stack([-(1 + y * y), x * y, x, y], axis=-1)
         return np.stack([columns, rows], axis=-2)
 
     def _design(self, ratio: float) -> np.ndarray:
-        """[pairs, 2 most, 3 _LOCAL]: moved = design @ the coefficients that a pair's times reach."""
+        """[pairs, 2 most, 4 _LOCAL]: moved = design @ the coefficients that a pair's times reach."""
         times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + np.array([0, 1])[:, None, None]
         spline = basis(np.minimum(times, 2.24) * _PER_FRAME, _LOCAL)
         change = spline[1] - spline[0]
         design = change[:, :, None, :, None] * self._jacobian[:, :, :, None, :]
-        return design.reshape(len(self.pairs), -1, 3 * _LOCAL)
+        return design.reshape(len(self.pairs), -1, _UNKNOWNS * _LOCAL)
 
     @property
     def _knots(self) -> int:
@@ -131,13 +135,13 @@ class Problem:
 
     @cached_property
     def _places(self) -> np.ndarray:
-        """[pairs, 3 _LOCAL] which unknowns each pair's times reach."""
-        return 3 * _PER_FRAME * np.arange(len(self.pairs))[:, None] + np.arange(3 * _LOCAL)
+        """[pairs, 4 _LOCAL] which unknowns each pair's times reach."""
+        return _UNKNOWNS * _PER_FRAME * np.arange(len(self.pairs))[:, None] + np.arange(_UNKNOWNS * _LOCAL)
 
     @cached_property
     def _prior(self) -> np.ndarray:
         """[unknowns, unknowns]: the quadratic form of a stiffness of 1."""
-        return np.kron(roughness(self._knots) * _PER_FRAME**3, np.eye(3))
+        return np.kron(roughness(self._knots) * _PER_FRAME**3, np.eye(_UNKNOWNS))
 
     # ---- solved ----------------------------------------------------------------------------------------
 
@@ -166,14 +170,14 @@ class Problem:
 
     def _solved(self, design: np.ndarray, stiffness: float, near: Fit | None) -> Fit:
         """The most probable motion of one stiffness, by reweighted least squares."""
-        prior = stiffness * self._prior + _RIDGE * np.eye(3 * self._knots)
+        prior = stiffness * self._prior + _RIDGE * np.eye(_UNKNOWNS * self._knots)
         weights, noise = self._used.astype(np.float64), np.nan
         unknowns = near.coefficients.ravel() if near is not None else None
         determinant = 0.0
         for _ in range(_ROUNDS if near is not None else 2 * _ROUNDS):
             if unknowns is not None:
                 weights, noise = self._reweighted(self._squared(design, unknowns), noise)
-            matrix, right = prior.copy(), np.zeros(3 * self._knots)
+            matrix, right = prior.copy(), np.zeros(_UNKNOWNS * self._knots)
             each = np.repeat(weights, 2, axis=1)
             weighted = design * each[..., None]
             normal = weighted.transpose(0, 2, 1) @ design
@@ -182,14 +186,14 @@ class Problem:
                 span = slice(place[0], place[-1] + 1)
                 matrix[span, span] += normal[k]
                 right[span] += moments[k]
-            unknowns, determinant = solve_banded(matrix, right, 3 * _LOCAL)
+            unknowns, determinant = solve_banded(matrix, right, _UNKNOWNS * _LOCAL)
         assert unknowns is not None
         squared = self._squared(design, unknowns)[self._used]
         likelihood = -2 * len(squared) * np.log(noise)
         likelihood -= (_DEGREES + 2) / 2 * np.log1p(squared / (_DEGREES * noise**2)).sum()
-        free = len(unknowns) - 6  # the prior says nothing of place and speed
+        free = len(unknowns) - 2 * _UNKNOWNS  # the prior says nothing of place and speed
         evidence = likelihood - unknowns @ prior @ unknowns / 2 + free * np.log(stiffness) / 2 - determinant / 2
-        return Fit(unknowns.reshape(-1, 3), self.focal_px, float(noise), stiffness, float(evidence))
+        return Fit(unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence))
 
     def _squared(self, design: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
         """[pairs, most] squared distance of each track's end from where the motion takes it."""

@@ -122,7 +122,8 @@ def _disagreement(at: np.ndarray, curves: np.ndarray, best: float) -> float:
 
 def _cycles(fit: Fit) -> float:
     """How fast the camera's speed changed, as the frequency of an oscillation that does so [cycles a frame]."""
-    first, second = np.diff(fit.coefficients, axis=0), np.diff(fit.coefficients, 2, axis=0)
+    turns = fit.coefficients[:, :3]
+    first, second = np.diff(turns, axis=0), np.diff(turns, 2, axis=0)
     varying = first - first.mean(axis=0)
     return float(np.sqrt((second**2).sum() / max((varying**2).sum(), 1e-12)) * fit.knots_per_frame / (2 * np.pi))
 
