@@ -32,8 +32,9 @@ _LARGEST = 1.03  # no readout takes longer than a frame; what is found above thi
 _COMMON = 4.0  # tracks err together: a probability of n tracks is worth one of n / _COMMON
 _FLOOR = 0.01  # error that is there even where all parts agree: the spline is no hand
 _TOO_UNSURE = 0.08
-_STILL_PX = 0.15  # px of ROWS rows a frame
+STILL_PX = 0.25  # px of ROWS rows a frame: what a readout shears by less is left as it is
 _FASTEST = 0.4  # cycles a frame: what is faster is hidden between the frames
+_EVEN_PX = 0.1  # px of ROWS rows a frame: a speed that varies by less is even
 WHAT_TO_DO = "say --readout-ratio"
 
 
@@ -67,7 +68,7 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
             were taken.
     """
     pairs = [_fewer(pair) for pair in pairs if len(pair)]
-    if not pairs or _flow(pairs) < _STILL_PX:
+    if not pairs or max(flow(pair) for pair in pairs) < STILL_PX:
         raise UnshutterError(_cannot_tell("the camera stood still"))
     parts = [Problem(pairs[k : k + _PART], focal_px) for k in range(0, max(len(pairs) - _PART // 2, 1), _PART)]
     profiles = [_Profile(part) for part in parts]
@@ -78,11 +79,11 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
         curves = np.array([[profile.at(float(ratio)) for ratio in at] for profile in profiles])  # [parts, 3]
         best, width = _top(at, curves.sum(axis=0))
         best = float(np.clip(best, at[0], at[2]))
+    if max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
+        raise UnshutterError(_cannot_tell("the camera shook faster than frames were taken"))
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
     if error > _TOO_UNSURE or best > _LARGEST:
         raise UnshutterError(_cannot_tell("the camera moved too evenly, or too little could be followed"))
-    if max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
-        raise UnshutterError(_cannot_tell("the camera shook faster than frames were taken"))
     return ReadoutRatio(min(max(best, 0.0), 1.0), error, "motion")
 
 
@@ -122,15 +123,15 @@ def _disagreement(at: np.ndarray, curves: np.ndarray, best: float) -> float:
 
 def _cycles(fit: Fit) -> float:
     """How fast the camera's speed changed, as the frequency of an oscillation that does so [cycles a frame]."""
-    turns = fit.coefficients[:, :3]
-    first, second = np.diff(turns, axis=0), np.diff(turns, 2, axis=0)
-    varying = first - first.mean(axis=0)
-    return float(np.sqrt((second**2).sum() / max((varying**2).sum(), 1e-12)) * fit.knots_per_frame / (2 * np.pi))
+    speed = np.diff(fit.coefficients[:, :3], axis=0) * fit.knots_per_frame  # [knots - 1, 3], px a frame
+    varying = np.sqrt(((speed - speed.mean(axis=0)) ** 2).sum(axis=1).mean())
+    change = np.sqrt((np.diff(speed, axis=0) ** 2).sum(axis=1).mean()) * fit.knots_per_frame
+    return float(change / varying / (2 * np.pi)) if varying > _EVEN_PX else 0.0
 
 
-def _flow(pairs: Sequence[Tracks]) -> float:
-    """By how much tracks move, the largest of the pairs' medians [px of ROWS rows]."""
-    return max(float(np.median(np.hypot(*(p.end - p.start).T))) * ROWS / p.height for p in pairs)
+def flow(pair: Tracks) -> float:
+    """By how much tracks move, their median [px of ROWS rows]."""
+    return float(np.median(np.hypot(*(pair.end - pair.start).T))) * ROWS / pair.height
 
 
 def _fewer(pair: Tracks) -> Tracks:

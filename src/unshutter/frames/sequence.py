@@ -11,8 +11,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.camera import ROWS, Fit, Problem
-from unshutter.frames.focal import focal_from_motion, usual_focal
-from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
+from unshutter.frames.focal import focal_from_motion
+from unshutter.frames.ratio import STILL_PX, ReadoutRatio, flow, ratio_from_motion
 from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
@@ -26,8 +26,10 @@ NAME = "frames-camera"
 _CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
 _SEARCHED = 60  # frames from which the readout ratio is found
 _PATIENCE = 240  # frames after which it is given up
-_STILL_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
+_NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
+_APART = "the frames beside it show another scene, or near and far move too differently in them"
+_LEAST_CORNERS = 24  # that a picture has which says something
 _GUESSED_RATIO = 0.5  # to look for a focal length with
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 
@@ -61,7 +63,7 @@ class FrameMotion:
         turn = self.fit.turn(times)
         rotations = turn - turn[0]
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
-        if reach.max() < _STILL_PX:
+        if reach.max() < _NOTHING_PX:
             return self._none("the camera stood still")
         common = {"readout": self.readout, "estimator": NAME}
         focal = self.fit.focal_px * self.height / ROWS
@@ -154,7 +156,7 @@ class CameraMotion:
             focal = self._focal
         fit = Problem(pairs, focal).fit(self.ratio.value)
         if fit.noise_px > _TOO_NOISY_PX:
-            return None, "near and far move too differently for one motion of the camera"
+            return None, _APART
         return fit, ""
 
 
@@ -210,15 +212,15 @@ class _Shot:
         tracks = follow(self._last.grey, seen.grey)
         self._next = background(tracks, ratio.value if ratio else None)
         if not self._next.joined:
-            few = tracks.looked_for < 2 * _LEAST_CORNERS
-            self.broken_by = "there is too little to follow" if few else "no frame beside it shows the same scene"
+            few = tracks.looked_for < _LEAST_CORNERS
+            self.broken_by = "there is too little to follow" if few else _APART
         return self._next.joined
 
     def add(self, seen: _Seen) -> None:
         """The next frame, after :meth:`joins`."""
         if self._last is not None and self._next is not None:
             self.pairs.append(self._next.tracks)
-            self._moving.append(not self._next.still and _median_move(self._next.tracks) > _STILL_PX)
+            self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
             seen.number = self._last.number + 1
             self._last.grey = seen.grey[:0]  # no longer needed
         self.waiting.append(seen)
@@ -232,14 +234,6 @@ class _Shot:
         del self.pairs[:surplus], self._moving[:surplus]
         self.first += surplus
         self.before -= surplus
-
-
-_LEAST_CORNERS = 12
-
-
-def _median_move(tracks: Tracks) -> float:
-    """How far tracks went [px of ROWS rows]."""
-    return float(np.median(np.hypot(*(tracks.end - tracks.start).T))) * ROWS / tracks.height
 
 
 # ---- for users ---------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,7 +55,7 @@ def solve_banded(
     """
     n = len(right)
     edges = [*range(0, n, block), n]
-    parts = [slice(a, b) for a, b in zip(edges, edges[1:], strict=False)]
+    parts = [slice(a, b) for a, b in pairwise(edges)]
     x, log_determinant = right.copy(), 0.0
     inverses: list[np.ndarray] = []  # of the diagonal factors
     below: list[np.ndarray] = []

@@ -18,7 +18,9 @@ _WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade
 _RETURNS = 0.3  # px; a corner followed there and back must end this close to where it began
 _COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is found
 _FEWEST = 12  # tracks without which nothing can be told
+_FOUND, _AGREE = 0.15, 0.35  # shares of corners found again, and of those that agree, without which there is a cut
 _NEAR_PLANE = 0.004  # of the diagonal: how far from the picture's homography a track of the background may end
+_SHARP = 0.4  # share of those tracks that must end within a third of that distance; by chance 0.1 to 0.35 do
 _SPREAD = 4.0  # times the usual distance from the homography: tracks farther away are left out
 _LEAST = 0.0005  # of the diagonal (0.4 px of 640 x 360): as far away every track may be
 _STILL = 0.0003  # of the diagonal: what has moved less stands still
@@ -87,8 +89,8 @@ def _shift(earlier: np.ndarray, later: np.ndarray) -> np.ndarray:
 
     scale = max(1.0, max(earlier.shape) / _COARSE_SIDE)
     size = (round(earlier.shape[1] / scale), round(earlier.shape[0] / scale))
-    small = [cv2.resize(a, size, interpolation=cv2.INTER_AREA).astype(np.float32) for a in (earlier, later)]
-    shift, response = cv2.phaseCorrelate(*small, cv2.createHanningWindow(size, cv2.CV_32F))
+    before, after = (cv2.resize(a, size, interpolation=cv2.INTER_AREA).astype(np.float32) for a in (earlier, later))
+    shift, response = cv2.phaseCorrelate(before, after, cv2.createHanningWindow(size, cv2.CV_32F))
     return np.array(shift) * scale if response > 0.05 else np.zeros(2)
 
 
@@ -120,7 +122,7 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
         tracks: of two frames.
         readout_ratio: of the camera; None: half a frame's time, which is near enough for this.
     """
-    if len(tracks) < max(_FEWEST, 0.1 * tracks.looked_for):
+    if len(tracks) < max(_FEWEST, _FOUND * tracks.looked_for):
         return Background(tracks.only(np.zeros(len(tracks), bool)), joined=False)
     ratio = _GUESSED_RATIO if readout_ratio is None else readout_ratio
     diagonal = float(np.hypot(tracks.height, tracks.width))
@@ -132,7 +134,7 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
     elsewhere = (plane & still).sum() < still.sum() / 2
     if elsewhere and _spread(tracks.start[still], tracks):
         return Background(tracks.only(still), joined=True, still=True)
-    joined = plane.sum() >= max(_FEWEST, 0.25 * len(tracks))
+    joined = plane.sum() >= max(_FEWEST, _AGREE * len(tracks))
     return Background(tracks.only(plane), joined=bool(joined))
 
 
@@ -141,11 +143,14 @@ def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.nda
     import cv2
 
     homography, agreeing = cv2.findHomography(start, end, cv2.USAC_ACCURATE, _NEAR_PLANE * diagonal)
-    if homography is None:
+    if homography is None or not agreeing.any():
         return np.zeros(len(start), bool)
     away = np.hypot(*(cv2.perspectiveTransform(start[None], homography)[0] - end).T)
+    near = away < _NEAR_PLANE * diagonal
+    if (away < _NEAR_PLANE * diagonal / 3).sum() < _SHARP * near.sum():  # as close as chance brings them: noise
+        return np.zeros(len(start), bool)
     usual = np.median(away[agreeing[:, 0] > 0])
-    return away < max(_SPREAD * usual, _LEAST * diagonal)
+    return away < np.clip(_SPREAD * usual, _LEAST * diagonal, _NEAR_PLANE * diagonal)
 
 
 def _spread(points: np.ndarray, tracks: Tracks) -> bool:

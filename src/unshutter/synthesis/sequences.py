@@ -52,7 +52,7 @@ class TurningCamera:
             raise UsageError("needs at least one frame, and a readout ratio between 0 and 1")
         if self.start_s < self.log.t_s[0] or self.start_s + self.duration_s(self.frames, self.fps) > self.log.t_s[-1]:
             raise UnshutterError(f"the log ends before {self.frames} frames from {self.start_s:.3g} s on are taken")
-        if (self._rotations(np.arange(self.frames))[:, 2, 2] < np.cos(_FARTHEST)).any():
+        if (self.rotations(np.arange(self.frames))[:, 2, 2] < np.cos(_FARTHEST)).any():
             raise UnshutterError("the recorded camera turns away from the photo: choose another start or fewer frames")
 
     @staticmethod
@@ -87,7 +87,7 @@ class TurningCamera:
 
     def motion(self, frame: int, reference: Reference = "first") -> RotationMotion:
         """The true motion of a frame."""
-        rotations = self._rotations(self._row_times(frame))
+        rotations = self.rotations(self._row_times(frame))
         vectors = rotation_vector(rotations @ rotations[0].T)
         vectors[0] = 0.0
         motion = RotationMotion(width=self.width, rotations=vectors, focal_px=self.focal_px, estimator="drawn")
@@ -119,8 +119,8 @@ class TurningCamera:
             yield seen
 
     def _looks_at(self, frame: int) -> np.ndarray:
-        """[H, W, 2] (col, row) about the middle of the photo's plane that each pixel of a frame sees [px of a frame]."""
-        back = self._rotations(self._row_times(frame)).transpose(0, 2, 1)  # [H, 3, 3]
+        """[H, W, 2] (col, row) about the middle of the photo's plane that a frame's pixels see [px of a frame]."""
+        back = self.rotations(self._row_times(frame)).transpose(0, 2, 1)  # [H, 3, 3]
         x = np.arange(self.width) - (self.width - 1) / 2
         y = np.arange(self.height) - (self.height - 1) / 2
         fixed = back[:, :, 1] * y[:, None] + back[:, :, 2] * self.focal_px  # [H, 3]
@@ -130,7 +130,7 @@ class TurningCamera:
     def _row_times(self, frame: int) -> np.ndarray:
         return frame + self.readout_ratio * (np.arange(self.height) + 0.5) / self.height
 
-    def _rotations(self, times: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
+    def rotations(self, times: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
         """R at times [frame intervals], seen from the pose in the middle of the sequence."""
         at = np.append(times, self.frames / 2) / self.fps + self.start_s
         rotations = self.log.rotations(at)
