@@ -30,6 +30,7 @@ _NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than t
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
 _APART = "the frames beside it show another scene, or near and far move too differently in them"
 _LEAST_CORNERS = 24  # that a picture has which says something
+_FEW_PAIRS, _EVEN = 3, 100.0  # pairs that do not say how speed changes, and the stiffness that keeps it even
 _GUESSED_RATIO = 0.5  # to look for a focal length with
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 
@@ -154,7 +155,8 @@ class CameraMotion:
             self._focal = focal if long_enough else None
         else:
             focal = self._focal
-        fit = Problem(pairs, focal).fit(self.ratio.value)
+        even = _EVEN if len(pairs) < _FEW_PAIRS else None
+        fit = Problem(pairs, focal).fit(self.ratio.value, even)
         if fit.noise_px > _TOO_NOISY_PX:
             return None, _APART
         return fit, ""

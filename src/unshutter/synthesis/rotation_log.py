@@ -46,12 +46,14 @@ class RotationLog:
         yaw_rad_s: [N] rate about ``up``.
         roll_rad_s: [N] rate about ``back``.
         pitch_rad_s: [N] rate about ``right``.
+        from_poses: whether they are differences of orientations (motion capture) rather than of a gyro.
     """
 
     t_s: np.ndarray
     yaw_rad_s: np.ndarray
     roll_rad_s: np.ndarray
     pitch_rad_s: np.ndarray
+    from_poses: bool = False
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], up: str | None = None, back: str | None = None) -> RotationLog:
@@ -100,7 +102,9 @@ class RotationLog:
         if up_axis == back_axis:
             raise UsageError("the axes that point up and back must differ")
         up_vector, back_vector = up_sign * np.eye(3)[up_axis], back_sign * np.eye(3)[back_axis]
-        return cls(times, samples @ up_vector, samples @ back_vector, samples @ np.cross(up_vector, back_vector))
+        right_vector = np.cross(up_vector, back_vector)
+        rates = (samples @ axis for axis in (up_vector, back_vector, right_vector))
+        return cls(times, *rates, from_poses=kind == "quaternion_wxyz")
 
     def draw_start(self, rng: np.random.Generator, duration_s: float) -> float:
         """A random time after which the log has no gap for the duration; all such times are equally likely.
@@ -163,7 +167,8 @@ class RotationLog:
         def smooth(rate: np.ndarray) -> np.ndarray:
             return np.convolve(np.pad(rate, reach, mode="edge"), weights, mode="valid")
 
-        return RotationLog(self.t_s, *(smooth(r) for r in (self.yaw_rad_s, self.roll_rad_s, self.pitch_rad_s)))
+        rates = (smooth(rate) for rate in (self.yaw_rad_s, self.roll_rad_s, self.pitch_rad_s))
+        return RotationLog(self.t_s, *rates, from_poses=self.from_poses)
 
 
 _SHAPES = {"t_s": 1, "gyro_rad_s": 3, "quaternion_wxyz": 4}

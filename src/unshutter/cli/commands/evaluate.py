@@ -9,7 +9,7 @@ from typing import Literal
 from unshutter.cli.arguments import Command, required
 from unshutter.options import option
 
-ProtocolName = Literal["synthetic", "native", "trajectory", "undistorted", "robustness", "pairs", "video"]
+ProtocolName = Literal["synthetic", "native", "trajectory", "undistorted", "robustness", "pairs", "video", "sequences"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Arguments:
     per_photo: int = option(2, "Random motions for each photo. Default: 2.")
     seed: int = option(0, "Same seed, same figures. Default: 0.")
     trajectory: Path | None = option(
-        None, "NPZ file of a recorded motion, or a folder of them, for the protocol of that name."
+        None, "NPZ file of a recorded motion, or a folder of them, for the protocols trajectory and sequences."
     )
     jobs: int | None = option(None, "Processes. Default: one for each processor.")
     overwrite: bool = option(False, "Throw away a run with other settings that is in the folder.")
