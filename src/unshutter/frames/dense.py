@@ -5,8 +5,8 @@ velocity V is F over that time, and taken as constant. What a frame shows at the
 
     q = p - V (tau - t)
 
-so a picture of the moment t looks in the frame at p = q + V (tau(p) - t). Where V is known at the pixels q of the moment
-t, p is a closed form (``_look``); where it is known at the pixels p of a frame, a fixed point.
+so a picture of the moment t looks in the frame at p = q + V (tau(p) - t). Where V is known at the pixels q of that
+moment, p is a closed form (``_look``); where it is known at the pixels p of a frame, a fixed point.
 
 Everything is counted in pixels of the small grey copies that the flow was found in.
 """
@@ -26,7 +26,7 @@ from unshutter.frames.timing import Timing
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float, Float32, UInt8
 
-_ROUNDS = 6  # of the fixed point
+_ROUNDS = 4  # of the fixed point
 _WINDOW = 0.11  # of the width: in which ways of moving are compared
 _SOFTNESS = 0.5  # grey levels: ways of moving that differ by less are mixed
 _DOUBT = 2.0  # grey levels by which one neighbour may explain a picture worse than the other
@@ -123,7 +123,7 @@ def field_between(
     costs = np.stack([_cost(earlier, later, way, timing, moment) for way in ways])
     weights = np.exp((costs.min(axis=0) - costs) / _SOFTNESS)
     weights /= weights.sum(axis=0)
-    velocity = sum(weight[..., None] * way for weight, way in zip(weights, ways, strict=True))
+    velocity = np.einsum("nhw,nhwc->nhwc", weights, np.stack(ways)).sum(axis=0)
     return Field(
         velocity,
         0.0,

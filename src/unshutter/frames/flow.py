@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/frames-attempts.md
 _DESCENTS, _REFINEMENTS = 25, 5
+_NO_SECOND_MAP = np.empty(0)
 _CONSISTENT = 1.5  # px from a pixel to its partner and back
 
 
@@ -59,7 +60,7 @@ def pixel_grid(height: int, width: int) -> Float32[np.ndarray, "height width 2"]
 
 def looked_up(field: np.ndarray, positions: Float32[np.ndarray, "rows cols 2"]) -> np.ndarray:
     """A field [h, w, ...] at positions in it, bilinear; beyond its border, what it has there."""
-    return cv2.remap(field, positions, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.remap(field, positions, _NO_SECOND_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def inside(positions: Float32[np.ndarray, "rows cols 2"], height: int, width: int) -> np.ndarray:
@@ -72,7 +73,7 @@ def _one_way(source: np.ndarray, target: np.ndarray, plane: np.ndarray) -> np.nd
     height, width = source.shape
     grid = pixel_grid(height, width)
     ends = moved(plane, grid)
-    rest = _search().calc(source, looked_up(target, ends), None)
+    rest = _search().calc(source, looked_up(target, ends), np.zeros_like(grid))
     flow = moved(plane, grid + rest) - grid
     has_left = ~inside(ends, height, width)
     flow[has_left] = (ends - grid)[has_left]
@@ -80,7 +81,7 @@ def _one_way(source: np.ndarray, target: np.ndarray, plane: np.ndarray) -> np.nd
 
 
 def _search() -> cv2.DISOpticalFlow:
-    search = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     search.setFinestScale(0)
     search.setPatchSize(_PATCH)
     search.setPatchStride(_STRIDE)

@@ -71,40 +71,48 @@ def fuse(
 def _fuse_tile(
     tile: Tile, own: Warped, others: list[Warped], timing: Timing, moment: float, borrow: bool
 ) -> np.ndarray:
-    """Writes a tile into ``own.pixels``; returns which of its pixels were seen."""
+    """Writes a tile into ``own.pixels``; returns which of its pixels were seen.
+
+    Frames are taken in one after the other: where one differs from what there is, whichever is farther from the moment
+    loses its weight.
+    """
     at = tile.within(own.grid.whole)
-    frames = [own, *others]
-    seen = [_seen(frame, tile) for frame in frames]
-    weights = [_weight(frame, tile, timing, moment) * saw for frame, saw in zip(frames, seen, strict=True)]
-    pictures = [frame.pixels[at].astype(np.float32) for frame in frames]
-    nearest, most = pictures[0].copy(), weights[0].copy()
-    for picture, weight in zip(pictures[1:], weights[1:], strict=True):
+    seen, most = _seen_and_weight(own, tile, timing, moment)
+    valid, mixed, total = seen, np.ascontiguousarray(own.pixels[at]), most
+    for other in others:
+        theirs = np.ascontiguousarray(other.pixels[at])
+        they_saw, weight = _seen_and_weight(other, tile, timing, moment)
+        agreement = _agreement(mixed, theirs)
         nearer = weight > most
-        nearest[nearer], most[nearer] = picture[nearer], weight[nearer]
-    mixed, total = np.zeros_like(nearest), np.zeros_like(most)
-    for picture, weight in zip(pictures, weights, strict=True):
-        share = weight * _agreement(picture, nearest, np.iinfo(own.pixels.dtype).max)
-        mixed += picture * share[..., None]
-        total += share
-    valid = np.logical_or.reduce(seen) if borrow else seen[0]
-    made = mixed / np.maximum(total, 1e-6)[..., None]
-    np.copyto(own.pixels[at], np.rint(made).astype(own.pixels.dtype), where=valid[..., None])
+        total = np.where(nearer, total * agreement, total)
+        share = np.where(nearer, weight, weight * agreement)
+        mixed = _mixed(mixed, theirs, total, share)
+        total, most = total + share, np.maximum(most, weight)
+        valid = valid | they_saw if borrow else valid
+    np.copyto(own.pixels[at], mixed, where=valid[..., None])
     return valid
 
 
-def _seen(warped: Warped, tile: Tile) -> np.ndarray:
-    """bool: which pixels a frame saw."""
-    return warped.grid.inside(*warped.grid.positions(tile))
+def _seen_and_weight(
+    warped: Warped, tile: Tile, timing: Timing, moment: float
+) -> tuple[Bool[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
+    """Which pixels a frame saw; and its weight there: the more, the nearer to the moment it saw them."""
+    column, row = warped.grid.positions(tile)
+    seen = warped.grid.inside(column, row)
+    away = cv2.absdiff(row * np.float32(timing.per_row), np.full_like(row, moment - timing.start(warped.frame)))
+    return seen, cv2.pow(np.maximum(away, np.float32(_NEAREST)), -_FALL) * seen
 
 
-def _weight(warped: Warped, tile: Tile, timing: Timing, moment: float) -> Float32[np.ndarray, "rows cols"]:
-    """The more, the nearer to the moment a frame saw what it shows there."""
-    _, row = warped.grid.positions(tile)
-    away = np.abs(timing.exposed(warped.frame, row) - moment)
-    return np.maximum(away, _NEAREST).astype(np.float32) ** -_FALL
-
-
-def _agreement(mine: np.ndarray, theirs: np.ndarray, top: int) -> np.ndarray:
+def _agreement(first: np.ndarray, second: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
     """1 where two pictures are alike, 0 where they are not."""
-    difference = cv2.blur(np.abs(mine - theirs).max(axis=-1), (3, 3)) * (255 / top)
-    return np.exp(-((difference / _AGREEING) ** 2))
+    difference = cv2.absdiff(first, second).reshape(*first.shape[:2], -1).max(axis=-1).astype(np.float32)
+    scale = 255 / np.iinfo(first.dtype).max / _AGREEING
+    return cv2.exp(-((cv2.blur(difference, (3, 3)) * scale) ** 2))
+
+
+def _mixed(first: np.ndarray, second: np.ndarray, weight: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Two pictures averaged with weights; black where both are 0."""
+    if first.dtype == np.uint8:
+        return cv2.blendLinear(first, second, weight, share).reshape(first.shape)
+    mixed = cv2.blendLinear(first.astype(np.float32), second.astype(np.float32), weight, share)
+    return np.rint(mixed).astype(first.dtype).reshape(first.shape)
