@@ -7,7 +7,6 @@ read first.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -65,23 +64,3 @@ class Timing:
     def of_copy(self, height: int) -> Timing:
         """The same clock for a copy of the frames with so many rows."""
         return replace(self, height=height, first_row=0.5 - 0.5 * height / self.height)
-
-
-def readout_ratio(ratio: float | None, readout_ms: float | None, fps: float | None) -> float:
-    """The readout ratio, given outright or as readout time [ms] and frames per second.
-
-    Raises:
-        UsageError: neither is given, or both, or numbers that cannot be.
-    """
-    if ratio is not None:
-        if readout_ms is not None or fps is not None:
-            raise UsageError("say either --readout-ratio, or --readout-ms with --fps")
-        return ratio
-    if readout_ms is None or fps is None:
-        raise UsageError(
-            "with a second frame, say how long the readout takes: --readout-ratio (readout time / frame interval), "
-            "or --readout-ms with --fps"
-        )
-    if not (0 < readout_ms < math.inf and 0 < fps < math.inf):
-        raise UsageError(f"readout time and frame rate must be positive, got {readout_ms:g} ms and {fps:g} frames/s")
-    return readout_ms * fps / 1000

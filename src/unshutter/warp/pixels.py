@@ -69,13 +69,7 @@ def rectify_pixels(
     grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
     window = grid.whole
     if edges == "crop":
-        left, top, w, h = largest_valid_rectangle(_mask(grid))
-        if w * h < _LEAST_CROP * width * height:
-            raise UnshutterError(
-                f"cropping would leave {100 * w * h / (width * height):.0f} % of the photo: "
-                "use other edges, keep or fill"
-            )
-        window = Tile(top, top + h, left, left + w)
+        window = crop_window(_mask(grid))
     return _warped(pixels, grid, window, cv2.INTER_CUBIC, blacken=edges == "keep", masked=masked)
 
 
@@ -122,6 +116,20 @@ def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
     """
     size = motion.readout.frame_size(motion.height, motion.width)
     return _mask(SamplingGrid.of(gs_to_rs_map(motion), *size))
+
+
+def crop_window(mask: Bool[np.ndarray, "height width"]) -> Tile:
+    """What ``crop`` leaves of a picture that is valid where a mask says.
+
+    Raises:
+        UnshutterError: less than a tenth of the photo.
+    """
+    left, top, w, h = largest_valid_rectangle(mask)
+    if w * h < _LEAST_CROP * mask.size:
+        raise UnshutterError(
+            f"cropping would leave {100 * w * h / mask.size:.0f} % of the photo: use other edges, keep or fill"
+        )
+    return Tile(top, top + h, left, left + w)
 
 
 def largest_valid_rectangle(mask: Bool[np.ndarray, "height width"]) -> tuple[int, int, int, int]:
