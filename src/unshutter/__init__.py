@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator, View
     from unshutter.estimators.method import Method
     from unshutter.estimators.register import load
+    from unshutter.frames.rectifying import RectifiedFrame, rectify_frames
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
@@ -26,6 +27,7 @@ __all__ = [
     "Photo",
     "Readout",
     "Rectified",
+    "RectifiedFrame",
     "RotationMotion",
     "RowMapMotion",
     "RowMotion",
@@ -36,6 +38,7 @@ __all__ = [
     "estimate",
     "load",
     "rectify",
+    "rectify_frames",
 ]
 
 _HOMES = {
@@ -45,6 +48,7 @@ _HOMES = {
     "Photo": "photo",
     "Readout": "geometry.readout",
     "Rectified": "rectification",
+    "RectifiedFrame": "frames.rectifying",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",
     "RowMotion": "motion",
@@ -52,6 +56,7 @@ _HOMES = {
     "estimate": "rectification",
     "load": "estimators.register",
     "rectify": "rectification",
+    "rectify_frames": "frames.rectifying",
 }
 
 

@@ -23,7 +23,8 @@ _LONGEST_TIMEOUT_S = 86_400  # a day
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
 Reference = Literal["first", "middle", "last"]
-Edges = Literal["keep", "crop", "fill"]
+Edges = Literal["keep", "crop", "fill", "borrow"]
+FrameModel = Literal["dense"]
 PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
 Subsampling = Literal["4:4:4", "4:2:0"]
 
@@ -101,7 +102,8 @@ class Undo:
         reference: row at whose moment the picture is taken; None: the motion's own.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
-            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
+            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge,
+            ``borrow`` takes them from the photo's neighbours.
 
     Raises:
         UsageError: a value that is none of its choices.
@@ -110,14 +112,16 @@ class Undo:
     reference: Reference | None = option(None, "Row at whose moment the picture is taken. Default: first.")
     strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
     edges: Edges = option(
-        "keep", "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour."
+        "keep",
+        "Places the photo did not see: keep them empty, crop them away, fill them with the nearest colour, or borrow "
+        "them from the frames of --before and --after.",
     )
 
     def __post_init__(self) -> None:
         if not 0 <= self.strength <= 1:
             raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
         if self.edges not in get_args(Edges):
-            raise UsageError(f"unknown edges '{self.edges}': choose keep, crop or fill")
+            raise UsageError(f"unknown edges '{self.edges}': choose keep, crop, fill or borrow")
         if self.reference not in (None, *get_args(Reference)):
             raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
 
@@ -155,6 +159,99 @@ class Save:
 
 
 @dataclass(frozen=True)
+class Clock:
+    """How fast frames were taken and read out.
+
+    Attributes:
+        readout_ratio: time in which a frame is read out / time from frame to frame.
+        readout_ms, fps: the same by readout time [ms] and frames per second.
+
+    Raises:
+        UsageError: both ways at once, half of one, or numbers that cannot be.
+    """
+
+    readout_ratio: float | None = option(
+        None, "Time in which a frame is read out / time from frame to frame, for --before and --after: 0 to 1."
+    )
+    readout_ms: float | None = option(None, "Instead of the ratio: time in which a frame is read out.", metavar="MS")
+    fps: float | None = option(None, "With --readout-ms: frames taken in a second.", metavar="N")
+
+    def __post_init__(self) -> None:
+        if self.readout_ratio is not None and (self.readout_ms is not None or self.fps is not None):
+            raise UsageError("say either --readout-ratio, or --readout-ms with --fps")
+        if (self.readout_ms is None) != (self.fps is None):
+            raise UsageError("--readout-ms and --fps go together")
+        for each in (self.readout_ms, self.fps):
+            if each is not None and not 0 < each < math.inf:
+                raise UsageError(f"readout time and frame rate must be positive, got {each:g}")
+        if self.is_known and not 0 < self.ratio <= 1:
+            raise UsageError(
+                "the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, "
+                f"got {self.ratio:g}"
+            )
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the ratio was given, in one way or the other."""
+        return self.readout_ratio is not None or self.readout_ms is not None
+
+    @property
+    def ratio(self) -> float:
+        """Readout time / frame interval.
+
+        Raises:
+            UsageError: it was not given.
+        """
+        if self.readout_ratio is not None:
+            return self.readout_ratio
+        if self.readout_ms is None or self.fps is None:
+            raise UsageError(
+                "say how long a frame is read out: --readout-ratio (readout time / time from frame to frame), or "
+                "--readout-ms with --fps"
+            )
+        return self.readout_ms * self.fps / 1000
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Frames that were taken just before and after the photo.
+
+    Attributes:
+        before, after: their files.
+        clock: how fast frames were taken and read out.
+        at: moment of the picture, in frame intervals from the photo's first row; None: the reference row's.
+        model: how motion is described.
+
+    Raises:
+        UsageError: options for neighbours without any.
+    """
+
+    before: Path | None = option(None, "Frame taken just before the photo, by the same camera: says how it moved.")
+    after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.")
+    clock: Clock = field(default_factory=Clock)
+    at: float | None = option(
+        None,
+        "Moment of the picture instead of a reference row, in frame intervals from the photo's first row: with --after,"
+        " 0.5 lies halfway to the next frame.",
+    )
+    model: FrameModel | None = option(None, "How the motion is described. dense: near and far move differently.")
+
+    def __post_init__(self) -> None:
+        if not self and (self.clock.is_known or self.at is not None or self.model is not None):
+            raise UsageError(
+                "--readout-ratio, --readout-ms, --fps, --at and --model are for a photo with neighbours: "
+                "name one with --before or --after"
+            )
+        if self.at is not None and not -1 <= self.at <= 1:
+            raise UsageError(
+                f"--at must lie between -1 and 1 frame intervals from the photo's first row, got {self.at:g}"
+            )
+
+    def __bool__(self) -> bool:
+        return self.before is not None or self.after is not None
+
+
+@dataclass(frozen=True)
 class Rectify:
     """What is done to a photo: its motion found or given, undone, and the picture written.
 
@@ -163,19 +260,35 @@ class Rectify:
         motion: motion file to undo instead; None: the motion is found.
         undo: how it is undone.
         save: how the picture is written.
+        neighbours: frames before and after that say how the camera moved; without them, the photo alone does.
 
     Raises:
-        UsageError: a motion, and beside it a focal length, roll or tilt, which only serve to find one.
+        UsageError: a motion, and beside it a focal length, roll or tilt, which only serve to find one; or neighbours
+            and what does not go with them.
     """
 
     find: Find = field(default_factory=Find)
     motion: Path | None = None
     undo: Undo = field(default_factory=Undo)
     save: Save = field(default_factory=Save)
+    neighbours: Neighbours = field(default_factory=Neighbours)
 
     def __post_init__(self) -> None:
-        if self.motion is not None:
+        if self.motion is not None or self.neighbours:
             self.find.camera.check_unused()
+        if self.neighbours and self.motion is not None:
+            raise UsageError("--before and --after are for finding a motion: leave out --motion")
+        if self.neighbours and self.neighbours.at is not None and self.undo.reference is not None:
+            raise UsageError("--at and --reference both say the moment of the picture: choose one of them")
+        if self.neighbours and self.undo.strength != 1:
+            raise UsageError("with neighbours, the whole motion is undone: leave out --strength")
+        if self.undo.edges == "borrow" and not self.neighbours:
+            raise UsageError("--edges borrow takes from neighbours: name one with --before or --after")
+
+    @property
+    def find_alone(self) -> Find | None:
+        """How the motion is found from each photo alone; None: it is not."""
+        return None if self.motion is not None or self.neighbours else self.find
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,11 @@ class Rectified:
     original: Photo
 
     @property
+    def reason(self) -> str:
+        """Why the photo was left as it is; else empty."""
+        return self.motion.reason
+
+    @property
     def pixels(self) -> np.ndarray:
         """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to."""
         return self.photo.pixels
@@ -200,11 +205,13 @@ def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rect
         readout: direction in which the stored pixels were read; ``auto``: the motion's.
 
     Raises:
-        UsageError: another readout direction than the motion's.
+        UsageError: another readout direction than the motion's, or edges to borrow.
         UnshutterError: another aspect, a motion that cannot be undone, a photo that is too small or damaged.
     """
     from unshutter.warp.pixels import rectify_pixels
 
+    if how.edges == "borrow":
+        raise UsageError("a photo alone has no neighbours to borrow from: choose keep, crop or fill")
     _check_size(photo)
     motion = fitted(motion, photo.height, photo.width, readout)
     motion = motion.rereferenced(how.reference or motion.reference).scaled(how.strength)

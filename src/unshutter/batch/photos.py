@@ -12,10 +12,10 @@ from unshutter.storage.places import write_place
 if TYPE_CHECKING:
     from unshutter.batch.job import Job
     from unshutter.options import Save
-    from unshutter.rectification import Rectified
+    from unshutter.photo import Photo
 
 
-def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> tuple[str, ...]:
+def save_picture(photo: Photo, job: Job, overwrite: bool, save: Save) -> tuple[str, ...]:
     """Writes a job's result; the format is that of the name's ending.
 
     Returns:
@@ -27,7 +27,7 @@ def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> tu
     target = job.target
     done_before = isinstance(target, Path) and job.may_repeat and os.path.lexists(target)
     if isinstance(target, Path) and not done_before:
-        return result.save(target, overwrite=overwrite, quality=save.quality, subsampling=save.subsampling)
-    file = result.photo.encode(of_target(Path(target.name)).name, save.quality, save.subsampling)
+        return photo.save(target, save.quality, overwrite, save.subsampling)
+    file = photo.encode(of_target(Path(target.name)).name, save.quality, save.subsampling)
     write_place(file.data, target, overwrite, mode_of=job.source)
     return file.left_out

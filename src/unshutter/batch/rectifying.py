@@ -51,6 +51,7 @@ def rectify_files(
     if wanted.save.format and goal is not None and not is_folder(goal, inputs.many):
         raise UsageError(f"--format is for folders: the name '{goal.name}' says the format")
     check_name(wanted.find.estimator)
+    _check_neighbours(wanted, len(inputs.photos), save_motion, run)
     motion = _motion_text(wanted.motion)
     jobs = _jobs(inputs, output, save_motion, wanted, run)
     protection = _protection(inputs, jobs, output, save_motion, wanted, run)
@@ -61,7 +62,7 @@ def rectify_files(
         return _say_what_would_be_done(plan, inputs, protection)
     prefetch = None
     if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
-        prefetch = Prefetch([job.source for job in plan.to_do], None if motion else wanted.find, run.max_pixels)
+        prefetch = Prefetch([job.source for job in plan.to_do], wanted.find_alone, run.max_pixels)
     with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log, inputs, protection) as report:
         _report_what_is_known(plan, inputs, report)
         _prepare_folders(jobs, inputs, output, save_motion, protection)
@@ -104,13 +105,29 @@ def _protection(
         *(("the picture", job.target) for job in jobs),
         *(("its motion", job.motion_target) for job in jobs),
         ("--motion", wanted.motion),
+        ("--before", wanted.neighbours.before),
+        ("--after", wanted.neighbours.after),
         ("the weights", weights),
         ("--json-log", run.json_log),
         ("the manifest", manifest),
     ]
     check_named_once(named)
+    neighbours = (wanted.neighbours.before, wanted.neighbours.after)
     folders = [place(folder) if folder is not None else None for folder in (output, save_motion)]
-    return Protection([*inputs.photos, wanted.motion, weights], folders)
+    return Protection([*inputs.photos, *neighbours, wanted.motion, weights], folders)
+
+
+def _check_neighbours(wanted: Rectify, photos: int, save_motion: str | None, run: Run) -> None:
+    """Raises UsageError where the request does not go with a photo's neighbours."""
+    if not wanted.neighbours:
+        return
+    if photos > 1:
+        raise UsageError(f"--before and --after are the neighbours of one photo, but there are {photos}")
+    if save_motion is not None:
+        raise UsageError("--save-motion needs a motion of the camera alone: leave out --before and --after")
+    if run.scheduler is not None:
+        raise UsageError("--before and --after are for this machine: leave out --scheduler")
+    _ = wanted.neighbours.clock.ratio  # raises where it is not known
 
 
 def _motion_text(path: Path | None) -> str | None:

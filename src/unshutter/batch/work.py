@@ -13,11 +13,14 @@ from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
 from unshutter.photo.encoding import not_written
-from unshutter.prefetch import Prefetch
+from unshutter.prefetch import Coming, Prefetch, open_photo
 from unshutter.storage.places import Place, check_place, digest, fingerprint, write_place
 
 if TYPE_CHECKING:
+    from unshutter.frames.rectifying import RectifiedFrame
     from unshutter.motion import Motion
+    from unshutter.photo import Photo
+    from unshutter.rectification import Rectified
 
 
 def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
@@ -39,22 +42,18 @@ def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefe
 
 
 def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None) -> Outcome:
-    from unshutter.rectification import undo
-
     targets = (job.target, job.motion_target)
     over_picture, over_motion = (_may_replace(job, *output) for output in zip(targets, job.left, strict=True))
     source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
     if prefetch is None:
-        prefetch = Prefetch([job.source], wanted.find if motion is None else None, job.max_pixels)
+        prefetch = Prefetch([job.source], wanted.find_alone if motion is None else None, job.max_pixels)
     coming = prefetch.take(job.source)
-    photo = coming.photo
-    found = coming.motion() if motion is None else _parsed(motion)
-    result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
-    if job.motion_target is not None:
+    result = _between(coming.photo, wanted, job.max_pixels) if wanted.neighbours else _alone(coming, wanted, motion)
+    if job.motion_target is not None and result.motion is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
-    left_out = save_picture(result, job, over_picture, wanted.save)
+    left_out = save_picture(result.photo, job, over_picture, wanted.save)
     target_digest, motion_digest = (digest(target) if job.recorded and target else None for target in targets)
-    unchanged = f"unchanged: {result.motion.reason}" if result.motion.reason else ""
+    unchanged = f"unchanged: {result.reason}" if result.reason else ""
     return Outcome(
         note="; ".join(note for note in (unchanged, not_written(left_out)) if note),
         source_is=source_is,
@@ -63,6 +62,25 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
         target_digest=target_digest,
         motion_digest=motion_digest,
     )
+
+
+def _alone(coming: Coming, wanted: Rectify, motion: str | None) -> Rectified:
+    """A photo by what it says itself, or by the motion given."""
+    from unshutter.rectification import undo
+
+    photo = coming.photo
+    found = coming.motion() if motion is None else _parsed(motion)
+    return undo(photo, found, wanted.undo, wanted.find.camera.readout)
+
+
+def _between(photo: Photo, wanted: Rectify, max_pixels: int) -> RectifiedFrame:
+    """A photo by what its neighbours say."""
+    from unshutter.frames.rectifying import Wanted, rectify_between
+
+    given = wanted.neighbours
+    how = Wanted(given.clock, wanted.undo, wanted.find.camera.direction, given.at)
+    before, after = (path and open_photo(path, max_pixels) for path in (given.before, given.after))
+    return rectify_between(photo, before, after, how)
 
 
 def _may_replace(job: Job, target: Place | None, left: str | None) -> bool:

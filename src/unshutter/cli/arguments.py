@@ -97,8 +97,9 @@ def _add_to(parser: argparse.ArgumentParser, group: Any, kind: type) -> None:
 def _argument(each: dataclasses.Field, type_: Any) -> tuple[list[str], dict[str, Any]]:
     """Names and properties of an argument, as argparse wants them."""
     how: dict[str, Any] = {"help": each.metadata["help"].replace("%", "%%")}
-    inner = typing.get_args(type_)[0] if _is_list(type_) else _without_none(type_)
-    if _is_list(type_):
+    inner = _without_none(type_)
+    if _is_list(inner):
+        inner = typing.get_args(inner)[0]
         how["nargs"] = "+"
     if inner is bool:
         how["action"] = "store_true"

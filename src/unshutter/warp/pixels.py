@@ -69,13 +69,7 @@ def rectify_pixels(
     grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
     window = grid.whole
     if edges == "crop":
-        left, top, w, h = largest_valid_rectangle(_mask(grid))
-        if w * h < _LEAST_CROP * width * height:
-            raise UnshutterError(
-                f"cropping would leave {100 * w * h / (width * height):.0f} % of the photo: "
-                "use other edges, keep or fill"
-            )
-        window = Tile(top, top + h, left, left + w)
+        window = crop_window(_mask(grid))
     return _warped(pixels, grid, window, cv2.INTER_CUBIC, blacken=edges == "keep", masked=masked)
 
 
@@ -101,6 +95,19 @@ def distort_pixels(
     return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, blacken=True)
 
 
+def sampled_pixels(
+    pixels: UInt[np.ndarray, "height width *bands"], grid: SamplingGrid, edges: Edges = "keep", masked: bool = False
+) -> UInt[np.ndarray, "height width *bands"]:
+    """A picture looked up at the positions of a grid, bicubic; see :func:`rectify_pixels`.
+
+    Args:
+        pixels, masked: as there.
+        grid: positions for a picture of exactly this size.
+        edges: ``keep`` or ``fill``.
+    """
+    return _warped(pixels, grid, grid.whole, cv2.INTER_CUBIC, blacken=edges == "keep", masked=masked)
+
+
 def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
     """Which pixels of the rectified picture exist in the photo.
 
@@ -109,6 +116,20 @@ def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
     """
     size = motion.readout.frame_size(motion.height, motion.width)
     return _mask(SamplingGrid.of(gs_to_rs_map(motion), *size))
+
+
+def crop_window(mask: Bool[np.ndarray, "height width"]) -> Tile:
+    """What ``crop`` leaves of a picture that is valid where a mask says.
+
+    Raises:
+        UnshutterError: less than a tenth of the photo.
+    """
+    left, top, w, h = largest_valid_rectangle(mask)
+    if w * h < _LEAST_CROP * mask.size:
+        raise UnshutterError(
+            f"cropping would leave {100 * w * h / mask.size:.0f} % of the photo: use other edges, keep or fill"
+        )
+    return Tile(top, top + h, left, left + w)
 
 
 def largest_valid_rectangle(mask: Bool[np.ndarray, "height width"]) -> tuple[int, int, int, int]:
@@ -185,7 +206,7 @@ def _warped(
     has_alpha = pixels.shape[2] in (2, 4) and not masked
     how = {"method": interpolation, "blacken": blacken, "has_alpha": has_alpha, "scratch": _Scratch()}
     make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, **how)
-    with ThreadPoolExecutor(_thread_count()) as threads:
+    with ThreadPoolExecutor(thread_count()) as threads:
         for _ in threads.map(make, window.tiles()):
             pass  # errors come out here
     return result
@@ -236,7 +257,7 @@ def _make(
         made[~grid.inside(col, row, left, top)] = 0
 
 
-def _thread_count() -> int:
+def thread_count() -> int:
     """As many as libvips takes: one per processor, or what VIPS_CONCURRENCY says."""
     told = os.environ.get("VIPS_CONCURRENCY", "")
     return min(int(told) if told.isdigit() and int(told) else os.cpu_count() or 1, _MOST_THREADS)

@@ -32,7 +32,7 @@ class Case(ABC):
     @property
     @abstractmethod
     def oracles(self) -> tuple[str, ...]:
-        """Names of what is judged beside the estimators and knows more than one photo: the truth, or other frames."""
+        """Names of what is judged beside the estimators, and knows the truth or more than one photo."""
 
     @abstractmethod
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
