@@ -171,7 +171,7 @@ class Clock:
     """
 
     readout_ratio: float | None = option(
-        None, "Time in which a frame is read out / time from frame to frame, for --before and --after: 0 to 1."
+        None, "Time in which a frame is read out / time from frame to frame, 0 to 1. --sequence finds it where it can."
     )
     readout_ms: float | None = option(None, "Instead of the ratio: time in which a frame is read out.", metavar="MS")
     fps: float | None = option(None, "With --readout-ms: frames taken in a second.", metavar="N")
@@ -218,6 +218,7 @@ class Neighbours:
 
     Attributes:
         before, after: their files.
+        sequence: whether the photos are frames of one camera, in order, each the neighbour of the next.
         clock: how fast frames were taken and read out.
         at: moment of the picture, in frame intervals from the photo's first row; None: the reference row's.
         model: how motion is described.
@@ -228,6 +229,11 @@ class Neighbours:
 
     before: Path | None = option(None, "Frame taken just before the photo, by the same camera: says how it moved.")
     after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.")
+    sequence: bool = option(
+        False,
+        "The photos are frames of one camera at even intervals, in the order given (in folders: of their names). Their "
+        "motions are found from each other; the readout ratio, too, where it is not given.",
+    )
     clock: Clock = field(default_factory=Clock)
     at: float | None = option(
         None,
@@ -237,10 +243,12 @@ class Neighbours:
     model: FrameModel | None = option(None, "How the motion is described. dense: near and far move differently.")
 
     def __post_init__(self) -> None:
-        if not self and (self.clock.is_known or self.at is not None or self.model is not None):
+        if self.sequence and (self or self.at is not None or self.model == "dense"):
+            raise UsageError("--sequence is for the camera's motion: leave out --before, --after, --at and --model")
+        if not (self or self.sequence) and (self.clock.is_known or self.at is not None or self.model is not None):
             raise UsageError(
                 "--readout-ratio, --readout-ms, --fps, --at and --model are for a photo with neighbours: "
-                "name one with --before or --after"
+                "name one with --before or --after, or several with --sequence"
             )
         if self.at is not None and not -1 <= self.at <= 1:
             raise UsageError(
@@ -276,8 +284,10 @@ class Rectify:
     def __post_init__(self) -> None:
         if self.motion is not None or self.neighbours:
             self.find.camera.check_unused()
-        if self.neighbours and self.motion is not None:
-            raise UsageError("--before and --after are for finding a motion: leave out --motion")
+        if self.neighbours.sequence and not (self.find.camera.roll_deg is self.find.camera.tilt_deg is None):
+            raise UsageError("roll and tilt are for single photos: leave them out with --sequence")
+        if (self.neighbours or self.neighbours.sequence) and self.motion is not None:
+            raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
         if self.neighbours and self.neighbours.at is not None and self.undo.reference is not None:
             raise UsageError("--at and --reference both say the moment of the picture: choose one of them")
         if self.neighbours and self.undo.strength != 1:
@@ -288,7 +298,7 @@ class Rectify:
     @property
     def find_alone(self) -> Find | None:
         """How the motion is found from each photo alone; None: it is not."""
-        return None if self.motion is not None or self.neighbours else self.find
+        return None if self.motion is not None or self.neighbours or self.neighbours.sequence else self.find
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from unshutter.storage.places import Place
+
+if TYPE_CHECKING:
+    from unshutter.frames.sequence import FrameMotion
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,7 @@ class Job:
         left: digests of the picture and the motion file as an earlier run left them from this photo: what still has
             them may be replaced.
         recorded: whether the manifest wants digests of what is written.
+        motion: what its neighbours in a sequence say of its motion; None: it is found, or given for all photos.
     """
 
     source: Place
@@ -32,6 +37,7 @@ class Job:
     may_repeat: bool = False
     left: tuple[str | None, str | None] = (None, None)
     recorded: bool = False
+    motion: FrameMotion | None = None
 
     @property
     def outputs(self) -> list[Place]:

@@ -16,6 +16,7 @@ from unshutter.batch.job import Job
 from unshutter.batch.manifest import NAME, Manifest
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch, check_outputs
+from unshutter.batch.sequences import check_sequence, with_motions
 from unshutter.batch.targets import beside, check_named_once, is_folder, motion_names, picture_name, plan_targets
 from unshutter.batch.work import do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
@@ -52,6 +53,7 @@ def rectify_files(
         raise UsageError(f"--format is for folders: the name '{goal.name}' says the format")
     check_name(wanted.find.estimator)
     _check_neighbours(wanted, len(inputs.photos), save_motion, run)
+    check_sequence(wanted, len(inputs.photos))
     motion = _motion_text(wanted.motion)
     jobs = _jobs(inputs, output, save_motion, wanted, run)
     protection = _protection(inputs, jobs, output, save_motion, wanted, run)
@@ -60,6 +62,8 @@ def rectify_files(
     plan = _plan(jobs, manifest, run.overwrite)
     if run.dry_run:
         return _say_what_would_be_done(plan, inputs, protection)
+    if wanted.neighbours.sequence and plan.to_do:
+        plan.to_do = with_motions(plan.to_do, list(inputs.photos), wanted, run.max_pixels)
     prefetch = None
     if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
         prefetch = Prefetch([job.source for job in plan.to_do], wanted.find_alone, run.max_pixels)
@@ -144,7 +148,8 @@ def _digest(wanted: Rectify, motion: str | None) -> str:
 
     _, _, weights = wanted.find.estimator.partition("@")
     given = {"motion": motion, "weights": weights and fingerprint(Path(weights)), "overwrite": None}
-    for group in (wanted.find, wanted.find.camera, wanted.undo, wanted.save):
+    neighbours = wanted.neighbours
+    for group in (wanted.find, wanted.find.camera, wanted.undo, wanted.save, neighbours, neighbours.clock):
         for each in fields(group):
             value = vars(group)[each.name]
             if each.name in _OLDEST_OPTIONS or (each.default is not MISSING and value != each.default):

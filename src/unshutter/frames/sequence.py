@@ -5,22 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError
 from unshutter.frames.camera import ROWS, Fit, Problem
 from unshutter.frames.focal import focal_from_motion
-from unshutter.frames.ratio import STILL_PX, ReadoutRatio, flow, ratio_from_motion
-from unshutter.frames.tracks import TRACKED_SIDE, Background, Tracks, background, follow
+from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
+from unshutter.frames.shots import APART, Seen, Shot
+from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
-from unshutter.options import Camera, Reference, Undo
+from unshutter.options import Camera, Clock, Reference, Undo
 from unshutter.photo import Photo
-
-if TYPE_CHECKING:
-    from unshutter.geometry.shapes import UInt8
 
 NAME = "frames-camera"
 _CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
@@ -28,8 +25,6 @@ _SEARCHED = 60  # frames from which the readout ratio is found
 _PATIENCE = 240  # frames after which it is given up
 _NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
-_APART = "the frames beside it show another scene, or near and far move too differently in them"
-_LEAST_CORNERS = 24  # that a picture has which says something
 _FEW_PAIRS, _EVEN = 3, 100.0  # pairs that do not say how speed changes, and the stiffness that keeps it even
 _GUESSED_RATIO = 0.5  # to look for a focal length with
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
@@ -96,24 +91,40 @@ class CameraMotion:
 
     def frames(self, frames: Iterable[_FRAME]) -> Iterator[FrameMotion]:
         """What is known of each frame's motion, in order, some frames later than they come; memory stays flat."""
-        shot = _Shot()
-        for frame in frames:
-            seen = self._look(frame)
+        return self.motions(self.look(frame) for frame in frames)
+
+    def motions(self, frames: Iterable[Seen | None]) -> Iterator[FrameMotion]:
+        """As :meth:`frames`, of frames that were looked at.
+
+        Args:
+            frames: in order; None where some are missing, which parts the sequence.
+        """
+        shot = Shot()
+        for seen in frames:
+            if seen is None:
+                yield from self._ready(shot, ended=True)
+                shot = Shot()
+                continue
             if not shot.joins(seen, self.ratio):
                 yield from self._ready(shot, ended=True)
-                shot = _Shot(broken_by=shot.broken_by)
+                shot = Shot(broken_by=shot.broken_by)
             shot.add(seen)
             yield from self._ready(shot, ended=False)
         yield from self._ready(shot, ended=True)
 
-    def _look(self, frame: _FRAME) -> _Seen:
+    def look(self, frame: _FRAME) -> Seen:
+        """What is kept of a frame.
+
+        Raises:
+            UnshutterError: it cannot be read.
+        """
         photo = frame if isinstance(frame, Photo) else _opened(frame)
         height, width = self.readout.frame_size(photo.height, photo.width)
         if self._focal is None and (known := self.focal_px or photo.focal_px()):
             self._focal = known * ROWS / height
-        return _Seen(height, width, np.ascontiguousarray(self.readout.turn(photo.grey(TRACKED_SIDE))))
+        return Seen(height, width, np.ascontiguousarray(self.readout.turn(photo.grey(TRACKED_SIDE))))
 
-    def _ready(self, shot: _Shot, ended: bool) -> Iterator[FrameMotion]:
+    def _ready(self, shot: Shot, ended: bool) -> Iterator[FrameMotion]:
         """The frames of a shot that are ready."""
         waiting = len(shot.waiting)
         if self.ratio is None and waiting and (ended or waiting in (_SEARCHED, _PATIENCE)):
@@ -129,7 +140,7 @@ class CameraMotion:
                 yield FrameMotion(seen.height, seen.width, self.readout, fit, index, ratio, reason)
             shot.drop(many, _MARGIN)
 
-    def _find_ratio(self, shot: _Shot) -> None:
+    def _find_ratio(self, shot: Shot) -> None:
         shot.why_unknown = ""
         pairs = [pair for pair in shot.pairs if len(pair)]
         if not pairs:
@@ -140,7 +151,7 @@ class CameraMotion:
         except UnshutterError as error:
             shot.why_unknown = str(error)
 
-    def _fit(self, shot: _Shot, many: int) -> tuple[Fit | None, str]:
+    def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, str]:
         """The motion about the next frames of a shot; or why there is none."""
         pairs = shot.pairs[: shot.before + many + _MARGIN - 1]
         if not pairs:
@@ -158,84 +169,8 @@ class CameraMotion:
         even = _EVEN if len(pairs) < _FEW_PAIRS else None
         fit = Problem(pairs, focal).fit(self.ratio.value, even)
         if fit.noise_px > _TOO_NOISY_PX:
-            return None, _APART
+            return None, APART
         return fit, ""
-
-
-# ---- frames that show one scene ------------------------------------------------------------------------------
-
-
-@dataclass(eq=False)
-class _Seen:
-    """A frame as it is looked at: its full size and a small grey copy."""
-
-    height: int
-    width: int
-    grey: UInt8[np.ndarray, "rows columns"]
-    number: int = 0
-
-
-@dataclass(eq=False)
-class _Shot:
-    """Frames that show one scene, those that wait for their motion and a few before them.
-
-    Attributes:
-        broken_by: why the shot began here.
-        pairs: tracks of the background from each kept frame to the next.
-        waiting: frames that wait.
-        first: number of the frame at which ``pairs`` begin.
-        before: how many of the kept frames wait no more.
-        why_unknown: why the readout ratio could not be found from them.
-    """
-
-    broken_by: str = ""
-    pairs: list[Tracks] = field(default_factory=list)
-    waiting: list[_Seen] = field(default_factory=list)
-    first: int = 0
-    before: int = 0
-    why_unknown: str = ""
-    _last: _Seen | None = None
-    _next: Background | None = None
-    _moving: list[bool] = field(default_factory=list)
-
-    @property
-    def still(self) -> bool:
-        """Whether nothing says that the camera moved."""
-        return not any(self._moving)
-
-    def joins(self, seen: _Seen, ratio: ReadoutRatio | None) -> bool:
-        """Whether a frame shows the same scene as the one before it."""
-        self._next = None
-        if self._last is None:
-            return True
-        if (seen.height, seen.width) != (self._last.height, self._last.width):
-            self.broken_by = "the frames before and after it have another size"
-            return False
-        tracks = follow(self._last.grey, seen.grey)
-        self._next = background(tracks, ratio.value if ratio else None)
-        if not self._next.joined:
-            few = tracks.looked_for < _LEAST_CORNERS
-            self.broken_by = "there is too little to follow" if few else _APART
-        return self._next.joined
-
-    def add(self, seen: _Seen) -> None:
-        """The next frame, after :meth:`joins`."""
-        if self._last is not None and self._next is not None:
-            self.pairs.append(self._next.tracks)
-            self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
-            seen.number = self._last.number + 1
-            self._last.grey = seen.grey[:0]  # no longer needed
-        self.waiting.append(seen)
-        self._last = seen
-
-    def drop(self, many: int, margin: int) -> None:
-        """Frames wait no more; a few of them are kept."""
-        del self.waiting[:many]
-        self.before += many
-        surplus = max(self.before - margin, 0)
-        del self.pairs[:surplus], self._moving[:surplus]
-        self.first += surplus
-        self.before -= surplus
 
 
 # ---- for users ---------------------------------------------------------------------------------------------------
@@ -287,17 +222,8 @@ def known_ratio(
     Raises:
         UsageError: it is not above 0 and at most 1, or only a part of it is given.
     """
-    if readout_ms is not None and readout_ratio is not None:
-        raise UsageError("give the readout ratio or the readout time, not both")
-    if readout_ms is not None:
-        if fps is None:
-            raise UsageError("the readout time needs the frames per second beside it (--fps)")
-        readout_ratio = readout_ms * fps / 1000
-    if readout_ratio is None:
-        return None
-    if not 0 < readout_ratio <= 1:
-        raise UsageError(f"the readout ratio must be above 0 and at most 1, got {readout_ratio:g}")
-    return ReadoutRatio(readout_ratio, 0.0, "what was given")
+    clock = Clock(readout_ratio, readout_ms, fps)
+    return ReadoutRatio(clock.ratio, 0.0, "what was given") if clock.is_known else None
 
 
 def _opened(frame: str | os.PathLike[str] | bytes | np.ndarray) -> Photo:

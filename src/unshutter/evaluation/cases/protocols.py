@@ -198,8 +198,9 @@ PROTOCOLS = {
         "Each photo as 60 frames of a camera that turns about all three axes as a recorded one did (30 frames a "
         "second, 640x360 px, noise of 2 levels; logs of motion capture smoothed by 30 ms), its readout taking 0.3, 0.6 "
         "and 0.9 of a frame's time. *frames-camera* sees all frames and has to find the focal length, and the "
-        "readout ratio where it is not given; it may say that it cannot. *Covered*: the truth lies within 1.645 of its own standard "
-        "deviations, as nine in ten should. Methods that see one photo get every twelfth frame, and the focal length.",
+        "readout ratio where it is not given; it may say that it cannot. *Covered*: the truth lies within 1.645 of its "
+        "own standard deviations, as nine in ten should. Methods that see one photo get every twelfth frame "
+        "and the focal length.",
         _sequences,
     ),
 }
