@@ -9,6 +9,8 @@ from unshutter.frames.ratio import STILL_PX, ReadoutRatio, flow
 from unshutter.frames.tracks import Background, Tracks, background, follow
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from unshutter.geometry.shapes import UInt8
 
 APART = "the frames beside it show another scene, or near and far move too differently in them"
