@@ -139,18 +139,27 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
 
 
 def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.ndarray:
-    """[N] bool: the points that the homography of most of them takes from start to end."""
+    """[N] bool: the points that the homography of most of them takes from start to end.
+
+    Where the speed changes within a frame, rows differ from it smoothly; that is allowed for.
+    """
     import cv2
 
-    homography, agreeing = cv2.findHomography(start, end, cv2.USAC_ACCURATE, _NEAR_PLANE * diagonal)
-    if homography is None or not agreeing.any():
+    near = _NEAR_PLANE * diagonal
+    homography, agreeing = cv2.findHomography(start, end, cv2.USAC_ACCURATE, 2 * near)
+    if homography is None or agreeing.sum() < _FEWEST:
         return np.zeros(len(start), bool)
-    away = np.hypot(*(cv2.perspectiveTransform(start[None], homography)[0] - end).T)
-    near = away < _NEAR_PLANE * diagonal
-    if (away < _NEAR_PLANE * diagonal / 3).sum() < _SHARP * near.sum():  # as close as chance brings them: noise
+    off = end - cv2.perspectiveTransform(start[None], homography)[0]
+    chosen = agreeing[:, 0] > 0
+    for _ in range(3):
+        by_row = np.polynomial.polynomial.polyfit(start[chosen, 1] / diagonal, off[chosen], 3)
+        away = np.hypot(*(off - np.polynomial.polynomial.polyval(start[:, 1] / diagonal, by_row).T).T)
+        if (away < near).sum() < _FEWEST:
+            return np.zeros(len(start), bool)
+        chosen = away < near
+    if (away < near / 3).sum() < _SHARP * chosen.sum():  # as close as chance brings them: noise
         return np.zeros(len(start), bool)
-    usual = np.median(away[agreeing[:, 0] > 0])
-    return away < np.clip(_SPREAD * usual, _LEAST * diagonal, _NEAR_PLANE * diagonal)
+    return away < np.clip(_SPREAD * np.median(away[chosen]), _LEAST * diagonal, near)
 
 
 def _spread(points: np.ndarray, tracks: Tracks) -> bool:
