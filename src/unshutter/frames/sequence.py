@@ -42,6 +42,7 @@ class FrameMotion:
         at: time of the frame in that fit [frame intervals].
         ratio: readout time in frame intervals.
         reason: why there is no motion; empty otherwise.
+        shot: number of the shot that it belongs to.
     """
 
     height: int
@@ -51,6 +52,7 @@ class FrameMotion:
     at: float = 0.0
     ratio: float = 0.0
     reason: str = ""
+    shot: int = 0
 
     def motion(self, reference: Reference = "first") -> Motion:
         """The frame's motion; zero, with the reason, where none was found."""
@@ -108,11 +110,11 @@ class CameraMotion:
         for seen in frames:
             if seen is None:
                 yield from self._ready(shot, ended=True)
-                shot = Shot()
+                shot = Shot(number=shot.number + 1)
                 continue
             if not shot.joins(seen, self.ratio):
                 yield from self._ready(shot, ended=True)
-                shot = Shot(broken_by=shot.broken_by)
+                shot = Shot(broken_by=shot.broken_by, number=shot.number + 1)
             shot.add(seen)
             yield from self._ready(shot, ended=False)
         yield from self._ready(shot, ended=True)
@@ -144,7 +146,7 @@ class CameraMotion:
             for seen in shot.waiting[:many]:
                 index = seen.at - begun
                 ratio = self.ratio.value if self.ratio else 0.0
-                yield FrameMotion(seen.height, seen.width, self.readout, fit, index, ratio, reason)
+                yield FrameMotion(seen.height, seen.width, self.readout, fit, index, ratio, reason, shot.number)
             shot.drop(many, margin)
 
     def _find_ratio(self, shot: Shot) -> None:

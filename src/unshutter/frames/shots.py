@@ -37,6 +37,7 @@ class Shot:
 
     Attributes:
         broken_by: why the shot began here.
+        number: of the shot in its sequence.
         pairs: tracks of the background from each kept frame to the next.
         times: when the frames of ``pairs`` were taken, one more than those [frame intervals].
         waiting: frames that wait.
@@ -45,6 +46,7 @@ class Shot:
     """
 
     broken_by: str = ""
+    number: int = 0
     pairs: list[Tracks] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     waiting: list[Seen] = field(default_factory=list)

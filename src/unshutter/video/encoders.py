@@ -1,0 +1,174 @@
+"""How frames are encoded: like those that came in, unless told otherwise."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.video.options import Encode
+from unshutter.video.clip import Clip
+from unshutter.video.library import av
+
+if TYPE_CHECKING:
+    from av import VideoFrame
+    from av.video.stream import VideoStream
+
+# FFmpeg's name of a codec -> the encoder that writes it
+_ENCODERS = {
+    "h264": "libx264",
+    "hevc": "libx265",
+    "av1": "libsvtav1",
+    "libdav1d": "libsvtav1",
+    "vp9": "libvpx-vp9",
+    "libvpx-vp9": "libvpx-vp9",
+    "prores": "prores_ks",
+}
+_CRF = {"libx264": 18, "libx265": 20, "libsvtav1": 24, "libvpx-vp9": 24}
+_QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
+_LAMBDA = 118  # FFmpeg's units of a quality of 1
+_COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """An encoder and how it is set.
+
+    Attributes:
+        name: as FFmpeg calls it.
+        options: of it.
+        qscale: quality of encoders that have no CRF; None: CRF.
+    """
+
+    name: str
+    options: dict[str, str] = field(default_factory=dict)
+    qscale: int | None = None
+
+    @classmethod
+    def choose(cls, clip: Clip, wanted: Encode, first: VideoFrame | None = None) -> Encoder:
+        """The encoder for a clip.
+
+        Args:
+            clip: what comes in.
+            wanted: what was asked for.
+            first: its first frame, for what it says of the display that it was made for.
+
+        Raises:
+            UsageError: the encoder takes no such preset or quality.
+            UnshutterError: there is no encoder for these frames.
+        """
+        name = wanted.codec or _ENCODERS.get(clip.codec, clip.codec)
+        name = _ENCODERS.get(name, name)
+        try:
+            codec = av().Codec(name, "w")
+        except ValueError:
+            raise UnshutterError(f"this FFmpeg has no encoder '{name}': choose another with --codec") from None
+        if codec.type != "video":
+            raise UsageError(f"'{name}' is no encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
+        takes = [each.name for each in codec.video_formats or []]
+        if takes and clip.pixels.name not in takes:
+            raise UnshutterError(
+                f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
+            )
+        options: dict[str, str] = {}
+        if wanted.preset is not None:
+            if name not in ("libx264", "libx265", "libsvtav1"):
+                raise UsageError(f"{name} has no presets: leave out --preset")
+            if name == "libsvtav1" and not wanted.preset.isdigit():
+                raise UsageError("the presets of libsvtav1 are numbers, from 0 (slow) to 13 (fast)")
+            options["preset"] = wanted.preset
+        crf = wanted.crf if wanted.crf is not None else _CRF.get(name)
+        if name in _QSCALE:
+            return cls(name, options, round(wanted.crf) if wanted.crf is not None else _QSCALE[name])
+        if crf is not None:
+            if name not in _CRF:
+                raise UsageError(f"{name} has no such quality: leave out --crf")
+            options["crf"] = f"{crf:g}"
+        if name == "libvpx-vp9":
+            options |= {"b": "0", "row-mt": "1"}
+        if name == "libx265":
+            options["x265-params"] = ":".join(["log-level=error", *_hdr(first, ":", _x265_display, _x265_light)])
+        if name == "libsvtav1" and (told := _hdr(first, ":", _svt_display, _svt_light)):
+            options["svtav1-params"] = ":".join(told)
+        return cls(name, options)
+
+    def add_to(self, container: Any, like: VideoStream, clip: Clip, size: tuple[int, int]) -> VideoStream:
+        """A stream of a container that this encodes.
+
+        Args:
+            container: PyAV's, being written.
+            like: the stream that came in.
+            clip: what it says.
+            size: height and width of the frames [px].
+
+        Raises:
+            UnshutterError: files of this kind take no such stream.
+        """
+        rate = like.guessed_rate or like.average_rate or 30
+        try:
+            stream = container.add_stream(self.name, rate=rate, options=dict(self.options))
+        except ValueError:
+            raise UnshutterError(f"a file of the kind '{container.format.name}' cannot hold {self.name}") from None
+        context, source = stream.codec_context, like.codec_context
+        stream.height, stream.width, stream.pix_fmt = *size, clip.pixels.name
+        context.time_base = like.time_base
+        for name in _COLOURS:
+            setattr(context, name, getattr(source, name))
+        if like.sample_aspect_ratio:
+            context.sample_aspect_ratio = like.sample_aspect_ratio
+        if self.qscale is not None:
+            context.qscale, context.global_quality = True, self.qscale * _LAMBDA
+        if self.name == "mjpeg":
+            stream.options["strict"] = "unofficial"
+        if _ENCODERS.get(clip.codec, clip.codec) == self.name:
+            _follow(context, source)
+        return stream
+
+
+def _follow(context: Any, source: Any) -> None:
+    """What only an encoder of the same kind can take over."""
+    tag = source.codec_tag
+    if tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4 and tag != "\0\0\0\0":
+        context.codec_tag = tag
+    if context.name == "prores_ks" and source.profile:
+        profiles = {"Apple ProRes 422 Proxy": "0", "Apple ProRes 422 LT": "1", "Apple ProRes 422": "2"}
+        profiles |= {"Apple ProRes 422 HQ": "3", "Apple ProRes 4444": "4", "Apple ProRes 4444 XQ": "5"}
+        if source.profile in profiles:
+            context.options = {**context.options, "profile": profiles[source.profile]}
+
+
+# ---- the display that a clip was made for --------------------------------------------------------------
+
+
+def _hdr(first: VideoFrame | None, _between: str, display: Any, light: Any) -> list[str]:
+    """What a frame says of its mastering display and its light, as an encoder's settings."""
+    told = {} if first is None else {data.type.name: bytes(data) for data in first.side_data}
+    settings = []
+    if len(raw := told.get("MASTERING_DISPLAY_METADATA", b"")) >= 88:
+        numbers = struct.unpack("=20i", raw[:80])
+        values = [n / d if d else 0.0 for n, d in zip(numbers[::2], numbers[1::2], strict=True)]
+        if all(struct.unpack("=2i", raw[80:88])):
+            settings.append(display(values))
+    if len(raw := told.get("CONTENT_LIGHT_LEVEL", b"")) >= 8:
+        settings.append(light(*struct.unpack("=2I", raw[:8])))
+    return settings
+
+
+def _x265_display(v: list[float]) -> str:
+    red, green, blue, white = ([round(50_000 * x) for x in v[k : k + 2]] for k in (0, 2, 4, 6))
+    points = "".join(f"{n}({x},{y})" for n, (x, y) in (("G", green), ("B", blue), ("R", red), ("WP", white)))
+    return f"hdr10=1:repeat-headers=1:master-display={points}L({round(1e4 * v[9])},{round(1e4 * v[8])})"
+
+
+def _x265_light(most: int, average: int) -> str:
+    return f"max-cll={most},{average}"
+
+
+def _svt_display(v: list[float]) -> str:
+    points = "".join(f"{n}({v[k]:.5f},{v[k + 1]:.5f})" for n, k in (("G", 2), ("B", 4), ("R", 0), ("WP", 6)))
+    return f"mastering-display={points}L({v[9]:.4f},{v[8]:.4f})"
+
+
+def _svt_light(most: int, average: int) -> str:
+    return f"content-light={most},{average}"

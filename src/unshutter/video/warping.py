@@ -1,0 +1,98 @@
+"""A frame's motion undone on its planes as they are stored: no way through RGB, no change of what is not moved.
+
+The map is smooth, so it is worked out exactly at the nodes of a grid and filled in linearly between them. A motion of
+a clip is one of a small picture of the same shape (``moving.py``): its positions are scaled up to each plane's pixels,
+centres to centres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import cv2
+import numpy as np
+
+from unshutter.motion import Motion
+from unshutter.warp.grid import gs_to_rs_map
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float32, UInt
+
+_STEP = (16, 64)  # rows and columns of the frame between nodes
+FarEdge = Literal["keep", "fill"]
+
+
+@dataclass(frozen=True)
+class FrameMap:
+    """Where each pixel of the rectified frame looks in the frame as it is.
+
+    Attributes:
+        nodes: [2, N, M] col and row [px of the frame], at the middles of cells of ``_STEP``; the first and the last
+            lie outside.
+        height, width: of the frame [px].
+    """
+
+    nodes: Float32[np.ndarray, "2 node_rows node_cols"]
+    height: int
+    width: int
+
+    @classmethod
+    def of(cls, motion: Motion, height: int, width: int) -> FrameMap:
+        """Of a frame of height x width [px].
+
+        Args:
+            motion: of a picture of the same shape, of any size.
+            height, width: of the stored frame [px].
+
+        Raises:
+            UnshutterError: the motion turns faster than rows are read.
+        """
+        small = motion.readout.frame_size(motion.height, motion.width)
+        scale = np.array([small[1] / width, small[0] / height])  # px of the motion per px of the frame
+        rows, cols = (
+            (np.arange(-1, -(-size // step) + 1) + 0.5) * step * s - 0.5
+            for size, step, s in zip((height, width), _STEP, scale[::-1], strict=True)
+        )
+        row, col = np.meshgrid(rows, cols, indexing="ij")
+        with np.errstate(all="ignore"):  # far outside, Newton's method may run away
+            found = np.stack(gs_to_rs_map(motion)(col, row))
+        found = (found + 0.5) / scale[:, None, None] - 0.5
+        far = float(height + width)
+        np.nan_to_num(found, copy=False, nan=-far, posinf=2 * far, neginf=-far)
+        return cls(np.clip(found, -far, 2 * far).astype(np.float32), height, width)
+
+    def positions(self, across: int = 1, down: int = 1) -> tuple[Float32[np.ndarray, "rows cols"], ...]:
+        """(col, row) [px of a plane] at every pixel of a plane with so many pixels of the frame to one of its own."""
+        height, width = -(-self.height // down), -(-self.width // across)
+        step = (_STEP[0] // down, _STEP[1] // across)
+        size = (self.nodes.shape[2] * step[1], self.nodes.shape[1] * step[0])
+        inside = (slice(step[0], step[0] + height), slice(step[1], step[1] + width))
+        return tuple(
+            cv2.resize((nodes + 0.5) / share - 0.5, size, interpolation=cv2.INTER_LINEAR)[inside]
+            for nodes, share in zip(self.nodes, (across, down), strict=True)
+        )
+
+
+def warp_plane(
+    plane: UInt[np.ndarray, "rows columns *bands"],
+    positions: tuple[Float32[np.ndarray, "rows cols"], ...],
+    out: UInt[np.ndarray, "rows columns *bands"],
+    black: int | None,
+    limit: int,
+) -> None:
+    """Writes what a plane shows at positions into another one, bicubic (a = -0.75).
+
+    Args:
+        plane: values as stored.
+        positions: (col, row) [px of the plane].
+        out: is written to; of the same type.
+        black: what is written where nothing was seen; None: the nearest value.
+        limit: greatest value; a cubic may shoot beyond it.
+    """
+    border = {"borderMode": cv2.BORDER_REPLICATE}
+    if black is not None:
+        border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (black,) * 4}
+    cv2.remap(plane, *positions, cv2.INTER_CUBIC, dst=out, **border)
+    if limit not in (0xFF, 0xFFFF):
+        np.minimum(out, limit, out=out)
