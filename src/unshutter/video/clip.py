@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,8 @@ class Clip:
         duration_s: of the clip [s]; 0: unknown.
         tags: of the container and of the film, later ones first.
         of_pictures: whether it is a sequence of pictures.
+        side_data: what lies beside the first frame, by FFmpeg's names; later frames are not asked, since PyAV then
+            keeps them for good.
     """
 
     path: str
@@ -51,6 +54,7 @@ class Clip:
     duration_s: float
     tags: dict[str, str]
     of_pictures: bool
+    side_data: dict[str, bytes]
 
     @classmethod
     def look(cls, path: str | os.PathLike[str], fps: float | None = None) -> Clip:
@@ -78,9 +82,11 @@ class Clip:
             tags = {**dict(container.metadata), **dict(stream.metadata)}
             known = (place, PixelFormat.of(context.format), context.name, stream.height, stream.width)
             interval = _interval(container, stream)
-        _check_first_frame(place, fps)
+        beside = _beside_first_frame(place, fps)
+        if "SPHERICAL" in beside:
+            raise UnshutterError(f"{place} is a 360-degree clip: its rows are no rows of the sensor")
         frames = stream.frames or (round(float(length) / interval) if of_pictures else 0)
-        return cls(*known, interval, frames, float(length), tags, of_pictures)
+        return cls(*known, interval, frames, float(length), tags, of_pictures, beside)
 
     def items(self, start: float | None = None, end: float | None = None, all_streams: bool = False) -> Iterator:
         """Frames in the order in which they are shown, and packets of the other streams where they lie between them.
@@ -174,7 +180,7 @@ def _interval(container, stream) -> float:
         if len(times) > _LOOKED_AT:
             break
     times = sorted(set(times))[:-4] if len(times) > 8 else sorted(set(times))  # the last ones may still lack some
-    gaps = sorted(b - a for a, b in zip(times, times[1:], strict=False))
+    gaps = sorted(b - a for a, b in pairwise(times))
     if gaps:
         usual = float(gaps[len(gaps) // 2] * stream.time_base)
         said = [1 / float(rate) for rate in (stream.guessed_rate, stream.average_rate) if rate]
@@ -182,17 +188,15 @@ def _interval(container, stream) -> float:
     return 1 / float(stream.guessed_rate or stream.average_rate or 30)
 
 
-def _check_first_frame(place: str, fps: float | None) -> None:
-    """Refuses what only frames tell: fields, and pictures of all around."""
+def _beside_first_frame(place: str, fps: float | None) -> dict[str, bytes]:
+    """The first frame's side data; refuses interlaced clips, which only frames tell."""
     with opened(place, fps) as container:
         film = film_of(container, place)
         for packet in _packets(container, film, place):
             for frame in _decoded(packet, place):
                 if frame.interlaced_frame:
                     raise _interlaced(place)
-                if any(data.type.name == "SPHERICAL" for data in frame.side_data):
-                    raise UnshutterError(f"{place} is a 360-degree clip: its rows are no rows of the sensor")
-                return
+                return {data.type.name: bytes(data) for data in frame.side_data}
     raise UnshutterError(f"{place} has no frame that can be decoded")
 
 
@@ -213,7 +217,7 @@ def _decoded(packet: Packet, place: str) -> list[VideoFrame]:
 
 def _wanted(item, start: float | None, end: float | None) -> bool:
     at = item.time if hasattr(item, "time") else None if item.pts is None else float(item.pts * item.time_base)
-    return at is None or (at >= (start or 0) - 1e-6 or not start) and (end is None or at < end)
+    return at is None or ((at >= (start or 0) - 1e-6 or not start) and (end is None or at < end))
 
 
 def _damaged(place: str, at: float | None) -> UnshutterError:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.video.options import Encode
 from unshutter.video.clip import Clip
 from unshutter.video.library import av
+from unshutter.video.options import Encode
 
 if TYPE_CHECKING:
-    from av import VideoFrame
     from av.video.stream import VideoStream
 
 # FFmpeg's name of a codec -> the encoder that writes it
@@ -26,6 +26,8 @@ _ENCODERS = {
     "prores": "prores_ks",
 }
 _CRF = {"libx264": 18, "libx265": 20, "libsvtav1": 24, "libvpx-vp9": 24}
+_X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", "slow", "slower", "veryslow"))
+_PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
 _QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
 _LAMBDA = 118  # FFmpeg's units of a quality of 1
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
@@ -46,13 +48,12 @@ class Encoder:
     qscale: int | None = None
 
     @classmethod
-    def choose(cls, clip: Clip, wanted: Encode, first: VideoFrame | None = None) -> Encoder:
+    def choose(cls, clip: Clip, wanted: Encode) -> Encoder:
         """The encoder for a clip.
 
         Args:
             clip: what comes in.
             wanted: what was asked for.
-            first: its first frame, for what it says of the display that it was made for.
 
         Raises:
             UsageError: the encoder takes no such preset or quality.
@@ -60,36 +61,19 @@ class Encoder:
         """
         name = wanted.codec or _ENCODERS.get(clip.codec, clip.codec)
         name = _ENCODERS.get(name, name)
-        try:
-            codec = av().Codec(name, "w")
-        except ValueError:
-            raise UnshutterError(f"this FFmpeg has no encoder '{name}': choose another with --codec") from None
-        if codec.type != "video":
-            raise UsageError(f"'{name}' is no encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
-        takes = [each.name for each in codec.video_formats or []]
-        if takes and clip.pixels.name not in takes:
-            raise UnshutterError(
-                f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
-            )
-        options: dict[str, str] = {}
-        if wanted.preset is not None:
-            if name not in ("libx264", "libx265", "libsvtav1"):
-                raise UsageError(f"{name} has no presets: leave out --preset")
-            if name == "libsvtav1" and not wanted.preset.isdigit():
-                raise UsageError("the presets of libsvtav1 are numbers, from 0 (slow) to 13 (fast)")
-            options["preset"] = wanted.preset
-        crf = wanted.crf if wanted.crf is not None else _CRF.get(name)
+        _check(name, clip)
+        options = _speed(name, wanted.preset)
         if name in _QSCALE:
             return cls(name, options, round(wanted.crf) if wanted.crf is not None else _QSCALE[name])
-        if crf is not None:
-            if name not in _CRF:
-                raise UsageError(f"{name} has no such quality: leave out --crf")
-            options["crf"] = f"{crf:g}"
+        if name in _CRF:
+            options["crf"] = f"{wanted.crf if wanted.crf is not None else _CRF[name]:g}"
+        elif wanted.crf is not None:
+            raise UsageError(f"{name} has no such quality: leave out --crf")
         if name == "libvpx-vp9":
             options |= {"b": "0", "row-mt": "1"}
         if name == "libx265":
-            options["x265-params"] = ":".join(["log-level=error", *_hdr(first, ":", _x265_display, _x265_light)])
-        if name == "libsvtav1" and (told := _hdr(first, ":", _svt_display, _svt_light)):
+            options["x265-params"] = ":".join(["log-level=error", *_hdr(clip, _x265_display, _x265_light)])
+        if name == "libsvtav1" and (told := _hdr(clip, _svt_display, _svt_light)):
             options["svtav1-params"] = ":".join(told)
         return cls(name, options)
 
@@ -126,6 +110,32 @@ class Encoder:
         return stream
 
 
+def _check(name: str, clip: Clip) -> None:
+    """Refuses an encoder that is not there, or does not write such frames."""
+    try:
+        codec = av().Codec(name, "w")
+    except ValueError:
+        raise UnshutterError(f"this FFmpeg has no encoder '{name}': choose another with --codec") from None
+    if codec.type != "video":
+        raise UsageError(f"'{name}' is no encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
+    takes = [each.name for each in codec.video_formats or []]
+    if takes and clip.pixels.name not in takes:
+        raise UnshutterError(
+            f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
+        )
+
+
+def _speed(name: str, preset: str | None) -> dict[str, str]:
+    """The preset as an encoder's option."""
+    if preset is None:
+        return {}
+    if name not in _PRESETS:
+        raise UsageError(f"{name} has no presets: leave out --preset")
+    if preset not in _PRESETS[name]:
+        raise UsageError(f"{name} has no preset '{preset}': choose one of {', '.join(_PRESETS[name])}")
+    return {"preset": preset}
+
+
 def _follow(context: Any, source: Any) -> None:
     """What only an encoder of the same kind can take over."""
     tag = source.codec_tag
@@ -141,9 +151,9 @@ def _follow(context: Any, source: Any) -> None:
 # ---- the display that a clip was made for --------------------------------------------------------------
 
 
-def _hdr(first: VideoFrame | None, _between: str, display: Any, light: Any) -> list[str]:
-    """What a frame says of its mastering display and its light, as an encoder's settings."""
-    told = {} if first is None else {data.type.name: bytes(data) for data in first.side_data}
+def _hdr(clip: Clip, display: Callable[[list[float]], str], light: Callable[[int, int], str]) -> list[str]:
+    """What a clip says of its mastering display and its light, as an encoder's settings."""
+    told = clip.side_data
     settings = []
     if len(raw := told.get("MASTERING_DISPLAY_METADATA", b"")) >= 88:
         numbers = struct.unpack("=20i", raw[:80])

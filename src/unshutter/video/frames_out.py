@@ -14,7 +14,7 @@ from unshutter.video.clip import Clip
 from unshutter.video.library import av
 from unshutter.video.moving import Moved
 from unshutter.video.options import UndoFrames
-from unshutter.video.warping import FrameMap, warp_plane
+from unshutter.video.warping import FrameMap, Scratch, warp_plane
 from unshutter.warp.grid import Tile
 from unshutter.warp.pixels import crop_window
 
@@ -41,6 +41,7 @@ class Warper:
     clip: Clip
     undo: UndoFrames
     window: Tile | None = None
+    _scratch: Scratch = field(default_factory=Scratch)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -70,14 +71,14 @@ class Warper:
                 continue
             share = (plane.across, plane.down)
             if share not in positions:
-                positions[share] = found.positions(*share)
+                positions[share] = found.positions(*share, self._scratch)
             black = plane.black_full if full else plane.black
             warp_plane(before, positions[share], after, black if self.undo.edges == "keep" else None, limit)
         return item, self._dressed(made, frame)
 
     def _dressed(self, made: VideoFrame, frame: VideoFrame) -> VideoFrame:
         """The new pixels as the frame that came in: its time, its colours, what lies beside them."""
-        if self.window is None and any(data.type.name in _PASSED_ON for data in frame.side_data):
+        if self.window is None and _PASSED_ON & self.clip.side_data.keys():
             frame.make_writable()
             for new, old in zip(self.clip.pixels.arrays(made), self.clip.pixels.arrays(frame), strict=True):
                 np.copyto(old, new)

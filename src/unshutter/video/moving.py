@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
 ROWS = 65  # of the small pictures that motions of clips are of
-WINDOW = (12, 4)  # frames: a clip waits for so many, and all of them in memory
+_MARGIN = 4  # frames on both sides that only steady a window
+_CORE = (6, 24)  # fewest and most frames of a window
+_IN_MEMORY = 100_000_000  # bytes: frames that wait for their motion, and as many whose motion is known
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,13 @@ class Moved:
     frame: VideoFrame
     motion: Motion
     cut: bool = False
+
+
+def window(clip: Clip) -> tuple[int, int]:
+    """How many frames' motion is found together, and how many more steady it: as memory allows."""
+    size = sum(plane.bands / plane.across / plane.down for plane in clip.pixels.planes)
+    size *= clip.height * clip.width * (1 if clip.pixels.depth == 8 else 2)
+    return int(min(max(_IN_MEMORY / size, _CORE[0]), _CORE[1])), _MARGIN
 
 
 def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float) -> Seen:

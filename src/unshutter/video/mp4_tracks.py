@@ -87,28 +87,40 @@ class Track:
         Raises:
             NotPlainError: its tables contradict each other.
         """
+        sizes, per_chunk, offsets, times = self._tables()
+        first = np.concatenate([[0], np.cumsum(per_chunk)])
+        ends = np.concatenate([[0], np.cumsum(sizes)])
+        return [
+            Chunk(float(times[first[k]]), int(offsets[k]), int(ends[first[k + 1]] - ends[first[k]]))
+            for k in range(len(offsets))
+        ]
+
+    def samples(self) -> list[int]:
+        """Where each of its samples is in its file [bytes]; errors as :meth:`chunks`."""
+        sizes, per_chunk, offsets, _ = self._tables()
+        ends = np.concatenate([[0], np.cumsum(sizes)])
+        before = ends[np.concatenate([[0], np.cumsum(per_chunk)])[:-1]]  # each chunk
+        return (np.repeat(offsets - before, per_chunk) + ends[:-1]).tolist()
+
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Sizes of samples, samples in each chunk, offsets of chunks [bytes], times of samples [s]."""
         try:
             table = dict(inside(self.part(b"mdia", b"minf", b"stbl")))
             wide = b"co64" in table
             offsets = _numbers(table[b"co64" if wide else b"stco"], ">u8" if wide else ">u4")
-            sizes = _sizes(table)
+            sizes = _sizes(table).astype(np.int64)
             per_chunk = _per_chunk(_numbers(table[b"stsc"], ">u4", 3), len(offsets))
             durations = _numbers(table[b"stts"], ">u4", 2).astype(np.int64)
             if per_chunk.sum() != len(sizes) or durations[:, 0].sum() != len(sizes):
                 raise NotPlainError("its tables contradict each other")
         except (KeyError, struct.error, ValueError, IndexError) as error:
             raise NotPlainError(str(error)) from None
-        first = np.concatenate([[0], np.cumsum(per_chunk)])
-        ends = np.concatenate([[0], np.cumsum(sizes.astype(np.int64))])
-        times = np.concatenate([[0], np.cumsum(np.repeat(durations[:, 1], durations[:, 0]))]) / max(self.timescale, 1)
-        return [
-            Chunk(float(times[first[k]]), int(offsets[k]), int(ends[first[k + 1]] - ends[first[k]]))
-            for k in range(len(offsets))
-        ]
+        times = np.concatenate([[0], np.cumsum(np.repeat(durations[:, 1], durations[:, 0]))])
+        return sizes, per_chunk, offsets.astype(np.int64), times / max(self.timescale, 1)
 
     def moved(self, starts: list[int]) -> bytes:
         """Its ``trak`` content with chunks that begin elsewhere."""
-        told = struct.pack(">II", 0, len(starts)) + np.array(starts, ">u8").tobytes()
+        told = _offsets(starts)
 
         def change(content: bytes, path: tuple[bytes, ...]) -> bytes:
             made = b""
@@ -159,6 +171,10 @@ class Track:
         for name, content in inside(film.part(b"mdia", b"minf", b"stbl")):
             if name == b"stsd":
                 content = _entry_with(content, self.part(b"mdia", b"minf", b"stbl", b"stsd"))
+            elif name == b"stsc":  # every sample by itself, so that sound can lie between them
+                content = struct.pack(">IIIII", 0, 1, 1, 1, 1)
+            elif name in (b"stco", b"co64"):
+                name, content = b"co64", _offsets(film.samples())
             table += box(name, content)
         made = b""
         for name, content in inside(self.part(b"mdia")):
@@ -237,6 +253,11 @@ class Movie:
             if track.handler == b"vide":
                 return k
         raise NotPlainError("no film")
+
+
+def _offsets(starts: list[int]) -> bytes:
+    """The content of a ``co64`` box."""
+    return struct.pack(">II", 0, len(starts)) + np.array(starts, ">u8").tobytes()
 
 
 def _read(stream: BinaryIO, start: int, end: int) -> bytes:

@@ -27,14 +27,14 @@ from unshutter.video.background import ahead, side_by_side
 from unshutter.video.clip import Clip, opened
 from unshutter.video.encoders import Encoder
 from unshutter.video.frames_out import Warper, common_window
-from unshutter.video.moving import WINDOW, Moved, with_motion
+from unshutter.video.moving import Moved, window, with_motion
 from unshutter.video.options import RectifyClip
 from unshutter.video.readout_search import find_ratio, tell
 from unshutter.video.writing import Film, writing
 from unshutter.warp.pixels import thread_count
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
-_DECODED_AHEAD, _MOVED_AHEAD = 2, 2  # frames; each is in memory
+_DECODED_AHEAD = 2  # frames; each is in memory
 
 
 @dataclass
@@ -84,8 +84,9 @@ def rectify_clip(source: str, output: str, wanted: RectifyClip) -> Done:
     if wanted.fps is not None and not clip.of_pictures:
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
     known = motion_file.load(wanted.motion) if wanted.motion is not None else None
+    encoder = Encoder.choose(clip, wanted.encode) if not _is_pictures(target) else None
     ratio, readout = _readout(clip, wanted, known)
-    work = _Work(clip, wanted, ratio, readout, known)
+    work = _Work(clip, wanted, ratio, readout, known, encoder)
     work.warper = Warper(clip, wanted.undo)
     if wanted.undo.edges == "crop":
         with closing(work.moved(all_streams=False)) as moved, Progress(clip.frames or 2, "looking") as progress:
@@ -104,6 +105,7 @@ class _Work:
     ratio: ReadoutRatio
     readout: Readout
     known: motion_file.ClipMotion | None
+    encoder: Encoder | None  # None: pictures
     warper: Warper = field(init=False)
 
     def moved(self, all_streams: bool) -> Iterator[Any]:
@@ -111,8 +113,9 @@ class _Work:
         items = ahead(self.clip.items(self.wanted.start, self.wanted.end, all_streams), _DECODED_AHEAD)
         if self.known is not None:
             return _with_known(self.known, items)
-        camera = CameraMotion(self.ratio, self.wanted.shutter.focal_px, self.readout, WINDOW)
-        return ahead(with_motion(self.clip, items, camera), _MOVED_AHEAD)
+        together = window(self.clip)
+        camera = CameraMotion(self.ratio, self.wanted.shutter.focal_px, self.readout, together)
+        return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
 
     def made(self, all_streams: bool) -> Iterator[tuple[Any, Any]]:
         """(item as it came, frame to encode) in order."""
@@ -144,25 +147,19 @@ def _film_out(work: _Work, target: Path) -> Done:
         place = frames if frames is not None else part
         container = stack.enter_context(writing(place, target.suffix))
         made = stack.enter_context(closing(work.made(all_streams=not grafted)))
-        film = None
+        assert work.encoder is not None
+        film = Film(container, source, clip, work.encoder, not grafted, work.warper.size, wanted.start or 0.0)
         with Progress(clip.frames or 2, "frames") as progress:
-            early: list[Any] = []
             for item, frame in made:
                 if not isinstance(item, Moved):
-                    early.append(item) if film is None else film.add_packet(item)
+                    film.add_packet(item)
                     continue
-                if film is None:
-                    encoder = Encoder.choose(clip, wanted.encode, item.frame)
-                    film = Film(container, source, clip, encoder, not grafted, work.warper.size)
-                    film.begin(item.frame, wanted.start or 0.0)
-                    for packet in early:
-                        film.add_packet(packet)
                 done.add(item)
                 if motions is not None:
                     motions.add(item)
                 film.add_frame(frame)
                 progress.advance()
-        if film is None:
+        if not done.frames:
             raise UnshutterError(f"{clip.path} has no frames there")
         film.end()
         done.left_out = film.left_out

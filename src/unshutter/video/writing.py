@@ -19,15 +19,23 @@ if TYPE_CHECKING:
     from av import Packet, VideoFrame
 
 
-
 class Film:
     """A file that is being written: frames and packets in, in their order.
+
+    Args:
+        container: PyAV's, being written.
+        source: the file that came in, open.
+        clip: what that says.
+        encoder: of the frames.
+        copy: whether tags and other streams go in, too.
+        size: height and width of the frames [px].
+        start_s: of the old film, becomes the new one's beginning [s].
 
     Attributes:
         left_out: what of the file that came in did not find a place, for the user.
     """
 
-    def __init__(self, container: Any, source: Any, clip: Clip, encoder: Encoder, copy: bool, size: tuple[int, int]):
+    def __init__(self, container: Any, source: Any, clip: Clip, encoder: Encoder, copy: bool, size: tuple[int, int], start_s: float = 0.0):
         self._container, self._clip = container, clip
         like = film_of(source, clip.path)
         self._stream = encoder.add_to(container, like, clip, size)
@@ -41,7 +49,9 @@ class Film:
             self._add_others(source, like)
             if source.chapters():
                 container.set_chapters(source.chapters())
-        self._shift = 0.0
+        self._shift = start_s  # becomes the moment 0
+        if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
+            self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
 
     def _add_others(self, source: Any, film: Any) -> None:
         for stream in source.streams:
@@ -61,18 +71,6 @@ class Film:
             except (ValueError, av().error.FFmpegError):
                 name = stream.metadata.get("handler_name", "").strip() or stream.type
                 self.left_out.append(f"stream {stream.index} ({name})")
-
-    def begin(self, first: VideoFrame, start_s: float) -> None:
-        """Before the first frame: how it is turned to be looked at.
-
-        Args:
-            first: as decoded.
-            start_s: becomes the moment 0 [s].
-        """
-        self._shift = start_s
-        for data in first.side_data:
-            if data.type.name == "DISPLAYMATRIX" and len(bytes(data)) >= 36:
-                self._stream.set_display_matrix(struct.unpack("=9i", bytes(data)[:36]))
 
     def add_frame(self, frame: VideoFrame) -> None:
         """The next frame, rectified; its times as they came in."""
