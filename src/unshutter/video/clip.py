@@ -39,6 +39,7 @@ class Clip:
         frames: how many there are; 0: unknown.
         duration_s: of the clip [s]; 0: unknown.
         tags: of the container and of the film, later ones first.
+        ticks: units in a second of the times of its frames, at most a million.
         of_pictures: whether it is a sequence of pictures.
         side_data: what lies beside the first frame, by FFmpeg's names; later frames are not asked, since PyAV then
             keeps them for good.
@@ -53,6 +54,7 @@ class Clip:
     frames: int
     duration_s: float
     tags: dict[str, str]
+    ticks: int
     of_pictures: bool
     side_data: dict[str, bytes]
 
@@ -81,12 +83,13 @@ class Clip:
             length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) / 1_000_000
             tags = {**dict(container.metadata), **dict(stream.metadata)}
             known = (place, PixelFormat.of(context.format), context.name, stream.height, stream.width)
+            ticks = min(stream.time_base.denominator, 1_000_000)
             interval = _interval(container, stream)
         beside = _beside_first_frame(place, fps)
         if "SPHERICAL" in beside:
             raise UnshutterError(f"{place} is a 360-degree clip: its rows are no rows of the sensor")
         frames = stream.frames or (round(float(length) / interval) if of_pictures else 0)
-        return cls(*known, interval, frames, float(length), tags, of_pictures, beside)
+        return cls(*known, interval, frames, float(length), tags, ticks, of_pictures, beside)
 
     def items(self, start: float | None = None, end: float | None = None, all_streams: bool = False) -> Iterator:
         """Frames in the order in which they are shown, and packets of the other streams where they lie between them.

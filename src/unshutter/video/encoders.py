@@ -29,6 +29,7 @@ _CRF = {"libx264": 18, "libx265": 20, "libsvtav1": 24, "libvpx-vp9": 24}
 _X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", "slow", "slower", "veryslow"))
 _PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
 _QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
+_PRORES = {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"}
 _LAMBDA = 118  # FFmpeg's units of a quality of 1
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 
@@ -41,9 +42,11 @@ class Encoder:
         name: as FFmpeg calls it.
         options: of it.
         qscale: quality of encoders that have no CRF; None: CRF.
+        pixel_format: of the frames that it is given; the clip's own, unless that is a sequence of pictures.
     """
 
     name: str
+    pixel_format: str
     options: dict[str, str] = field(default_factory=dict)
     qscale: int | None = None
 
@@ -59,12 +62,12 @@ class Encoder:
             UsageError: the encoder takes no such preset or quality.
             UnshutterError: there is no encoder for these frames.
         """
-        name = wanted.codec or _ENCODERS.get(clip.codec, clip.codec)
+        name = wanted.codec or ("libx264" if clip.of_pictures else clip.codec)
         name = _ENCODERS.get(name, name)
-        _check(name, clip)
+        format_ = _checked(name, clip)
         options = _speed(name, wanted.preset)
         if name in _QSCALE:
-            return cls(name, options, round(wanted.crf) if wanted.crf is not None else _QSCALE[name])
+            return cls(name, format_, options, round(wanted.crf) if wanted.crf is not None else _QSCALE[name])
         if name in _CRF:
             options["crf"] = f"{wanted.crf if wanted.crf is not None else _CRF[name]:g}"
         elif wanted.crf is not None:
@@ -75,7 +78,7 @@ class Encoder:
             options["x265-params"] = ":".join(["log-level=error", *_hdr(clip, _x265_display, _x265_light)])
         if name == "libsvtav1" and (told := _hdr(clip, _svt_display, _svt_light)):
             options["svtav1-params"] = ":".join(told)
-        return cls(name, options)
+        return cls(name, format_, options)
 
     def add_to(self, container: Any, like: VideoStream, clip: Clip, size: tuple[int, int]) -> VideoStream:
         """A stream of a container that this encodes.
@@ -95,7 +98,7 @@ class Encoder:
         except ValueError:
             raise UnshutterError(f"a file of the kind '{container.format.name}' cannot hold {self.name}") from None
         context, source = stream.codec_context, like.codec_context
-        stream.height, stream.width, stream.pix_fmt = *size, clip.pixels.name
+        stream.height, stream.width, stream.pix_fmt = *size, self.pixel_format
         context.time_base = like.time_base
         for name in _COLOURS:
             setattr(context, name, getattr(source, name))
@@ -106,12 +109,12 @@ class Encoder:
         if self.name == "mjpeg":
             stream.options["strict"] = "unofficial"
         if _ENCODERS.get(clip.codec, clip.codec) == self.name:
-            _follow(context, source)
+            _follow(stream, source)
         return stream
 
 
-def _check(name: str, clip: Clip) -> None:
-    """Refuses an encoder that is not there, or does not write such frames."""
+def _checked(name: str, clip: Clip) -> str:
+    """The pixel format that an encoder is given; refuses one that is not there, or does not write such frames."""
     try:
         codec = av().Codec(name, "w")
     except ValueError:
@@ -119,10 +122,16 @@ def _check(name: str, clip: Clip) -> None:
     if codec.type != "video":
         raise UsageError(f"'{name}' is no encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
     takes = [each.name for each in codec.video_formats or []]
-    if takes and clip.pixels.name not in takes:
-        raise UnshutterError(
-            f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
-        )
+    if not takes or clip.pixels.name in takes:
+        return clip.pixels.name
+    if clip.of_pictures:  # of colours that no film has; all others stay as they are stored
+        odd = "444" if (clip.height | clip.width) & 1 else "420"
+        wanted = [f"yuv{odd}p", f"yuv{odd}p10le"] if clip.pixels.depth == 8 else [f"yuv{odd}p10le", f"yuv{odd}p"]
+        if known := [each for each in [*wanted, "yuv422p10le"] if each in takes]:
+            return known[0]
+    raise UnshutterError(
+        f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
+    )
 
 
 def _speed(name: str, preset: str | None) -> dict[str, str]:
@@ -136,16 +145,46 @@ def _speed(name: str, preset: str | None) -> dict[str, str]:
     return {"preset": preset}
 
 
-def _follow(context: Any, source: Any) -> None:
+def _follow(stream: Any, source: Any) -> None:
     """What only an encoder of the same kind can take over."""
+    context = stream.codec_context
     tag = source.codec_tag
     if tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4 and tag != "\0\0\0\0":
         context.codec_tag = tag
-    if context.name == "prores_ks" and source.profile:
-        profiles = {"Apple ProRes 422 Proxy": "0", "Apple ProRes 422 LT": "1", "Apple ProRes 422": "2"}
-        profiles |= {"Apple ProRes 422 HQ": "3", "Apple ProRes 4444": "4", "Apple ProRes 4444 XQ": "5"}
-        if source.profile in profiles:
-            context.options = {**context.options, "profile": profiles[source.profile]}
+    if context.name == "prores_ks" and source.profile in _PRORES:
+        stream.options["profile"] = _PRORES[source.profile]
+
+
+def _checked(name: str, clip: Clip) -> str:
+    """The pixel format that an encoder is given; refuses one that is not there, or does not write such frames."""
+    try:
+        codec = av().Codec(name, "w")
+    except ValueError:
+        raise UnshutterError(f"this FFmpeg has no encoder '{name}': choose another with --codec") from None
+    if codec.type != "video":
+        raise UsageError(f"'{name}' is no encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
+    takes = [each.name for each in codec.video_formats or []]
+    if not takes or clip.pixels.name in takes:
+        return clip.pixels.name
+    if clip.of_pictures:  # of colours that no film has; all others stay as they are stored
+        odd = "444" if (clip.height | clip.width) & 1 else "420"
+        wanted = [f"yuv{odd}p", f"yuv{odd}p10le"] if clip.pixels.depth == 8 else [f"yuv{odd}p10le", f"yuv{odd}p"]
+        if known := [each for each in [*wanted, "yuv422p10le"] if each in takes]:
+            return known[0]
+    raise UnshutterError(
+        f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
+    )
+
+
+def _speed(name: str, preset: str | None) -> dict[str, str]:
+    """The preset as an encoder's option."""
+    if preset is None:
+        return {}
+    if name not in _PRESETS:
+        raise UsageError(f"{name} has no presets: leave out --preset")
+    if preset not in _PRESETS[name]:
+        raise UsageError(f"{name} has no preset '{preset}': choose one of {', '.join(_PRESETS[name])}")
+    return {"preset": preset}
 
 
 # ---- the display that a clip was made for --------------------------------------------------------------

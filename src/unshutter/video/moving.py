@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.frames.sequence import CameraMotion, FrameMotion
 from unshutter.frames.shots import Seen
-from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.motion import Motion
 from unshutter.video.clip import Clip
 
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
 ROWS = 65  # of the small pictures that motions of clips are of
+_SIDE = 270  # px, short side of the copies in which corners are followed
 _MARGIN = 4  # frames on both sides that only steady a window
 _CORE = (6, 24)  # fewest and most frames of a window
 _IN_MEMORY = 100_000_000  # bytes: frames that wait for their motion, and as many whose motion is known
@@ -44,12 +44,20 @@ def window(clip: Clip) -> tuple[int, int]:
     return int(min(max(_IN_MEMORY / size, _CORE[0]), _CORE[1])), _MARGIN
 
 
-def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float) -> Seen:
-    """What is kept of a frame for finding its motion."""
+def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side: int = _SIDE) -> Seen:
+    """What is kept of a frame for finding its motion.
+
+    Args:
+        clip: the clip.
+        frame: as decoded.
+        camera: knows how it is read out.
+        since: time since the frame before [usual frame intervals].
+        side: short side of the copy [px].
+    """
     import numpy as np
 
     readout = camera.readout
-    grey = np.ascontiguousarray(readout.turn(clip.pixels.grey(frame, TRACKED_SIDE)))
+    grey = np.ascontiguousarray(readout.turn(clip.pixels.grey(frame, side)))
     return Seen(*readout.frame_size(frame.height, frame.width), grey, since)
 
 

@@ -13,7 +13,7 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.focal import focal_from_motion
 from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
 from unshutter.frames.sequence import CameraMotion
-from unshutter.frames.tracks import Tracks, background, follow
+from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.geometry.readout import Readout
 from unshutter.progress import Progress
 from unshutter.video.background import ahead
@@ -103,7 +103,7 @@ def _tracked(clip: Clip, readout: Readout, start: float, end: float) -> list[Tra
     with suppress(StopIteration):
         for frame in ahead(clip.items(start, end), 3):
             since = clip.since(before, frame)
-            now = look(clip, frame, camera, 1.0)
+            now = look(clip, frame, camera, 1.0, TRACKED_SIDE)
             moved = background(follow(seen.grey, now.grey)) if seen is not None else None
             if since != 1.0 or (moved is not None and not moved.joined):
                 runs.append([])

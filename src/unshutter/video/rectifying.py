@@ -145,7 +145,7 @@ def _film_out(work: _Work, target: Path) -> Done:
         source = stack.enter_context(opened(clip.path, 1 / clip.interval_s if clip.of_pictures else None))
         frames = stack.enter_context(tempfile.TemporaryFile(dir=target.parent)) if grafted else None
         place = frames if frames is not None else part
-        container = stack.enter_context(writing(place, target.suffix))
+        container = stack.enter_context(writing(place, target.suffix, clip.ticks))
         made = stack.enter_context(closing(work.made(all_streams=not grafted)))
         assert work.encoder is not None
         film = Film(container, source, clip, work.encoder, not grafted, work.warper.size, wanted.start or 0.0)

@@ -35,8 +35,17 @@ class Film:
         left_out: what of the file that came in did not find a place, for the user.
     """
 
-    def __init__(self, container: Any, source: Any, clip: Clip, encoder: Encoder, copy: bool, size: tuple[int, int], start_s: float = 0.0):
-        self._container, self._clip = container, clip
+    def __init__(
+        self,
+        container: Any,
+        source: Any,
+        clip: Clip,
+        encoder: Encoder,
+        copy: bool,
+        size: tuple[int, int],
+        start_s: float = 0.0,
+    ):
+        self._container, self._pixel_format = container, encoder.pixel_format
         like = film_of(source, clip.path)
         self._stream = encoder.add_to(container, like, clip, size)
         self._streams: dict[int, Any] = {}
@@ -74,6 +83,8 @@ class Film:
 
     def add_frame(self, frame: VideoFrame) -> None:
         """The next frame, rectified; its times as they came in."""
+        if frame.format.name != self._pixel_format:
+            frame = frame.reformat(format=self._pixel_format)
         frame.pict_type = 0  # the encoder decides which are key frames
         if self._shift and frame.pts is not None:
             frame.pts -= round(self._shift / frame.time_base)
@@ -107,20 +118,27 @@ class Film:
 
 
 @contextmanager
-def writing(place: Path | BinaryIO, ending: str) -> Iterator[Any]:
+def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[Any]:
     """A container that is being written.
+
+    Args:
+        place: a path, or an open file.
+        ending: of the film's name.
+        ticks: units in a second of the times that the file as a whole has, where it has some.
 
     Raises:
         UnshutterError: films of this ending are not known.
     """
     options = {}
     if ending.lower() in (".mov", ".mp4", ".m4v"):
-        options = {"movflags": "use_metadata_tags+faststart"}
+        options = {"movie_timescale": str(ticks)}
+        if isinstance(place, Path):
+            options["movflags"] = "use_metadata_tags+faststart"
     try:
         if isinstance(place, Path):
             container = av().open(str(place), "w", container_options=options)
         else:
-            container = av().open(place, "w", format="mp4" if ending.lower() != ".mov" else "mov")
+            container = av().open(place, "w", format="mp4" if ending.lower() != ".mov" else "mov", options=options)
     except (ValueError, av().error.FFmpegError) as error:
         told = f"'{ending}' is the ending of no film that can be written" if isinstance(error, ValueError) else error
         raise UnshutterError(f"cannot write the clip: {told}") from None
