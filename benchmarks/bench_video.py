@@ -45,7 +45,8 @@ def warped(frame):
     new = av.VideoFrame(frame.width, frame.height, frame.format.name)
     for old, out in zip(pixels.arrays(frame), pixels.arrays(new)):
         if old.shape not in maps:
-            maps[old.shape] = [np.ascontiguousarray(m, np.float32) for m in np.meshgrid(*map(np.arange, old.shape[::-1]))]
+            identity = np.meshgrid(*map(np.arange, old.shape[::-1]))
+            maps[old.shape] = [np.ascontiguousarray(each, np.float32) for each in identity]
         cv2.remap(old, *maps[old.shape], cv2.INTER_CUBIC, dst=out, borderMode=cv2.BORDER_REPLICATE)
     new.pts, new.time_base = frame.pts, frame.time_base
     return new

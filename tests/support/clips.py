@@ -1,4 +1,4 @@
-"""Clips that tests make: a camera held by hand before a drawn wall, written by PyAV with whatever lies beside a film."""
+"""Clips that tests make: a camera held by hand before a drawn wall, and whatever else a file can hold."""
 
 from fractions import Fraction
 
@@ -64,9 +64,7 @@ def write(path, greys, codec="libx264", pixel_format="yuv420p", times=None, soun
             film.set_display_rotation(more["turn"])
         if "aspect" in more:
             film.codec_context.sample_aspect_ratio = more["aspect"]
-        names = ("color_range", "color_primaries", "color_trc", "colorspace")
-        for name, value in zip(names, more.get("colours", ()), strict=False):
-            setattr(film.codec_context, name, value)
+        _colour(film.codec_context, more)
         if "chapters" in more:
             out.set_chapters(more["chapters"])
         heard = out.add_stream(sound if isinstance(sound, str) else "aac", rate=48000) if sound else None
@@ -77,8 +75,7 @@ def write(path, greys, codec="libx264", pixel_format="yuv420p", times=None, soun
         for k, grey in enumerate(greys):
             frame = as_frame(grey, pixel_format)
             frame.pts, frame.time_base = (k if times is None else round(times[k] * 30000)), base
-            for name, value in zip(names, more.get("colours", ()), strict=False):
-                setattr(frame, name, value)
+            _colour(frame, more)
             out.mux(film.encode(frame))
             if heard is not None:
                 _ring(out, heard, k)
@@ -88,14 +85,17 @@ def write(path, greys, codec="libx264", pixel_format="yuv420p", times=None, soun
     return path
 
 
+def _colour(thing, more):
+    names = ("color_range", "color_primaries", "color_trc", "colorspace")
+    for name, value in zip(names, more.get("colours", ()), strict=False):
+        setattr(thing, name, value)
+
+
 def _ring(out, stream, k):
     """A thirtieth of a second of a tone."""
     samples = np.sin(2 * np.pi * 440 * (np.arange(1600) + 1600 * k) / 48000)
     kind = stream.format.name
-    if kind.startswith("flt"):
-        values = samples.astype(np.float32)
-    else:
-        values = (samples * 20000).astype(np.int16)
+    values = samples.astype(np.float32) if kind.startswith("flt") else (samples * 20000).astype(np.int16)
     planes = np.stack([values, values]) if kind.endswith("p") else np.stack([values, values], -1).reshape(1, -1)
     frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(planes), format=kind, layout="stereo")
     frame.sample_rate, frame.pts, frame.time_base = 48000, 1600 * k, Fraction(1, 48000)
@@ -128,8 +128,8 @@ def psnr(one, other, border=14):
     return 10 * np.log10(255**2 / ((one[inner] - other[inner]) ** 2).mean())
 
 
-def truth(camera, greys):
-    """What a global shutter saw at the moment of each frame's middle row, as luma of limited range would be: shape."""
+def truth(camera):
+    """What a global shutter saw at the moment of each frame's middle row, as grey pictures."""
     still_camera = _Instant(
         camera.log, camera.start_s, camera.frames, camera.fps, 0.0, camera.height, camera.width, camera.focal_px
     )

@@ -4,6 +4,7 @@ import json
 from dataclasses import dataclass, field
 from fractions import Fraction
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,7 +13,10 @@ from unshutter.cli import main
 
 FRAMES = 16
 CAMERA, GREYS = clips.moving(FRAMES)
-HDR = "log-level=error:hdr10=1:master-display=G(8500,39850)B(6550,2300)R(35400,14600)WP(15635,16450)L(10000000,1):max-cll=1000,400"
+HDR = (
+    "log-level=error:hdr10=1:max-cll=1000,400:"
+    "master-display=G(8500,39850)B(6550,2300)R(35400,14600)WP(15635,16450)L(10000000,1)"
+)
 UNEVEN = np.cumsum([0, *np.random.default_rng(0).choice([1, 1, 1, 2], FRAMES - 1)]) / 30
 
 
@@ -111,9 +115,7 @@ def test_frames_come_closer_to_what_a_global_shutter_saw(tmp_path, name):
     kind = KINDS[name]
     before = make(tmp_path, kind, fine=True)
     after = straighten(before, *(["--crf", "2"] if kind.flags else []), *kind.flags[2:])
-    true = clips.write(
-        tmp_path / "true.mkv", clips.truth(CAMERA, GREYS), "ffv1", kind.pixel_format.replace("yuvj", "yuv")
-    )
+    true = clips.write(tmp_path / "true.mkv", clips.truth(CAMERA), "ffv1", kind.pixel_format.replace("yuvj", "yuv"))
     seen, was, now = (clips.luma(path) for path in (true, before, after))
     if name == "h264-full-range":
         was, now = ((a * 219 / 255 + 16) for a in (was, now))
@@ -182,8 +184,6 @@ def test_a_cut_is_told_and_parts_the_motion(tmp_path):
 
 
 def test_pictures_in_and_out(tmp_path):
-    import cv2
-
     folder = tmp_path / "frames"
     folder.mkdir()
     for k, grey in enumerate(GREYS):
@@ -193,9 +193,34 @@ def test_pictures_in_and_out(tmp_path):
     names = sorted(path.name for path in out.iterdir())
     assert len(names) == FRAMES
     now = np.stack([cv2.imread(str(out / name), 0) for name in names]).astype(float)
-    was, seen = np.stack(GREYS).astype(float), np.stack(clips.truth(CAMERA, GREYS)).astype(float)
+    was, seen = np.stack(GREYS).astype(float), np.stack(clips.truth(CAMERA)).astype(float)
     assert clips.psnr(now, seen) > clips.psnr(was, seen) + 5
     film = tmp_path / "film.mkv"
     flags = ["--codec", "ffv1", "--readout-ratio", "0.6", "--fps", "25"]
     assert main(["video", str(folder / "%05d.png"), "-o", str(film), *flags]) == 0
     assert clips.times(film) == pytest.approx(np.arange(FRAMES) / 25, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["moments.jpg", "film.mp4"])
+def test_a_preview_shows_both(tmp_path, name):
+    before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
+    shown = tmp_path / name
+    straighten(before, "--preview", str(shown))
+    picture = cv2.imread(str(shown), 0)[None] if name.endswith("jpg") else clips.luma(shown)
+    half = picture.shape[2] // 2
+    assert half == 640
+    assert picture.shape[:2] == ((1, 5 * 480) if name.endswith("jpg") else (FRAMES, 480))
+    difference = np.abs(picture[..., :half].astype(float) - picture[..., half:])
+    assert 1 < difference.mean() < 30
+
+
+@pytest.mark.parametrize("frames", [60])
+def test_the_readout_time_is_found(tmp_path, frames, capsys):
+    greys = clips.moving(frames, clips.shaken(3.0))[1]
+    before = clips.write(tmp_path / "in.mkv", greys, "ffv1")
+    log = tmp_path / "log.jsonl"
+    assert main(["video", str(before), "-o", str(tmp_path / "out.mkv"), "--json-log", str(log)]) == 0
+    told = json.loads(log.read_text())
+    assert told["readout_ratio"] == pytest.approx(clips.RATIO, abs=0.05)
+    assert 0 < told["readout_ratio_sd"] < 0.08 and told["found_by"] == "motion"
+    assert "readout time" in capsys.readouterr().err

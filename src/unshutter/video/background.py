@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from queue import Empty, Full, Queue
@@ -23,29 +23,7 @@ def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
     """
     waiting: Queue[Any] = Queue(most)
     unwanted = threading.Event()
-
-    def put(item: Any) -> bool:
-        while not unwanted.is_set():
-            with suppress(Full):
-                waiting.put(item, timeout=_ASK_S)
-                return True
-        return False
-
-    def work() -> None:
-        source = iter(items)
-        try:
-            for item in source:
-                if not put((item, None)):
-                    break
-            put((_END, None))
-        except BaseException as error:  # whatever it is, the one who asks has to know
-            put((_END, error))
-        finally:
-            close = getattr(source, "close", None)
-            if close is not None:
-                close()
-
-    thread = threading.Thread(target=work, daemon=True)
+    thread = threading.Thread(target=_work, args=(iter(items), waiting, unwanted), daemon=True)
     thread.start()
     try:
         while True:
@@ -61,6 +39,28 @@ def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
             with suppress(Empty):
                 waiting.get_nowait()
             thread.join(_ASK_S)
+
+
+def _work(source: Iterator[Any], waiting: Queue[Any], unwanted: threading.Event) -> None:
+    """Puts items into a queue, then the end or the error that ended them."""
+
+    def put(item: Any, error: BaseException | None) -> bool:
+        while not unwanted.is_set():
+            with suppress(Full):
+                waiting.put((item, error), timeout=_ASK_S)
+                return True
+        return False
+
+    try:
+        for item in source:
+            if not put(item, None):
+                break
+        put(_END, None)
+    except BaseException as error:  # whatever it is, the one who asks has to know
+        put(_END, error)
+    finally:
+        if isinstance(source, Generator):
+            source.close()
 
 
 def side_by_side(function: Callable[[_T], _U], items: Iterable[_T], threads: int) -> Generator[_U]:

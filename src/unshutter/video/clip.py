@@ -109,18 +109,15 @@ class Clip:
             met = 0
             for packet in _packets(container, None if all_streams else film, self.path):
                 if packet.stream_index != film.index:
-                    if packet.dts is not None and _wanted(packet, start, end):
+                    if packet.dts is not None and _wanted(_time(packet), start, end):
                         yield packet
                     continue
                 met += packet.size > 0
                 for frame in _decoded(packet, self.path):
-                    if frame.is_corrupt:
-                        raise _damaged(self.path, frame.time)
-                    if end is not None and frame.time is not None and frame.time >= end:
-                        if not all_streams:
-                            return
-                    elif _wanted(frame, start, None):
+                    if _wanted(frame.time, start, end):
                         yield self._checked(frame)
+                    elif not all_streams and end is not None and frame.time >= end:
+                        return
             if not start and film.frames and met < film.frames:
                 raise UnshutterError(f"{self.path} ends after {met} of its {film.frames} frames: the file is cut off")
 
@@ -135,6 +132,8 @@ class Clip:
         return gap if 0.2 < gap <= _LONGEST_GAP else None
 
     def _checked(self, frame: VideoFrame) -> VideoFrame:
+        if frame.is_corrupt:
+            raise _damaged(self.path, frame.time)
         if frame.interlaced_frame:
             raise _interlaced(self.path)
         if (frame.width, frame.height, frame.format.name) != (self.width, self.height, self.pixels.name):
@@ -214,13 +213,15 @@ def _decoded(packet: Packet, place: str) -> list[VideoFrame]:
     try:
         return packet.decode()
     except av().error.FFmpegError:
-        at = None if packet.pts is None else float(packet.pts * packet.time_base)
-        raise _damaged(place, at) from None
+        raise _damaged(place, _time(packet)) from None
 
 
-def _wanted(item, start: float | None, end: float | None) -> bool:
-    at = item.time if hasattr(item, "time") else None if item.pts is None else float(item.pts * item.time_base)
-    return at is None or ((at >= (start or 0) - 1e-6 or not start) and (end is None or at < end))
+def _time(packet: Packet) -> float | None:
+    return None if packet.pts is None else float(packet.pts * packet.time_base)
+
+
+def _wanted(at: float | None, start: float | None, end: float | None) -> bool:
+    return at is None or ((start is None or at >= start - 1e-6) and (end is None or at < end))
 
 
 def _damaged(place: str, at: float | None) -> UnshutterError:

@@ -29,6 +29,7 @@ from unshutter.video.encoders import Encoder
 from unshutter.video.frames_out import Warper, common_window
 from unshutter.video.moving import Moved, window, with_motion
 from unshutter.video.options import RectifyClip
+from unshutter.video.preview import check_ending, write_preview
 from unshutter.video.readout_search import find_ratio, tell
 from unshutter.video.writing import Film, writing
 from unshutter.warp.pixels import thread_count
@@ -92,6 +93,8 @@ def rectify_clip(source: str, output: str, wanted: RectifyClip) -> Done:
         with closing(work.moved(all_streams=False)) as moved, Progress(clip.frames or 2, "looking") as progress:
             work.warper = Warper(clip, wanted.undo, common_window(work.warper, _counted(moved, progress)))
     done = pictures_out(work, target) if _is_pictures(target) else _film_out(work, target)
+    if wanted.preview is not None:
+        write_preview(wanted.preview, clip, output, wanted.start or 0.0, done.frames, wanted.overwrite)
     _tell(source, output, done, ratio, clip, wanted)
     return done
 
@@ -216,6 +219,7 @@ def _readout(clip: Clip, wanted: RectifyClip, known: motion_file.ClipMotion | No
 def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
     """Before any work: what is to be written may be written, and is not the clip itself."""
     original = Path(source)
+    check_ending(wanted.preview)
     for path in (wanted.save_motion, wanted.preview):
         if path is not None:
             check_target(path, wanted.overwrite, original, wanted.motion)
