@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
 from unshutter.video.library import av
@@ -116,7 +116,7 @@ class Clip:
                 for frame in _decoded(packet, self.path):
                     if _wanted(frame.time, start, end):
                         yield self._checked(frame)
-                    elif not all_streams and end is not None and frame.time >= end:
+                    elif not all_streams and end is not None and (frame.time or 0) >= end:
                         return
             if not start and film.frames and met < film.frames:
                 raise UnshutterError(f"{self.path} ends after {met} of its {film.frames} frames: the file is cut off")
@@ -198,7 +198,8 @@ def _beside_first_frame(place: str, fps: float | None) -> dict[str, bytes]:
             for frame in _decoded(packet, place):
                 if frame.interlaced_frame:
                     raise _interlaced(place)
-                return {data.type.name: bytes(data) for data in frame.side_data}
+                beside: Any = frame.side_data
+                return {data.type.name: bytes(data) for data in beside}
     raise UnshutterError(f"{place} has no frame that can be decoded")
 
 

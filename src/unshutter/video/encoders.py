@@ -155,38 +155,6 @@ def _follow(stream: Any, source: Any) -> None:
         stream.options["profile"] = _PRORES[source.profile]
 
 
-def _checked(name: str, clip: Clip) -> str:
-    """The pixel format that an encoder is given; refuses one that is not there, or does not write such frames."""
-    try:
-        codec = av().Codec(name, "w")
-    except ValueError:
-        raise UnshutterError(f"this FFmpeg has no encoder '{name}': choose another with --codec") from None
-    if codec.type != "video":
-        raise UsageError(f"'{name}' is no encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
-    takes = [each.name for each in codec.video_formats or []]
-    if not takes or clip.pixels.name in takes:
-        return clip.pixels.name
-    if clip.of_pictures:  # of colours that no film has; all others stay as they are stored
-        odd = "444" if (clip.height | clip.width) & 1 else "420"
-        wanted = [f"yuv{odd}p", f"yuv{odd}p10le"] if clip.pixels.depth == 8 else [f"yuv{odd}p10le", f"yuv{odd}p"]
-        if known := [each for each in [*wanted, "yuv422p10le"] if each in takes]:
-            return known[0]
-    raise UnshutterError(
-        f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
-    )
-
-
-def _speed(name: str, preset: str | None) -> dict[str, str]:
-    """The preset as an encoder's option."""
-    if preset is None:
-        return {}
-    if name not in _PRESETS:
-        raise UsageError(f"{name} has no presets: leave out --preset")
-    if preset not in _PRESETS[name]:
-        raise UsageError(f"{name} has no preset '{preset}': choose one of {', '.join(_PRESETS[name])}")
-    return {"preset": preset}
-
-
 # ---- the display that a clip was made for --------------------------------------------------------------
 
 

@@ -19,7 +19,8 @@ def av() -> ModuleType:
     os.environ.setdefault("SVT_LOG", "1")  # that encoder talks on standard error
     try:
         import av
+        from av import logging
     except ImportError:
         raise UnshutterError("clips need PyAV: pip install 'unshutter[video]'") from None
-    av.logging.set_level(None)
+    logging.set_level(None)
     return av

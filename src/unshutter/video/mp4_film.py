@@ -10,7 +10,8 @@ import struct
 from typing import BinaryIO
 
 from unshutter.errors import UnshutterError
-from unshutter.video.mp4_tracks import Movie, NotPlainError, box, iter_by_time
+from unshutter.video.mp4_movie import Movie, iter_by_time
+from unshutter.video.mp4_tracks import NotPlainError, box
 
 _BLOCK = 1 << 20  # bytes copied at a time
 _LONG_HEAD = 16

@@ -84,7 +84,7 @@ class PixelFormat:
             strides = (stored.line_size, plane.bands * size)
             if plane.bands > 1:
                 shape, strides = (*shape, plane.bands), (*strides, size)
-            views.append(np.ndarray(shape, dtype, buffer=stored, strides=strides))
+            views.append(np.ndarray(shape, dtype, buffer=memoryview(stored), strides=strides))
         return views
 
     def grey(self, frame: av.VideoFrame, side: int) -> UInt8[np.ndarray, "rows columns"]:
@@ -95,5 +95,5 @@ class PixelFormat:
         scale = min(1.0, side / min(luma.shape))
         size = (max(1, round(luma.shape[1] * scale)), max(1, round(luma.shape[0] * scale)))
         luma = luma if luma.strides[1] == luma.itemsize else np.ascontiguousarray(luma)
-        small = cv2.resize(luma, size, interpolation=cv2.INTER_AREA)
+        small = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA))
         return small if self.depth == 8 else (small >> (self.depth - 8)).astype(np.uint8)

@@ -7,7 +7,7 @@ import os
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -111,7 +111,7 @@ class _Work:
     encoder: Encoder | None  # None: pictures
     warper: Warper = field(init=False)
 
-    def moved(self, all_streams: bool) -> Iterator[Any]:
+    def moved(self, all_streams: bool) -> Generator[Any]:
         """Frames with their motion, and packets of the other streams."""
         items = ahead(self.clip.items(self.wanted.start, self.wanted.end, all_streams), _DECODED_AHEAD)
         if self.known is not None:
@@ -120,12 +120,12 @@ class _Work:
         camera = CameraMotion(self.ratio, self.wanted.shutter.focal_px, self.readout, together)
         return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
 
-    def made(self, all_streams: bool) -> Iterator[tuple[Any, Any]]:
+    def made(self, all_streams: bool) -> Generator[tuple[Any, Any]]:
         """(item as it came, frame to encode) in order."""
         return side_by_side(self.warper, self.moved(all_streams), thread_count())
 
 
-def _with_known(known: motion_file.ClipMotion, items: Iterable[Any]) -> Iterator[Any]:
+def _with_known(known: motion_file.ClipMotion, items: Iterable[Any]) -> Generator[Any]:
     from unshutter.video.library import av
 
     for item in items:

@@ -115,9 +115,8 @@ def warp_plane(
         black: what is written where nothing was seen; None: the nearest value.
         limit: greatest value; a cubic may shoot beyond it.
     """
-    border = {"borderMode": cv2.BORDER_REPLICATE}
-    if black is not None:
-        border = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": (black,) * 4}
-    cv2.remap(plane, *positions, cv2.INTER_CUBIC, dst=out, **border)
+    col, row = positions
+    border = cv2.BORDER_REPLICATE if black is None else cv2.BORDER_CONSTANT
+    cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border, borderValue=[black or 0] * 4)
     if limit not in (0xFF, 0xFFFF):
         np.minimum(out, limit, out=out)

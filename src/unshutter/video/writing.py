@@ -86,7 +86,7 @@ class Film:
         if frame.format.name != self._pixel_format:
             frame = frame.reformat(format=self._pixel_format)
         frame.pict_type = 0  # the encoder decides which are key frames
-        if self._shift and frame.pts is not None:
+        if self._shift and frame.pts is not None and frame.time_base is not None:
             frame.pts -= round(self._shift / frame.time_base)
         self._put(lambda: self._container.mux(self._stream.encode(frame)))
 
@@ -97,7 +97,7 @@ class Film:
             return
         if self._shift:
             by = round(self._shift / packet.time_base)
-            packet.dts = packet.dts - by
+            packet.dts = (packet.dts or 0) - by
             packet.pts = None if packet.pts is None else packet.pts - by
             if packet.dts < 0:
                 return
