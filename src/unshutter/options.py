@@ -42,9 +42,12 @@ class Camera:
         focal_px: focal length [px of the full-size photo]; None: EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
         tilt_deg: how far it looked up, -90 is straight down; None: unknown.
+        exposure_s: how long each line was exposed [s]; None: as EXIF says, if it does.
+        readout_ms: time from the first line read to the last [ms]; None: as is usual for the kind of camera.
+        moving: whether the camera was on the move (in a train, on a car, in the air), so that motion is likely.
 
     Raises:
-        UsageError: an unknown direction, a focal length that is not positive, an angle out of range.
+        UsageError: an unknown direction, a focal length or time that is not positive, an angle out of range.
     """
 
     readout: str = option(
@@ -60,11 +63,23 @@ class Camera:
         None, "How far the camera was turned clockwise from upright, where you know it, for methods that use it."
     )
     tilt_deg: float | None = option(None, "How far it looked up, where you know it; -90 is straight down.")
+    exposure_s: float | None = option(
+        None, "How long the photo was exposed, in seconds. Default: as EXIF says.", metavar="SECONDS"
+    )
+    readout_ms: float | None = option(
+        None,
+        "Time from the first row to the last, in milliseconds. Default: what is usual for the kind of camera.",
+        metavar="MS",
+    )
+    moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
 
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
         if self.focal_px is not None and not 0 < self.focal_px < math.inf:
             raise UsageError(f"the focal length must be positive, got {self.focal_px:g} px")
+        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
+            if time is not None and not 0 < time < math.inf:
+                raise UsageError(f"the {name} must take a positive time, got {time:g} {unit}")
         for name, angle, most in (("roll", self.roll_deg, MOST_ROLL_DEG), ("tilt", self.tilt_deg, MOST_TILT_DEG)):
             if angle is not None and not -most <= angle <= most:
                 raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
@@ -75,9 +90,12 @@ class Camera:
         return Readout.parse(self.readout)
 
     def check_unused(self) -> None:
-        """Raises UsageError where focal length, roll or tilt are given although no motion is to be found."""
-        if not (self.focal_px is self.roll_deg is self.tilt_deg is None):
-            raise UsageError("focal length, roll and tilt are for finding a motion: leave them out when it is given")
+        """Raises UsageError where more than the readout direction is given although no motion is to be found."""
+        if self != Camera(self.readout):
+            raise UsageError(
+                "focal length, roll, tilt, exposure, readout time and --moving are for finding a motion: "
+                "leave them out when it is given"
+            )
 
 
 @dataclass(frozen=True)

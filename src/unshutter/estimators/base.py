@@ -14,6 +14,7 @@ from unshutter.geometry.readout import Readout, scene_up
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera
 from unshutter.photo import Photo
+from unshutter.photo.tags.readout_time import ReadoutTime
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,20 @@ class View:
         roll, tilt = self.photo.attitude_deg() or (None, None)
         given = self.camera
         return roll if given.roll_deg is None else given.roll_deg, tilt if given.tilt_deg is None else given.tilt_deg
+
+    def exposure_s(self) -> float | None:
+        """How long each line was exposed [s]: the given time, else EXIF's, else None."""
+        return self.camera.exposure_s or self.photo.exposure_s()
+
+    def exposure_is_merged(self) -> bool:
+        """Whether the photo was put together from several exposures (HDR), so that its sharpness says less."""
+        return self.photo.is_merged()
+
+    def readout_s(self) -> ReadoutTime:
+        """How long the readout took, or may have taken: the given time, else what is usual for the kind of camera."""
+        if self.camera.readout_ms is None:
+            return self.photo.readout_time()
+        return ReadoutTime(self.camera.readout_ms / 1000, self.camera.readout_ms / 1000, "given")
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""

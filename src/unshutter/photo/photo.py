@@ -21,7 +21,8 @@ from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
-from unshutter.photo.tags import attitude, exif
+from unshutter.photo.tags import attitude, exif, exposure, readout_time
+from unshutter.photo.tags.readout_time import ReadoutTime
 from unshutter.storage.files import check_target, written_whole
 
 if TYPE_CHECKING:
@@ -177,6 +178,18 @@ class Photo:
     def focal_px(self) -> float | None:
         """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
         return exif.focal_px(self._metadata.exif, self.height, self.width)
+
+    def exposure_s(self) -> float | None:
+        """How long the photo was exposed [s], from EXIF; None where it is not known."""
+        return exposure.time_s(self._metadata.exif)
+
+    def is_merged(self) -> bool:
+        """Whether it was put together from several exposures (HDR), by EXIF: its exposure time is that of one."""
+        return exposure.is_merged(self._metadata.exif)
+
+    def readout_time(self) -> ReadoutTime:
+        """How long its readout may have taken, by the kind of camera that EXIF names."""
+        return readout_time.of_exif(self._metadata.exif)
 
     def attitude_deg(self) -> tuple[float, float] | None:
         """Roll and tilt of the camera [degrees] as a drone's gimbal wrote them; None where they are not known."""
