@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.find import find_motion
 from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Reference, Subsampling, Undo
@@ -203,7 +204,7 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
         UnshutterError: the photo is too small, damaged or gone.
     """
     _check_size(photo)
-    return estimator.estimate(View(photo, camera))
+    return find_motion(estimator, View(photo, camera))
 
 
 def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rectified:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.estimators.method import Method
+from unshutter.estimators.speed_limit import SpeedLimit, speed_limit
 from unshutter.geometry.readout import Readout, scene_up
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera
@@ -82,6 +84,21 @@ class View:
         if self.camera.readout_ms is None:
             return self.photo.readout_time()
         return ReadoutTime(self.camera.readout_ms / 1000, self.camera.readout_ms / 1000, "given")
+
+    @cached_property
+    def speed_limit(self) -> SpeedLimit | None:
+        """The fastest motion that the photo's sharpness allows; None where it does not say.
+
+        Reads the photo at its full size, once.
+
+        Raises:
+            UnshutterError: the photo is damaged or gone.
+        """
+        merged = self.exposure_is_merged()
+        return speed_limit(self._frame, self.exposure_s(), self.readout_s(), merged)
+
+    def _frame(self) -> np.ndarray:
+        return self.readout.turn(self.photo.pixels)
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""

@@ -7,6 +7,7 @@ most width * readout / exposure.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,10 @@ import numpy as np
 from unshutter.motion import Motion
 
 if TYPE_CHECKING:
-    from unshutter.estimators.base import View
+    from collections.abc import Callable
+
     from unshutter.geometry.shapes import Float64
+    from unshutter.photo.tags.readout_time import ReadoutTime
 
 BANDS = 4  # of rows: the camera need not have moved evenly
 _LINES = 192  # rows, and columns, that are looked at
@@ -25,6 +28,7 @@ _SHARPEST = 10  # per cent of the edges count as the sharpest: noise and retouch
 _FEWEST = 30  # edges; fewer of them say nothing
 _OUTER = 0.25  # columns further than this from the middle [widths] show turning
 _LEEWAY = 1.5  # a motion this many times the limit is refuted
+_MERGED = 3.0  # times as fast: of several exposures, the sharp parts may be from those that were shorter than EXIF says
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ class SpeedLimit:
         ty_px: [BANDS] the same of the scene's motion up or down.
         rz_rad: the same of r_z, over all rows [rad].
         exposure_s: how long each row was exposed.
-        readout_s: the longest time that the readout can have taken.
+        readout_s: how long the readout may well have taken.
     """
 
     tx_px: Float64[np.ndarray, "bands"]
@@ -45,41 +49,55 @@ class SpeedLimit:
     exposure_s: float
     readout_s: float
 
+    @property
+    def reason(self) -> str:
+        """Why a photo that this refutes is left as it is, in words."""
+        if self.readout_s == 0:
+            return "its camera has no rolling shutter"
+        return f"it is too sharp for a camera that moved, exposed for {_seconds(self.exposure_s)}"
+
     def refutes(self, motion: Motion) -> bool:
         """Whether the photo would be less sharp if its camera had moved like this."""
         turning, velocity = motion.rates()
         per_readout = motion.height
         bands = np.array_split(np.abs(velocity) * per_readout, BANDS)
         fastest = np.array([np.median(band, axis=0) for band in bands])  # [BANDS, 2]
-        over = np.maximum(fastest[:, 0] / self.tx_px, fastest[:, 1] / self.ty_px).max()
-        return bool(max(over, np.median(np.abs(turning)) * per_readout / self.rz_rad) > _LEEWAY)
+        turned = np.median(np.abs(turning)) * per_readout
+        allowed = _LEEWAY * self.tx_px, _LEEWAY * self.ty_px, _LEEWAY * self.rz_rad
+        return bool((fastest > np.stack(allowed[:2], axis=1)).any() or turned > allowed[2])
 
 
-def speed_limit(view: View) -> SpeedLimit | None:
+def speed_limit(frame: Callable[[], np.ndarray], exposure_s: float | None, readout: ReadoutTime, merged: bool) -> SpeedLimit | None:
     """What the sharpness of a photo says of its camera's speed; None where its exposure or edges are not known.
 
-    Reads the photo at its full size.
-
-    Raises:
-        UnshutterError: the photo is damaged or gone.
+    Args:
+        frame: gives the pixels [H, W, bands] at full size in the readout frame, uint8 or uint16; not always called.
+        exposure_s: how long each line was exposed; None: unknown.
+        readout: how long the readout took.
+        merged: whether several exposures were put together.
     """
-    exposure_s, readout = view.exposure_s(), view.readout_s()
     if exposure_s is None:
         return None
-    pixels = view.readout.turn(view.photo.pixels)
+    if readout.longest_s == 0:
+        return SpeedLimit(np.zeros(BANDS), np.zeros(BANDS), 0.0, exposure_s, 0.0)
+    pixels = frame()
     along_rows = _Edges.of(_lines(pixels))
     along_columns = _Edges.of(_lines(pixels.swapaxes(0, 1)))
     height, width = pixels.shape[:2]
-    factor = readout.longest / exposure_s
+    readout_s = math.sqrt(readout.typical_s * readout.longest_s)
+    factor = readout_s / exposure_s * (_MERGED if merged else 1)
     across = _by_bands(along_rows.line * height / _LINES, along_rows.width, height)
     upright = _by_bands(along_columns.middle, along_columns.width, height)
     off_centre = np.abs((along_columns.line + 0.5) / _LINES - 0.5)
     outer = off_centre > _OUTER
     turning = _sharpest(along_columns.width[outer] / (off_centre[outer] * width))
-    limits = across * factor, upright * factor, turning * factor
-    if not np.isfinite(limits[0]).any() and not np.isfinite(turning):
+    if not np.isfinite([*across, *upright, turning]).any():
         return None
-    return SpeedLimit(*limits, exposure_s, readout.longest)
+    return SpeedLimit(across * factor, upright * factor, turning * factor, exposure_s, readout_s)
+
+
+def _seconds(exposure_s: float) -> str:
+    return f"1/{1 / exposure_s:.0f} s" if exposure_s < 0.3 else f"{exposure_s:.1f} s"
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.find import find_motion
 from unshutter.evaluation.metrics import psnr, ssim
 from unshutter.motion import Motion
 from unshutter.photo import Photo
@@ -94,7 +95,7 @@ class Answer:
 def ask(estimator: Estimator, view: View) -> Answer:
     """Asks an estimator for the motion of a photo. An error that it raises becomes part of the answer."""
     try:
-        motion = estimator.estimate(view).rereferenced("first")
+        motion = find_motion(estimator, view).rereferenced("first")
     except Exception as error:  # whatever it is, the other estimators are still to be judged
         message = " ".join(f"{type(error).__name__}: {error}".split())
         return Answer(view.no_motion(estimator.name, "failed"), failed=message)

@@ -1,0 +1,23 @@
+"""A photo's motion as everybody should ask for it: what an estimator says, unless the photo's sharpness refutes it."""
+
+from __future__ import annotations
+
+from unshutter.estimators.base import Estimator, View
+from unshutter.motion import Motion
+
+
+def find_motion(estimator: Estimator, view: View) -> Motion:
+    """The motion of a photo, first row as the reference.
+
+    Where an estimator finds a motion that would have blurred the photo more than it is, the answer is no motion, and why.
+
+    Raises:
+        UnshutterError: the photo is damaged or gone.
+    """
+    motion = estimator.estimate(view)
+    if motion.is_zero:
+        return motion
+    limit = view.speed_limit
+    if limit is not None and limit.refutes(motion):
+        return view.no_motion(estimator.name, limit.reason)
+    return motion

@@ -1,0 +1,85 @@
+"""Whether the camera moved at all, and how far an answer is to be believed.
+
+Segments of one desk or facade repeat each other's errors, so that the evidence of the likelihood is overstated: where the
+optimum lies is right more often than whether there is one. How much such evidence is worth was learned from photos with
+known motions and without any (docs/own-model.md): logistic regressions on a handful of figures that the search has
+anyway. They stand here with their numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from unshutter.estimators.right_angles.search import Posterior, bend, displacement
+
+_STEEPNESS = 8.0  # of the way from no motion to all of it
+_CAUTION = math.log(1.7)  # how much better than even the odds must be: most photos have no motion to speak of
+_MOVING = math.log(0.4)  # and where the user says that the camera was
+_PX = 256.0  # rows of the picture in which displacements are weighed
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is made of a posterior.
+
+    Attributes:
+        motion: [6] coefficients to undo; next to nothing where the camera hardly moved.
+        confidence: probability that it is right to 1 px of 256 rows (mean displacement).
+    """
+
+    motion: np.ndarray
+    confidence: float
+
+
+def judge(posterior: Posterior, opinion: np.ndarray | None = None, moving: bool = False) -> Verdict:
+    """Weighs a posterior's motion against none.
+
+    Args:
+        posterior: of the photo's segments.
+        opinion: [6] the network's answer, where it was asked.
+        moving: whether the camera is known to have moved: from a train, a car, a drone.
+    """
+    odds = _odds_alone(posterior) if opinion is None else _odds_beside(posterior, opinion)
+    odds -= _MOVING if moving else _CAUTION
+    motion = posterior.motion / (1 + math.exp(-np.clip(_STEEPNESS * odds, -50, 50)))
+    return Verdict(motion, _probability(_right(posterior, opinion, odds)))
+
+
+def _odds_beside(posterior: Posterior, opinion: np.ndarray) -> float:
+    """Logarithm of the odds that undoing the motion is better than leaving it, with a network's answer beside it."""
+    return (
+        -1.2179
+        + 0.0094 * posterior.evidence
+        + 0.4396 * _log(posterior.evidence)
+        + 0.4161 * posterior.lines_gain
+        + 0.2150 * _log(_PX * bend(opinion))
+        + 0.2404 * _log(_PX * displacement(opinion))
+        - 0.8728 * _log(_PX * displacement(opinion - posterior.motion))
+    )
+
+
+def _odds_alone(posterior: Posterior) -> float:
+    """The same without one."""
+    return 0.0
+
+
+def _right(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> float:
+    """Logarithm of the odds that the answer is right to 1 px of 256 rows."""
+    error = math.log(_PX * posterior.expected_error + 0.1)
+    if opinion is None:
+        return 0.0
+    if odds > 0:
+        return -0.811 - 0.53 * error - 0.958 * _log(_PX * displacement(opinion - posterior.motion)) + 0.061 * min(odds, 6)
+    return -0.216 - 0.714 * max(odds, -4) - 0.376 * math.log(_PX * displacement(opinion) + 0.3)
+
+
+def _log(figure: float) -> float:
+    """Grows with a figure and keeps its sign, but slowly."""
+    return math.copysign(math.log1p(abs(figure)), figure)
+
+
+def _probability(log_odds: float) -> float:
+    return 1 / (1 + math.exp(-log_odds))
