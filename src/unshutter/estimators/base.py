@@ -16,6 +16,7 @@ from unshutter.geometry.readout import Readout, scene_up
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera
 from unshutter.photo import Photo
+from unshutter.photo.tags.attitude import Attitude
 from unshutter.photo.tags.readout_time import ReadoutTime
 
 
@@ -35,7 +36,9 @@ class View:
 
     @property
     def readout(self) -> Readout:
-        """Direction in which the stored pixels were read."""
+        """Direction in which the stored pixels were read: the given one, else as gravity shows, else top to bottom."""
+        if self.camera.readout == "auto" and self.photo.attitude is not None:
+            return self.photo.attitude.readout
         return self.camera.direction
 
     @property
@@ -65,11 +68,20 @@ class View:
         """Focal length [px of the full-size picture]: the given one, else EXIF's, else None."""
         return self.camera.focal_px or self.photo.focal_px()
 
+    def attitude(self) -> Attitude:
+        """How the camera was held: each angle the given one, else the photo's own, else None."""
+        own = self.photo.attitude or Attitude(None, None, "")
+        roll, tilt = self.camera.roll_deg, self.camera.tilt_deg
+        if roll is None and tilt is None:
+            return own
+        kept = own.tilt_deg if tilt is None else own.roll_deg if roll is None else None
+        roll, tilt = own.roll_deg if roll is None else roll, own.tilt_deg if tilt is None else tilt
+        return Attitude(roll, tilt, "given" if kept is None else f"given; {own.source}", own.readout)
+
     def attitude_deg(self) -> tuple[float | None, float | None]:
         """Roll and tilt of the camera [degrees], each where it is known: the given ones, else the photo's own."""
-        roll, tilt = self.photo.attitude_deg() or (None, None)
-        given = self.camera
-        return roll if given.roll_deg is None else given.roll_deg, tilt if given.tilt_deg is None else given.tilt_deg
+        held = self.attitude()
+        return held.roll_deg, held.tilt_deg
 
     def exposure_s(self) -> float | None:
         """How long each line was exposed [s]: the given time, else EXIF's, else None."""

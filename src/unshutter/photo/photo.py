@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,7 @@ from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
 from unshutter.photo.tags import attitude, exif, exposure, readout_time
+from unshutter.photo.tags.attitude import Attitude
 from unshutter.photo.tags.readout_time import ReadoutTime
 from unshutter.storage.files import check_target, written_whole
 
@@ -191,10 +193,11 @@ class Photo:
         """How long its readout may have taken, by the kind of camera that EXIF names."""
         return readout_time.of_exif(self._metadata.exif)
 
-    def attitude_deg(self) -> tuple[float, float] | None:
-        """Roll and tilt of the camera [degrees] as a drone's gimbal wrote them; None where they are not known."""
-        packet = self._metadata.xmp
-        return attitude.of_xmp(packet) if packet and self.orientation == 1 else None
+    @cached_property
+    def attitude(self) -> Attitude | None:
+        """How the camera was held, as an accelerometer, level gauge or gimbal wrote it; None where it is not known."""
+        said = self._metadata
+        return attitude.of_photo(said.exif, said.xmp, self.orientation, self.height, self.width)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
