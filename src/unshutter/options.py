@@ -10,7 +10,7 @@ Nothing here imports NumPy: a photo is being decoded before that.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -20,6 +20,7 @@ from unshutter.geometry.readout import Readout
 DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
 _LONGEST_TIMEOUT_S = 86_400  # a day
+MIN_CONFIDENCE = 0.05  # of a motion that is undone, unless a user says otherwise
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
 Reference = Literal["first", "middle", "last"]
@@ -120,6 +121,8 @@ class Undo:
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
             ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
+        min_confidence: a photo whose motion is less sure is left as it is; 0 leaves none. Motions without a confidence
+            are undone.
 
     Raises:
         UsageError: a value that is none of its choices.
@@ -130,14 +133,30 @@ class Undo:
     edges: Edges = option(
         "keep", "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour."
     )
+    min_confidence: float = option(
+        MIN_CONFIDENCE,
+        f"Leave a photo as it is where its motion is less sure than this; 0 leaves none. Default: {MIN_CONFIDENCE:g}.",
+    )
 
     def __post_init__(self) -> None:
         if not 0 <= self.strength <= 1:
             raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
+        if not 0 <= self.min_confidence <= 1:
+            raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
         if self.edges not in get_args(Edges):
             raise UsageError(f"unknown edges '{self.edges}': choose keep, crop or fill")
         if self.reference not in (None, *get_args(Reference)):
             raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
+
+    def of_given_motion(self) -> Undo:
+        """The same for a motion that the user gives, which is undone however sure its estimator was.
+
+        Raises:
+            UsageError: a least confidence is asked for, too.
+        """
+        if self.min_confidence not in (0, MIN_CONFIDENCE):
+            raise UsageError("a motion that is given is undone whatever its confidence: leave out the least confidence")
+        return replace(self, min_confidence=0)
 
 
 @dataclass(frozen=True)
@@ -148,6 +167,7 @@ class Save:
         format: of the file; None: the photo's own, AVIF for HEIC, 16-bit TIFF for raw files.
         quality: of JPEG, WebP and AVIF, 1 to 100; None: like the original.
         subsampling: of the chroma of JPEG and AVIF; None: like the original.
+        only_changed: photos that are left as they are are not written.
 
     Raises:
         UsageError: a value that is none of its choices.
@@ -160,6 +180,7 @@ class Save:
     subsampling: Subsampling | None = option(
         None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
     )
+    only_changed: bool = option(False, "Write only photos that were changed. Default: the others are copied.")
 
     def __post_init__(self) -> None:
         if self.quality is not None and not 1 <= self.quality <= 100:
@@ -183,7 +204,7 @@ class Rectify:
         save: how the picture is written.
 
     Raises:
-        UsageError: a motion, and beside it a focal length, roll or tilt, which only serve to find one.
+        UsageError: a motion, and beside it a focal length, roll, tilt or least confidence, which are for finding one.
     """
 
     find: Find = field(default_factory=Find)
@@ -194,6 +215,7 @@ class Rectify:
     def __post_init__(self) -> None:
         if self.motion is not None:
             self.find.camera.check_unused()
+            object.__setattr__(self, "undo", self.undo.of_given_motion())
 
 
 @dataclass(frozen=True)

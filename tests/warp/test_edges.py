@@ -13,14 +13,26 @@ from unshutter.warp.pixels import largest_valid_rectangle, rectify_pixels, valid
 
 
 @pytest.mark.parametrize("bands", [1, 2, 3, 4])
-def test_keep_is_black_and_transparent_exactly_where_the_mask_says(bands):
+def test_keep_is_black_and_transparent_a_pixel_beyond_what_the_photo_saw(bands):
     pixels = np.full((90, 120, bands), 200, dtype=np.uint8)
     motion = shake(90, 120)
     kept = rectify_pixels(pixels, motion, "keep")
     mask = validity_mask(motion)
     assert 0.5 < mask.mean() < 0.99
     assert (kept[mask] == 200).all()
-    assert (kept[~mask] == 0).all()
+    near, far = inside(*backward_map(motion), 90, 120, -0.98), inside(*backward_map(motion), 90, 120, -1.02)
+    assert (kept[near] == 200).all()
+    assert (kept[~far] == 0).all() and not far.all()
+    assert (near & ~mask).any()
+
+
+def test_less_than_a_pixel_leaves_no_black_hairline():
+    pixels = np.full((90, 120, 3), 200, dtype=np.uint8)
+    slight = RowMotion.from_polynomials([0, 0.9], [0], 90, 120)
+    assert not validity_mask(slight).all()
+    assert (rectify_pixels(pixels, slight, "keep") == 200).all()
+    more = RowMotion.from_polynomials([0, 3.5], [0], 90, 120)
+    assert (rectify_pixels(pixels, more, "keep") == 0).any()
 
 
 def test_fill_repeats_the_border():
@@ -30,6 +42,7 @@ def test_fill_repeats_the_border():
     kept = rectify_pixels(pixels, motion, "keep")
     mask = validity_mask(motion)
     assert np.array_equal(filled[mask], kept[mask])
+    assert not np.array_equal(filled, kept)
     col, row = backward_map(motion)
     nearest = pixels[np.rint(row).clip(0, 89).astype(int), np.rint(col).clip(0, 119).astype(int)]
     far = ~inside(col, row, 90, 120, -1) & (inside(col, col, 120, 120) | inside(row, row, 90, 90))

@@ -11,7 +11,7 @@ from unshutter.batch.report import Tell, each_photo
 from unshutter.batch.targets import check_named_once, is_folder, motion_names, plan_targets
 from unshutter.errors import UsageError
 from unshutter.estimators.register import check_name
-from unshutter.options import Find, Reference
+from unshutter.options import Find, Reference, Undo
 from unshutter.prefetch import Prefetch
 from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import Place, check_place, make_folder, write_place
@@ -48,7 +48,7 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
     check_named_once([*(("the motion", target) for target in targets.values()), ("--plot", wanted.plot)])
     protection = Protection(inputs.photos, [output])
     _remove_leftovers(targets)
-    prefetch = Prefetch(list(inputs.photos), wanted.find, max_pixels, whole=False)
+    prefetch = Prefetch(list(inputs.photos), wanted.find, max_pixels)
     in_folder = output is not None and is_folder(output, inputs.many)
 
     def check(file: Place, photo: Place) -> None:
@@ -63,8 +63,7 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
             check(file, photo)
         coming = prefetch.take(photo)
         motion = coming.photo and coming.motion().rereferenced(wanted.reference)
-        if motion.reason:
-            tell(f"{photo}: no motion ({motion.reason})")
+        _tell_if_it_would_not_be_undone(motion, photo, tell)
         text = _told(motion, photo, wanted)
         if target:
             write_place(f"{text}\n".encode(), target, overwrite, mode_of=photo)
@@ -72,6 +71,16 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
             print(text)
 
     return each_photo(inputs, one)
+
+
+def _tell_if_it_would_not_be_undone(motion: Motion, photo: Place, tell: Tell) -> None:
+    from unshutter.motion.verdict import Verdict
+
+    verdict = Verdict.of(motion, Undo())
+    if motion.reason:
+        tell(f"{photo}: no motion ({motion.reason})")
+    elif not verdict.changes:
+        tell(f"{photo}: rectify leaves it as it is ({verdict.told()})")
 
 
 def _remove_leftovers(targets: dict[Place, Place]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -162,6 +163,14 @@ class Motion(ABC):
     def reference_row(self) -> int:
         """Index of the row that has zero motion."""
         return row_index(self.reference, self.height)
+
+    @cached_property
+    def largest_px(self) -> float:
+        """The farthest that anything in the picture is moved [px], by t_x, r_z or any other rotation."""
+        row = np.arange(self.height, dtype=np.float64)[:, None]
+        col = np.array([[0.0, (self.width - 1) / 2, self.width - 1.0]])
+        moved = self.rs_to_gs(col, row)
+        return float(np.hypot(moved[0] - col, moved[1] - row).max())
 
     @property
     def common(self) -> dict[str, Any]:

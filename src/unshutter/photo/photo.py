@@ -224,6 +224,19 @@ class Photo:
 
     # ---- out -------------------------------------------------------------------------------------------
 
+    def file_as(self, format: str, how: Save) -> Source | None:
+        """The encoded data that the photo was read from, where nothing else is asked for.
+
+        Args:
+            format: that is wanted.
+            how: it is to be coded.
+
+        Returns:
+            None where the pixels are new, the format is another, or a quality or subsampling is asked for.
+        """
+        is_same = self.format == format and how.quality is how.subsampling is None
+        return self._decoder.source if self._decoder is not None and is_same else None
+
     def to_bytes(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
     ) -> bytes:

@@ -174,12 +174,17 @@ class SamplingGrid:
         return least >= -_INSIDE_SLACK and most <= _INSIDE_SLACK - 1
 
     def inside(
-        self, col: Float[np.ndarray, "rows cols"], row: Float[np.ndarray, "rows cols"], left: int = 0, top: int = 0
+        self,
+        col: Float[np.ndarray, "rows cols"],
+        row: Float[np.ndarray, "rows cols"],
+        left: int = 0,
+        top: int = 0,
+        beyond: float = 0.0,
     ) -> Bool[np.ndarray, "rows cols"]:
-        """bool: which positions, counted from left and top, lie inside the picture."""
-        right, bottom = self.width - 1 - left, self.height - 1 - top
-        within_width = (col >= -left - _INSIDE_SLACK) & (col <= right + _INSIDE_SLACK)
-        return within_width & (row >= -top - _INSIDE_SLACK) & (row <= bottom + _INSIDE_SLACK)
+        """bool: which positions, counted from left and top, lie inside the picture, or up to ``beyond`` px outside."""
+        right, bottom, slack = self.width - 1 - left, self.height - 1 - top, max(beyond, _INSIDE_SLACK)
+        within_width = (col >= -left - slack) & (col <= right + slack)
+        return within_width & (row >= -top - slack) & (row <= bottom + slack)
 
     def _nodes_about(self, tile: Tile) -> tuple[np.ndarray, int, int]:
         """The nodes of the cells that a tile touches; row and column of its first pixel from the first of them."""

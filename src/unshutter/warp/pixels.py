@@ -34,6 +34,7 @@ _LEAST_CROP = 0.1  # of the photo's area
 _CROP_SEARCH_CELLS = 1_000_000
 _MOST_THREADS = 16
 _LONGEST_SOURCE = 32_000  # px; cv2.remap has 16 bits for a position
+_HAIRLINE = 1.0  # px that may be missing at an edge without being black
 _REACH = 3  # px that interpolation looks beyond a position
 
 
@@ -47,8 +48,9 @@ def rectify_pixels(
             colours are then interpolated premultiplied.
         motion: the photo's motion, for exactly its size.
         edges: for pixels whose RS position lies outside the photo: ``keep`` makes them black (and alpha
-            0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
-            repeats the nearest border pixel.
+            0) from a pixel on, so that no hairline is left where less than a pixel is missing, ``crop`` cuts
+            the largest upright rectangle of the photo's aspect without them, ``fill`` repeats the nearest
+            border pixel.
         masked: the last of 2 or 4 bands is no alpha but a mask: it is interpolated like a colour, apart from them.
 
     Returns:
@@ -76,7 +78,7 @@ def rectify_pixels(
                 "use other edges, keep or fill"
             )
         window = Tile(top, top + h, left, left + w)
-    return _warped(pixels, grid, window, cv2.INTER_CUBIC, blacken=edges == "keep", masked=masked)
+    return _warped(pixels, grid, window, cv2.INTER_CUBIC, _HAIRLINE if edges == "keep" else None, masked)
 
 
 def distort_pixels(
@@ -98,7 +100,7 @@ def distort_pixels(
         return pixels
     height, width = pixels.shape[:2]
     grid = SamplingGrid.of(rs_to_gs_map(motion), height, width)
-    return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, blacken=True)
+    return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, black_beyond=0.0)
 
 
 def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
@@ -170,12 +172,18 @@ def _mask(grid: SamplingGrid) -> np.ndarray:
 
 
 def _warped(
-    pixels: np.ndarray, grid: SamplingGrid, window: Tile, interpolation: int, blacken: bool, masked: bool = False
+    pixels: np.ndarray,
+    grid: SamplingGrid,
+    window: Tile,
+    interpolation: int,
+    black_beyond: float | None,
+    masked: bool = False,
 ) -> np.ndarray:
     """A window of the output; both directions of the warp end here.
 
     Args:
-        blacken: make what lies outside the picture 0; otherwise the border is repeated.
+        black_beyond: what lies so many px or more outside the picture becomes 0; elsewhere outside, and with None
+            everywhere, the border is repeated.
         masked: see :func:`rectify_pixels`.
     """
     cv2.setNumThreads(1)  # the threads are here
@@ -183,7 +191,7 @@ def _warped(
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
 
     has_alpha = pixels.shape[2] in (2, 4) and not masked
-    how = {"method": interpolation, "blacken": blacken, "has_alpha": has_alpha, "scratch": _Scratch()}
+    how = {"method": interpolation, "black_beyond": black_beyond, "has_alpha": has_alpha, "scratch": _Scratch()}
     make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, **how)
     with ThreadPoolExecutor(_thread_count()) as threads:
         for _ in threads.map(make, window.tiles()):
@@ -212,7 +220,7 @@ def _make(
     grid: SamplingGrid,
     window: Tile,
     method: int,
-    blacken: bool,
+    black_beyond: float | None,
     has_alpha: bool,
     scratch: _Scratch,
 ) -> None:
@@ -226,14 +234,14 @@ def _make(
         extent = Extent.of(*grid.positions(tile, out=positions))
         if _too_long(extent):
             for half in tile.halves():
-                _make(half, pixels, out, grid, window, method, blacken, has_alpha, scratch)
+                _make(half, pixels, out, grid, window, method, black_beyond, has_alpha, scratch)
             return
     source, left, top = _cut(pixels, extent)
     col, row = grid.positions(tile, left, top, out=positions)
     made = out[tile.within(window)]
     _sample(source, col, row, method, has_alpha, made, scratch)
-    if blacken and not grid.contains(extent):
-        made[~grid.inside(col, row, left, top)] = 0
+    if black_beyond is not None and not grid.contains(extent):
+        made[~grid.inside(col, row, left, top, black_beyond)] = 0
 
 
 def _thread_count() -> int:

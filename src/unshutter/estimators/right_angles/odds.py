@@ -22,7 +22,7 @@ _PX = 256.0  # rows of the picture in which displacements are weighed
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Judgement:
     """What is made of a posterior.
 
     Attributes:
@@ -34,7 +34,7 @@ class Verdict:
     confidence: float
 
 
-def judge(posterior: Posterior, opinion: np.ndarray | None = None, moving: bool = False) -> Verdict:
+def judge(posterior: Posterior, opinion: np.ndarray | None = None, moving: bool = False) -> Judgement:
     """Weighs a posterior's motion against none.
 
     Args:
@@ -45,7 +45,7 @@ def judge(posterior: Posterior, opinion: np.ndarray | None = None, moving: bool 
     odds = _odds_alone(posterior) if opinion is None else _odds_beside(posterior, opinion)
     odds -= _MOVING if moving else _CAUTION
     motion = posterior.motion / (1 + math.exp(-np.clip(_STEEPNESS * odds, -50, 50)))
-    return Verdict(motion, _probability(_right(posterior, opinion, odds)))
+    return Judgement(motion, _probability(_right(posterior, opinion, odds)))
 
 
 def _odds_beside(posterior: Posterior, opinion: np.ndarray) -> float:

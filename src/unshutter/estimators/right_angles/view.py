@@ -71,10 +71,10 @@ def motion_of(posterior: Posterior, view: View, estimator: str, opinion: np.ndar
     """
     if posterior.lines_gain < LEAST_GAIN:
         return view.no_motion(estimator, "the photo shows no right angles")
-    verdict = judge(posterior, opinion, view.camera.moving)
-    if displacement(verdict.motion) > LARGEST:
+    judgement = judge(posterior, opinion, view.camera.moving)
+    if displacement(judgement.motion) > LARGEST:
         return view.no_motion(estimator, "what fits the lines is more motion than hands can do")
-    return view.cubic_motion(verdict.motion.reshape(2, 3), estimator, verdict.confidence)
+    return view.cubic_motion(judgement.motion.reshape(2, 3), estimator, judgement.confidence)
 
 
 def _known_speed(limit: SpeedLimit | None, rows: int) -> KnownSpeed | None:
