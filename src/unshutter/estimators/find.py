@@ -9,7 +9,7 @@ from unshutter.motion import Motion
 def find_motion(estimator: Estimator, view: View) -> Motion:
     """The motion of a photo, first row as the reference.
 
-    Where an estimator finds a motion that would have blurred the photo more than it is, the answer is no motion, and why.
+    Where the photo would have been blurred more than it is by what an estimator finds, there is no motion, and why.
 
     Raises:
         UnshutterError: the photo is damaged or gone.

@@ -67,7 +67,9 @@ class SpeedLimit:
         return bool((fastest > np.stack(allowed[:2], axis=1)).any() or turned > allowed[2])
 
 
-def speed_limit(frame: Callable[[], np.ndarray], exposure_s: float | None, readout: ReadoutTime, merged: bool) -> SpeedLimit | None:
+def speed_limit(
+    frame: Callable[[], np.ndarray], exposure_s: float | None, readout: ReadoutTime, merged: bool
+) -> SpeedLimit | None:
     """What the sharpness of a photo says of its camera's speed; None where its exposure or edges are not known.
 
     Args:

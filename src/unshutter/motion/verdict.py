@@ -13,7 +13,9 @@ _SMALLEST = 256  # motions that were found and move nothing by a row in so many 
 LEAST_PX = 0.5  # below, a photo loses more by being resampled than it gains
 
 # Why a photo is left as it is, as it is counted.
-Cause = Literal["", "no motion", "nothing to go by", "not sure", "less than half a pixel", "too small to tell", "strength 0"]
+Cause = Literal[
+    "", "no motion", "nothing to go by", "not sure", "less than half a pixel", "too small to tell", "strength 0"
+]
 
 
 @dataclass(frozen=True)

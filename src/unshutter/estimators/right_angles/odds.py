@@ -1,9 +1,9 @@
 """Whether the camera moved at all, and how far an answer is to be believed.
 
-Segments of one desk or facade repeat each other's errors, so that the evidence of the likelihood is overstated: where the
-optimum lies is right more often than whether there is one. How much such evidence is worth was learned from photos with
-known motions and without any (docs/own-model.md): logistic regressions on a handful of figures that the search has
-anyway. They stand here with their numbers.
+Segments of one desk or facade repeat each other's errors, so that the evidence of the likelihood is overstated: where
+the optimum lies is right more often than whether there is one. How much such evidence is worth was learned from photos
+with known motions and without any (docs/own-model.md): logistic regressions on a handful of figures that the search
+has anyway. They stand here with their numbers.
 """
 
 from __future__ import annotations
@@ -63,17 +63,20 @@ def _odds_beside(posterior: Posterior, opinion: np.ndarray) -> float:
 
 def _odds_alone(posterior: Posterior) -> float:
     """The same without one."""
-    return 0.0
+    return -1.8842 + 0.0051 * posterior.evidence + 0.5709 * _log(posterior.evidence) - 0.0780 * posterior.lines_gain
 
 
 def _right(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> float:
     """Logarithm of the odds that the answer is right to 1 px of 256 rows."""
     error = math.log(_PX * posterior.expected_error + 0.1)
+    odds = min(max(odds, -4.0), 6.0)
     if opinion is None:
-        return 0.0
+        return -1.593 - 1.074 * error - 0.281 * odds if odds > 0 else -1.642 - 0.325 * error - 1.223 * odds
     if odds > 0:
-        return -0.811 - 0.53 * error - 0.958 * _log(_PX * displacement(opinion - posterior.motion)) + 0.061 * min(odds, 6)
-    return -0.216 - 0.714 * max(odds, -4) - 0.376 * math.log(_PX * displacement(opinion) + 0.3)
+        apart, answer = (_PX * displacement(each) for each in (opinion - posterior.motion, opinion))
+        disagreement = math.log(apart / math.hypot(1, answer / 25) + 0.3)  # the larger its answer, the more it errs
+        return -1.328 - 0.642 * error - 0.701 * disagreement + 0.021 * odds
+    return -0.216 - 0.376 * math.log(_PX * displacement(opinion) + 0.3) - 0.714 * odds
 
 
 def _log(figure: float) -> float:

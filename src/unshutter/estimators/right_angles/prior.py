@@ -22,8 +22,8 @@ class Prior:
     Attributes:
         mean: [10] what is expected.
         sigma: [10] standard deviations (of roll and tilt, of the usual part of the mixture).
-        log_volume: half the logarithm of the determinant of the motion's precision, which makes hypotheses with a motion
-            comparable with one without.
+        log_volume: half the logarithm of the determinant of the motion's precision, which makes hypotheses with a
+            motion comparable with one without.
     """
 
     def __init__(self, beliefs: Beliefs, known: KnownCamera, aspect: float, opinion: SecondOpinion | None = None):

@@ -136,7 +136,7 @@ def displacement(motion: np.ndarray) -> float:
 
 
 def bend(motion: np.ndarray) -> float:
-    """The same of what is left of a motion [6] when the best shear is taken out: shear and a camera askew look alike."""
+    """The same of what is left of a motion [6] without its best shear: shear and a camera held askew look alike."""
     motion = motion.copy()
     motion[0] -= _SQUARED_DISPLACEMENT[0] @ motion / _SQUARED_DISPLACEMENT[0, 0]
     return displacement(motion)
