@@ -203,7 +203,8 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
         UnshutterError: the photo is too small, damaged or gone.
     """
     _check_size(photo)
-    return estimator.estimate(View(photo, camera))
+    view = View(photo, camera)
+    return view.noted(estimator.estimate(view))
 
 
 def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rectified:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +94,17 @@ class View:
         if self.camera.readout_ms is None:
             return self.photo.readout_time()
         return ReadoutTime(self.camera.readout_ms / 1000, self.camera.readout_ms / 1000, "given")
+
+    def noted(self, motion: Motion) -> Motion:
+        """The motion with what was known of the photo beside its pixels."""
+        held = self.attitude()
+        return replace(
+            motion,
+            roll_deg=held.roll_deg,
+            tilt_deg=held.tilt_deg,
+            attitude_from=held.source,
+            exposure_s=self.exposure_s(),
+        )
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""
