@@ -103,8 +103,12 @@ class Photo:
         )
 
     @classmethod
-    def from_array(cls, array: np.ndarray) -> Photo:
+    def from_array(cls, array: np.ndarray, exposure_s: float | None = None) -> Photo:
         """A photo of pixels [H, W] or [H, W, 1..4] (grey, grey + alpha, RGB, RGB + alpha), uint8 or uint16; copied.
+
+        Args:
+            array: the pixels.
+            exposure_s: how long it was exposed [s], for EXIF; None: no EXIF.
 
         Raises:
             UnshutterError: another shape or type, or no pixels.
@@ -112,7 +116,8 @@ class Photo:
         pixels = _with_bands(array).copy()
         pixels.setflags(write=False)
         height, width, bands = pixels.shape
-        return cls("array", height, width, bands, 1, None, None, Coding(), Metadata(), pixels)
+        said = Metadata(exif=None if exposure_s is None else exposure.blob_of(exposure_s))
+        return cls("array", height, width, bands, 1, None, None, Coding(), said, pixels)
 
     def with_pixels(self, pixels: np.ndarray) -> Photo:
         """New pixels, possibly of another size, under this photo's metadata and format; not copied.
