@@ -4,15 +4,19 @@ import struct
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from support.drawn_photos import drawn
+from support.fuzzing import damaged, thorough
 from support.maker_notes import apple, directory, photo_with_note
 from support.tagged_files import ATTRIBUTES, ELEMENTS, jpeg_of_drone
 from unshutter.estimators.base import View
 from unshutter.geometry.readout import Readout
 from unshutter.options import Camera
 from unshutter.photo import Photo
-from unshutter.photo.tags.attitude import Attitude, of_xmp
+from unshutter.photo.tags import exposure, readout_time
+from unshutter.photo.tags.attitude import Attitude, of_photo, of_xmp
 
 _QUARTERS = {1: 0, 8: 1, 3: 2, 6: 3}  # counter-clockwise turns that set stored pixels upright, by orientation
 
@@ -151,6 +155,22 @@ def _canon_at(start: int, roll: int, pitch: int) -> bytes:
 )
 def test_a_note_that_is_cut_short_says_nothing(note: bytes, make: str, cut: int) -> None:
     assert photo_with_note(note[:cut], make).attitude is None
+
+
+@thorough
+@given(data=st.data())
+def test_damaged_metadata_say_nothing_or_something(data: st.DataObject) -> None:
+    """Whatever is wrong with EXIF or a maker's note: no error, and angles and times that can be."""
+    notes = (apple((-1, 0, 0.1)), "Apple"), (_olympus((-35, 1), (5, 1)), "OLYMPUS"), (_canon_at(8, 12, 40), "Canon")
+    whole = photo_with_note(*data.draw(st.sampled_from(notes)))._metadata.exif
+    assert whole is not None
+    blob = data.draw(st.composite(damaged)(whole))
+    told = of_photo(blob, None, 1, 120, 160)
+    assert told is None or (abs(told.roll_deg or 0) <= 45 and abs(told.tilt_deg or 0) <= 90)
+    time = exposure.time_s(blob)
+    assert time is None or 0 < time <= 3600
+    exposure.is_merged(blob)
+    assert readout_time.of_exif(blob).longest_s <= 0.3
 
 
 # ---- XMP -------------------------------------------------------------------------------------------------
