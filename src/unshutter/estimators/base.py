@@ -98,10 +98,11 @@ class View:
     def noted(self, motion: Motion) -> Motion:
         """The motion with what was known of the photo beside its pixels."""
         held = self.attitude()
+        roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
         return replace(
             motion,
-            roll_deg=held.roll_deg,
-            tilt_deg=held.tilt_deg,
+            roll_deg=roll,
+            tilt_deg=tilt,
             attitude_from=held.source,
             exposure_s=self.exposure_s(),
         )

@@ -1,5 +1,6 @@
 """How the camera was held, as phones, level gauges and gimbals wrote it."""
 
+import io
 import struct
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from support.camera_files import dng, heic, linear, soft
 from support.drawn_photos import drawn
 from support.fuzzing import damaged, thorough
-from support.maker_notes import apple, directory, photo_with_note
+from support.maker_notes import apple, directory, exif_with_note, photo_with_note
 from support.tagged_files import ATTRIBUTES, ELEMENTS, jpeg_of_drone
 from unshutter.estimators.base import View
 from unshutter.geometry.readout import Readout
@@ -17,6 +19,7 @@ from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.photo.tags import exposure, readout_time
 from unshutter.photo.tags.attitude import Attitude, of_photo, of_xmp
+from unshutter.photo.tags.exif import add_to_tiff
 
 _QUARTERS = {1: 0, 8: 1, 3: 2, 6: 3}  # counter-clockwise turns that set stored pixels upright, by orientation
 
@@ -83,6 +86,21 @@ def test_a_phone_that_looks_straight_down_tells_its_tilt_only() -> None:
     assert photo_with_note(apple((-0.05, 0.03, -1)), "Apple").attitude == Attitude(
         None, pytest.approx(-86.66, abs=0.02), "accelerometer (Apple)"
     )
+
+
+@pytest.mark.parametrize("kind", ["heic", "dng"])
+def test_phones_other_formats_tell_it_too(kind: str) -> None:
+    blob = exif_with_note(apple(_vector(2, 5, 1)), "Apple")
+    if kind == "heic":
+        file = io.BytesIO(heic(soft(), exif=blob))
+    else:
+        file = io.BytesIO(dng(linear(soft())))
+        assert add_to_tiff(file, blob, 120, 160)
+    photo = Photo.from_bytes(file.getvalue())
+    assert photo.format == ("heic" if kind == "heic" else "raw")
+    held = photo.attitude
+    assert held is not None
+    assert (held.roll_deg, held.tilt_deg) == (pytest.approx(2, abs=0.01), pytest.approx(5, abs=0.01))
 
 
 # ---- gauges, each note put together as exiftool.org describes it -----------------------------------------
