@@ -117,10 +117,12 @@ def test_fewer_photos_are_chosen_by_the_seed(photos: Path, tmp_path: Path) -> No
     assert chosen == {"a.png", "more/b.jpg"}
 
 
-@pytest.mark.parametrize("protocol", ["native", "undistorted"])
+@pytest.mark.parametrize("protocol", ["native", "undistorted", "portrait", "exposure", "attitude"])
 def test_other_protocols_of_photos(protocol: str, photos: Path, tmp_path: Path) -> None:
-    assert run(photos, tmp_path, "--protocol", protocol, "--photos", "1") == 0
-    assert "segment-transformer" in (tmp_path / "results.md").read_text()
+    assert run(photos, tmp_path, "--protocol", protocol, "--photos", "1", "--per-photo", "1") == 0
+    page = (tmp_path / "results.md").read_text()
+    assert "segment-transformer" in page
+    assert ("moved > 1 px | moved > 3 px" in page) == (protocol == "undistorted")
 
 
 def test_recorded_motions(photos: Path, tmp_path: Path) -> None:

@@ -83,10 +83,12 @@ class Answer:
         The confidence is that of the motion: None where the estimator states none, or declined.
         """
         scale = 256 / self.motion.height
+        farthest = self.motion.largest_px * scale
         return {
             "declined": self.declined,
             "failed": self.failed,
             "confidence": self.motion.confidence,
+            "farthest": farthest if np.isfinite(farthest) else None,
             "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
             "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),
         }

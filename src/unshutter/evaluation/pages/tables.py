@@ -11,7 +11,7 @@ from unshutter.evaluation.cases.case import Record
 from unshutter.evaluation.cases.protocols import PROTOCOLS
 from unshutter.evaluation.results import Results, values
 
-_HARM = 3.0  # px at 256 rows: a change of an undistorted photo that is plainly visible
+_HARM = (1.0, 3.0)  # px at 256 rows: a change of an undistorted photo that can be seen, or is plain to see
 _UNKNOWN = "–"
 
 
@@ -73,6 +73,11 @@ def _better(key: str) -> Callable[[list[Record]], float]:
     return better
 
 
+def _share_above(key: str, limit: float) -> Callable[[list[Record]], float]:
+    """Share of pictures whose figure is above a limit; of none where records were made without that figure."""
+    return lambda records: float(np.mean(v > limit)) if len(v := values(records, key)) else np.nan
+
+
 def _improved(records: list[Record]) -> float:
     return float(np.mean([r["epe"] < r["epe_nothing"] for r in records]))
 
@@ -120,7 +125,8 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("max\\|r_z\\| median", _median("most_rz"), "{:.2f}°", -1),
             Column("p90", _p90("most_rz"), "{:.2f}°", -1),
             Column("EPE median", _median("epe"), "{:.2f}", -1),
-            Column(f"EPE > {_HARM:g} px", lambda rs: float(np.mean([r["epe"] > _HARM for r in rs])), "{:.0%}", -1),
+            *(Column(f"EPE > {px:g} px", _share_above("epe", px), "{:.0%}", -1) for px in _HARM),
+            *(Column(f"moved > {px:g} px", _share_above("farthest", px), "{:.0%}", -1) for px in _HARM),
             _DECLINED,
             _FAILED,
         ]
