@@ -21,10 +21,11 @@ DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
 _LONGEST_TIMEOUT_S = 86_400  # a day
 MIN_CONFIDENCE = 0.06  # of a motion that is undone, unless a user says otherwise
+LEAST_AUTO_CROP = 0.8  # of a photo's area: automatic edges do not crop away more than a fifth
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
 Reference = Literal["first", "middle", "last"]
-Edges = Literal["keep", "crop", "fill"]
+Edges = Literal["auto", "keep", "crop", "fill"]
 PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
 Subsampling = Literal["4:4:4", "4:2:0"]
 
@@ -117,6 +118,12 @@ class Find:
     camera: Camera = field(default_factory=Camera)
 
 
+def check_edges(edges: str) -> None:
+    """Raises UsageError where nothing is known of such edges."""
+    if edges not in get_args(Edges):
+        raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
+
+
 @dataclass(frozen=True)
 class Undo:
     """How a motion is undone.
@@ -125,7 +132,8 @@ class Undo:
         reference: row at whose moment the picture is taken; None: the motion's own.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
-            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
+            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge;
+            ``auto`` crops where that leaves at least 80 % of the area, else keeps.
         min_confidence: a photo whose motion is less sure is left as it is; 0 leaves none. Motions without a confidence
             are undone.
 
@@ -136,7 +144,10 @@ class Undo:
     reference: Reference | None = option(None, "Row at whose moment the picture is taken. Default: first.")
     strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
     edges: Edges = option(
-        "keep", "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour."
+        "auto",
+        "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour. "
+        "Default: auto, crop where that leaves at least 80 % of the photo (and its coordinates are not wanted), else "
+        "keep.",
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
@@ -148,10 +159,13 @@ class Undo:
             raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
         if not 0 <= self.min_confidence <= 1:
             raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
-        if self.edges not in get_args(Edges):
-            raise UsageError(f"unknown edges '{self.edges}': choose keep, crop or fill")
+        check_edges(self.edges)
         if self.reference not in (None, *get_args(Reference)):
             raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
+
+    def keeping_coordinates(self) -> Undo:
+        """The same, but that automatic edges are kept: for results of which coordinates are wanted."""
+        return replace(self, edges="keep") if self.edges == "auto" else self
 
     def of_given_motion(self) -> Undo:
         """The same for a motion that the user gives, which is undone however sure its estimator was.
