@@ -127,7 +127,8 @@ PROTOCOLS = {
     "undistorted": Protocol(
         "Undistorted photos: do no harm",
         "still",
-        "Photos as they are: every motion found is wrong.",
+        "Photos as they are: every motion found is wrong. *Left alone* are those that `unshutter rectify` would not "
+        "change, because the motion is too unsure or too small; *moved* counts the others.",
         _with_motion(Suite("256 px", still=True), Suite("native size", rows=None, still=True)),
     ),
     "robustness": Protocol(
