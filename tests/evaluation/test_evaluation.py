@@ -181,6 +181,23 @@ def test_pairs_are_measured_against_the_ceiling() -> None:
     assert found == {"ours": ["10%", "50%"], "none": ["0%", "0%"], "ceiling": ["100%", "100%"]}
 
 
+def test_of_undistorted_pictures_those_that_would_be_moved_are_counted() -> None:
+    """Errors of 0.5, 1.5, 4 and 9 px; the last is found, but left alone. Records of earlier versions do not say."""
+    found = [(0.5, ""), (1.5, ""), (4.0, ""), (9.0, "not sure")]
+    place = {"suite": "256 px", "group": "g", "declined": "", "failed": "", "most_tx": 1.0, "most_rz": 0.1}
+    records = [
+        {**place, "photo": str(k), "estimator": "ours", "epe": epe, "left_alone": cause}
+        for k, (epe, cause) in enumerate(found)
+    ]
+    records += [{**place, "photo": "0", "estimator": "old", "epe": 5.0}]
+    text = tables(Results.of(Request("undistorted", (Path("g"),)), ["ours", "old"], [], records))
+    lines = [[cell.strip(" *") for cell in line.split(" | ")] for line in text.splitlines() if " | " in line]
+    rows = {cells[1]: cells for cells in lines}
+    heads = ("EPE > 1 px", "EPE > 3 px", "left alone", "moved > 1 px", "moved > 3 px")
+    shares = {name: [rows[name][rows["estimator"].index(head)] for head in heads] for name in ("ours", "old")}
+    assert shares == {"ours": ["75%", "50%", "25%", "50%", "25%"], "old": ["100%", "100%", "–", "–", "–"]}
+
+
 def test_pairs_that_synthesize_wrote(photos: Path, tmp_path: Path) -> None:
     synthesize_folder([photos / "a.png"], tmp_path / "made")
     assert run(tmp_path / "made", tmp_path / "out", "--protocol", "pairs", estimators="none") == 0

@@ -94,6 +94,25 @@ def test_a_record_holds_the_confidence_that_the_motion_states(photo: Path) -> No
     assert 0 < record["confidence"] < 1
 
 
+@pytest.mark.parametrize(
+    ("px", "confidence", "cause"),
+    [(9, 0.9, ""), (9, 0.01, "not sure"), (0.4, 0.9, "less than half a pixel"), (9, None, ""), (0, 0.9, "no motion")],
+)
+def test_a_record_says_whether_rectify_would_leave_the_photo_alone(
+    px: float, confidence: float | None, cause: str, photo: Path
+) -> None:
+    motion = RowMotion.from_polynomials([0, px], [0], 256, 256, confidence=confidence)
+    (record,) = case(photo, Suite("still", still=True)).judge(["fixed"], lambda name: Fixed(motion))
+    assert record["left_alone"] == cause
+    assert (record["epe"] > 0.1) == (px > 0)  # of the motion found, undone or not
+
+
+def test_who_declines_or_fails_leaves_the_photo_alone(photo: Path) -> None:
+    for estimator in (load("none"), Broken()):
+        (record,) = case(photo, Suite("256 px")).judge(["x"], lambda name, estimator=estimator: estimator)
+        assert record["left_alone"]
+
+
 def test_pictures_are_compared_where_truth_and_estimate_see_something(photo: Path) -> None:
     """The same figures from OpenCV's warp and scikit-image, in half a decibel: their bicubics differ."""
     made = case(photo, Suite("256 px"), draw=1)

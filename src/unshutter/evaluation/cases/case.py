@@ -14,6 +14,8 @@ from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.find import find_motion
 from unshutter.evaluation.metrics import psnr, ssim
 from unshutter.motion import Motion
+from unshutter.motion.verdict import Verdict
+from unshutter.options import Undo
 from unshutter.photo import Photo
 
 # One line of the results, of words and numbers only: "suite", "group", "photo", "draw" and "estimator", then figures.
@@ -80,7 +82,8 @@ class Answer:
     def figures(self) -> Record:
         """The figures that records of all protocols have.
 
-        The confidence is that of the motion: None where the estimator states none, or declined.
+        ``confidence`` is that of the motion: None where the estimator states none, or declined. ``left_alone`` is why
+        ``unshutter rectify`` with default options would leave the photo as it is; empty where it would change it.
         """
         scale = 256 / self.motion.height
         farthest = self.motion.largest_px * scale
@@ -89,6 +92,7 @@ class Answer:
             "failed": self.failed,
             "confidence": self.motion.confidence,
             "farthest": farthest if np.isfinite(farthest) else None,
+            "left_alone": Verdict.of(self.motion, Undo()).cause,
             "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
             "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),
         }
