@@ -128,8 +128,9 @@ PROTOCOLS = {
         "Undistorted photos: do no harm",
         "still",
         "Photos as they are: every motion found is wrong. *Left alone* are those that `unshutter rectify` would not "
-        "change, because the motion is too unsure or too small; *moved* counts the others. In the last suites photos lie on "
-        "their side, as phones store portrait photos, or estimators are told a readout of 30 ms and an exposure of 1/60 s.",
+        "change, because the motion is too unsure or too small; *moved* counts the others. In the last suites photos "
+        "lie on their side, as phones store portrait photos, or estimators are told a readout of 30 ms and an exposure "
+        "of 1/60 s.",
         _with_motion(
             Suite("256 px", still=True),
             Suite("native size", rows=None, still=True),
