@@ -28,7 +28,7 @@ def crop_window(grid: SamplingGrid, beyond: float = 0.0) -> Tile:
     # positions run smoothly: a block looks inside where its four corners do
     rows, cols = (_first_and_last(size // block, block) for size in (grid.height, grid.width))
     corners = grid.inside(*grid.at(rows, cols), beyond=beyond)
-    whole = corners.reshape(len(rows) // 2, 2, len(cols) // 2, 2).all(axis=(1, 3))
+    whole = np.asarray(corners.reshape(len(rows) // 2, 2, len(cols) // 2, 2).all(axis=(1, 3)))
     left, top, width, height = _largest(whole, block, grid.height, grid.width)
     return Tile(top, top + height, left, left + width)
 
@@ -48,7 +48,7 @@ def largest_valid_rectangle(mask: Bool[np.ndarray, "height width"]) -> tuple[int
     height, width = mask.shape
     block = _block(height, width)
     rows, cols = height // block, width // block
-    whole = mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3))
+    whole = np.asarray(mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3)))
     return _largest(whole, block, height, width)
 
 
