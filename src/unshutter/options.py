@@ -130,6 +130,7 @@ class Save:
         format: of the file; None: the photo's own, AVIF for HEIC, 16-bit TIFF for raw files.
         quality: of JPEG, WebP and AVIF, 1 to 100; None: like the original.
         subsampling: of the chroma of JPEG and AVIF; None: like the original.
+        keep_times: whether the file gets the access and modification time of the original.
 
     Raises:
         UsageError: a value that is none of its choices.
@@ -142,6 +143,7 @@ class Save:
     subsampling: Subsampling | None = option(
         None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
     )
+    keep_times: bool = option(False, "Give each result the access and modification time of its photo.")
 
     def __post_init__(self) -> None:
         if self.quality is not None and not 1 <= self.quality <= 100:

@@ -56,6 +56,7 @@ class Rectified:
         overwrite: bool = False,
         quality: int | None = None,
         subsampling: Subsampling | None = None,
+        keep_times: bool = False,
     ) -> tuple[str, ...]:
         """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
 
@@ -65,7 +66,7 @@ class Rectified:
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
         """
-        return self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
+        return self.photo.save(path, quality, overwrite, subsampling, keep_times)
 
 
 # ---- for users ------------------------------------------------------------------------------------------

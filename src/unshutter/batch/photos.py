@@ -27,7 +27,8 @@ def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> tu
     target = job.target
     done_before = isinstance(target, Path) and job.may_repeat and os.path.lexists(target)
     if isinstance(target, Path) and not done_before:
-        return result.save(target, overwrite=overwrite, quality=save.quality, subsampling=save.subsampling)
+        return result.photo.save(target, save.quality, overwrite, save.subsampling, save.keep_times)
     file = result.photo.encode(of_target(Path(target.name)).name, save.quality, save.subsampling)
-    write_place(file.data, target, overwrite, mode_of=job.source)
+    times_ns = result.photo.times_ns if save.keep_times else None
+    write_place(file.data, target, overwrite, mode_of=job.source, times_ns=times_ns)
     return file.left_out

@@ -53,6 +53,8 @@ def rectify_files(
     check_name(wanted.find.estimator)
     motion = _motion_text(wanted.motion)
     jobs = _jobs(inputs, output, save_motion, wanted, run)
+    if wanted.save.keep_times:
+        _check_have_times(jobs)
     protection = _protection(inputs, jobs, output, save_motion, wanted, run)
     # results beside their photos, and that of a single photo, are known by their names alone
     manifest = Manifest(goal, _digest(wanted, motion)) if goal is not None and inputs.many else None
@@ -87,6 +89,13 @@ def _jobs(inputs: Inputs, output: str | None, save_motion: str | None, wanted: R
         )
         for photo, target in targets.items()
     ]
+
+
+def _check_have_times(jobs: list[Job]) -> None:
+    """Raises UsageError where a photo or its result is no file: objects have times that only their store sets."""
+    for where in (given for job in jobs for given in (job.source, job.target)):
+        if not isinstance(where, Path):
+            raise UsageError(f"--keep-times is for files, and {where} is behind a URL: leave it out")
 
 
 def _protection(

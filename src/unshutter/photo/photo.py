@@ -22,7 +22,7 @@ from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
 from unshutter.photo.tags import attitude, exif
-from unshutter.storage.files import check_target, written_whole
+from unshutter.storage.files import Times, check_target, times_of, written_whole
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,6 +66,7 @@ class Photo:
     _coding: Coding = field(repr=False)
     _metadata: Metadata = field(repr=False)
     _given: np.ndarray | None = field(repr=False, default=None)  # pixels that are not the source's
+    _times_ns: Times | None = field(repr=False, default=None)  # of its file, before that was read
 
     # ---- in --------------------------------------------------------------------------------------------
 
@@ -77,7 +78,8 @@ class Photo:
             UnshutterError: missing, unreadable, empty, of no format that is read, damaged, several pictures in one
                 file, CMYK, CIELAB, floating point, or more than ``max_pixels``.
         """
-        return cls._from_source(Source(Path(path)), max_pixels)
+        times_ns = times_of(Path(path))  # now: reading changes the first of them
+        return replace(cls._from_source(Source(Path(path)), max_pixels), _times_ns=times_ns)
 
     @classmethod
     def from_bytes(cls, data: bytes, max_pixels: int = MAX_PIXELS) -> Photo:
@@ -206,6 +208,17 @@ class Photo:
             return self._decoder.grey(short_side)
         return grey_copy(self._picture, *grey_size(self.height, self.width, short_side))
 
+    @property
+    def times_ns(self) -> Times:
+        """Access and modification time of the photo's file [ns since 1970], as they were when it was opened.
+
+        Raises:
+            UsageError: the photo does not come from a file.
+        """
+        if self._times_ns is None:
+            raise UsageError("only a photo that was read from a file has times that could be kept")
+        return self._times_ns
+
     # ---- out -------------------------------------------------------------------------------------------
 
     def to_bytes(
@@ -244,6 +257,7 @@ class Photo:
         quality: int | None = None,
         overwrite: bool = False,
         subsampling: Subsampling | None = None,
+        keep_times: bool = False,
     ) -> tuple[str, ...]:
         """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
 
@@ -254,19 +268,23 @@ class Photo:
             quality: see :meth:`to_bytes`.
             overwrite: whether an existing file may be replaced; the photo's own never is, nor what a link leads to.
             subsampling: see :meth:`to_bytes`.
+            keep_times: whether it also gets the access and modification time that the photo's file had when it was
+                opened, as far as the file system can keep them.
 
         Returns:
             What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
 
         Raises:
-            UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is a link or the
+            UsageError: unknown ending, quality or subsampling, or ``keep_times`` for a photo that is not from a file;
+            UnshutterError: the file exists, is a link or the
                 photo's own, its folder is missing or cannot be written to, the disc is full, or the photo is damaged.
         """
-        target, how = Path(path), Save(None, quality, subsampling)
+        target, how = Path(path), Save(None, quality, subsampling, keep_times)
+        times_ns = self.times_ns if how.keep_times else None
         format = of_target(target)
         check_target(target, overwrite, self.path)
         image, left_out = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
-        with written_whole(target, overwrite, mode_of=self.path) as part:
+        with written_whole(target, overwrite, mode_of=self.path, times_ns=times_ns) as part:
             left_out += encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
         return left_out
 
