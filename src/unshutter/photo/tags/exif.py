@@ -18,6 +18,7 @@ from typing import BinaryIO
 from unshutter.photo.tags import directories
 from unshutter.photo.tags.directories import (
     BYTE_ORDERS,
+    CLASSIC,
     EXIF,
     SUB_DIRECTORIES,
     Directory,
@@ -25,6 +26,7 @@ from unshutter.photo.tags.directories import (
     Tree,
     encoded,
     encoded_number,
+    in_classic,
     in_other_order,
     read_tree,
 )
@@ -121,7 +123,7 @@ def add_to_tiff(
     """Adds camera tags, EXIF and GPS of a blob to a finished TIFF of one page, at its end.
 
     The page's own tags win over the blob's, but for a resolution without a unit. The pixel size that EXIF repeats is
-    set to that of the picture. Does nothing to a BigTIFF, a file too long for more, or with a blob that cannot be read.
+    set to that of the picture. Does nothing to a file too long for more, or with a blob that cannot be read.
 
     Args:
         file: seekable, open for reading and writing.
@@ -138,7 +140,7 @@ def add_to_tiff(
     length = len(blob or b"") + sum(len(entry.data) for entry in more.values())
     if tree is None and not more:
         return True
-    if target is None or end + length + _ROOM_IN_TIFF >= 1 << 32:
+    if target is None or (target.layout is CLASSIC and end + length + _ROOM_IN_TIFF >= 1 << 32):
         return False
     added: Directory = {}
     if tree is not None:
@@ -152,9 +154,10 @@ def add_to_tiff(
     winning = {tag: added[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in added}
     start = end + end % 2  # directories begin at even offsets
     file.seek(end)
-    file.write(bytes(end % 2) + encoded(added | dict(more) | target.pages[0] | winning, start, target.order))
-    file.seek(4)
-    file.write(struct.pack(target.order + "I", start))
+    whole, layout = added | dict(more) | target.pages[0] | winning, target.layout
+    file.write(bytes(end % 2) + encoded(whole, start, target.order, layout))
+    file.seek(layout.header)
+    file.write(struct.pack(target.order + layout.offset, start))
     return True
 
 
@@ -163,7 +166,7 @@ def _of_the_camera(tree: Tree) -> Directory:
     lifted = {tag: value for tag, value in first.items() if is_carried(tag)}
     if has_no_resolution_unit(tree):
         lifted |= {tag: first[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in first}
-    return lifted
+    return lifted if tree.layout is CLASSIC else in_classic(lifted, tree.order)
 
 
 def is_carried(tag: int) -> bool:
