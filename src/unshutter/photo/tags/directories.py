@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple, TypeAlias
 
 # Tags by number. Directories hang on those of EXIF, GPS and interoperability.
-EXIF, GPS, INTEROPERABILITY = 0x8769, 0x8825, 0xA005
+EXIF, GPS, INTEROPERABILITY, MAKER_NOTE = 0x8769, 0x8825, 0xA005, 0x927C
 SUB_DIRECTORIES = frozenset({EXIF, GPS, INTEROPERABILITY})
 SUBFILE_TYPE = 0x00FE
 
 BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
 _BIG_BYTE_ORDERS = {b"II+\0": "<", b"MM\0+": ">"}
 # Bytes of one value, and of the units in it that byte order turns, by TIFF type (1 BYTE ... 13 IFD; 16-18: BigTIFF's).
-_SIZE = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
-_UNIT = {**_SIZE, 5: 4, 10: 4}
+VALUE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
+_UNIT = {**VALUE_BYTES, 5: 4, 10: 4}
 _NARROWER = {16: (4, "Q", "I"), 17: (9, "q", "i"), 18: (4, "Q", "I")}  # their likes of 4 bytes, and struct's letters
 _ENTRY_BYTES = 12
 _MOST_TAGS = 65_535
@@ -79,11 +79,13 @@ class Tree:
         order: ``<`` (II) or ``>`` (MM), as for struct.
         pages: the chain of top-level directories; EXIF, GPS and interoperability nested in their tags.
         layout: of the file that they stand in.
+        note_at: where the maker's note begins.
     """
 
     order: str
     pages: list[Directory]
     layout: Layout = CLASSIC
+    note_at: int | None = None
 
     def number(self, tag: int, *path: int, page: int = 0) -> int | None:
         """First value of a BYTE, SHORT or LONG tag in a page (below the sub-directories ``path``), None if absent."""
@@ -164,7 +166,7 @@ def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None
     while offset and len(pages) < most_pages and (found := reader.directory(offset)) is not None:
         pages.append(found[0])
         offset = found[1]
-    return Tree(order, pages, layout) if pages else None
+    return Tree(order, pages, layout, reader.note_at) if pages else None
 
 
 class _Reader:
@@ -173,6 +175,7 @@ class _Reader:
         self.length = file.seek(0, io.SEEK_END)
         # Values do not overlap in a whole file; many that point to one place would take memory without end.
         self.bytes_left = min(_MAX_TREE_BYTES, 2 * self.length + _SMALL_BYTES)
+        self.note_at: int | None = None
         self.visited: set[int] = set()  # directories that lead back to themselves, or many to one
 
     def directory(self, offset: int, depth: int = 0) -> tuple[Directory, int] | None:
@@ -201,7 +204,7 @@ class _Reader:
         return directory, following
 
     def _value(self, table: bytes, slot: Slot, depth: int) -> Entry | Directory | None:
-        size = _SIZE.get(slot.kind, 0) * slot.count
+        size = VALUE_BYTES.get(slot.kind, 0) * slot.count
         if not 0 < size <= self.bytes_left:
             return None
         wide = self.layout.offset if size > 4 or slot.tag not in SUB_DIRECTORIES else "I"  # a BigTIFF may have both
@@ -212,6 +215,8 @@ class _Reader:
         if size > self.layout.offset_bytes:
             if pointer > self.length:
                 return None
+            if slot.tag == MAKER_NOTE:
+                self.note_at = pointer
             self.file.seek(pointer)
             data = self.file.read(size)
         else:

@@ -15,11 +15,12 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import BinaryIO
 
-from unshutter.photo.tags import directories
+from unshutter.photo.tags import directories, maker_note
 from unshutter.photo.tags.directories import (
     BYTE_ORDERS,
     CLASSIC,
     EXIF,
+    MAKER_NOTE,
     SUB_DIRECTORIES,
     Directory,
     Entry,
@@ -44,7 +45,7 @@ _GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0x
 _RESOLUTION, _RESOLUTION_UNIT, _NO_UNIT = (0x011A, 0x011B), 0x0128, 1
 _IMAGE_WIDTH, _IMAGE_HEIGHT, _COMPRESSION, _ORIENTATION = 0x0100, 0x0101, 0x0103, 0x0112
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
-_MAKER_NOTE, _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0x927C, 0xA002, 0xA003, 0xA405
+_PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0xA002, 0xA003, 0xA405
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF ends at 65,527
 _ENTRY_BYTES = 12
@@ -109,12 +110,24 @@ def of_tiff(tree: Tree) -> bytes | None:
     The byte order stays: makers' notes are often in the order of the file they stand in.
     """
     lifted = _of_the_camera(tree)
-    return _blob_of(lifted, tree.order) if lifted else None
+    return _blob_of(lifted, tree) if lifted else None
 
 
-def _blob_of(directory: Directory, order: str) -> bytes:
-    head = struct.pack(order + "2sHI", b"II" if order == "<" else b"MM", 42, 8)
-    return PREFIX + head + encoded(directory, 8, order)
+def _blob_of(directory: Directory, tree: Tree) -> bytes:
+    """A blob of a directory that comes from a tree."""
+    head = struct.pack(tree.order + "2sHI", b"II" if tree.order == "<" else b"MM", 42, 8)
+    return PREFIX + head + _with_note(encoded(directory, 8, tree.order), 8, directory, tree)
+
+
+def _with_note(written: bytes, at: int, directory: Directory, tree: Tree) -> bytes:
+    """An encoded directory at a place, its maker's note made to fit there after it stood in a tree."""
+    details = directory.get(EXIF)
+    note = details.get(MAKER_NOTE) if isinstance(details, dict) else None
+    found = written.find(note.data) if isinstance(note, Entry) and tree.note_at is not None else -1
+    if found < 0 or tree.note_at is None or not isinstance(note, Entry):
+        return written
+    follows = maker_note.moved(note.data, tree.order, tree.note_at, at + found)
+    return written[:found] + follows + written[found + len(follows) :]
 
 
 def add_to_tiff(
@@ -155,7 +168,8 @@ def add_to_tiff(
     start = end + end % 2  # directories begin at even offsets
     file.seek(end)
     whole, layout = added | dict(more) | target.pages[0] | winning, target.layout
-    file.write(bytes(end % 2) + encoded(whole, start, target.order, layout))
+    written = encoded(whole, start, target.order, layout)
+    file.write(bytes(end % 2) + (written if tree is None else _with_note(written, start, added, tree)))
     file.seek(layout.header)
     file.write(struct.pack(target.order + layout.offset, start))
     return True
@@ -204,9 +218,9 @@ def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
     if tree is None or not lifted:
         return None, ["EXIF (too long)"]
     left_out = 0
-    note = _removed(lifted, _MAKER_NOTE)
+    note = _removed(lifted, MAKER_NOTE)
     told = ["maker's note (too long)"] if note else []
-    while len(shorter := _blob_of(lifted, tree.order)) > most:
+    while len(shorter := _blob_of(lifted, tree)) > most:
         excess, by_size = len(shorter) - most, sorted(_entries(lifted), key=lambda found: -len(found[2].data))
         for directory, tag, entry in by_size:
             del directory[tag]
