@@ -101,6 +101,23 @@ def test_exif_is_found_where_each_maker_puts_it() -> None:
         assert raw.read_tags(io.BytesIO(broken)) is None
 
 
+def test_what_a_raw_file_keeps_to_itself_is_named(tmp_path: Path) -> None:
+    canon = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
+    parts = box(b"CMT1", rich_exif().removeprefix(b"Exif\0\0")) + box(b"CMT3", b"a note")
+    cr3 = box(b"ftyp", b"crx \0\0\0\1crx isom") + box(b"moov", box(b"uuid", canon, parts), box(b"trak"))
+    cr3 += box(b"uuid", bytes.fromhex("be7acfcb97a942e89c71999491e3afac"), RATED_XMP)
+    for data, expected in (
+        (cr3, ["maker's note", "XMP"]),
+        (cr3[:24], ["EXIF (of this kind of raw file it is not read)"]),
+    ):
+        stream = io.BytesIO(data)
+        assert list(raw._left_behind(stream, raw.read_tags(stream))) == expected
+    private = dng(linear(soft()), tags=[(0xC634, 1, 5, b"Adobe", True)])
+    (tmp_path / "a.dng").write_bytes(private)
+    assert Photo.open(tmp_path / "a.dng").encode().left_out == ("the maker's private data",)
+    assert Photo.from_bytes(dng(linear(soft()))).encode().left_out == ()
+
+
 def with_longer_strip(raw_file: bytes, more: int) -> bytes:
     """A DNG whose table says that its only strip is longer than it is."""
     at = raw_file.index(struct.pack("<HH", 279, 4)) + 8

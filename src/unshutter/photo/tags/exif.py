@@ -73,11 +73,16 @@ def untangled(blob: bytes) -> bytes | None:
     return of_tiff(tree) if tree else None
 
 
-def orientation(blob: bytes | None) -> int:
-    """EXIF orientation 1-8 that a blob tells; 1 where it tells none."""
+def told_orientation(blob: bytes | None) -> int | None:
+    """EXIF orientation 1-8 that a blob tells; None where it tells none."""
     tree = read(blob)
     told = tree.number(_ORIENTATION) if tree else None
-    return told if told is not None and 1 <= told <= 8 else 1
+    return told if told is not None and 1 <= told <= 8 else None
+
+
+def orientation(blob: bytes | None) -> int:
+    """The same, 1 where it tells none."""
+    return told_orientation(blob) or 1
 
 
 def with_header(blob: bytes | None) -> bytes | None:
