@@ -24,6 +24,7 @@ from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.libvips import libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
+from unshutter.photo.stray_lines import kept_back
 from unshutter.photo.tags import exif, iptc, xmp
 from unshutter.photo.tags.directories import EXIF, GPS, SUBFILE_TYPE, Directory, Tree, read_tree
 
@@ -42,6 +43,7 @@ _CANON_XMP = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")
 # LibRaw's flip (1: left-right, 2: top-bottom, 4: then transposed) -> EXIF orientation
 _ORIENTATION = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 _SRGB_CURVE = (2.4, 12.92)
+_COMPLAINT = rb"unknown file: (Unexpected end of file|data corrupted at .*)"  # LibRaw's, which rawpy cannot turn off
 
 
 @final
@@ -78,7 +80,8 @@ class Raw(Format):
 
         with _opened(source) as raw:
             is_whole = _is_told_whole(source)
-            raw.unpack()
+            with kept_back(_COMPLAINT):
+                raw.unpack()
             if is_whole is None and not _is_complete(source, raw.raw_image):
                 raise UnshutterError(f"{source} is incomplete: it ends before its picture does")
             pixels = raw.postprocess(
@@ -121,7 +124,7 @@ def _sensor_values(stream: BinaryIO) -> np.ndarray | None:
 
     opened = False
     try:
-        with rawpy.RawPy() as raw:
+        with kept_back(_COMPLAINT), rawpy.RawPy() as raw:
             raw.open_buffer(stream)
             opened = True
             raw.unpack()
@@ -138,8 +141,11 @@ def _opened(source: Source) -> Iterator[Any]:
         raise UnshutterError(f"{source} is a camera's raw file: to read it, pip install 'unshutter[raw]'") from None
     try:
         with source.stream() as stream, rawpy.RawPy() as raw:
-            raw.open_buffer(stream)
+            with kept_back(_COMPLAINT):
+                raw.open_buffer(stream)
             yield raw
+    except rawpy.LibRawIOError:
+        raise UnshutterError(f"cannot read {source} as a camera's raw file: it ends before its picture does") from None
     except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError) as error:
         told = error.args[0] if error.args else type(error).__name__
         cause = told.decode(errors="replace") if isinstance(told, bytes) else str(told)
