@@ -139,7 +139,7 @@ def test_a_raw_that_was_cut_short_is_refused(left: float) -> None:
     """LibRaw would develop what is there, and the rest black."""
     data = dng(linear(soft()))
     start = len(data) - 120 * 160 * 2
-    with pytest.raises(UnshutterError, match="incomplete|ends before its picture does") as error:
+    with pytest.raises(UnshutterError, match=r"incomplete|ends before its picture does") as error:
         Photo.from_bytes(data[: start + int(left * 120 * 160 * 2)]).to_array()
     one_line(error)
 
