@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UsageError
 from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
 from unshutter.photo import encoding
 from unshutter.photo.decoding import Decoder
@@ -17,7 +17,7 @@ from unshutter.photo.encoding import Encoded
 from unshutter.photo.format import Coding, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN, of_target
 from unshutter.photo.grey import grey_copy, grey_size
-from unshutter.photo.libvips import as_image, libvips
+from unshutter.photo.libvips import as_image, libvips, with_bands
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
@@ -108,7 +108,7 @@ class Photo:
         Raises:
             UnshutterError: another shape or type, or no pixels.
         """
-        pixels = _with_bands(array).copy()
+        pixels = with_bands(array).copy()
         pixels.setflags(write=False)
         height, width, bands = pixels.shape
         return cls("array", height, width, bands, 1, None, None, Coding(), Metadata(), pixels)
@@ -119,7 +119,7 @@ class Photo:
         Raises:
             UnshutterError: see :meth:`from_array`.
         """
-        pixels = _with_bands(pixels)
+        pixels = with_bands(pixels)
         height, width, bands = pixels.shape
         metadata = self._metadata if (height, width) == (self.height, self.width) else self._metadata.resized()
         return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None, _metadata=metadata)
@@ -305,15 +305,3 @@ class Photo:
             yield "mask channel"
         if self.has_alpha and not format.alpha and encoding.is_transparent(self.image):
             yield "transparency"
-
-
-def _with_bands(array: np.ndarray) -> np.ndarray:
-    """[H, W, bands] of what a photo can be made of."""
-    import numpy as np  # not above: reading a file, which starts first, can do without
-
-    array = np.asarray(array)
-    if array.dtype not in (np.uint8, np.uint16):
-        raise UnshutterError(f"a photo needs pixels of type uint8 or uint16, got {array.dtype}")
-    if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
-        raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
-    return array.reshape(*array.shape[:2], -1)
