@@ -19,7 +19,7 @@ from unshutter.batch.run import Batch, check_outputs
 from unshutter.batch.targets import beside, check_named_once, is_folder, motion_names, picture_name, plan_targets
 from unshutter.batch.work import do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.estimators.register import check_name
 from unshutter.options import Rectify, Run
 from unshutter.prefetch import Prefetch
@@ -173,9 +173,9 @@ def _say_what_would_be_done(plan: _Plan, inputs: Inputs, protection: Protection)
             refused.append(f"{job.source}: {error}")
         else:
             count += 1
-            print(f"{job.source} -> {job.target}")
+            print(visible(f"{job.source} -> {job.target}"))
     for reason in refused:
-        print(f"unshutter: {reason}", file=sys.stderr)
+        print(visible(f"unshutter: {reason}"), file=sys.stderr)
     if inputs.passed_over:
         print(f"unshutter: {inputs.not_taken()}", file=sys.stderr)
     line = f"{count} photos to do, {len(plan.finished)} finished already, {len(refused)} refused"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, visible
 from unshutter.geometry.readout import Readout
 
 FORMAT = "unshutter-motion/1"
@@ -66,12 +66,12 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
     confidence = data.get("confidence")
     return {
         "width": int(data["width"]),
-        "reference": data.get("reference", "first"),
+        "reference": str(data.get("reference", "first")),
         "readout": Readout.parse(data.get("readout", "auto")),
-        "estimator": str(data.get("estimator", "given")),
+        "estimator": visible(str(data.get("estimator", "given"))),
         "confidence": None if confidence is None else float(confidence),
-        "reason": str(data.get("reason", "")),
-        "version": str(data.get("unshutter", "")),
+        "reason": visible(str(data.get("reason", ""))),
+        "version": visible(str(data.get("unshutter", ""))),
     }
 
 
