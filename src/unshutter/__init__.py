@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
-    from unshutter.rectification import Rectified, estimate, rectify
+    from unshutter.rectification import estimate, rectify
+    from unshutter.rectified import Rectified
 
 __all__ = [
     "Estimator",
@@ -44,7 +45,7 @@ _HOMES = {
     "Motion": "motion",
     "Photo": "photo",
     "Readout": "geometry.readout",
-    "Rectified": "rectification",
+    "Rectified": "rectified",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",
     "RowMotion": "motion",

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import BinaryIO
 
-from unshutter.photo.tags import directories, maker_note
+from unshutter.photo.tags import directories, moved_note
 from unshutter.photo.tags.directories import (
     BYTE_ORDERS,
     CLASSIC,
@@ -131,7 +131,7 @@ def _with_note(written: bytes, at: int, directory: Directory, tree: Tree) -> byt
     found = written.find(note.data) if isinstance(note, Entry) and tree.note_at is not None else -1
     if found < 0 or tree.note_at is None or not isinstance(note, Entry):
         return written
-    follows = maker_note.moved(note.data, tree.order, tree.note_at, at + found)
+    follows = moved_note.moved(note.data, tree.order, tree.note_at, at + found)
     return written[:found] + follows + written[found + len(follows) :]
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from support.drawn_photos import drawn, encoded
 from unshutter.photo import Photo
-from unshutter.photo.tags import exif, maker_note
+from unshutter.photo.tags import exif, moved_note
 from unshutter.photo.tags.directories import EXIF, MAKER_NOTE, Entry, Tree, read_tree
 
 VALUES = {7: b"lens 24-70 mm\0", 9: b"serial number 0123456789\0", 12: struct.pack("<9H", *range(9))}
@@ -70,14 +70,14 @@ def test_what_a_note_points_to_moves_along(order: str, name: bytes, footer: bool
     ],
 )
 def test_other_notes_stay_as_they_are(note: bytes) -> None:
-    assert maker_note.moved(note, "<", 700, 90_000) == note
-    assert maker_note.moved(note, ">", 700, 90_000) == note
+    assert moved_note.moved(note, "<", 700, 90_000) == note
+    assert moved_note.moved(note, ">", 700, 90_000) == note
 
 
 def test_what_lies_outside_the_note_is_left_there() -> None:
     note = note_at(700, "<")
     at = 2 + 12 + 8
     struct.pack_into("<I", changed := bytearray(note), at, 12)  # the first of three
-    after = maker_note.moved(bytes(changed), "<", 700, 90_000)
+    after = moved_note.moved(bytes(changed), "<", 700, 90_000)
     struct.pack_into("<I", expected := bytearray(note_at(90_000, "<")), at, 12)
     assert after == bytes(expected)
