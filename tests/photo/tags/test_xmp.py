@@ -38,10 +38,10 @@ LAUGHS = b'<!DOCTYPE l [<!ENTITY a "ha">%s]><x>&l9;</x>' % b"".join(
 )
 @pytest.mark.parametrize("has_film", [True, False])
 def test_no_packet_takes_long(text: bytes, has_film: bool) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     xmp.after(text, NEXT._replace(has_film=has_film))
     xmp.gone(text, has_film)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 def test_entities_are_refused_and_leave_the_file_without_them() -> None:
