@@ -4,11 +4,16 @@
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
 
 
+def visible(text: str) -> str:
+    """The text as one line: what would break it, or change a terminal, is spelled out."""
+    return text.translate(_VISIBLE)
+
+
 class UnshutterError(Exception):
     """Something about the input makes the job impossible; the message is one line for the user (exit code 1)."""
 
     def __str__(self) -> str:
-        return super().__str__().translate(_VISIBLE)
+        return visible(super().__str__())
 
 
 class UsageError(UnshutterError):

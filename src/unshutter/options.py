@@ -186,6 +186,7 @@ class Save:
         format: of the file; None: the photo's own, AVIF for HEIC, 16-bit TIFF for raw files.
         quality: of JPEG, WebP and AVIF, 1 to 100; None: like the original.
         subsampling: of the chroma of JPEG and AVIF; None: like the original.
+        keep_times: whether the file gets the access and modification time of the original.
         only_changed: photos that are left as they are are not written.
 
     Raises:
@@ -199,6 +200,7 @@ class Save:
     subsampling: Subsampling | None = option(
         None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
     )
+    keep_times: bool = option(False, "Give each result the access and modification time of its photo.")
     only_changed: bool = option(False, "Write only photos that were changed. Default: the others are copied.")
 
     def __post_init__(self) -> None:

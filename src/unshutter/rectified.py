@@ -74,6 +74,7 @@ class Rectified:
         overwrite: bool = False,
         quality: int | None = None,
         subsampling: Subsampling | None = None,
+        keep_times: bool = False,
     ) -> tuple[str, ...]:
         """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
 
@@ -85,12 +86,13 @@ class Rectified:
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
         """
-        target, how = Path(path), Save(None, quality, subsampling)
+        target, how = Path(path), Save(None, quality, subsampling, keep_times)
+        times_ns = self.photo.times_ns if how.keep_times else None
         copied = self.photo.file_as(of_target(target).name, how)
         if copied is None:
-            return self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
+            return self.photo.save(path, quality, overwrite, subsampling, keep_times)
         check_target(target, overwrite, self.original.path)
-        with written_whole(target, overwrite, mode_of=self.original.path) as part:
+        with written_whole(target, overwrite, mode_of=self.original.path, times_ns=times_ns) as part:
             copied.copy_to(part)
         return ()
 

@@ -29,10 +29,17 @@ def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> st
     target, format = job.target, of_target(Path(job.target.name))
     done_before = isinstance(target, Path) and job.may_repeat and os.path.lexists(target)
     if isinstance(target, Path) and not done_before:
-        left_out = result.save(target, overwrite=overwrite, quality=save.quality, subsampling=save.subsampling)
+        left_out = result.save(
+            target,
+            overwrite=overwrite,
+            quality=save.quality,
+            subsampling=save.subsampling,
+            keep_times=save.keep_times,
+        )
     else:
         file = result.encode(format.name, save.quality, save.subsampling)
-        write_place(file.data, target, overwrite, mode_of=job.source)
+        times_ns = result.photo.times_ns if save.keep_times else None
+        write_place(file.data, target, overwrite, mode_of=job.source, times_ns=times_ns)
         left_out = file.left_out
     encoded = not result.changed and result.photo.file_as(format.name, save) is None
     anew = f"encoded as {format.name.upper()}" if encoded else ""

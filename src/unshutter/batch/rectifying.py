@@ -19,7 +19,7 @@ from unshutter.batch.run import Batch, check_outputs
 from unshutter.batch.targets import beside, check_named_once, is_folder, motion_names, picture_name, plan_targets
 from unshutter.batch.work import do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.estimators.register import check_name
 from unshutter.options import Rectify, Run
 from unshutter.prefetch import Prefetch
@@ -58,6 +58,8 @@ def rectify_files(
         wanted = replace(wanted, undo=wanted.undo.keeping_coordinates())
     motion = _motion_text(wanted.motion)
     jobs = _jobs(inputs, output, save_motion, wanted, run)
+    if wanted.save.keep_times:
+        _check_have_times(jobs)
     protection = _protection(inputs, jobs, output, save_motion, wanted, run)
     # results beside their photos, and that of a single photo, are known by their names alone
     manifest = Manifest(goal, _digest(wanted, motion)) if goal is not None and inputs.many else None
@@ -93,6 +95,13 @@ def _jobs(inputs: Inputs, output: str | None, save_motion: str | None, wanted: R
         )
         for photo, target in targets.items()
     ]
+
+
+def _check_have_times(jobs: list[Job]) -> None:
+    """Raises UsageError where a photo or its result is no file: objects have times that only their store sets."""
+    for where in (given for job in jobs for given in (job.source, job.target)):
+        if not isinstance(where, Path):
+            raise UsageError(f"--keep-times is for files, and {where} is behind a URL: leave it out")
 
 
 def _protection(
@@ -170,9 +179,9 @@ def _say_what_would_be_done(plan: _Plan, inputs: Inputs, protection: Protection)
             refused.append(f"{job.source}: {error}")
         else:
             count += 1
-            print(f"{job.source} -> {job.target}")
+            print(visible(f"{job.source} -> {job.target}"))
     for reason in refused:
-        print(f"unshutter: {reason}", file=sys.stderr)
+        print(visible(f"unshutter: {reason}"), file=sys.stderr)
     if inputs.passed_over:
         print(f"unshutter: {inputs.not_taken()}", file=sys.stderr)
     line = f"{count} photos to do, {len(plan.finished)} finished already, {len(refused)} refused"

@@ -14,7 +14,7 @@ from typing import Any, TextIO
 
 from unshutter.batch.inputs import Inputs
 from unshutter.batch.job import Job, Outcome
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, visible
 from unshutter.progress import Progress, rate
 from unshutter.storage.places import Place
 from unshutter.storage.plain_files import open_plain
@@ -183,7 +183,7 @@ def naming_the_photo(photo: Place, one: Callable[[Place], None]) -> None:
     try:
         one(photo)
     except UnshutterError as error:
-        if str(photo) in str(error):
+        if visible(str(photo)) in str(error):
             raise
         raise type(error)(f"{photo}: {error}") from None
     except MemoryError:

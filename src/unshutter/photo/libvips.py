@@ -119,3 +119,19 @@ def as_image(pixels: np.ndarray) -> pyvips.Image:
     height, width, bands = pixels.shape
     kind = {"uint8": "uchar", "uint16": "ushort"}[pixels.dtype.name]
     return standard(libvips().Image.new_from_memory(np.ascontiguousarray(pixels), width, height, bands, kind))
+
+
+def with_bands(array: np.ndarray) -> np.ndarray:
+    """[H, W, bands] of what a photo can be made of.
+
+    Raises:
+        UnshutterError: another shape or type than a photo's, or no pixels.
+    """
+    import numpy as np  # not above: reading a file, which starts first, can do without
+
+    array = np.asarray(array)
+    if array.dtype not in (np.uint8, np.uint16):
+        raise UnshutterError(f"a photo needs pixels of type uint8 or uint16, got {array.dtype}")
+    if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
+        raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
+    return array.reshape(*array.shape[:2], -1)
