@@ -44,6 +44,13 @@ def rows_of(folder: Path) -> list[dict[str, str]]:
     return list(csv.DictReader((folder / "results.csv").read_text().splitlines()))
 
 
+def cells_of(text: str, name: str, heads: tuple[str, ...]) -> list[str]:
+    """Cells of an estimator's row in a Markdown table, under these headings."""
+    lines = [[cell.strip(" *") for cell in line.split(" | ")] for line in text.splitlines() if " | " in line]
+    rows = {cells[1]: cells for cells in lines}
+    return [rows[name][rows["estimator"].index(head)] for head in heads]
+
+
 def one_line(capsys: pytest.CaptureFixture[str]) -> str:
     message = capsys.readouterr().err.strip()
     assert message.startswith("unshutter: ") and "\n" not in message and "Traceback" not in message
@@ -189,11 +196,25 @@ def test_of_undistorted_pictures_those_that_would_be_moved_are_counted() -> None
     ]
     records += [{**place, "photo": "0", "estimator": "old", "epe": 5.0}]
     text = tables(Results.of(Request("undistorted", (Path("g"),)), ["ours", "old"], [], records))
-    lines = [[cell.strip(" *") for cell in line.split(" | ")] for line in text.splitlines() if " | " in line]
-    rows = {cells[1]: cells for cells in lines}
     heads = ("EPE > 1 px", "EPE > 3 px", "left alone", "moved > 1 px", "moved > 3 px")
-    shares = {name: [rows[name][rows["estimator"].index(head)] for head in heads] for name in ("ours", "old")}
-    assert shares == {"ours": ["75%", "50%", "25%", "50%", "25%"], "old": ["100%", "100%", "–", "–", "–"]}
+    assert cells_of(text, "ours", heads) == ["75%", "50%", "25%", "50%", "25%"]
+    assert cells_of(text, "old", heads) == ["100%", "100%", "–", "–", "–"]
+
+
+def test_what_is_left_alone_is_not_improved_by_rectify() -> None:
+    """Four pictures of 4 px: found to 1 px and undone, made worse, found to 2 px but not sure of it, hardly moved."""
+    found = [(1.0, ""), (5.0, ""), (2.0, "not sure"), (3.99, "less than half a pixel")]
+    place = {"suite": "256 px", "group": "g", "declined": "", "failed": "", "epe_nothing": 4.0}
+    place |= {"curvature_epe": 1.0, "tx_rmse": 2.0, "rz_rmse": 0.5}
+    records = [
+        {**place, "photo": str(k), "estimator": "ours", "epe": epe, "left_alone": cause}
+        for k, (epe, cause) in enumerate(found)
+    ]
+    records += [{**place, "photo": "0", "estimator": "old", "epe": 5.0}]
+    text = tables(Results.of(Request("synthetic", (Path("g"),)), ["ours", "old"], [], records))
+    heads = ("improved", "left alone", "improved by rectify")
+    assert cells_of(text, "ours", heads) == ["75%", "50%", "25%"]
+    assert cells_of(text, "old", heads) == ["0%", "–", "–"]
 
 
 def test_pairs_that_synthesize_wrote(photos: Path, tmp_path: Path) -> None:
