@@ -20,11 +20,12 @@ from unshutter.geometry.readout import Readout
 DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
 _LONGEST_TIMEOUT_S = 86_400  # a day
-MIN_CONFIDENCE = 0.08  # of a motion that is undone, unless a user says otherwise
+MIN_CONFIDENCE = 0.06  # of a motion that is undone, unless a user says otherwise
+LEAST_AUTO_CROP = 0.8  # of a photo's area: automatic edges do not crop away more than a fifth
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
 Reference = Literal["first", "middle", "last"]
-Edges = Literal["keep", "crop", "fill"]
+Edges = Literal["auto", "keep", "crop", "fill"]
 PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
 Subsampling = Literal["4:4:4", "4:2:0"]
 
@@ -32,6 +33,12 @@ Subsampling = Literal["4:4:4", "4:2:0"]
 def option(default: Any, help: str, **more: Any) -> Any:
     """A field with its help; ``more`` is for the command line (cli/arguments.py)."""
     return field(default=default, metadata={"help": help, **more})
+
+
+def check_time(name: str, time: float | None, unit: str) -> None:
+    """Raises UsageError where this is neither None nor a positive time."""
+    if time is not None and not 0 < time < math.inf:
+        raise UsageError(f"the {name} must take a positive time, got {time:g} {unit}")
 
 
 @dataclass(frozen=True)
@@ -79,8 +86,7 @@ class Camera:
         if self.focal_px is not None and not 0 < self.focal_px < math.inf:
             raise UsageError(f"the focal length must be positive, got {self.focal_px:g} px")
         for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
-            if time is not None and not 0 < time < math.inf:
-                raise UsageError(f"the {name} must take a positive time, got {time:g} {unit}")
+            check_time(name, time, unit)
         for name, angle, most in (("roll", self.roll_deg, MOST_ROLL_DEG), ("tilt", self.tilt_deg, MOST_TILT_DEG)):
             if angle is not None and not -most <= angle <= most:
                 raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
@@ -112,6 +118,12 @@ class Find:
     camera: Camera = field(default_factory=Camera)
 
 
+def check_edges(edges: str) -> None:
+    """Raises UsageError where nothing is known of such edges."""
+    if edges not in get_args(Edges):
+        raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
+
+
 @dataclass(frozen=True)
 class Undo:
     """How a motion is undone.
@@ -120,7 +132,8 @@ class Undo:
         reference: row at whose moment the picture is taken; None: the motion's own.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
-            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
+            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge;
+            ``auto`` crops where that leaves at least 80 % of the area, else keeps.
         min_confidence: a photo whose motion is less sure is left as it is; 0 leaves none. Motions without a confidence
             are undone.
 
@@ -131,7 +144,10 @@ class Undo:
     reference: Reference | None = option(None, "Row at whose moment the picture is taken. Default: first.")
     strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
     edges: Edges = option(
-        "keep", "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour."
+        "auto",
+        "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour. "
+        "Default: auto, crop where that leaves at least 80 % of the photo (and its coordinates are not wanted), else "
+        "keep.",
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
@@ -143,10 +159,13 @@ class Undo:
             raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
         if not 0 <= self.min_confidence <= 1:
             raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
-        if self.edges not in get_args(Edges):
-            raise UsageError(f"unknown edges '{self.edges}': choose keep, crop or fill")
+        check_edges(self.edges)
         if self.reference not in (None, *get_args(Reference)):
             raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
+
+    def keeping_coordinates(self) -> Undo:
+        """The same, but that automatic edges are kept: for results of which coordinates are wanted."""
+        return replace(self, edges="keep") if self.edges == "auto" else self
 
     def of_given_motion(self) -> Undo:
         """The same for a motion that the user gives, which is undone however sure its estimator was.
@@ -273,7 +292,9 @@ class Synthesize:
         seed: 0 or more.
         motion: ``quadratic`` or ``trajectory`` (synthesis/row_motions.py).
         trajectory: NPZ file (synthesis/rotation_log.py); for ``trajectory`` only, which needs it and the next two.
-        readout_ms: time in which a picture is read out [ms].
+        readout_ms: time in which a picture is read out [ms]; needed by ``trajectory`` and by an exposure.
+        exposure_s: how long each row is exposed [s], which blurs it by the motion and is written into EXIF; None: for
+            no time.
         focal_px: focal length [px of the finished picture].
         size: side of the finished pictures [px].
         canvas: side of the canvas [px].
@@ -291,7 +312,14 @@ class Synthesize:
     trajectory: Path | None = option(
         None, "NPZ file with t_s and gyro_rad_s, or t_s, position_m and quaternion_wxyz.", metavar="FILE"
     )
-    readout_ms: float | None = option(None, "Time from the first to the last row, for trajectories.", metavar="MS")
+    readout_ms: float | None = option(
+        None, "Time from the first to the last row, for trajectories and exposures.", metavar="MS"
+    )
+    exposure_s: float | None = option(
+        None,
+        "Expose each row for so long: it is blurred by the motion, and EXIF says so. Default: sharp.",
+        metavar="SECONDS",
+    )
     focal_px: float | None = option(None, "Focal length in px of the finished picture, for trajectories.", metavar="PX")
     size: int = option(256, "Side of the finished pictures in px. Default: 256.", metavar="PX")
     canvas: int = option(
@@ -303,10 +331,22 @@ class Synthesize:
             raise UsageError(
                 f"needs at least one picture per photo and a seed of 0 or more, got {self.per_photo} and {self.seed}"
             )
-        recorded = (self.trajectory, self.readout_ms, self.focal_px)
-        if self.motion == "quadratic" and any(value is not None for value in recorded):
-            raise UsageError("trajectory, readout and focal length are for --motion trajectory only")
-        if self.motion == "trajectory" and None in recorded:
+        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
+            check_time(name, time, unit)
+        if self.exposure_s is not None and self.readout_ms is None:
+            raise UsageError("--exposure-s needs --readout-ms: how far a row is blurred depends on both")
+        if self.motion == "quadratic" and not (self.trajectory is self.focal_px is None):
+            raise UsageError("trajectory and focal length are for --motion trajectory only")
+        if self.motion == "quadratic" and self.exposure_s is None and self.readout_ms is not None:
+            raise UsageError("the time of the readout is for --motion trajectory and --exposure-s only")
+        if self.motion == "trajectory" and None in (self.trajectory, self.readout_ms, self.focal_px):
             raise UsageError("--motion trajectory needs --trajectory, --readout-ms and --focal-px")
         if self.motion not in ("quadratic", "trajectory"):
             raise UsageError(f"unknown motion '{self.motion}': choose quadratic or trajectory")
+
+    @property
+    def exposure(self) -> float:
+        """How long a row is exposed, in times of the readout; 0 without an exposure."""
+        if self.exposure_s is None or self.readout_ms is None:
+            return 0.0
+        return 1000 * self.exposure_s / self.readout_ms

@@ -127,7 +127,8 @@ def rectify(
         moving: whether the camera was on the move: in a train, on a car, in the air.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
-            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
+            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge,
+            ``auto`` (the command line's default) crops where that leaves at least 80 % of the area, else keeps.
         min_confidence: leave the photo as it is where a motion that was found is less sure than this; 0: never. A
             ``motion`` that is given is undone whatever its confidence.
 
@@ -190,10 +191,10 @@ def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rect
     found, verdict = judged(motion, how, photo.height, photo.width, readout)
     if not verdict.changes:
         return Rectified(photo, verdict.left_alone(found), photo, found, verdict)
-    from unshutter.warp.pixels import rectify_pixels
+    from unshutter.warp.pixels import straighten
 
-    pixels = rectify_pixels(photo.pixels, found, how.edges, photo.masked)
-    return Rectified(photo.with_pixels(pixels), found, photo, found, verdict)
+    made = straighten(photo.pixels, found, how.edges, photo.masked)
+    return Rectified(photo.with_pixels(made.pixels), found, photo, found, verdict, made.edges, made.whole)
 
 
 def judged(motion: Motion, how: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.motion import Motion
 from unshutter.motion.verdict import Verdict
-from unshutter.options import PictureFormat, Save, Subsampling
+from unshutter.options import Edges, PictureFormat, Save, Subsampling
 from unshutter.photo import Photo
 from unshutter.photo.encoding import Encoded
 from unshutter.photo.formats import of_target
@@ -29,6 +29,8 @@ class Rectified:
         original: the photo as it was read.
         found: the motion that was found or given, undone or not.
         verdict: whether it was undone, and why not.
+        edges: ``keep``, ``crop`` or ``fill``: what was done about places that the photo did not see.
+        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
     """
 
     photo: Photo
@@ -36,6 +38,8 @@ class Rectified:
     original: Photo
     found: Motion
     verdict: Verdict
+    edges: Edges = "keep"
+    whole: float | None = None
 
     @property
     def changed(self) -> bool:

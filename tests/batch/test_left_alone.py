@@ -1,6 +1,7 @@
 """Photos that are left as they are: said, counted, copied or not written."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from support.batches import make_photos, rectify
 from support.sure_estimator import Sure
 from unshutter.estimators.base import View
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
 from unshutter.photo import Photo
 
 PHOTOS = ["clear.jpg", "dark.png", "slight.jpg", "unsure.jpg"]
@@ -34,7 +35,7 @@ def same(one: Path, other: Path) -> bool:
     return one.read_bytes() == other.read_bytes()
 
 
-def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None:
     out, log = folder.parent / "out", folder.parent / "log.jsonl"
     assert rectify(folder, "-o", out, "--json-log", log, "--edges", "keep") == 0
     told = capsys.readouterr().err.splitlines()
@@ -102,3 +103,30 @@ def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:
         out = tmp_path / f"out{len(jobs)}"
         assert rectify(folder, "-o", out, "--estimator", "none", *jobs) == 0
         assert all(same(folder / name, out / f"{Path(name).stem}.rectified{Path(name).suffix}") for name in PHOTOS[1:])
+
+
+# ---- edges -----------------------------------------------------------------------------------------------
+
+
+def test_little_is_cropped_away_much_is_kept_and_both_are_said(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo, motion, out = folder / "clear.jpg", folder.parent / "m.json", folder.parent / "out.png"
+    height, width = Photo.open(photo).pixels.shape[:2]
+    for px, said in ((4, r"up to 4.0 px; cropped to (\d\d) %"), (40, r"up to 40 px; edges kept: .* leave (\d\d) %")):
+        RowMotion.from_polynomials([0, px], [0], height, width).save(motion)
+        assert rectify(photo, "-o", out, "--motion", motion, "--overwrite") == 0
+        found = re.search(said, capsys.readouterr().err)
+        assert found is not None
+        share = Photo.open(out).height * Photo.open(out).width / (height * width)
+        assert (share < 1) == (px == 4)
+        assert (int(found[1]) >= 80) == (px == 4)
+        assert px != 4 or int(found[1]) == int(100 * share)
+
+
+def test_coordinates_that_are_wanted_are_kept(folder: Path) -> None:
+    out, motion = folder.parent / "out.png", folder.parent / "m.json"
+    assert rectify(folder / "clear.jpg", "-o", out, "--save-motion", motion) == 0
+    assert Photo.open(out).pixels.shape == Photo.open(folder / "clear.jpg").pixels.shape
+    assert rectify(folder / "clear.jpg", "-o", out, "--overwrite") == 0
+    assert Photo.open(out).width < Photo.open(folder / "clear.jpg").width

@@ -124,10 +124,12 @@ def test_fewer_photos_are_chosen_by_the_seed(photos: Path, tmp_path: Path) -> No
     assert chosen == {"a.png", "more/b.jpg"}
 
 
-@pytest.mark.parametrize("protocol", ["native", "undistorted"])
+@pytest.mark.parametrize("protocol", ["native", "undistorted", "portrait", "exposure", "attitude"])
 def test_other_protocols_of_photos(protocol: str, photos: Path, tmp_path: Path) -> None:
-    assert run(photos, tmp_path, "--protocol", protocol, "--photos", "1") == 0
-    assert "segment-transformer" in (tmp_path / "results.md").read_text()
+    assert run(photos, tmp_path, "--protocol", protocol, "--photos", "1", "--per-photo", "1") == 0
+    page = (tmp_path / "results.md").read_text()
+    assert "segment-transformer" in page
+    assert ("moved > 1 px | moved > 3 px" in page) == (protocol == "undistorted")
 
 
 def test_recorded_motions(photos: Path, tmp_path: Path) -> None:
@@ -187,17 +189,17 @@ def test_pairs_are_measured_against_the_ceiling() -> None:
 
 
 def test_of_undistorted_pictures_those_that_would_be_moved_are_counted() -> None:
-    """Errors of 0.5, 1.5, 4 and 9 px; the last is found, but left alone. Records of earlier versions do not say."""
-    found = [(0.5, ""), (1.5, ""), (4.0, ""), (9.0, "not sure")]
+    """Moved by up to 0.8, 2, 8 px and no end; 16 px found, but left alone. Records of earlier versions do not say."""
+    found = [(0.5, 0.8, ""), (0.7, 2.0, ""), (4.0, 8.0, ""), (9.0, None, ""), (9.0, 16.0, "not sure")]
     place = {"suite": "256 px", "group": "g", "declined": "", "failed": "", "most_tx": 1.0, "most_rz": 0.1}
     records = [
-        {**place, "photo": str(k), "estimator": "ours", "epe": epe, "left_alone": cause}
-        for k, (epe, cause) in enumerate(found)
+        {**place, "photo": str(k), "estimator": "ours", "epe": epe, "farthest": farthest, "left_alone": cause}
+        for k, (epe, farthest, cause) in enumerate(found)
     ]
     records += [{**place, "photo": "0", "estimator": "old", "epe": 5.0}]
     text = tables(Results.of(Request("undistorted", (Path("g"),)), ["ours", "old"], [], records))
     heads = ("EPE > 1 px", "EPE > 3 px", "left alone", "moved > 1 px", "moved > 3 px")
-    assert cells_of(text, "ours", heads) == ["75%", "50%", "25%", "50%", "25%"]
+    assert cells_of(text, "ours", heads) == ["60%", "60%", "20%", "60%", "40%"]
     assert cells_of(text, "old", heads) == ["100%", "100%", "–", "–", "–"]
 
 
@@ -322,8 +324,12 @@ def test_whatever_is_installed_can_be_measured(photos: Path, tmp_path: Path, mon
     install(tmp_path / "site", "wrong-estimators", {"wrong": "support.wrong_estimator:WRONG"})
     monkeypatch.syspath_prepend(tmp_path / "site")
     assert run(photos, tmp_path / "out", "--protocol", "undistorted", estimators="none,wrong") == 0
-    wrong = [row for row in rows_of(tmp_path / "out") if row["estimator"] == "wrong"]
+    rows = [row for row in rows_of(tmp_path / "out") if row["estimator"] == "wrong"]
+    wrong = [row for row in rows if not row["suite"].startswith("1/60 s")]
+    assert len(wrong) == 3 * 2  # suites, photos
     assert all(float(row["most_tx"]) == pytest.approx(0.3 * 256, rel=0.01) for row in wrong)
+    refuted = [row for row in rows if row not in wrong]  # told their exposure: too sharp for it
+    assert refuted and all(float(row["most_tx"]) == 0 and row["declined"] for row in refuted)
     assert all(float(row["epe"]) > 20 for row in wrong)
 
 

@@ -29,12 +29,18 @@ def apple(vector: tuple[float, float, float]) -> bytes:
     return b"Apple iOS\0\0\1MM" + directory(">", 14, (0x0008, 10, parts))
 
 
-def photo_with_note(
-    note: bytes, make: str, orientation: int = 1, lens: str = "", height: int = 120, width: int = 160, order: str = "<"
-) -> Photo:
-    """A photo whose EXIF has a maker's note."""
+def exif_with_note(note: bytes, make: str, orientation: int = 1, lens: str = "", order: str = "<") -> bytes:
+    """EXIF with a maker's note."""
     tags = Image.Exif()
     tags.endian = order
     tags.update({0x010F: make, 0x0112: orientation})
     tags.get_ifd(EXIF).update({0x927C: note} | ({0xA434: lens} if lens else {}))
-    return Photo.from_bytes(encoded(drawn(height, width), "JPEG", exif=tags.tobytes()))
+    return tags.tobytes()
+
+
+def photo_with_note(
+    note: bytes, make: str, orientation: int = 1, lens: str = "", height: int = 120, width: int = 160
+) -> Photo:
+    """A photo whose EXIF has a maker's note."""
+    exif = exif_with_note(note, make, orientation, lens)
+    return Photo.from_bytes(encoded(drawn(height, width), "JPEG", exif=exif))

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -54,6 +54,8 @@ def rectify_files(
     if wanted.save.format and goal is not None and not is_folder(goal, inputs.many):
         raise UsageError(f"--format is for folders: the name '{goal.name}' says the format")
     check_name(wanted.find.estimator)
+    if save_motion is not None:
+        wanted = replace(wanted, undo=wanted.undo.keeping_coordinates())
     motion = _motion_text(wanted.motion)
     jobs = _jobs(inputs, output, save_motion, wanted, run)
     protection = _protection(inputs, jobs, output, save_motion, wanted, run)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from functools import lru_cache
@@ -17,6 +18,7 @@ from unshutter.storage.places import Place, check_place, digest, fingerprint, re
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
+    from unshutter.rectified import Rectified
 
 
 def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
@@ -53,7 +55,7 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
     written = result.changed or not wanted.save.only_changed
     if written:
-        about = save_picture(result, job, over_picture, wanted.save)
+        about = "; ".join(filter(None, (_about_edges(result), save_picture(result, job, over_picture, wanted.save))))
     else:
         about = ""
         if job.left[0] is not None and digest(job.target) == job.left[0]:
@@ -68,6 +70,16 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
         target_digest=target_digest,
         motion_digest=motion_digest,
     )
+
+
+def _about_edges(result: Rectified) -> str:
+    """What was done about places that the photo did not see, where nobody may have asked for just that."""
+    if result.whole is None:
+        return ""
+    share = f"{math.floor(100 * result.whole)} %"
+    if result.edges == "crop":
+        return f"cropped to {share}" if result.whole < 1 else ""
+    return f"edges kept: cropping would leave {share}"
 
 
 def _may_replace(job: Job, target: Place | None, left: str | None) -> bool:

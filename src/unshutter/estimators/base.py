@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -111,6 +111,18 @@ class View:
 
     def _frame(self) -> np.ndarray:
         return self.readout.turn(self.photo.pixels)
+
+    def noted(self, motion: Motion) -> Motion:
+        """The motion with what was known of the photo beside its pixels."""
+        held = self.attitude()
+        roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
+        return replace(
+            motion,
+            roll_deg=roll,
+            tilt_deg=tilt,
+            attitude_from=held.source,
+            exposure_s=self.exposure_s(),
+        )
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""

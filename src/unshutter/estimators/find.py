@@ -7,7 +7,7 @@ from unshutter.motion import Motion
 
 
 def find_motion(estimator: Estimator, view: View) -> Motion:
-    """The motion of a photo, first row as the reference.
+    """The motion of a photo, first row as the reference, with what was known of the photo beside its pixels.
 
     Where the photo would have been blurred more than it is by what an estimator finds, there is no motion, and why.
 
@@ -15,9 +15,7 @@ def find_motion(estimator: Estimator, view: View) -> Motion:
         UnshutterError: the photo is damaged or gone.
     """
     motion = estimator.estimate(view)
-    if motion.is_zero:
-        return motion
-    limit = view.speed_limit
+    limit = None if motion.is_zero else view.speed_limit
     if limit is not None and limit.refutes(motion):
-        return view.no_motion(estimator.name, limit.reason)
-    return motion
+        motion = view.no_motion(estimator.name, limit.reason)
+    return view.noted(motion)

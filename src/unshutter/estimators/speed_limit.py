@@ -128,11 +128,12 @@ class _Edges:
         line = begin // count
         flat = values.ravel()  # one value more a line than steps
         contrast = np.abs(flat[end + line] - flat[begin + line])
-        strong = np.flatnonzero(contrast > _CONTRAST)
+        whole = (begin > line * count) & (end < (line + 1) * count)  # not cut off by the border
+        strong = np.flatnonzero((contrast > _CONTRAST) & whole)
         begin, end, line, contrast = begin[strong], end[strong], line[strong], contrast[strong]
         if not len(strong):
             return cls(line, begin.astype(float), contrast.astype(float))
-        heights = np.append(np.abs(steps).ravel(), 0)  # the last run ends one past the last step
+        heights = np.append(np.abs(steps).ravel(), 0)  # so that a last run may end there
         steepest = np.maximum.reduceat(heights, np.stack([begin, end], axis=1).ravel())[::2]
         return cls(line, (begin + end) / 2 - line * count, contrast / steepest)
 

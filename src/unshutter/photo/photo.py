@@ -22,14 +22,15 @@ from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
-from unshutter.photo.tags import attitude, exif, exposure, readout_time
-from unshutter.photo.tags.attitude import Attitude
-from unshutter.photo.tags.readout_time import ReadoutTime
+from unshutter.photo.tags import exif
 from unshutter.storage.files import check_target, written_whole
 
 if TYPE_CHECKING:
     import numpy as np
     import pyvips
+
+    from unshutter.photo.tags.attitude import Attitude
+    from unshutter.photo.tags.readout_time import ReadoutTime
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +104,12 @@ class Photo:
         )
 
     @classmethod
-    def from_array(cls, array: np.ndarray) -> Photo:
+    def from_array(cls, array: np.ndarray, exposure_s: float | None = None) -> Photo:
         """A photo of pixels [H, W] or [H, W, 1..4] (grey, grey + alpha, RGB, RGB + alpha), uint8 or uint16; copied.
+
+        Args:
+            array: the pixels.
+            exposure_s: how long it was exposed [s], for EXIF; None: no EXIF.
 
         Raises:
             UnshutterError: another shape or type, or no pixels.
@@ -112,7 +117,12 @@ class Photo:
         pixels = _with_bands(array).copy()
         pixels.setflags(write=False)
         height, width, bands = pixels.shape
-        return cls("array", height, width, bands, 1, None, None, Coding(), Metadata(), pixels)
+        said = Metadata()
+        if exposure_s is not None:
+            from unshutter.photo.tags import exposure
+
+            said = Metadata(exif=exposure.blob_of(exposure_s))
+        return cls("array", height, width, bands, 1, None, None, Coding(), said, pixels)
 
     def with_pixels(self, pixels: np.ndarray) -> Photo:
         """New pixels, possibly of another size, under this photo's metadata and format; not copied.
@@ -183,19 +193,27 @@ class Photo:
 
     def exposure_s(self) -> float | None:
         """How long the photo was exposed [s], from EXIF; None where it is not known."""
+        from unshutter.photo.tags import exposure  # here, as below: not before the photo is being decoded
+
         return exposure.time_s(self._metadata.exif)
 
     def is_merged(self) -> bool:
         """Whether it was put together from several exposures (HDR), by EXIF: its exposure time is that of one."""
+        from unshutter.photo.tags import exposure
+
         return exposure.is_merged(self._metadata.exif)
 
     def readout_time(self) -> ReadoutTime:
         """How long its readout may have taken, by the kind of camera that EXIF names."""
+        from unshutter.photo.tags import readout_time
+
         return readout_time.of_exif(self._metadata.exif)
 
     @cached_property
     def attitude(self) -> Attitude | None:
         """How the camera was held, as an accelerometer, level gauge or gimbal wrote it; None where it is not known."""
+        from unshutter.photo.tags import attitude
+
         said = self._metadata
         return attitude.of_photo(said.exif, said.xmp, self.orientation, self.height, self.width)
 

@@ -15,70 +15,89 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
+from unshutter.options import LEAST_AUTO_CROP, Edges, check_edges
 from unshutter.storage.large_arrays import new_array
+from unshutter.warp.crop import crop_window
 from unshutter.warp.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, UInt
 
-Edges = Literal["keep", "crop", "fill"]
-EDGES = get_args(Edges)
 _LEAST_CROP = 0.1  # of the photo's area
-_CROP_SEARCH_CELLS = 1_000_000
 _MOST_THREADS = 16
 _LONGEST_SOURCE = 32_000  # px; cv2.remap has 16 bits for a position
 _HAIRLINE = 1.0  # px that may be missing at an edge without being black
 _REACH = 3  # px that interpolation looks beyond a position
 
 
+class Straightened(NamedTuple):
+    """A rectified picture and what was done about its edges.
+
+    Attributes:
+        pixels: stored pixels of the photo's type and bands, and its size (smaller where it was cropped); the photo's
+            own where the motion is zero.
+        edges: ``keep``, ``crop`` or ``fill``: what ``auto`` came to.
+        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
+    """
+
+    pixels: UInt[np.ndarray, "new_height new_width *bands"]
+    edges: Edges
+    whole: float | None = None
+
+
 def rectify_pixels(
     pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep", masked: bool = False
 ) -> UInt[np.ndarray, "new_height new_width *bands"]:
+    """The pixels of :func:`straighten`."""
+    return straighten(pixels, motion, edges, masked).pixels
+
+
+def straighten(
+    pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep", masked: bool = False
+) -> Straightened:
     """The global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
 
     Args:
         pixels: [H, W] or [H, W, 1..4] stored pixels, uint8 or uint16; the last of 2 or 4 bands is alpha, and
             colours are then interpolated premultiplied.
         motion: the photo's motion, for exactly its size.
-        edges: for pixels whose RS position lies outside the photo: ``keep`` makes them black (and alpha
-            0) from a pixel on, so that no hairline is left where less than a pixel is missing, ``crop`` cuts
-            the largest upright rectangle of the photo's aspect without them, ``fill`` repeats the nearest
-            border pixel.
+        edges: for pixels whose RS position lies a pixel or more outside the photo: ``keep`` makes them black (and
+            alpha 0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
+            repeats the nearest border pixel; ``auto`` crops where that leaves at least 80 % of the area, else keeps.
+            Less than a pixel outside, the border is repeated: no edge gets a black hairline.
         masked: the last of 2 or 4 bands is no alpha but a mask: it is interpolated like a colour, apart from them.
-
-    Returns:
-        New pixels of the same type and bands, and size (smaller for ``crop``); ``pixels`` itself when the motion is
-        zero.
 
     Raises:
         UnshutterError: the motion is of another size, turns faster than rows are read, or ``crop`` would
             leave less than a tenth of the photo.
         UsageError: unknown ``edges``.
     """
-    if edges not in EDGES:
-        raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
+    check_edges(edges)
     _check_size(pixels, motion)
     if motion.is_zero:
-        return pixels
+        return Straightened(pixels, "keep" if edges == "auto" else edges)
     height, width = pixels.shape[:2]
     grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
-    window = grid.whole
-    if edges == "crop":
-        left, top, w, h = largest_valid_rectangle(_mask(grid))
-        if w * h < _LEAST_CROP * width * height:
+    window, whole = grid.whole, None
+    if edges in ("crop", "auto"):
+        cropped = crop_window(grid, _HAIRLINE)
+        whole = (cropped.bottom - cropped.top) * (cropped.right - cropped.left) / (width * height)
+        if edges == "auto":
+            edges = "crop" if whole >= LEAST_AUTO_CROP else "keep"
+        elif whole < _LEAST_CROP:
             raise UnshutterError(
-                f"cropping would leave {100 * w * h / (width * height):.0f} % of the photo: "
-                "use other edges, keep or fill"
+                f"cropping would leave {100 * whole:.0f} % of the photo: use other edges, keep or fill"
             )
-        window = Tile(top, top + h, left, left + w)
-    return _warped(pixels, grid, window, cv2.INTER_CUBIC, _HAIRLINE if edges == "keep" else None, masked)
+        window = cropped if edges == "crop" else window
+    made = _warped(pixels, grid, window, cv2.INTER_CUBIC, _HAIRLINE if edges == "keep" else None, masked)
+    return Straightened(made, edges, whole)
 
 
 def distort_pixels(
@@ -111,47 +130,6 @@ def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
     """
     size = motion.readout.frame_size(motion.height, motion.width)
     return _mask(SamplingGrid.of(gs_to_rs_map(motion), *size))
-
-
-def largest_valid_rectangle(mask: Bool[np.ndarray, "height width"]) -> tuple[int, int, int, int]:
-    """The largest upright rectangle of True pixels with the mask's aspect, the nearest to the centre.
-
-    Exact up to a million pixels; above, the mask is searched in blocks all of whose pixels are True,
-    which loses a few pixels (at 12 megapixels up to 8 of 4000).
-
-    Args:
-        mask: bool [H, W].
-
-    Returns:
-        (left, top, width, height) [px]; width and height 0 where nothing is True.
-    """
-    height, width = mask.shape
-    block = int(np.ceil(np.sqrt(height * width / _CROP_SEARCH_CELLS)))
-    rows, cols = height // block, width // block
-    whole = mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3))
-    filled = np.pad(whole.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-
-    def size_at(blocks_long: int) -> tuple[int, int]:  # px
-        if width >= height:
-            w = min(blocks_long * block, width)
-            return w, max(round(w * height / width), 1)
-        h = min(blocks_long * block, height)
-        return max(round(h * width / height), 1), h
-
-    def places_at(blocks_long: int) -> np.ndarray:  # [N, 2] top and left block of the rectangles that fit
-        w, h = (-(-side // block) for side in size_at(blocks_long))
-        count = filled[h:, w:] - filled[:-h, w:] - filled[h:, :-w] + filled[:-h, :-w]
-        return np.argwhere(count == h * w)
-
-    fits, too_long = 0, max(rows, cols) + 1  # a rectangle that fits contains every smaller one
-    while too_long - fits > 1:
-        middle = (fits + too_long) // 2
-        fits, too_long = (middle, too_long) if len(places_at(middle)) else (fits, middle)
-    if fits == 0:
-        return 0, 0, 0, 0
-    (w, h), places = size_at(fits), places_at(fits) * block
-    top, left = min(places.tolist(), key=lambda p: (p[0] + h / 2 - height / 2) ** 2 + (p[1] + w / 2 - width / 2) ** 2)
-    return left, top, w, h
 
 
 def _check_size(pixels: np.ndarray, motion: Motion) -> None:

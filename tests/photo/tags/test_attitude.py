@@ -1,18 +1,25 @@
 """How the camera was held, as phones, level gauges and gimbals wrote it."""
 
+import io
 import struct
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from support.camera_files import dng, heic, linear, soft
 from support.drawn_photos import drawn
-from support.maker_notes import apple, directory, photo_with_note
+from support.fuzzing import damaged, thorough
+from support.maker_notes import apple, directory, exif_with_note, photo_with_note
 from support.tagged_files import ATTRIBUTES, ELEMENTS, jpeg_of_drone
 from unshutter.estimators.base import View
 from unshutter.geometry.readout import Readout
 from unshutter.options import Camera
 from unshutter.photo import Photo
-from unshutter.photo.tags.attitude import Attitude, of_xmp
+from unshutter.photo.tags import exposure, readout_time
+from unshutter.photo.tags.attitude import Attitude, of_photo, of_xmp
+from unshutter.photo.tags.exif import add_to_tiff
 
 _QUARTERS = {1: 0, 8: 1, 3: 2, 6: 3}  # counter-clockwise turns that set stored pixels upright, by orientation
 
@@ -79,6 +86,21 @@ def test_a_phone_that_looks_straight_down_tells_its_tilt_only() -> None:
     assert photo_with_note(apple((-0.05, 0.03, -1)), "Apple").attitude == Attitude(
         None, pytest.approx(-86.66, abs=0.02), "accelerometer (Apple)"
     )
+
+
+@pytest.mark.parametrize("kind", ["heic", "dng"])
+def test_phones_other_formats_tell_it_too(kind: str) -> None:
+    blob = exif_with_note(apple(_vector(2, 5, 1)), "Apple")
+    if kind == "heic":
+        file = io.BytesIO(heic(soft(), exif=blob))
+    else:
+        file = io.BytesIO(dng(linear(soft())))
+        assert add_to_tiff(file, blob, 120, 160)
+    photo = Photo.from_bytes(file.getvalue())
+    assert photo.format == ("heic" if kind == "heic" else "raw")
+    held = photo.attitude
+    assert held is not None
+    assert (held.roll_deg, held.tilt_deg) == (pytest.approx(2, abs=0.01), pytest.approx(5, abs=0.01))
 
 
 # ---- gauges, each note put together as exiftool.org describes it -----------------------------------------
@@ -151,6 +173,22 @@ def _canon_at(start: int, roll: int, pitch: int) -> bytes:
 )
 def test_a_note_that_is_cut_short_says_nothing(note: bytes, make: str, cut: int) -> None:
     assert photo_with_note(note[:cut], make).attitude is None
+
+
+@thorough
+@given(data=st.data())
+def test_damaged_metadata_say_nothing_or_something(data: st.DataObject) -> None:
+    """Whatever is wrong with EXIF or a maker's note: no error, and angles and times that can be."""
+    notes = (apple((-1, 0, 0.1)), "Apple"), (_olympus((-35, 1), (5, 1)), "OLYMPUS"), (_canon_at(8, 12, 40), "Canon")
+    whole = photo_with_note(*data.draw(st.sampled_from(notes)))._metadata.exif
+    assert whole is not None
+    blob = data.draw(st.composite(damaged)(whole))
+    told = of_photo(blob, None, 1, 120, 160)
+    assert told is None or (abs(told.roll_deg or 0) <= 45 and abs(told.tilt_deg or 0) <= 90)
+    time = exposure.time_s(blob)
+    assert time is None or 0 < time <= 3600
+    exposure.is_merged(blob)
+    assert readout_time.of_exif(blob).longest_s <= 0.3
 
 
 # ---- XMP -------------------------------------------------------------------------------------------------

@@ -34,15 +34,21 @@ class Judgement:
     confidence: float
 
 
-def judge(posterior: Posterior, opinion: np.ndarray | None = None, moving: bool = False) -> Judgement:
+def judge(
+    posterior: Posterior, opinion: np.ndarray | None = None, roll_known: bool = False, moving: bool = False
+) -> Judgement:
     """Weighs a posterior's motion against none.
 
     Args:
         posterior: of the photo's segments.
         opinion: [6] the network's answer, where it was asked.
+        roll_known: whether the camera's roll is known, and so cannot be taken for shear.
         moving: whether the camera is known to have moved: from a train, a car, a drone.
     """
-    odds = _odds_alone(posterior) if opinion is None else _odds_beside(posterior, opinion)
+    if roll_known:
+        odds = _odds_upright(posterior)
+    else:
+        odds = _odds_alone(posterior) if opinion is None else _odds_beside(posterior, opinion)
     odds -= _MOVING if moving else _CAUTION
     motion = posterior.motion / (1 + math.exp(-np.clip(_STEEPNESS * odds, -50, 50)))
     return Judgement(motion, _probability(_right(posterior, opinion, odds)))
@@ -66,17 +72,28 @@ def _odds_alone(posterior: Posterior) -> float:
     return -1.8842 + 0.0051 * posterior.evidence + 0.5709 * _log(posterior.evidence) - 0.0780 * posterior.lines_gain
 
 
+def _odds_upright(posterior: Posterior) -> float:
+    """The same where the camera's roll is known: the evidence of photos without motion hardly ever exceeds 8 nats."""
+    return 0.12 * posterior.evidence - 0.06
+
+
 def _right(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> float:
     """Logarithm of the odds that the answer is right to 1 px of 256 rows."""
-    error = math.log(_PX * posterior.expected_error + 0.1)
     odds = min(max(odds, -4.0), 6.0)
     if opinion is None:
+        error = math.log(_PX * posterior.expected_error + 0.1)
         return -1.593 - 1.074 * error - 0.281 * odds if odds > 0 else -1.642 - 0.325 * error - 1.223 * odds
-    if odds > 0:
-        apart, answer = (_PX * displacement(each) for each in (opinion - posterior.motion, opinion))
-        disagreement = math.log(apart / math.hypot(1, answer / 25) + 0.3)  # the larger its answer, the more it errs
-        return -1.328 - 0.642 * error - 0.701 * disagreement + 0.021 * odds
-    return -0.216 - 0.376 * math.log(_PX * displacement(opinion) + 0.3) - 0.714 * odds
+    answer = _PX * displacement(opinion)
+    if odds <= 0:
+        return -0.216 - 0.376 * math.log(answer + 0.3) - 0.714 * odds
+    apart = _PX * displacement(opinion - posterior.motion)
+    return (
+        -6.961
+        - 0.696 * math.log(apart / math.hypot(1, answer / 25) + 0.3)  # the larger its answer, the more it errs
+        - 0.498 * math.log(_PX * posterior.size + 0.3)
+        + 0.146 * posterior.lines_gain
+        + 1.557 * math.log(posterior.weight)
+    )
 
 
 def _log(figure: float) -> float:

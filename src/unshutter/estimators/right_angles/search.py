@@ -32,12 +32,14 @@ class Posterior:
         evidence: for a camera that moved against one that stood still, both as likely beforehand [nats]. It is
             overstated, see odds.py.
         lines_gain: log-likelihood ratio of the segments at the best optimum against chance [nats per unit of weight].
+        weight: of all segments together: how many tell something new.
     """
 
     motion: np.ndarray
     covariance: np.ndarray
     evidence: float
     lines_gain: float
+    weight: float
 
     @property
     def expected_error(self) -> float:
@@ -76,7 +78,9 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
     best = found[np.argmax(moving)]
     gain = float(likelihood.lines_gain(best[None])[0])
-    return Posterior(mean, covariance, evidence - _at_rest(likelihood, begin[:poses]), gain)
+    return Posterior(
+        mean, covariance, evidence - _at_rest(likelihood, begin[:poses]), gain, float(likelihood.weight.sum())
+    )
 
 
 def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> float:

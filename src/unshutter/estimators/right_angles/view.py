@@ -71,7 +71,7 @@ def motion_of(posterior: Posterior, view: View, estimator: str, opinion: np.ndar
     """
     if posterior.lines_gain < LEAST_GAIN:
         return view.no_motion(estimator, "the photo shows no right angles")
-    judgement = judge(posterior, opinion, view.camera.moving)
+    judgement = judge(posterior, opinion, view.attitude_deg()[0] is not None, view.camera.moving)
     if displacement(judgement.motion) > LARGEST:
         return view.no_motion(estimator, "what fits the lines is more motion than hands can do")
     return view.cubic_motion(judgement.motion.reshape(2, 3), estimator, judgement.confidence)

@@ -86,10 +86,12 @@ class Answer:
         ``unshutter rectify`` with default options would leave the photo as it is; empty where it would change it.
         """
         scale = 256 / self.motion.height
+        farthest = self.motion.largest_px * scale
         return {
             "declined": self.declined,
             "failed": self.failed,
             "confidence": self.motion.confidence,
+            "farthest": farthest if np.isfinite(farthest) else None,
             "left_alone": Verdict.of(self.motion, Undo()).cause,
             "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
             "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),

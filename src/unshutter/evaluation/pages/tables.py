@@ -86,12 +86,17 @@ def _wrong(record: Record, px: float) -> bool:
     return record["epe"] > px
 
 
+def _moved(record: Record, px: float) -> bool:
+    """Somewhere in the picture; no figure says that a position is not even finite."""
+    return record["farthest"] is None or record["farthest"] > px
+
+
 def _by_rectify(holds: Callable[[Record], bool]) -> Callable[[list[Record]], float]:
     """Share of pictures of which this holds and that ``rectify`` would change; earlier versions' records do not say."""
 
     def share(records: list[Record]) -> float:
         known = all("left_alone" in r for r in records)
-        return float(np.mean([holds(r) and not r["left_alone"] for r in records])) if known else np.nan
+        return float(np.mean([not r["left_alone"] and holds(r) for r in records])) if known else np.nan
 
     return share
 
@@ -140,7 +145,7 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("EPE median", _median("epe"), "{:.2f}", -1),
             *(Column(f"EPE > {px:g} px", _share(partial(_wrong, px=px)), "{:.0%}", -1) for px in _HARM),
             _LEFT_ALONE,
-            *(Column(f"moved > {px:g} px", _by_rectify(partial(_wrong, px=px)), "{:.0%}", -1) for px in _HARM),
+            *(Column(f"moved > {px:g} px", _by_rectify(partial(_moved, px=px)), "{:.0%}", -1) for px in _HARM),
             _DECLINED,
             _FAILED,
         ]

@@ -187,7 +187,7 @@ _GAUGES: dict[str, tuple[str, Callable[[MakerNote], _Held | None]]] = {
 # ---- XMP -----------------------------------------------------------------------------------------------
 
 _NUMBER = rb"""\s*(?:=\s*["']|>)\s*([+-]?\d+(?:\.\d+)?)"""
-_PANORAMA = re.compile(rb"""GPano:ProjectionType\s*(?:=\s*["']|>)\s*(?:equirectangular|cylindrical)""")
+_PANORAMA = rb"""GPano:ProjectionType\s*(?:=\s*["']|>)\s*(?:equirectangular|cylindrical)"""
 # Properties for roll and pitch, of the picture as it is stored; None: that of Pix4D, which counts from straight down
 _XMP: tuple[tuple[str, bytes, bytes | None], ...] = (
     ("gimbal (DJI)", rb"drone-dji:GimbalRollDegree", rb"drone-dji:GimbalPitchDegree"),
@@ -202,7 +202,7 @@ def of_xmp(packet: bytes) -> Attitude | None:
     """How the camera of a picture that is stored upright was held, by the first property in it that is known here."""
     for source, roll, pitch in _XMP:
         angles = tuple(_numbers(packet, roll, pitch or rb"\bCamera:Pitch"))
-        if len(angles) == 2 and not (source == "GPano" and _PANORAMA.search(packet)):
+        if len(angles) == 2 and not (source == "GPano" and re.search(_PANORAMA, packet)):
             return _from_straight_down(*angles, source) if pitch is None else _as_told(*angles, source)
     return None
 

@@ -24,6 +24,7 @@ _UNIT = {**_SIZE, 5: 4, 10: 4}
 # The numbers among them, as struct calls them; of two each: fractions.
 _NUMBER = {1: "B", 3: "H", 4: "I", 5: "I", 6: "b", 8: "h", 9: "i", 10: "i", 11: "f", 12: "d", 13: "I"}
 _FRACTIONS = (5, 10)
+_MOST_NUMBERS = 1000  # of a tag that is read as numbers; longer ones are tables, or malicious
 _ENTRY_BYTES = 12
 # No photo has more; a damaged or malicious file may claim it.
 _MAX_TREE_BYTES = 1 << 28
@@ -76,7 +77,7 @@ class Tree:
     def numbers(self, tag: int, *path: int) -> tuple[float, ...]:
         """All values of a tag of numbers in the first page (below the sub-directories ``path``), fractions divided.
 
-        Empty where the tag is absent or holds no numbers; a fraction over zero is NaN.
+        Empty where the tag is absent, holds no numbers, or a table of them; a fraction over zero is NaN.
         """
         entry = self.entry(tag, *path)
         return numbers(entry, self.order) if entry else ()
@@ -91,7 +92,7 @@ class Tree:
 
 def numbers(entry: Entry, order: str) -> tuple[float, ...]:
     """The values of an entry, fractions divided; empty where they are no numbers, NaN for a fraction over zero."""
-    if entry.kind not in _NUMBER or not entry.count:
+    if entry.kind not in _NUMBER or not 0 < entry.count <= _MOST_NUMBERS:
         return ()
     count = entry.count * (2 if entry.kind in _FRACTIONS else 1)
     found = struct.unpack(f"{order}{count}{_NUMBER[entry.kind]}", entry.data)

@@ -6,8 +6,11 @@ adds to CustomRendered and its maker note's tag 0x000A are those that exiftool.o
 
 from __future__ import annotations
 
+import struct
+from fractions import Fraction
+
 from unshutter.photo.tags import exif, maker_notes
-from unshutter.photo.tags.directories import EXIF, Tree
+from unshutter.photo.tags.directories import EXIF, Entry, Tree
 
 _EXPOSURE_TIME, _SHUTTER_SPEED = 0x829A, 0x9201
 _CUSTOM_RENDERED, _COMPOSITE = 0xA401, 0xA460
@@ -27,6 +30,15 @@ def time_s(blob: bytes | None) -> float | None:
     if told is None and (speed := _first(tree, _SHUTTER_SPEED)) is not None and abs(speed) < 40:
         told = 2.0**-speed  # APEX
     return told if told is not None and _SHORTEST_S <= told <= _LONGEST_S else None
+
+
+def blob_of(time_s: float) -> bytes | None:
+    """EXIF that tells an exposure time [s] and nothing else; None for what :func:`time_s` would not believe."""
+    if not _SHORTEST_S <= time_s <= _LONGEST_S:
+        return None
+    time = Fraction(time_s).limit_denominator(1_000_000)
+    entry = Entry(5, 1, struct.pack("<II", time.numerator, time.denominator))
+    return exif.of_tiff(Tree("<", [{EXIF: {_EXPOSURE_TIME: entry}}]))
 
 
 def is_merged(blob: bytes | None) -> bool:

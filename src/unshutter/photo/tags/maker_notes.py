@@ -8,7 +8,6 @@ Source: the public descriptions of these notes by exiftool.org (facts only).
 from __future__ import annotations
 
 import io
-import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -70,14 +69,14 @@ class _Layout:
 
     Attributes:
         maker: its name.
-        begins: pattern of its first bytes.
+        begins: its first bytes.
         at: where in it the directory begins; None: the note holds a place of its own at its byte 8.
         own_places: whether places in it count from its beginning, rather than from that of EXIF.
         order: its byte order, from its first bytes and that of EXIF.
     """
 
     maker: str
-    begins: re.Pattern[bytes]
+    begins: bytes
     at: int | None
     own_places: bool
     order: Callable[[bytes, str], str]
@@ -92,14 +91,14 @@ def _order_at(place: int) -> Callable[[bytes, str], str]:
 
 
 _LAYOUTS = (
-    _Layout("Apple", re.compile(rb"Apple iOS\0"), 14, True, _order_at(12)),
-    _Layout("Fujifilm", re.compile(rb"FUJIFILM"), None, True, lambda *_: "<"),
-    _Layout("Olympus", re.compile(rb"OLYMPUS\0"), 12, True, _order_at(8)),
-    _Layout("Olympus", re.compile(rb"OM SYSTEM\0"), 16, True, _order_at(12)),
-    _Layout("Olympus", re.compile(rb"OLYMP\0"), 8, False, _exif_order),
-    _Layout("Panasonic", re.compile(rb"Panasonic\0\0\0"), 12, False, _exif_order),
-    _Layout("Pentax", re.compile(rb"PENTAX \0"), 10, True, _order_at(8)),
-    _Layout("Pentax", re.compile(rb"AOC\0"), 6, False, _order_at(4)),
+    _Layout("Apple", b"Apple iOS\0", 14, True, _order_at(12)),
+    _Layout("Fujifilm", b"FUJIFILM", None, True, lambda *_: "<"),
+    _Layout("Olympus", b"OLYMPUS\0", 12, True, _order_at(8)),
+    _Layout("Olympus", b"OM SYSTEM\0", 16, True, _order_at(12)),
+    _Layout("Olympus", b"OLYMP\0", 8, False, _exif_order),
+    _Layout("Panasonic", b"Panasonic\0\0\0", 12, False, _exif_order),
+    _Layout("Pentax", b"PENTAX \0", 10, True, _order_at(8)),
+    _Layout("Pentax", b"AOC\0", 6, False, _order_at(4)),
 )
 
 
@@ -113,7 +112,7 @@ def read(blob: bytes | None) -> MakerNote | None:
     if note.startswith(b"Nikon\0\x02"):
         return _of_nikon(note[10:])
     for layout in _LAYOUTS:
-        if layout.begins.match(note) and len(note) > 16:
+        if note.startswith(layout.begins) and len(note) > 16:
             return _as_laid_out(layout, note, whole, tree)
     if tree.text(_MAKE).startswith("Canon"):
         return _made("Canon", tree.order, whole, whole.find(note))

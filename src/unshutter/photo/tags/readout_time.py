@@ -40,7 +40,7 @@ EITHER = ReadoutTime(0.010, 0.300, "mechanical or electronic shutter")
 ELECTRONIC = ReadoutTime(0.050, 0.300, "electronic shutter")
 UNKNOWN = ReadoutTime(0.050, 0.300, "unknown camera")
 
-# (make, model): patterns that the tags begin with, in lower case
+# (makes, model): what the make begins with, and a pattern that the model begins with, both in lower case
 _TABLE: tuple[tuple[str, str, ReadoutTime], ...] = (
     # DSLRs whose live view has an electronic shutter
     ("nikon", r"nikon d(4s?|5|6|780|850)$", EITHER),
@@ -91,7 +91,6 @@ _TABLE: tuple[tuple[str, str, ReadoutTime], ...] = (
     # Mirrorless cameras and compacts with CMOS sensors: a mechanical shutter, an electronic one, or both
     ("canon|nikon|sony|panasonic|olympus|om digital|fujifilm|leica|pentax|ricoh|sigma|hasselblad|samsung", r"", EITHER),
 )
-_COMPILED = tuple((re.compile(make), re.compile(model), time) for make, model, time in _TABLE)
 
 # The maker's note says which shutter it was: its tag, and the kinds of shutter by its values
 _SHUTTER = {
@@ -113,8 +112,8 @@ def of_exif(blob: bytes | None) -> ReadoutTime:
 def of_camera(make: str, model: str) -> ReadoutTime:
     """The readout time of a camera by EXIF's make and model."""
     make, model = make.strip().lower(), model.strip().lower()
-    rows = (time for of_make, of_model, time in _COMPILED if of_make.match(make) and of_model.match(model))
-    return next(rows, UNKNOWN)
+    rows = (row for row in _TABLE if make.startswith(tuple(row[0].split("|"))))
+    return next((time for _, pattern, time in rows if re.match(pattern, model)), UNKNOWN)
 
 
 def _by_shutter(blob: bytes | None) -> ReadoutTime | None:
