@@ -63,8 +63,9 @@ def _first_and_last(count: int, block: int) -> np.ndarray:
     return np.stack([first, first + block - 1], axis=1).ravel()
 
 
-def _largest(whole: np.ndarray, block: int, height: int, width: int) -> tuple[int, int, int, int]:
+def _largest(whole: np.ndarray | np.bool, block: int, height: int, width: int) -> tuple[int, int, int, int]:
     """The largest rectangle of a picture of height x width [px], whose whole blocks [rows, cols] are known."""
+    whole = np.asarray(whole)
     filled = np.pad(whole.astype(np.int32).cumsum(0, np.int32).cumsum(1, np.int32), ((1, 0), (1, 0)))
 
     def size_at(blocks_long: int) -> tuple[int, int]:  # px

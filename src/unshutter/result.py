@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Rectified:
     """A rectified photo, or one that was left as it is, since nothing sure was found that would be worth undoing.
 
@@ -40,6 +40,10 @@ class Rectified:
     verdict: Verdict
     edges: Edges = "keep"
     whole: float | None = None
+
+    def __repr__(self) -> str:
+        size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"
+        return f"Rectified({size}, {self.verdict.told() if self.changed else f'left as it is: {self.reason}'})"
 
     @property
     def changed(self) -> bool:
