@@ -20,7 +20,7 @@ from unshutter.geometry.readout import Readout
 DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
 _LONGEST_TIMEOUT_S = 86_400  # a day
-MIN_CONFIDENCE = 0.5  # of a motion that is undone, unless a user says otherwise
+MIN_CONFIDENCE = 0.06  # of a motion that is undone, unless a user says otherwise
 LEAST_AUTO_CROP = 0.8  # of a photo's area: automatic edges do not crop away more than a fifth
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
@@ -35,6 +35,12 @@ def option(default: Any, help: str, **more: Any) -> Any:
     return field(default=default, metadata={"help": help, **more})
 
 
+def check_time(name: str, time: float | None, unit: str) -> None:
+    """Raises UsageError where this is neither None nor a positive time."""
+    if time is not None and not 0 < time < math.inf:
+        raise UsageError(f"the {name} must take a positive time, got {time:g} {unit}")
+
+
 @dataclass(frozen=True)
 class Camera:
     """What is known of the camera beside the photo itself.
@@ -44,9 +50,12 @@ class Camera:
         focal_px: focal length [px of the full-size photo]; None: EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
         tilt_deg: how far it looked up, -90 is straight down; None: unknown.
+        exposure_s: how long each line was exposed [s]; None: as EXIF says, if it does.
+        readout_ms: time from the first line read to the last [ms]; None: as is usual for the kind of camera.
+        moving: whether the camera was on the move (in a train, on a car, in the air), so that motion is likely.
 
     Raises:
-        UsageError: an unknown direction, a focal length that is not positive, an angle out of range.
+        UsageError: an unknown direction, a focal length or time that is not positive, an angle out of range.
     """
 
     readout: str = option(
@@ -62,11 +71,22 @@ class Camera:
         None, "How far the camera was turned clockwise from upright, where you know it, for methods that use it."
     )
     tilt_deg: float | None = option(None, "How far it looked up, where you know it; -90 is straight down.")
+    exposure_s: float | None = option(
+        None, "How long the photo was exposed, in seconds. Default: as EXIF says.", metavar="SECONDS"
+    )
+    readout_ms: float | None = option(
+        None,
+        "Time from the first row to the last, in milliseconds. Default: what is usual for the kind of camera.",
+        metavar="MS",
+    )
+    moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
 
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
         if self.focal_px is not None and not 0 < self.focal_px < math.inf:
             raise UsageError(f"the focal length must be positive, got {self.focal_px:g} px")
+        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
+            check_time(name, time, unit)
         for name, angle, most in (("roll", self.roll_deg, MOST_ROLL_DEG), ("tilt", self.tilt_deg, MOST_TILT_DEG)):
             if angle is not None and not -most <= angle <= most:
                 raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
@@ -77,9 +97,12 @@ class Camera:
         return Readout.parse(self.readout)
 
     def check_unused(self) -> None:
-        """Raises UsageError where focal length, roll or tilt are given although no motion is to be found."""
-        if not (self.focal_px is self.roll_deg is self.tilt_deg is None):
-            raise UsageError("focal length, roll and tilt are for finding a motion: leave them out when it is given")
+        """Raises UsageError where more than the readout direction is given although no motion is to be found."""
+        if self != Camera(self.readout):
+            raise UsageError(
+                "focal length, roll, tilt, exposure, readout time and --moving are for finding a motion: "
+                "leave them out when it is given"
+            )
 
 
 @dataclass(frozen=True)
@@ -277,7 +300,9 @@ class Synthesize:
         seed: 0 or more.
         motion: ``quadratic`` or ``trajectory`` (synthesis/row_motions.py).
         trajectory: NPZ file (synthesis/rotation_log.py); for ``trajectory`` only, which needs it and the next two.
-        readout_ms: time in which a picture is read out [ms].
+        readout_ms: time in which a picture is read out [ms]; needed by ``trajectory`` and by an exposure.
+        exposure_s: how long each row is exposed [s], which blurs it by the motion and is written into EXIF; None: for
+            no time.
         focal_px: focal length [px of the finished picture].
         size: side of the finished pictures [px].
         canvas: side of the canvas [px].
@@ -295,7 +320,14 @@ class Synthesize:
     trajectory: Path | None = option(
         None, "NPZ file with t_s and gyro_rad_s, or t_s, position_m and quaternion_wxyz.", metavar="FILE"
     )
-    readout_ms: float | None = option(None, "Time from the first to the last row, for trajectories.", metavar="MS")
+    readout_ms: float | None = option(
+        None, "Time from the first to the last row, for trajectories and exposures.", metavar="MS"
+    )
+    exposure_s: float | None = option(
+        None,
+        "Expose each row for so long: it is blurred by the motion, and EXIF says so. Default: sharp.",
+        metavar="SECONDS",
+    )
     focal_px: float | None = option(None, "Focal length in px of the finished picture, for trajectories.", metavar="PX")
     size: int = option(256, "Side of the finished pictures in px. Default: 256.", metavar="PX")
     canvas: int = option(
@@ -307,10 +339,22 @@ class Synthesize:
             raise UsageError(
                 f"needs at least one picture per photo and a seed of 0 or more, got {self.per_photo} and {self.seed}"
             )
-        recorded = (self.trajectory, self.readout_ms, self.focal_px)
-        if self.motion == "quadratic" and any(value is not None for value in recorded):
-            raise UsageError("trajectory, readout and focal length are for --motion trajectory only")
-        if self.motion == "trajectory" and None in recorded:
+        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
+            check_time(name, time, unit)
+        if self.exposure_s is not None and self.readout_ms is None:
+            raise UsageError("--exposure-s needs --readout-ms: how far a row is blurred depends on both")
+        if self.motion == "quadratic" and not (self.trajectory is self.focal_px is None):
+            raise UsageError("trajectory and focal length are for --motion trajectory only")
+        if self.motion == "quadratic" and self.exposure_s is None and self.readout_ms is not None:
+            raise UsageError("the time of the readout is for --motion trajectory and --exposure-s only")
+        if self.motion == "trajectory" and None in (self.trajectory, self.readout_ms, self.focal_px):
             raise UsageError("--motion trajectory needs --trajectory, --readout-ms and --focal-px")
         if self.motion not in ("quadratic", "trajectory"):
             raise UsageError(f"unknown motion '{self.motion}': choose quadratic or trajectory")
+
+    @property
+    def exposure(self) -> float:
+        """How long a row is exposed, in times of the readout; 0 without an exposure."""
+        if self.exposure_s is None or self.readout_ms is None:
+            return 0.0
+        return 1000 * self.exposure_s / self.readout_ms

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypedDict, Unpack, overload
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.find import find_motion
 from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
 from unshutter.motion.verdict import Verdict
@@ -41,6 +42,9 @@ def estimate(
     focal_px: float | None = None,
     roll_deg: float | None = None,
     tilt_deg: float | None = None,
+    exposure_s: float | None = None,
+    readout_ms: float | None = None,
+    moving: bool = False,
 ) -> Motion:
     """Finds how the camera moved while the photo was read out.
 
@@ -52,6 +56,9 @@ def estimate(
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
         tilt_deg: how far it looked up (-90: straight down), where known, for methods that use it.
+        exposure_s: how long the photo was exposed [s]; by default as EXIF says.
+        readout_ms: time from the first row to the last [ms]; by default what is usual for the kind of camera.
+        moving: whether the camera was on the move: in a train, on a car, in the air.
 
     Returns:
         The motion for the photo's full size; zero, with a ``reason``, where the photo does not say enough.
@@ -59,7 +66,7 @@ def estimate(
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
     """
-    camera, how = Camera(readout, focal_px, roll_deg, tilt_deg), Undo(reference)
+    camera, how = Camera(readout, focal_px, roll_deg, tilt_deg, exposure_s, readout_ms, moving), Undo(reference)
     source = opened(photo)
     _check_size(source)
     return estimate_photo(source, _loaded(estimator), camera).rereferenced(how.reference or "first")
@@ -72,6 +79,9 @@ class _Options(TypedDict, total=False):
     focal_px: float | None
     roll_deg: float | None
     tilt_deg: float | None
+    exposure_s: float | None
+    readout_ms: float | None
+    moving: bool
     reference: Reference | None
     strength: float
     edges: Edges
@@ -96,6 +106,9 @@ def rectify(
     focal_px: float | None = None,
     roll_deg: float | None = None,
     tilt_deg: float | None = None,
+    exposure_s: float | None = None,
+    readout_ms: float | None = None,
+    moving: bool = False,
     strength: float = 1.0,
     edges: Edges = "keep",
     min_confidence: float = MIN_CONFIDENCE,
@@ -115,6 +128,9 @@ def rectify(
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
         tilt_deg: how far it looked up (-90: straight down), where known, for methods that use it.
+        exposure_s: how long the photo was exposed [s]; by default as EXIF says.
+        readout_ms: time from the first row to the last [ms]; by default what is usual for the kind of camera.
+        moving: whether the camera was on the move: in a train, on a car, in the air.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
             ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge,
@@ -130,7 +146,8 @@ def rectify(
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    camera, how = Camera(readout, focal_px, roll_deg, tilt_deg), Undo(reference, strength, edges, min_confidence)
+    camera = Camera(readout, focal_px, roll_deg, tilt_deg, exposure_s, readout_ms, moving)
+    how = Undo(reference, strength, edges, min_confidence)
     result = _rectified(photo, estimator, motion, camera, how)
     if is_file(photo):
         return result
@@ -176,7 +193,7 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
         UnshutterError: the photo is too small, damaged or gone.
     """
     _check_size(photo)
-    return estimator.estimate(View(photo, camera))
+    return find_motion(estimator, View(photo, camera))
 
 
 def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rectified:

@@ -52,7 +52,7 @@ class Rectified:
 
     @property
     def reason(self) -> str:
-        """Why the photo was left as it is, ``not sure: confidence 0.36``; empty where it was changed."""
+        """Why the photo was left as it is, ``not sure: confidence 0.03``; empty where it was changed."""
         return self.verdict.reason
 
     @property

@@ -35,7 +35,16 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
             "not sure",
             "not sure: confidence 0.49; --min-confidence 0.4 would move it by up to 12 px",
         ),
+        (
+            sheared(12, 0.049),
+            0.5,
+            "not sure",
+            "not sure: confidence 0.04; --min-confidence 0.04 would move it by up to 12 px",
+        ),
         (sheared(0.49, 0.1), 0.5, "less than half a pixel", None),
+        (replace(RowMotion.from_polynomials([0, 1.9], [0], 512, 100), confidence=0.9), 0.5, "too small to tell", None),
+        (replace(RowMotion.from_polynomials([0, 2.1], [0], 512, 100), confidence=0.9), 0.5, "", None),
+        (RowMotion.from_polynomials([0, 1.9], [0], 512, 100), 0.5, "", None),
         (sheared(0.0, 0.9), 0.5, "no motion", "no motion, confidence 0.90"),
         (replace(sheared(0.0), reason="too few lines"), 0.5, "nothing to go by", "too few lines"),
     ],
@@ -49,7 +58,7 @@ def test_what_is_undone_and_what_is_said(motion: RowMotion, least: float, cause:
 
 
 def test_what_is_said_to_be_enough_is_enough() -> None:
-    verdict = Verdict.of(sheared(124, 0.36), Undo())
+    verdict = Verdict.of(sheared(124, 0.36), Undo(min_confidence=0.5))
     enough = float(verdict.told().partition("--min-confidence ")[2].split()[0])
     assert Verdict.of(sheared(124, 0.36), Undo(min_confidence=enough)).changes
 
@@ -61,7 +70,7 @@ def test_no_strength_changes_nothing_and_says_so() -> None:
 
 def test_what_is_left_alone_is_written_as_no_motion_with_the_reason() -> None:
     motion = sheared(124, 0.36)
-    left = Verdict.of(motion, Undo()).left_alone(motion)
+    left = Verdict.of(motion, Undo(min_confidence=0.5)).left_alone(motion)
     assert left.is_zero
     assert (left.confidence, left.reason, left.width) == (0.36, "not sure: confidence 0.36", 100)
 

@@ -11,10 +11,11 @@ import unshutter
 from support.drawn_photos import drawn
 from support.sure_estimator import Sure
 from unshutter.errors import UnshutterError
+from unshutter.options import MIN_CONFIDENCE
 from unshutter.photo import Photo
 
 MOTION = unshutter.RowMotion.from_polynomials([0, 9], [0], 120, 160)
-UNSURE = Sure(0.1)
+UNSURE = Sure(MIN_CONFIDENCE / 2)
 
 
 @pytest.fixture

@@ -26,15 +26,13 @@ class Estimates:
     """What is wanted of each photo.
 
     Attributes:
-        find: how its motion is found.
+        find: how its motion is found; where it gives the time of the readout, the speed is added.
         reference: row that counts as not moving.
-        readout_ms: time of the readout [ms], which adds the speed; None: no speed.
         plot: file to draw the motion into; None: none.
     """
 
     find: Find
     reference: Reference = "first"
-    readout_ms: float | None = None
     plot: Path | None = None
 
 
@@ -51,11 +49,6 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
     protection = Protection(inputs.photos, [output])
     _remove_leftovers(targets)
     prefetch = Prefetch(list(inputs.photos), wanted.find, max_pixels)
-    from unshutter.motion.speed import check_readout_ms
-
-    if wanted.readout_ms is not None:
-        check_readout_ms(wanted.readout_ms)
-
     in_folder = output is not None and is_folder(output, inputs.many)
 
     def check(file: Place, photo: Place) -> None:
@@ -100,8 +93,9 @@ def _told(motion: Motion, photo: Place, wanted: Estimates) -> str:
     """The motion as text; drawn, too, if that is wanted."""
     from unshutter.motion.speed import json_with_speed
 
+    readout_ms = wanted.find.camera.readout_ms
     if wanted.plot:
         from unshutter.export.plot import plot_motion
 
-        plot_motion(motion, wanted.plot, title=photo.name, readout_ms=wanted.readout_ms)
-    return motion.to_json() if wanted.readout_ms is None else json_with_speed(motion, wanted.readout_ms)
+        plot_motion(motion, wanted.plot, title=photo.name, readout_ms=readout_ms)
+    return motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)

@@ -37,8 +37,13 @@ class Motion(ABC):
             the motion is zero there.
         readout: direction in which the stored pixels were read.
         estimator: what found this motion.
-        confidence: 0 ... 1, or None where the estimator gives none.
+        confidence: probability (0 ... 1) that it is right: mean displacement error below 1 px of 256 rows; None where
+            the estimator gives none.
         reason: why there is no motion, when an estimator declined; empty otherwise.
+        roll_deg, tilt_deg: how the camera was held (see :class:`~unshutter.options.Camera`), where that was known when
+            the motion was found [degrees]; else None.
+        attitude_from: who said so; empty otherwise.
+        exposure_s: how long the photo was exposed, where that was known [s]; else None.
         version: version of unshutter that made it.
 
     Raises:
@@ -56,6 +61,10 @@ class Motion(ABC):
     estimator: str = "given"
     confidence: float | None = None
     reason: str = ""
+    roll_deg: float | None = None
+    tilt_deg: float | None = None
+    attitude_from: str = ""
+    exposure_s: float | None = None
     version: str = __version__
 
     def __init_subclass__(cls, *, kind: str) -> None:
@@ -68,6 +77,7 @@ class Motion(ABC):
         checks.check_row_motion(self.tx_px, self.rz_rad)
         checks.check_size(self.height, self.width)
         checks.check_confidence(self.confidence)
+        checks.check_known(roll=self.roll_deg, tilt=self.tilt_deg, exposure=self.exposure_s)
         row_index(self.reference, self.height)
 
     # ---- what each kind says for itself ----------------------------------------------------------------
@@ -205,7 +215,7 @@ class Motion(ABC):
 
     def to_json(self) -> str:
         """The motion as JSON text, format ``unshutter-motion/1`` (docs/conventions)."""
-        rows = {name: getattr(self, name) for name in ("height", "reference_row", "tx_px", "rz_rad")}
+        rows = {name: getattr(self, name) for name in ("height", "reference_row", "largest_px", "tx_px", "rz_rad")}
         return motion_file.written(self.kind, self.common, rows, self._own_data())
 
     @staticmethod

@@ -9,10 +9,13 @@ from typing import Any, Literal
 from unshutter.motion.motion import Motion
 from unshutter.options import Undo
 
+_SMALLEST = 256  # motions that were found and move nothing by a row in so many are no larger than their errors
 LEAST_PX = 0.5  # below, a photo loses more by being resampled than it gains
 
 # Why a photo is left as it is, as it is counted.
-Cause = Literal["", "no motion", "nothing to go by", "not sure", "less than half a pixel", "strength 0"]
+Cause = Literal[
+    "", "no motion", "nothing to go by", "not sure", "less than half a pixel", "too small to tell", "strength 0"
+]
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,8 @@ class Verdict:
             return cls(largest, sure, "no motion", f"no motion{_at(sure)}")
         if largest < LEAST_PX:
             return cls(largest, sure, "less than half a pixel", f"it would move by less than half a pixel{_at(sure)}")
+        if sure is not None and largest < motion.height / _SMALLEST and how.min_confidence > 0:
+            return cls(largest, sure, "too small to tell", f"no motion that a photo could tell{_at(sure)}")
         if sure is not None and sure < how.min_confidence:
             return cls(largest, sure, "not sure", f"not sure: confidence {_two_decimals(sure)}")
         return cls(largest, sure)
@@ -67,7 +72,7 @@ class Verdict:
             return f"up to {_pixels(self.largest_px)}" + _at(self.confidence)
         if self.cause != "not sure" or self.confidence is None:
             return self.reason
-        enough = math.floor(10 * self.confidence) / 10
+        enough = _one_digit(self.confidence)
         return f"{self.reason}; --min-confidence {enough:g} would move it by up to {_pixels(self.largest_px)}"
 
     def as_json(self) -> dict[str, Any]:
@@ -83,6 +88,12 @@ def _at(confidence: float | None) -> str:
 def _two_decimals(confidence: float) -> str:
     """Rounded down: what is below a limit must not read as if it met it."""
     return f"{math.floor(100 * confidence + 1e-9) / 100:.2f}"
+
+
+def _one_digit(confidence: float) -> float:
+    """Rounded down to one digit that counts: 0.36 -> 0.3, 0.036 -> 0.03, 0.0036 -> 0."""
+    steps = 10 if confidence >= 0.1 else 100
+    return math.floor(steps * confidence) / steps
 
 
 def _pixels(px: float) -> str:

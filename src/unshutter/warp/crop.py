@@ -31,7 +31,7 @@ def crop_window(grid: SamplingGrid, beyond: float = 0.0) -> Tile:
     if corners.all():
         return grid.whole
     down, across = grid.height // block, grid.width // block  # of whole blocks
-    whole = corners[: 2 * down, : 2 * across].reshape(down, 2, across, 2).all(axis=(1, 3))
+    whole = np.asarray(corners[: 2 * down, : 2 * across].reshape(down, 2, across, 2).all(axis=(1, 3)))
     left, top, width, height = _largest(whole, block, grid.height, grid.width)
     return Tile(top, top + height, left, left + width)
 
@@ -53,7 +53,7 @@ def largest_valid_rectangle(mask: Bool[np.ndarray, "height width"]) -> tuple[int
         return 0, 0, width, height
     block = _block(height, width)
     rows, cols = height // block, width // block
-    whole = mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3))
+    whole = np.asarray(mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3)))
     return _largest(whole, block, height, width)
 
 
@@ -68,9 +68,8 @@ def _first_and_last(size: int, block: int) -> np.ndarray:
     return np.stack([first, np.minimum(first + block, size) - 1], axis=1).ravel()
 
 
-def _largest(whole: np.ndarray | np.bool, block: int, height: int, width: int) -> tuple[int, int, int, int]:
+def _largest(whole: np.ndarray, block: int, height: int, width: int) -> tuple[int, int, int, int]:
     """The largest rectangle of a picture of height x width [px], whose whole blocks [rows, cols] are known."""
-    whole = np.asarray(whole)
     filled = np.pad(whole.astype(np.int32).cumsum(0, np.int32).cumsum(1, np.int32), ((1, 0), (1, 0)))
 
     def size_at(blocks_long: int) -> tuple[int, int]:  # px
