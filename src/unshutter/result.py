@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Rectified:
     """A rectified photo, or one that was left as it is, since nothing sure was found that would be worth undoing.
 
@@ -41,6 +41,10 @@ class Rectified:
     edges: Edges = "keep"
     whole: float | None = None
 
+    def __repr__(self) -> str:
+        size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"
+        return f"Rectified({size}, {self.verdict.told() if self.changed else f'left as it is: {self.reason}'})"
+
     @property
     def changed(self) -> bool:
         """Whether anything was undone; if not, :attr:`reason` says why."""
@@ -48,7 +52,7 @@ class Rectified:
 
     @property
     def reason(self) -> str:
-        """Why the photo was left as it is, ``not sure: confidence 0.36``; empty where it was changed."""
+        """Why the photo was left as it is, ``not sure: confidence 0.03``; empty where it was changed."""
         return self.verdict.reason
 
     @property
