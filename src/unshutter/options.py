@@ -46,7 +46,8 @@ class Camera:
     """What is known of the camera beside the photo itself.
 
     Attributes:
-        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom, unless the photo shows that
+            its pixels were turned.
         focal_px: focal length [px of the full-size photo]; None: EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
         tilt_deg: how far it looked up, -90 is straight down; None: unknown.
@@ -60,7 +61,8 @@ class Camera:
 
     readout: str = option(
         "auto",
-        "Direction in which the sensor was read, if an editor has turned the file. Default: top-to-bottom.",
+        "Direction in which the sensor was read, if an editor has turned the file. Default: as the photo shows, else "
+        "top-to-bottom.",
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(

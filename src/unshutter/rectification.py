@@ -51,7 +51,7 @@ def estimate(
     Args:
         photo: what :func:`rectify` takes.
         estimator: name (``unshutter models`` lists them) or one made by :func:`unshutter.load`.
-        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        readout: direction in which the stored pixels were read; ``auto``: as the photo shows, else top-to-bottom.
         reference: row at whose moment the global-shutter picture is taken: first, middle or last.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
@@ -123,7 +123,7 @@ def rectify(
         estimator: name, or an estimator made by :func:`unshutter.load`; not used when ``motion`` is given.
         motion: undo this motion, or that of this motion file, instead of estimating one; it is resized to the photo
             when its aspect fits.
-        readout: direction in which the stored pixels were read; ``auto``: the motion's, else top-to-bottom.
+        readout: direction in which the stored pixels were read; ``auto``: the motion's, else as the photo shows.
         reference: row at whose moment the picture is taken; by default the motion's own, else the first.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
