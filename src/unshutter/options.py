@@ -244,7 +244,7 @@ class Neighbours:
             )
         if self.at is not None and not -1 <= self.at <= 1:
             raise UsageError(
-                f"--at must lie between -1 and 1 frame intervals from the photo's first row, got {self.at:g}"
+                f"--at must lie between -1 and 1 frame intervals, got {self.at:g}"
             )
 
     def __bool__(self) -> bool:
