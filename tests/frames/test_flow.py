@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
-from support.frame_pairs import Scene
 
+from support.frame_pairs import Scene
 from unshutter.frames.flow import flow_between, looked_up, pixel_grid
 
 

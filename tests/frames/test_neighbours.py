@@ -1,8 +1,8 @@
 import cv2
 import numpy as np
 import pytest
-from support.frame_pairs import HEIGHT, WIDTH, Scene, off
 
+from support.frame_pairs import HEIGHT, WIDTH, Scene, off
 from unshutter.errors import UnshutterError
 from unshutter.frames.neighbours import link, render
 from unshutter.frames.timing import Timing

@@ -1,8 +1,8 @@
 import cv2
 import numpy as np
 import pytest
-from support.drawn_photos import textured
 
+from support.drawn_photos import textured
 from unshutter.frames.plane import moved, plane_between
 
 WIDE = cv2.cvtColor(textured(300, 400), cv2.COLOR_RGB2GRAY)

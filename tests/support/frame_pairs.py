@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+
 from support.drawn_photos import textured
 
 HEIGHT, WIDTH = 160, 240
