@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
-    from unshutter.rectification import Rectified, estimate, rectify
+    from unshutter.rectification import estimate, rectify
+    from unshutter.rectified import Rectified
 
 __all__ = [
     "Estimator",
@@ -47,7 +48,7 @@ _HOMES = {
     "Motion": "motion",
     "Photo": "photo",
     "Readout": "geometry.readout",
-    "Rectified": "rectification",
+    "Rectified": "rectified",
     "RectifiedFrame": "frames.rectifying",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",

@@ -91,9 +91,9 @@ def test_grey_pixels_stay_grey() -> None:
         (FRAMES, {}, "say how long a frame is read out"),
         (FRAMES, {"readout_ratio": 1.5}, "above 0 and at most 1"),
         (FRAMES, {"readout_ratio": 0.5, "fps": 30}, "either --readout-ratio, or"),
-        (FRAMES, {"fps": 30}, "go together"),
+        (FRAMES, {"fps": 30}, "say how long a frame is read out"),
         (FRAMES, {"readout_ratio": 0.5, "at": 2}, "between -1 and 1"),
-        (FRAMES, {"readout_ratio": 0.5, "edges": "bend"}, "choose keep, crop, fill or borrow"),
+        (FRAMES, {"readout_ratio": 0.5, "edges": "bend"}, "choose auto, keep, crop or fill"),
         (FRAMES[:1], {"readout_ratio": 0.5}, "at least two frames"),
     ],
 )

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from unshutter.storage.places import Place
+
+if TYPE_CHECKING:
+    from unshutter.motion.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,7 @@ class Outcome:
         error: one line; empty where all went well.
         usage: the error is about the request rather than the photo.
         note: something that the user should know.
+        verdict: whether the photo was changed, and why not.
         seconds: that it took.
         source_is: fingerprint of the photo that was read.
         target_is, motion_is: fingerprints of what was written.
@@ -56,6 +61,7 @@ class Outcome:
     error: str = ""
     usage: bool = False
     note: str = ""
+    verdict: Verdict | None = None
     seconds: float = 0.0
     source_is: str | None = None
     target_is: str | None = None

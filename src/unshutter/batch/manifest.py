@@ -152,7 +152,8 @@ class Manifest:
         digests = dict(zip(keys, (outcome.target_digest, outcome.motion_digest), strict=False))
         made = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs, "digests": digests}
         about = {"seconds": round(outcome.seconds, 3), "unshutter": __version__}
-        self._add({**self._record(job, "done"), **made, **about})
+        verdict = outcome.verdict.as_json() if outcome.verdict else {}
+        self._add({**self._record(job, "done"), **made, **verdict, **about})
 
     def _record(self, job: Job, state: str) -> dict[str, Any]:
         at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

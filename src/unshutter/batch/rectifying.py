@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 
@@ -27,9 +27,12 @@ from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import Place, absolute, fingerprint, make_folder, place
 from unshutter.storage.protection import Protection
 
-# of a result; those in the first digests
-_OLDEST_OPTIONS = frozenset(
-    {"estimator", "focal_px", "quality", "readout", "reference", "roll_deg", "strength", "edges", "tilt_deg"}
+# of a result: those in the first digests, and those whose defaults may yet change
+_ALWAYS_COUNTED = frozenset(
+    {
+        *("estimator", "focal_px", "quality", "readout", "reference", "roll_deg", "strength", "edges", "tilt_deg"),
+        "min_confidence",
+    }
 )
 
 
@@ -52,6 +55,8 @@ def rectify_files(
         raise UsageError(f"--format is for folders: the name '{goal.name}' says the format")
     check_name(wanted.find.estimator)
     _check_neighbours(wanted, len(inputs.photos), save_motion, run)
+    if save_motion is not None:
+        wanted = replace(wanted, undo=wanted.undo.keeping_coordinates())
     motion = _motion_text(wanted.motion)
     jobs = _jobs(inputs, output, save_motion, wanted, run)
     protection = _protection(inputs, jobs, output, save_motion, wanted, run)
@@ -62,7 +67,8 @@ def rectify_files(
         return _say_what_would_be_done(plan, inputs, protection)
     prefetch = None
     if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
-        prefetch = Prefetch([job.source for job in plan.to_do], wanted.find_alone, run.max_pixels)
+        sources = [job.source for job in plan.to_do]
+        prefetch = Prefetch(sources, wanted.find_alone, run.max_pixels, wanted.undo)
     with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log, inputs, protection) as report:
         _report_what_is_known(plan, inputs, report)
         _prepare_folders(jobs, inputs, output, save_motion, protection)
@@ -127,7 +133,6 @@ def _check_neighbours(wanted: Rectify, photos: int, save_motion: str | None, run
         raise UsageError("--save-motion needs a motion of the camera alone: leave out --before and --after")
     if run.scheduler is not None:
         raise UsageError("--before and --after are for this machine: leave out --scheduler")
-    _ = wanted.neighbours.clock.ratio  # raises where it is not known
 
 
 def _motion_text(path: Path | None) -> str | None:
@@ -147,7 +152,7 @@ def _digest(wanted: Rectify, motion: str | None) -> str:
     for group in (wanted.find, wanted.find.camera, wanted.undo, wanted.save):
         for each in fields(group):
             value = vars(group)[each.name]
-            if each.name in _OLDEST_OPTIONS or (each.default is not MISSING and value != each.default):
+            if each.name in _ALWAYS_COUNTED or (each.default is not MISSING and value != each.default):
                 given[each.name] = value
     given.pop("format", None)  # the result's name says it
     return hashlib.sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()[:16]

@@ -20,10 +20,15 @@ _NEARLY = 1.1  # a grey copy may be so many times smaller than was asked for, wh
 
 
 class Decoder:
-    """What encoded data hold."""
+    """What encoded data hold.
+
+    Args:
+        source: where they lie.
+        header: what they say about their picture.
+    """
 
     def __init__(self, source: Source, header: Header):
-        self._source, self._header = source, header
+        self.source, self._header = source, header
         self._height, self._width = header.height, header.width
         self._small_ahead: tuple[int, Future[np.ndarray]] | None = None  # decoded so many times smaller
         self._pixels_ahead: Future[np.ndarray] | None = None
@@ -80,4 +85,4 @@ class Decoder:
         return next((n for n in self._header.format.shrinks if n * scale <= _NEARLY), 1)
 
     def _decode(self, shrink: int = 1) -> np.ndarray:
-        return self._header.format.decode(self._source, self._header, shrink)
+        return self._header.format.decode(self.source, self._header, shrink)

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,12 +22,15 @@ from unshutter.photo.libvips import as_image, libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
-from unshutter.photo.tags import attitude, exif
+from unshutter.photo.tags import exif
 from unshutter.storage.files import check_target, written_whole
 
 if TYPE_CHECKING:
     import numpy as np
     import pyvips
+
+    from unshutter.photo.tags.attitude import Attitude
+    from unshutter.photo.tags.readout_time import ReadoutTime
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +104,12 @@ class Photo:
         )
 
     @classmethod
-    def from_array(cls, array: np.ndarray) -> Photo:
+    def from_array(cls, array: np.ndarray, exposure_s: float | None = None) -> Photo:
         """A photo of pixels [H, W] or [H, W, 1..4] (grey, grey + alpha, RGB, RGB + alpha), uint8 or uint16; copied.
+
+        Args:
+            array: the pixels.
+            exposure_s: how long it was exposed [s], for EXIF; None: no EXIF.
 
         Raises:
             UnshutterError: another shape or type, or no pixels.
@@ -109,7 +117,12 @@ class Photo:
         pixels = _with_bands(array).copy()
         pixels.setflags(write=False)
         height, width, bands = pixels.shape
-        return cls("array", height, width, bands, 1, None, None, Coding(), Metadata(), pixels)
+        said = Metadata()
+        if exposure_s is not None:
+            from unshutter.photo.tags import exposure
+
+            said = Metadata(exif=exposure.blob_of(exposure_s))
+        return cls("array", height, width, bands, 1, None, None, Coding(), said, pixels)
 
     def with_pixels(self, pixels: np.ndarray) -> Photo:
         """New pixels, possibly of another size, under this photo's metadata and format; not copied.
@@ -178,10 +191,31 @@ class Photo:
         """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
         return exif.focal_px(self._metadata.exif, self.height, self.width)
 
-    def attitude_deg(self) -> tuple[float, float] | None:
-        """Roll and tilt of the camera [degrees] as a drone's gimbal wrote them; None where they are not known."""
-        packet = self._metadata.xmp
-        return attitude.of_xmp(packet) if packet and self.orientation == 1 else None
+    def exposure_s(self) -> float | None:
+        """How long the photo was exposed [s], from EXIF; None where it is not known."""
+        from unshutter.photo.tags import exposure  # here, as below: not before the photo is being decoded
+
+        return exposure.time_s(self._metadata.exif)
+
+    def is_merged(self) -> bool:
+        """Whether it was put together from several exposures (HDR), by EXIF: its exposure time is that of one."""
+        from unshutter.photo.tags import exposure
+
+        return exposure.is_merged(self._metadata.exif)
+
+    def readout_time(self) -> ReadoutTime:
+        """How long its readout may have taken, by the kind of camera that EXIF names."""
+        from unshutter.photo.tags import readout_time
+
+        return readout_time.of_exif(self._metadata.exif)
+
+    @cached_property
+    def attitude(self) -> Attitude | None:
+        """How the camera was held, as an accelerometer, level gauge or gimbal wrote it; None where it is not known."""
+        from unshutter.photo.tags import attitude
+
+        said = self._metadata
+        return attitude.of_photo(said.exif, said.xmp, self.orientation, self.height, self.width)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
@@ -207,6 +241,19 @@ class Photo:
         return grey_copy(self._picture, *grey_size(self.height, self.width, short_side))
 
     # ---- out -------------------------------------------------------------------------------------------
+
+    def file_as(self, format: str, how: Save) -> Source | None:
+        """The encoded data that the photo was read from, where nothing else is asked for.
+
+        Args:
+            format: that is wanted.
+            how: it is to be coded.
+
+        Returns:
+            None where the pixels are new, the format is another, or a quality or subsampling is asked for.
+        """
+        is_same = self.format == format and how.quality is how.subsampling is None
+        return self._decoder.source if self._decoder is not None and is_same else None
 
     def to_bytes(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None

@@ -9,7 +9,18 @@ from typing import Literal
 from unshutter.cli.arguments import Command, required
 from unshutter.options import option
 
-ProtocolName = Literal["synthetic", "native", "trajectory", "undistorted", "robustness", "pairs", "video"]
+ProtocolName = Literal[
+    "synthetic",
+    "native",
+    "trajectory",
+    "undistorted",
+    "portrait",
+    "exposure",
+    "attitude",
+    "robustness",
+    "pairs",
+    "video",
+]
 
 
 @dataclass(frozen=True)

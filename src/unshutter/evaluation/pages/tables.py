@@ -12,7 +12,7 @@ from unshutter.evaluation.cases.protocols import PROTOCOLS
 from unshutter.evaluation.cases.sequence import PUBLISHED
 from unshutter.evaluation.results import Results, values
 
-_HARM = 3.0  # px at 256 rows: a change of an undistorted photo that is plainly visible
+_HARM = (1.0, 3.0)  # px at 256 rows: a change of an undistorted photo that measures, and one that is plainly visible
 _UNKNOWN = "–"
 
 
@@ -82,9 +82,34 @@ def _share(key: str) -> Callable[[list[Record]], float]:
     return lambda records: float(np.mean([bool(r[key]) for r in records]))
 
 
+def _left_alone(records: list[Record]) -> float:
+    """Share of pictures that ``rectify`` would leave as they are; unknown to records of earlier versions."""
+    return _share("left_alone")(records) if all("left_alone" in r for r in records) else np.nan
+
+
+def _wrong(px: float) -> Callable[[list[Record]], float]:
+    """Share of pictures for which the motion found is wrong by more than so much, whether it would be undone or not."""
+    return lambda records: float(np.mean([r["epe"] > px for r in records]))
+
+
+def _moved(px: float) -> Callable[[list[Record]], float]:
+    """Share of undistorted pictures that ``rectify`` would move somewhere by more than so much."""
+
+    def moved(records: list[Record]) -> float:
+        known = all("left_alone" in r for r in records)
+        return (
+            float(np.mean([not r["left_alone"] and (r["farthest"] or np.inf) > px for r in records]))
+            if known
+            else np.nan
+        )
+
+    return moved
+
+
 _PICTURES = Column("pictures", len, "{:.0f}")
 _DECLINED = Column("declined", _share("declined"), "{:.0%}")
 _FAILED = Column("failed", _share("failed"), "{:.0%}")
+_LEFT_ALONE = Column("left alone", _left_alone, "{:.0%}")
 _QUALITY = [
     Column("PSNR", _mean("psnr"), "{:.2f} dB", +1),
     Column("of the input", _mean("psnr_input"), "{:.2f} dB"),
@@ -103,6 +128,7 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("curvature EPE", _median("curvature_epe"), "{:.2f}", -1),
             Column("t_x RMSE", _median("tx_rmse"), "{:.2f} px", -1),
             Column("r_z RMSE", _median("rz_rmse"), "{:.2f}°", -1),
+            _LEFT_ALONE,
             _DECLINED,
             _FAILED,
         ],
@@ -121,7 +147,9 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("max\\|r_z\\| median", _median("most_rz"), "{:.2f}°", -1),
             Column("p90", _p90("most_rz"), "{:.2f}°", -1),
             Column("EPE median", _median("epe"), "{:.2f}", -1),
-            Column(f"EPE > {_HARM:g} px", lambda rs: float(np.mean([r["epe"] > _HARM for r in rs])), "{:.0%}", -1),
+            *(Column(f"EPE > {px:g} px", _wrong(px), "{:.0%}", -1) for px in _HARM),
+            _LEFT_ALONE,
+            *(Column(f"moved > {px:g} px", _moved(px), "{:.0%}", -1) for px in _HARM),
             _DECLINED,
             _FAILED,
         ]

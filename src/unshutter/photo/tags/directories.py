@@ -6,6 +6,7 @@ Source: TIFF 6.0, section 2; CIPA DC-008 (EXIF 2.32), section 4.6.2.
 from __future__ import annotations
 
 import io
+import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,6 +21,10 @@ BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
 # Bytes of one value, and of the units in it that byte order turns, by TIFF type (1 BYTE ... 13 IFD).
 _SIZE = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
 _UNIT = {**_SIZE, 5: 4, 10: 4}
+# The numbers among them, as struct calls them; of two each: fractions.
+_NUMBER = {1: "B", 3: "H", 4: "I", 5: "I", 6: "b", 8: "h", 9: "i", 10: "i", 11: "f", 12: "d", 13: "I"}
+_FRACTIONS = (5, 10)
+_MOST_NUMBERS = 1000  # of a tag that is read as numbers; longer ones are tables, or malicious
 _ENTRY_BYTES = 12
 # No photo has more; a damaged or malicious file may claim it.
 _MAX_TREE_BYTES = 1 << 28
@@ -52,17 +57,48 @@ class Tree:
 
     def number(self, tag: int, *path: int, page: int = 0) -> int | None:
         """First value of a BYTE, SHORT or LONG tag in a page (below the sub-directories ``path``), None if absent."""
+        entry = self.entry(tag, *path, page=page)
+        if entry is None or entry.kind not in (1, 3, 4):
+            return None
+        return struct.unpack_from(self.order + {1: "B", 3: "H", 4: "I"}[entry.kind], entry.data)[0]
+
+    def entry(self, tag: int, *path: int, page: int = 0) -> Entry | None:
+        """A tag's entry in a page (below the sub-directories ``path``), None if absent."""
         directory: Directory | Entry | None = self.pages[page]
         for step in (*path, tag):
             directory = directory.get(step) if isinstance(directory, dict) else None
-        if not isinstance(directory, Entry) or directory.kind not in (1, 3, 4):
-            return None
-        return struct.unpack_from(self.order + {1: "B", 3: "H", 4: "I"}[directory.kind], directory.data)[0]
+        return directory if isinstance(directory, Entry) else None
 
     def data(self, tag: int) -> bytes | None:
         """Bytes of a tag in the first page, None if absent."""
         entry = self.pages[0].get(tag)
         return entry.data if isinstance(entry, Entry) else None
+
+    def numbers(self, tag: int, *path: int) -> tuple[float, ...]:
+        """All values of a tag of numbers in the first page (below the sub-directories ``path``), fractions divided.
+
+        Empty where the tag is absent, holds no numbers, or a table of them; a fraction over zero is NaN.
+        """
+        entry = self.entry(tag, *path)
+        return numbers(entry, self.order) if entry else ()
+
+    def text(self, tag: int, *path: int) -> str:
+        """Text of a tag in the first page (below the sub-directories ``path``) up to its NUL; empty where absent."""
+        entry = self.entry(tag, *path)
+        if entry is None or entry.kind != 2:
+            return ""
+        return entry.data.partition(b"\0")[0].decode(errors="replace").strip()
+
+
+def numbers(entry: Entry, order: str) -> tuple[float, ...]:
+    """The values of an entry, fractions divided; empty where they are no numbers, NaN for a fraction over zero."""
+    if entry.kind not in _NUMBER or not 0 < entry.count <= _MOST_NUMBERS:
+        return ()
+    count = entry.count * (2 if entry.kind in _FRACTIONS else 1)
+    found = struct.unpack(f"{order}{count}{_NUMBER[entry.kind]}", entry.data)
+    if entry.kind not in _FRACTIONS:
+        return found
+    return tuple(above / below if below else math.nan for above, below in zip(found[::2], found[1::2], strict=True))
 
 
 # ---- reading -------------------------------------------------------------------------------------------
@@ -114,6 +150,13 @@ def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None
         pages.append(found[0])
         offset = found[1]
     return Tree(order, pages) if pages else None
+
+
+def read_directory(data: bytes, at: int, order: str) -> Directory | None:
+    """One directory, as makers' notes are, at a place in the data; None where they end first."""
+    file = io.BytesIO(data + bytes(4))  # some notes end without the place of a next directory
+    found = _Reader(file, order).directory(at) if 0 <= at < len(data) else None
+    return found[0] if found else None
 
 
 class _Reader:
