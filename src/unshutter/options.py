@@ -316,8 +316,8 @@ class Rectify:
         neighbours: frames before and after that say how the camera moved; without them, the photo alone does.
 
     Raises:
-        UsageError: a motion, and beside it a focal length, roll, tilt or least confidence, which are for finding one; or
-            neighbours and what does not go with them.
+        UsageError: a motion, and beside it a focal length, roll, tilt or least confidence, which are for finding one;
+            neighbours, and what does not go with them.
     """
 
     find: Find = field(default_factory=Find)
