@@ -7,7 +7,7 @@ motion = unshutter.estimate("street.jpg")
 
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
-    from unshutter.rectification import estimate, rectify
-    from unshutter.rectified import Rectified
+    from unshutter.rectification import estimate, rectified, rectify
+    from unshutter.result import Rectified
 
 __all__ = [
     "Estimator",
     "Method",
+    "MissingFileError",
     "Motion",
     "Photo",
     "Readout",
@@ -38,6 +39,7 @@ __all__ = [
     "__version__",
     "estimate",
     "load",
+    "rectified",
     "rectify",
     "rectify_frames",
 ]
@@ -48,7 +50,7 @@ _HOMES = {
     "Motion": "motion",
     "Photo": "photo",
     "Readout": "geometry.readout",
-    "Rectified": "rectified",
+    "Rectified": "result",
     "RectifiedFrame": "frames.rectifying",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",
@@ -56,6 +58,7 @@ _HOMES = {
     "View": "estimators.base",
     "estimate": "rectification",
     "load": "estimators.register",
+    "rectified": "rectification",
     "rectify": "rectification",
     "rectify_frames": "frames.rectifying",
 }

@@ -189,7 +189,9 @@ class Save:
         format: of the file; None: the photo's own, AVIF for HEIC, 16-bit TIFF for raw files.
         quality: of JPEG, WebP and AVIF, 1 to 100; None: like the original.
         subsampling: of the chroma of JPEG and AVIF; None: like the original.
+        keep_times: whether the file gets the access and modification time of the original.
         only_changed: photos that are left as they are are not written.
+        keep_names: results get the names of their photos; only into another folder.
 
     Raises:
         UsageError: a value that is none of its choices.
@@ -202,7 +204,9 @@ class Save:
     subsampling: Subsampling | None = option(
         None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
     )
+    keep_times: bool = option(False, "Give each result the access and modification time of its photo.")
     only_changed: bool = option(False, "Write only photos that were changed. Default: the others are copied.")
+    keep_names: bool = option(False, "Give results the names of their photos, in the folder that --output names.")
 
     def __post_init__(self) -> None:
         if self.quality is not None and not 1 <= self.quality <= 100:
@@ -366,6 +370,7 @@ class Run:
         scheduler: address of a Dask scheduler; None: none.
         dry_run: only say what would be done.
         json_log: file to add what happens to, one JSON object a line.
+        preview: picture to make of all photos, before and after side by side.
         max_pixels: photos with more are refused.
         timeout: time after which a photo is given up [s]; None: half an hour where processes do the work, else no
             limit. With a limit, but without ``jobs``, one other process does the work: a decoder that hangs cannot be
@@ -382,6 +387,11 @@ class Run:
     )
     dry_run: bool = option(False, "Only say what would be done.")
     json_log: Path | None = option(None, "Add what happens to this file, one JSON object a line.")
+    preview: Path | None = option(
+        None,
+        "Also make this picture: before and after side by side, of a folder a sheet of all that were done.",
+        metavar="FILE",
+    )
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     timeout: float | None = option(
         None,

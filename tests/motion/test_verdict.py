@@ -35,6 +35,12 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
             "not sure",
             "not sure: confidence 0.49; --min-confidence 0.4 would move it by up to 12 px",
         ),
+        (
+            sheared(12, 0.049),
+            0.5,
+            "not sure",
+            "not sure: confidence 0.04; --min-confidence 0.04 would move it by up to 12 px",
+        ),
         (sheared(0.49, 0.1), 0.5, "less than half a pixel", None),
         (replace(RowMotion.from_polynomials([0, 1.9], [0], 512, 100), confidence=0.9), 0.5, "too small to tell", None),
         (replace(RowMotion.from_polynomials([0, 2.1], [0], 512, 100), confidence=0.9), 0.5, "", None),

@@ -9,7 +9,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from unshutter.batch.job import Job, Outcome
-from unshutter.batch.photos import save_picture
+from unshutter.batch.photos import mask_file, save_picture
+from unshutter.batch.preview import before_and_after
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from unshutter.frames.rectifying import RectifiedFrame
     from unshutter.motion import Motion
     from unshutter.photo import Photo
-    from unshutter.rectified import Rectified
+    from unshutter.result import Rectified
 
 
 def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
@@ -42,8 +43,9 @@ def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefe
 
 
 def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None) -> Outcome:
-    targets = (job.target, job.motion_target)
-    over_picture, over_motion = (_may_replace(job, *output) for output in zip(targets, job.left, strict=True))
+    over_picture, over_motion, over_mask = (
+        _may_replace(job, *output) for output in zip(job.targets, job.left, strict=True)
+    )
     source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
     if prefetch is None:
         prefetch = Prefetch([job.source], wanted.find_alone, job.max_pixels, wanted.undo)
@@ -51,6 +53,8 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     result = _between(coming.photo, wanted, job.max_pixels) if wanted.neighbours else _alone(coming, wanted, motion)
     if job.motion_target is not None and result.motion is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
+    if job.mask_target is not None:
+        write_place(mask_file(result), job.mask_target, over_mask, mode_of=job.source)
     written = result.changed or not wanted.save.only_changed
     if written:
         about = "; ".join(filter(None, (_about_edges(result), save_picture(result, job, over_picture, wanted.save))))
@@ -58,15 +62,14 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
         about = ""
         if job.left[0] is not None and digest(job.target) == job.left[0]:
             remove(job.target)  # of a run with other options
-    target_digest, motion_digest = (digest(target) if job.recorded and target else None for target in targets)
+    found = [target if written or target is not job.target else None for target in job.outputs]
     return Outcome(
         verdict=result.verdict,
         note=about,
         source_is=source_is,
-        target_is=fingerprint(job.target) if written else None,
-        motion_is=fingerprint(job.motion_target) if job.motion_target is not None else None,
-        target_digest=target_digest,
-        motion_digest=motion_digest,
+        outputs_are=tuple(fingerprint(target) if target else None for target in found),
+        digests=tuple(digest(target) if job.recorded and target else None for target in found),
+        preview=None if job.preview_px is None else before_and_after(result, job.preview_px),
     )
 
 

@@ -20,7 +20,7 @@ from unshutter.motion.verdict import Verdict
 from unshutter.options import LEAST_AUTO_CROP, Clock, Edges, PictureFormat, Reference, Save, Subsampling, Undo
 from unshutter.photo import Photo
 from unshutter.photo.encoding import Encoded
-from unshutter.rectified import encode_result, save_result
+from unshutter.result import encode_result, save_result
 from unshutter.warp.crop import largest_valid_rectangle
 
 SMALLEST_SIDE = 64  # px
@@ -76,9 +76,12 @@ class RectifiedFrame:
         overwrite: bool = False,
         quality: int | None = None,
         subsampling: Subsampling | None = None,
+        keep_times: bool = False,
     ) -> tuple[str, ...]:
         """Writes the picture; a photo that was left as it is is copied byte for byte. See :meth:`Photo.save`."""
-        return save_result(self.photo, self.original, Path(path), overwrite, Save(None, quality, subsampling))
+        return save_result(
+            self.photo, self.original, Path(path), overwrite, Save(None, quality, subsampling, keep_times)
+        )
 
     def encode(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None

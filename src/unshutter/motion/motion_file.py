@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, visible
 from unshutter.geometry.readout import Readout
 
 FORMAT = "unshutter-motion/1"
@@ -73,16 +73,16 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
     attitude = dict(data.get("attitude") or {})
     return {
         "width": int(data["width"]),
-        "reference": data.get("reference", "first"),
+        "reference": str(data.get("reference", "first")),
         "readout": Readout.parse(data.get("readout", "auto")),
-        "estimator": str(data.get("estimator", "given")),
+        "estimator": visible(str(data.get("estimator", "given"))),
         "confidence": _number(data.get("confidence")),
-        "reason": str(data.get("reason", "")),
+        "reason": visible(str(data.get("reason", ""))),
         "roll_deg": _number(attitude.get("roll_deg")),
         "tilt_deg": _number(attitude.get("tilt_deg")),
-        "attitude_from": str(attitude.get("from", "")),
+        "attitude_from": visible(str(attitude.get("from", ""))),
         "exposure_s": _number(data.get("exposure_s")),
-        "version": str(data.get("unshutter", "")),
+        "version": visible(str(data.get("unshutter", ""))),
     }
 
 

@@ -72,7 +72,7 @@ class Verdict:
             return f"up to {_pixels(self.largest_px)}" + _at(self.confidence)
         if self.cause != "not sure" or self.confidence is None:
             return self.reason
-        enough = math.floor(10 * self.confidence) / 10
+        enough = _one_digit(self.confidence)
         return f"{self.reason}; --min-confidence {enough:g} would move it by up to {_pixels(self.largest_px)}"
 
     def as_json(self) -> dict[str, Any]:
@@ -88,6 +88,12 @@ def _at(confidence: float | None) -> str:
 def _two_decimals(confidence: float) -> str:
     """Rounded down: what is below a limit must not read as if it met it."""
     return f"{math.floor(100 * confidence + 1e-9) / 100:.2f}"
+
+
+def _one_digit(confidence: float) -> float:
+    """Rounded down to one digit that counts: 0.36 -> 0.3, 0.036 -> 0.03, 0.0036 -> 0."""
+    steps = 10 if confidence >= 0.1 else 100
+    return math.floor(steps * confidence) / steps
 
 
 def _pixels(px: float) -> str:

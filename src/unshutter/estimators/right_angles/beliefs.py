@@ -34,7 +34,7 @@ class Beliefs:
     median_focal_rows: float = 1.7  # of a picture as high as wide
     sigma_log_focal: float = 0.35
     sigma_known_log_focal: float = 0.05  # where EXIF or the user says it
-    sigma_known_attitude: float = 0.5 * _DEGREE  # of a known roll or tilt (accelerometer, gimbal)
+    sigma_known_attitude: float = 1.0 * _DEGREE  # of a known roll or tilt: hands shake an accelerometer by so much
     sigma_tx: tuple[float, float, float] = (0.06, 0.08, 0.01)  # of the coefficients of t_x
     sigma_rz: tuple[float, float, float] = (0.07, 0.06, 0.01)  # and r_z
 

@@ -16,7 +16,7 @@ import numpy as np
 from unshutter.estimators.right_angles.search import Posterior, bend, displacement
 
 _STEEPNESS = 8.0  # of the way from no motion to all of it
-_CAUTION = math.log(1.7)  # how much better than even the odds must be: most photos have no motion to speak of
+_CAUTION = math.log(1.9)  # how much better than even the odds must be: most photos have no motion to speak of
 _MOVING = math.log(0.4)  # and where the user says that the camera was
 _PX = 256.0  # rows of the picture in which displacements are weighed
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Rectified:
     """A rectified photo, or one that was left as it is, since nothing sure was found that would be worth undoing.
 
@@ -41,6 +41,10 @@ class Rectified:
     edges: Edges = "keep"
     whole: float | None = None
 
+    def __repr__(self) -> str:
+        size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"
+        return f"Rectified({size}, {self.verdict.told() if self.changed else f'left as it is: {self.reason}'})"
+
     @property
     def changed(self) -> bool:
         """Whether anything was undone; if not, :attr:`reason` says why."""
@@ -48,7 +52,7 @@ class Rectified:
 
     @property
     def reason(self) -> str:
-        """Why the photo was left as it is, ``not sure: confidence 0.36``; empty where it was changed."""
+        """Why the photo was left as it is, ``not sure: confidence 0.03``; empty where it was changed."""
         return self.verdict.reason
 
     @property
@@ -74,6 +78,7 @@ class Rectified:
         overwrite: bool = False,
         quality: int | None = None,
         subsampling: Subsampling | None = None,
+        keep_times: bool = False,
     ) -> tuple[str, ...]:
         """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
 
@@ -85,7 +90,8 @@ class Rectified:
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
         """
-        return save_result(self.photo, self.original, Path(path), overwrite, Save(None, quality, subsampling))
+        how = Save(None, quality, subsampling, keep_times)
+        return save_result(self.photo, self.original, Path(path), overwrite, how)
 
     def encode(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
@@ -103,11 +109,12 @@ class Rectified:
 
 def save_result(photo: Photo, original: Photo, target: Path, overwrite: bool, how: Save) -> tuple[str, ...]:
     """Writes what was made of a photo; see :meth:`Rectified.save`."""
+    times_ns = photo.times_ns if how.keep_times else None
     copied = photo.file_as(of_target(target).name, how)
     if copied is None:
-        return photo.save(target, overwrite=overwrite, quality=how.quality, subsampling=how.subsampling)
+        return photo.save(target, how.quality, overwrite, how.subsampling, how.keep_times)
     check_target(target, overwrite, original.path)
-    with written_whole(target, overwrite, mode_of=original.path) as part:
+    with written_whole(target, overwrite, mode_of=original.path, times_ns=times_ns) as part:
         copied.copy_to(part)
     return ()
 
