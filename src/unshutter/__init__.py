@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator, View
     from unshutter.estimators.method import Method
     from unshutter.estimators.register import load
+    from unshutter.frames.rectifying import RectifiedFrame, rectify_frames
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
@@ -28,6 +29,7 @@ __all__ = [
     "Photo",
     "Readout",
     "Rectified",
+    "RectifiedFrame",
     "RotationMotion",
     "RowMapMotion",
     "RowMotion",
@@ -39,6 +41,7 @@ __all__ = [
     "load",
     "rectified",
     "rectify",
+    "rectify_frames",
 ]
 
 _HOMES = {
@@ -48,6 +51,7 @@ _HOMES = {
     "Photo": "photo",
     "Readout": "geometry.readout",
     "Rectified": "result",
+    "RectifiedFrame": "frames.rectifying",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",
     "RowMotion": "motion",
@@ -56,6 +60,7 @@ _HOMES = {
     "load": "estimators.register",
     "rectified": "rectification",
     "rectify": "rectification",
+    "rectify_frames": "frames.rectifying",
 }
 
 

@@ -13,11 +13,12 @@ from unshutter.storage.places import write_place
 
 if TYPE_CHECKING:
     from unshutter.batch.job import Job
+    from unshutter.frames.rectifying import RectifiedFrame
     from unshutter.options import Save
     from unshutter.rectification import Rectified
 
 
-def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> str:
+def save_picture(result: Rectified | RectifiedFrame, job: Job, overwrite: bool, save: Save) -> str:
     """Writes a job's result; the format is that of the name's ending.
 
     Returns:
@@ -47,7 +48,7 @@ def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> st
     return "; ".join(filter(None, (anew, not_written(left_out))))
 
 
-def mask_file(result: Rectified) -> bytes:
+def mask_file(result: Rectified | RectifiedFrame) -> bytes:
     """A PNG of the picture's pixels, as they are stored: 255 where the photo shows what belongs there, else 0."""
     import numpy as np
 

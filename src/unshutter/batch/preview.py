@@ -11,6 +11,7 @@ from unshutter.photo import Photo
 if TYPE_CHECKING:
     import numpy as np
 
+    from unshutter.frames.rectifying import RectifiedFrame
     from unshutter.result import Rectified
 
 SHEET_PX = 320  # long side of each picture of a sheet
@@ -57,7 +58,7 @@ class Preview:
         return f"before and after: {self._path}{more}"
 
 
-def before_and_after(result: Rectified, longest_px: int) -> tuple[np.ndarray, np.ndarray]:
+def before_and_after(result: Rectified | RectifiedFrame, longest_px: int) -> tuple[np.ndarray, np.ndarray]:
     """The photo and its result, upright, [H, W, 3] uint8 sRGB each.
 
     Args:

@@ -77,6 +77,7 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, wante
     if wanted.save.format and goal is not None and not is_folder(goal, inputs.many):
         raise UsageError(f"--format is for folders: the name '{goal.name}' says the format")
     check_name(wanted.find.estimator)
+    _check_neighbours(wanted, len(inputs.photos), into, run)
     wanted = _with_coordinates(wanted, into)
     if wanted.save.keep_names and (goal is None or not is_folder(goal, inputs.many)):
         raise UsageError("--keep-names needs --output FOLDER for the results")
@@ -95,8 +96,8 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, wante
         return _say_what_would_be_done(plan, inputs, protection)
     prefetch = None
     if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
-        sources, find = [job.source for job in plan.to_do], None if motion else wanted.find
-        prefetch = Prefetch(sources, find, run.max_pixels, wanted.undo)
+        sources = [job.source for job in plan.to_do]
+        prefetch = Prefetch(sources, wanted.find_alone, run.max_pixels, wanted.undo)
     with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log, inputs, protection) as report:
         report.preview = Preview(run.preview, run.overwrite) if run.preview is not None else None
         _report_what_is_known(plan, inputs, report)
@@ -165,6 +166,8 @@ def _protection(inputs: Inputs, jobs: list[Job], into: Outputs, wanted: Rectify,
         *(("its motion", job.motion_target) for job in jobs),
         *(("its mask", job.mask_target) for job in jobs),
         ("--motion", wanted.motion),
+        ("--before", wanted.neighbours.before),
+        ("--after", wanted.neighbours.after),
         ("the weights", weights),
         ("--json-log", run.json_log),
         ("--preview", run.preview),
@@ -173,10 +176,23 @@ def _protection(inputs: Inputs, jobs: list[Job], into: Outputs, wanted: Rectify,
     check_named_once(named)
     named_folders = (into.pictures, into.motions, into.masks)
     folders = [place(folder) if folder is not None else None for folder in named_folders]
-    protection = Protection([*inputs.photos, wanted.motion, weights], folders)
+    neighbours = (wanted.neighbours.before, wanted.neighbours.after)
+    protection = Protection([*inputs.photos, *neighbours, wanted.motion, weights], folders)
     if run.preview is not None:
         protection.check(run.preview)
     return protection
+
+
+def _check_neighbours(wanted: Rectify, photos: int, into: Outputs, run: Run) -> None:
+    """Raises UsageError where the request does not go with a photo's neighbours."""
+    if not wanted.neighbours:
+        return
+    if photos > 1:
+        raise UsageError(f"--before and --after are the neighbours of one photo, but there are {photos}")
+    if into.motions is not None:
+        raise UsageError("--save-motion needs a motion of the camera alone: leave out --before and --after")
+    if run.scheduler is not None:
+        raise UsageError("--before and --after are for this machine: leave out --scheduler")
 
 
 def _motion_text(path: Path | None) -> str | None:

@@ -14,11 +14,13 @@ from unshutter.batch.preview import before_and_after
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
-from unshutter.prefetch import Prefetch
+from unshutter.prefetch import Coming, Prefetch, open_photo
 from unshutter.storage.places import Place, check_place, digest, fingerprint, remove, write_place
 
 if TYPE_CHECKING:
+    from unshutter.frames.rectifying import RectifiedFrame
     from unshutter.motion import Motion
+    from unshutter.photo import Photo
     from unshutter.result import Rectified
 
 
@@ -41,19 +43,15 @@ def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefe
 
 
 def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None) -> Outcome:
-    from unshutter.rectification import undo
-
     over_picture, over_motion, over_mask = (
         _may_replace(job, *output) for output in zip(job.targets, job.left, strict=True)
     )
     source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
     if prefetch is None:
-        prefetch = Prefetch([job.source], wanted.find if motion is None else None, job.max_pixels, wanted.undo)
+        prefetch = Prefetch([job.source], wanted.find_alone, job.max_pixels, wanted.undo)
     coming = prefetch.take(job.source)
-    photo = coming.photo
-    found = coming.motion() if motion is None else _parsed(motion)
-    result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
-    if job.motion_target is not None:
+    result = _between(coming.photo, wanted, job.max_pixels) if wanted.neighbours else _alone(coming, wanted, motion)
+    if job.motion_target is not None and result.motion is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
     if job.mask_target is not None:
         write_place(mask_file(result), job.mask_target, over_mask, mode_of=job.source)
@@ -75,7 +73,26 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     )
 
 
-def _about_edges(result: Rectified) -> str:
+def _alone(coming: Coming, wanted: Rectify, motion: str | None) -> Rectified:
+    """A photo by what it says itself, or by the motion given."""
+    from unshutter.rectification import undo
+
+    photo = coming.photo
+    found = coming.motion() if motion is None else _parsed(motion)
+    return undo(photo, found, wanted.undo, wanted.find.camera.readout)
+
+
+def _between(photo: Photo, wanted: Rectify, max_pixels: int) -> RectifiedFrame:
+    """A photo by what its neighbours say."""
+    from unshutter.frames.rectifying import Wanted, rectify_between
+
+    given = wanted.neighbours
+    how = Wanted(wanted.clock, wanted.undo, wanted.find.camera.direction, given.at)
+    before, after = (path and open_photo(path, max_pixels) for path in (given.before, given.after))
+    return rectify_between(photo, before, after, how)
+
+
+def _about_edges(result: Rectified | RectifiedFrame) -> str:
     """What was done about places that the photo did not see, where nobody may have asked for just that."""
     if result.whole is None:
         return ""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from unshutter.cli.arguments import Command, positional
-from unshutter.options import Find, Rectify, Run, Save, Undo, option
+from unshutter.options import Find, Neighbours, Rectify, Run, Save, Undo, option
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Arguments:
         metavar="FOLDER",
     )
     find: Find = field(default_factory=Find)
+    neighbours: Neighbours = field(default_factory=Neighbours)
     undo: Undo = field(default_factory=Undo)
     save: Save = field(default_factory=Save)
     run: Run = field(default_factory=Run)
@@ -41,7 +42,7 @@ def run(given: Arguments) -> int:
     """Rectifies the photos; returns the exit code."""
     from unshutter.batch.rectifying import Outputs, rectify_files
 
-    wanted = Rectify(given.find, given.motion, given.undo, given.save)
+    wanted = Rectify(given.find, given.motion, given.undo, given.save, given.neighbours)
     return rectify_files(given.photos, Outputs(given.output, given.save_motion, given.masks), wanted, given.run)
 
 

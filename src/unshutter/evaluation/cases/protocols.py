@@ -12,6 +12,7 @@ from unshutter.evaluation.cases.folders import logs_in, pairs_in, photos_in, vid
 from unshutter.evaluation.cases.pairs import PairCase
 from unshutter.evaluation.cases.synthetic import Suite, SyntheticCase
 from unshutter.evaluation.cases.video import VideoCase
+from unshutter.options import Clock
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,7 @@ class Request:
         per_photo: motions for each photo.
         seed: 0 or more.
         trajectory: recorded motions, for the protocol of that name.
+        readout_ratio: for pairs whose frames follow one another, readout time / frame interval of each folder's camera.
 
     Raises:
         UsageError: an unknown protocol, or numbers that cannot be.
@@ -36,12 +38,17 @@ class Request:
     per_photo: int = 2
     seed: int = 0
     trajectory: Path | None = None
+    readout_ratio: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.protocol not in PROTOCOLS:
             raise UsageError(f"unknown protocol '{self.protocol}': choose one of {', '.join(PROTOCOLS)}")
         if self.per_photo < 1 or self.seed < 0 or (self.photos is not None and self.photos < 1):
             raise UsageError("needs at least one photo of each folder, one motion for each, and a seed of 0 or more")
+        if self.readout_ratio and (self.protocol != "pairs" or len(self.readout_ratio) != len(self.data)):
+            raise UsageError("--readout-ratio is for the protocol pairs, and takes one number for each folder")
+        for ratio in self.readout_ratio:
+            Clock(ratio)  # raises where it cannot be
 
 
 @dataclass(frozen=True)
@@ -84,7 +91,13 @@ def _with_motion(*suites: Suite, recorded: bool = False) -> Callable[[Request], 
 
 
 def _pairs(request: Request) -> list[Case]:
-    return [PairCase(group, frame) for group, folder in _groups(request).items() for frame in pairs_in(folder)]
+    groups = _groups(request)
+    ratios: tuple[float | None, ...] = request.readout_ratio or (None,) * len(groups)
+    return [
+        PairCase(group, frame, ratio)
+        for (group, folder), ratio in zip(groups.items(), ratios, strict=True)
+        for frame in pairs_in(folder)
+    ]
 
 
 def _videos(request: Request) -> list[Case]:
@@ -191,7 +204,9 @@ PROTOCOLS = {
         "Rolling-shutter and global-shutter pairs",
         "pairs",
         "Rolling-shutter frames and what a global shutter saw at the moment of their first or middle row, from two "
-        "cameras or from `unshutter synthesize`. The ceiling is the best cubic t_x and r_z, fitted to both pictures.",
+        "cameras or from `unshutter synthesize`. The ceiling is the best cubic t_x and r_z, fitted to both pictures. "
+        "With `--readout-ratio`, frames-dense sees the frames before and after, too; columns `above NAME` say how much "
+        "better it is than the published output of NAME for the same frames, on the pixels that the frame saw.",
         _pairs,
     ),
     "video": Protocol(

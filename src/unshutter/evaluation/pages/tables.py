@@ -10,6 +10,7 @@ import numpy as np
 
 from unshutter.evaluation.cases.case import Record
 from unshutter.evaluation.cases.protocols import PROTOCOLS
+from unshutter.evaluation.cases.sequence import PUBLISHED
 from unshutter.evaluation.results import Results, values
 
 _HARM = (1.0, 3.0)  # px at 256 rows: a change of an undistorted photo that measures, and one that is plainly visible
@@ -193,12 +194,28 @@ def tables(results: Results) -> str:
         if len(results.distinct("suite")) > 1:
             parts.append(f"### {suite}")
         for columns in COLUMNS[protocol.kind]:
+            if columns is COLUMNS["pairs"][0]:
+                columns = [*columns, *_published(results)]
             blocks = [(group, results.chosen(suite=suite, group=group)) for group in results.distinct("group")]
             if not protocol.by_group:
                 blocks = [("all", results.chosen(suite=suite))]
             if any(np.isfinite(c.cell(records)) for c in columns[:1] for _, records in blocks):
                 parts.append(_table(blocks, columns, results))
     return "\n\n".join(parts)
+
+
+def _published(results: Results) -> list[Column]:
+    """How much better than the published outputs of others, a column for each of their methods."""
+    keys = sorted({key for record in results.records for key in record if key.startswith(PUBLISHED)})
+    return [Column(f"above {key.removeprefix(PUBLISHED)}", _lead(key), "{:+.2f} dB", +1) for key in keys]
+
+
+def _lead(key: str) -> Callable[[list[Record]], float]:
+    def lead(records: list[Record]) -> float:
+        both = [r for r in records if r.get("psnr") is not None and r.get(key) is not None]
+        return float(np.mean([r["psnr"] - r[key] for r in both])) if both else np.nan
+
+    return lead
 
 
 def overview(results: Results) -> list[tuple[str, dict[str, float], Column]]:
