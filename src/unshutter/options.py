@@ -251,9 +251,7 @@ class Neighbours:
                 "name one with --before or --after, or several with --sequence"
             )
         if self.at is not None and not -1 <= self.at <= 1:
-            raise UsageError(
-                f"--at must lie between -1 and 1 frame intervals from the photo's first row, got {self.at:g}"
-            )
+            raise UsageError(f"--at must lie between -1 and 1 frame intervals, got {self.at:g}")
 
     def __bool__(self) -> bool:
         return self.before is not None or self.after is not None

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from support.frame_pairs import Scene
 from support.installed import install
 from unshutter.cli import main
 from unshutter.evaluation.cases.case import Record
@@ -160,6 +161,33 @@ def test_pairs(tmp_path: Path) -> None:
     rows = rows_of(tmp_path / "out")
     assert [row["estimator"] for row in rows] == ["none", "segment-transformer", "ceiling"] * 2
     assert "*ceiling*" in (tmp_path / "out" / "results.md").read_text()
+
+
+def test_pairs_whose_frames_follow_one_another(tmp_path: Path) -> None:
+    """What the neighbours say stands beside the estimators, and beside what others published of the same frames."""
+    scene, ratio, folder = Scene(speed=(20, 3)), 0.8, tmp_path / "camera"
+    folder.mkdir()
+    for number in (0, 1):
+        Photo.from_array(scene.frame(number, ratio)).save(folder / f"rs_{number}.png")
+        Photo.from_array(scene.at(number + ratio / 2)).save(folder / f"gs_{number}_middle.png")
+    shifted = np.roll(scene.at(ratio / 2), 6, axis=1)
+    Photo.from_array(shifted).save(folder / "published_theirs_0_middle.png")
+    how = ["--protocol", "pairs", "--readout-ratio", str(ratio)]
+    assert run(folder, tmp_path / "out", *how, estimators="none") == 0
+    rows = [row for row in rows_of(tmp_path / "out") if row["estimator"] == "frames-dense"]
+    assert len(rows) == 2
+    for row in rows:
+        assert float(row["psnr"]) > float(row["psnr_input"]) + 15
+    assert [bool(row["psnr_published_theirs"]) for row in rows] == [True, False]
+    page = (tmp_path / "out" / "results.md").read_text()
+    assert "above theirs" in page and f"--readout-ratio {ratio}" in page
+
+
+@pytest.mark.parametrize("words", [["--readout-ratio", "0.5", "0.5"], ["--readout-ratio", "2"]])
+def test_readout_ratios_that_cannot_be(tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    sequence(tmp_path / "camera")
+    assert run(tmp_path / "camera", tmp_path / "out", "--protocol", "pairs", *words, estimators="none") == 2
+    assert "ratio" in capsys.readouterr().err
 
 
 def test_pairs_are_measured_against_the_ceiling() -> None:

@@ -181,13 +181,16 @@ class _Frame:
         """Finds the flow to the next frame.
 
         Raises:
-            UnshutterError: it has another size, or shows something else.
+            UnshutterError: it has another size or other bands, or shows something else.
         """
         if self._size != following._size:
             sizes = [f"{width}x{height} px" for height, width in (self._size, following._size)]
             raise UnshutterError(
                 f"{self.name} has {sizes[0]} but {following.name} has {sizes[1]}: neighbours must be of one size"
             )
+        if self.photo.bands != following.photo.bands:
+            bands = f"{self.name} has {self.photo.bands} bands but {following.name} has {following.photo.bands}"
+            raise UnshutterError(f"{bands}: neighbours must be of one kind")
         self.to_next = link(self._copy, following._copy)
 
     @property
@@ -227,12 +230,12 @@ def _alike(neighbour: _Frame, frame: _Frame) -> np.ndarray:
     """A neighbour's pixels, which must be of the frame's kind.
 
     Raises:
-        UnshutterError: they have other bands or bits.
+        UnshutterError: they have other bits.
     """
     theirs, own = neighbour.pixels, frame.photo.pixels
-    if (theirs.shape[2], theirs.dtype) != (own.shape[2], own.dtype):
-        kinds = [f"{pixels.shape[2]} bands of {8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
-        raise UnshutterError(f"{frame.name} has {kinds[0]} but {neighbour.name} has {kinds[1]}: they must be alike")
+    if theirs.dtype != own.dtype:
+        bits = [f"{8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
+        raise UnshutterError(f"{frame.name} has {bits[0]} but {neighbour.name} has {bits[1]}: they must be alike")
     return theirs
 
 
