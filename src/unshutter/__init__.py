@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from unshutter.estimators.method import Method
     from unshutter.estimators.register import load
     from unshutter.frames.rectifying import RectifiedFrame, rectify_frames
+    from unshutter.frames.sequence import estimate_frames
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
@@ -38,6 +39,7 @@ __all__ = [
     "View",
     "__version__",
     "estimate",
+    "estimate_frames",
     "load",
     "rectified",
     "rectify",
@@ -57,6 +59,7 @@ _HOMES = {
     "RowMotion": "motion",
     "View": "estimators.base",
     "estimate": "rectification",
+    "estimate_frames": "frames.sequence",
     "load": "estimators.register",
     "rectified": "rectification",
     "rectify": "rectification",

@@ -234,7 +234,7 @@ class Clock:
     """
 
     readout_ratio: float | None = option(
-        None, "Time in which a frame is read out / time from frame to frame, for --before and --after: 0 to 1."
+        None, "Time in which a frame is read out / time from frame to frame, 0 to 1. --sequence finds it where it can."
     )
     fps: float | None = option(None, "Instead of the ratio, with --readout-ms: frames taken in a second.", metavar="N")
     readout_ms: float | None = None  # a flag of the camera's
@@ -279,6 +279,7 @@ class Neighbours:
 
     Attributes:
         before, after: their files.
+        sequence: whether the photos are frames of one camera, in order, each the neighbour of the next.
         clock: how fast frames were taken and read out.
         at: moment of the picture, in frame intervals from the photo's first row; None: the reference row's.
         model: how motion is described.
@@ -289,6 +290,11 @@ class Neighbours:
 
     before: Path | None = option(None, "Frame taken just before the photo, by the same camera: says how it moved.")
     after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.")
+    sequence: bool = option(
+        False,
+        "The photos are frames of one camera at even intervals, in the order given (in folders: of their names). Their "
+        "motions are found from each other; the readout ratio, too, where it is not given.",
+    )
     clock: Clock = field(default_factory=Clock)
     at: float | None = option(
         None,
@@ -298,10 +304,12 @@ class Neighbours:
     model: FrameModel | None = option(None, "How the motion is described. dense: near and far move differently.")
 
     def __post_init__(self) -> None:
-        if not self and (self.clock != Clock() or self.at is not None or self.model is not None):
+        if self.sequence and (self or self.at is not None or self.model == "dense"):
+            raise UsageError("--sequence is for the camera's motion: leave out --before, --after, --at and --model")
+        if not (self or self.sequence) and (self.clock != Clock() or self.at is not None or self.model is not None):
             raise UsageError(
                 "--readout-ratio, --fps, --at and --model are for a photo with neighbours: "
-                "name one with --before or --after"
+                "name one with --before or --after, or several with --sequence"
             )
         if self.at is not None and not -1 <= self.at <= 1:
             raise UsageError(f"--at must lie between -1 and 1 frame intervals, got {self.at:g}")
@@ -336,10 +344,20 @@ class Rectify:
         if self.motion is not None:
             self.find.camera.check_unused()
             object.__setattr__(self, "undo", self.undo.of_given_motion())
+        if self.neighbours.sequence:
+            self._check_sequence()
         if self.neighbours:
             self._check_neighbours()
         elif self.undo.edges == "borrow":
             raise UsageError("--edges borrow takes from neighbours: name one with --before or --after")
+
+    def _check_sequence(self) -> None:
+        camera = self.find.camera
+        if not (camera.roll_deg is camera.tilt_deg is None):
+            raise UsageError("roll and tilt are for single photos: leave them out with --sequence")
+        if self.motion is not None:
+            raise UsageError("--sequence is for finding motions: leave out --motion")
+        object.__setattr__(self, "undo", self.undo.keeping_coordinates())
 
     def _check_neighbours(self) -> None:
         replace(self.find.camera, readout_ms=None).check_unused()
@@ -359,7 +377,7 @@ class Rectify:
     @property
     def find_alone(self) -> Find | None:
         """How the motion is found from each photo alone; None: it is not."""
-        return None if self.motion is not None or self.neighbours else self.find
+        return None if self.motion is not None or self.neighbours or self.neighbours.sequence else self.find
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from unshutter.storage.places import Place
 if TYPE_CHECKING:
     import numpy as np
 
+    from unshutter.frames.sequence import FrameMotion
     from unshutter.motion.verdict import Verdict
 
 
@@ -30,6 +31,7 @@ class Job:
         left: digests of picture, motion file and mask as an earlier run left them from this photo: what still has them
             may be replaced.
         recorded: whether the manifest wants digests of what is written.
+        motion: what its neighbours in a sequence say of its motion; None: it is found, or given for all photos.
     """
 
     source: Place
@@ -40,6 +42,7 @@ class Job:
     may_repeat: bool = False
     left: tuple[str | None, ...] = (None, None, None)
     recorded: bool = False
+    motion: FrameMotion | None = None
     mask_target: Place | None = None
     preview_px: int | None = None
 

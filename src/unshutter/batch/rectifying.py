@@ -17,6 +17,7 @@ from unshutter.batch.manifest import NAME, Manifest
 from unshutter.batch.preview import SHEET_PX, Preview
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch, check_outputs
+from unshutter.batch.sequences import check_sequence, with_motions
 from unshutter.batch.targets import (
     beside,
     check_named_once,
@@ -78,6 +79,7 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, wante
         raise UsageError(f"--format is for folders: the name '{goal.name}' says the format")
     check_name(wanted.find.estimator)
     _check_neighbours(wanted, len(inputs.photos), into, run)
+    check_sequence(wanted, len(inputs.photos))
     wanted = _with_coordinates(wanted, into)
     if wanted.save.keep_names and (goal is None or not is_folder(goal, inputs.many)):
         raise UsageError("--keep-names needs --output FOLDER for the results")
@@ -94,6 +96,8 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, wante
     plan = _plan(jobs, manifest, run.overwrite)
     if run.dry_run:
         return _say_what_would_be_done(plan, inputs, protection)
+    if wanted.neighbours.sequence and plan.to_do:
+        plan.to_do = with_motions(plan.to_do, list(inputs.photos), wanted, run.max_pixels)
     prefetch = None
     if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
         sources = [job.source for job in plan.to_do]
@@ -209,7 +213,8 @@ def _digest(wanted: Rectify, motion: str | None) -> str:
 
     _, _, weights = wanted.find.estimator.partition("@")
     given = {"motion": motion, "weights": weights and fingerprint(Path(weights)), "overwrite": None}
-    for group in (wanted.find, wanted.find.camera, wanted.undo, wanted.save):
+    neighbours = wanted.neighbours
+    for group in (wanted.find, wanted.find.camera, wanted.undo, wanted.save, neighbours, neighbours.clock):
         for each in fields(group):
             value = vars(group)[each.name]
             if each.name in _ALWAYS_COUNTED or (each.default is not MISSING and value != each.default):

@@ -50,7 +50,9 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     if prefetch is None:
         prefetch = Prefetch([job.source], wanted.find_alone, job.max_pixels, wanted.undo)
     coming = prefetch.take(job.source)
-    result = _between(coming.photo, wanted, job.max_pixels) if wanted.neighbours else _alone(coming, wanted, motion)
+    result = (
+        _between(coming.photo, wanted, job.max_pixels) if wanted.neighbours else _alone(coming, job, wanted, motion)
+    )
     if job.motion_target is not None and result.motion is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
     if job.mask_target is not None:
@@ -73,12 +75,17 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     )
 
 
-def _alone(coming: Coming, wanted: Rectify, motion: str | None) -> Rectified:
-    """A photo by what it says itself, or by the motion given."""
+def _alone(coming: Coming, job: Job, wanted: Rectify, motion: str | None) -> Rectified:
+    """A photo by what it says itself, or by the motion given, to it or to all."""
     from unshutter.rectification import undo
 
     photo = coming.photo
-    found = coming.motion() if motion is None else _parsed(motion)
+    if job.motion is not None:
+        found = job.motion.motion()
+    elif wanted.neighbours.sequence:
+        raise UnshutterError(f"{job.source} could not be read when the motion of the sequence was found: start again")
+    else:
+        found = coming.motion() if motion is None else _parsed(motion)
     return undo(photo, found, wanted.undo, wanted.find.camera.readout)
 
 

@@ -20,6 +20,7 @@ ProtocolName = Literal[
     "robustness",
     "pairs",
     "video",
+    "sequences",
 ]
 
 
@@ -42,7 +43,7 @@ class Arguments:
     per_photo: int = option(2, "Random motions for each photo. Default: 2.")
     seed: int = option(0, "Same seed, same figures. Default: 0.")
     trajectory: Path | None = option(
-        None, "NPZ file of a recorded motion, or a folder of them, for the protocol of that name."
+        None, "NPZ file of a recorded motion, or a folder of them, for the protocols trajectory and sequences."
     )
     readout_ratio: list[float] | None = option(
         None,

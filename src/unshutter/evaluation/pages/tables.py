@@ -162,6 +162,22 @@ COLUMNS: dict[str, list[list[Column]]] = {
             _FAILED,
         ]
     ],
+    "sequences": [
+        [
+            Column("sequences", len, "{:.0f}"),
+            Column("EPE median", _median("epe"), "{:.2f}", -1),
+            Column("p90", _p90("epe"), "{:.2f}", -1),
+            Column("worst frame", _p90("worst_epe"), "{:.2f}", -1),
+            Column("of doing nothing", _median("epe_nothing"), "{:.2f}"),
+            Column("improved", _improved, "{:.0%}", +1),
+            Column("ratio told", _mean("ratio_told"), "{:.0%}"),
+            Column("its error median", _median("ratio_error"), "{:.3f}", -1),
+            Column("p90", _p90("ratio_error"), "{:.3f}", -1),
+            Column("within 0.1", _mean("ratio_within"), "{:.0%}", +1),
+            Column("covered", _mean("ratio_covered"), "{:.0%}"),
+            _FAILED,
+        ]
+    ],
     "video": [
         [
             _PICTURES,
@@ -183,6 +199,7 @@ HEADLINES = {
     "still": Column("EPE median", _median("epe"), "{:.2f}", -1),
     "pairs": Column("PSNR gain", _gain("psnr"), "{:+.2f} dB", +1),
     "video": COLUMNS["video"][0][1],
+    "sequences": COLUMNS["sequences"][0][1],
 }
 
 
