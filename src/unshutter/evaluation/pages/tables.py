@@ -169,7 +169,7 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("p90", _p90("epe"), "{:.2f}", -1),
             Column("worst frame", _p90("worst_epe"), "{:.2f}", -1),
             Column("of doing nothing", _median("epe_nothing"), "{:.2f}"),
-            Column("improved", _improved, "{:.0%}", +1),
+            Column("improved", _share(_improved), "{:.0%}", +1),
             Column("ratio told", _mean("ratio_told"), "{:.0%}"),
             Column("its error median", _median("ratio_error"), "{:.3f}", -1),
             Column("p90", _p90("ratio_error"), "{:.3f}", -1),
