@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.estimators.right_angles.search import HALF_TRUSTED
 from unshutter.evaluation.pages.plots import looks_of
-from unshutter.evaluation.pages.reliability import Judged, draw_reliability
+from unshutter.evaluation.pages.reliability import ENOUGH, RIGHT_PX, Bin, Judged, draw_reliability, mean_gap, widest
 from unshutter.evaluation.results import Results
 
 PAGE = "confidence.md"
@@ -19,16 +18,20 @@ PLOT = "confidence-reliability.png"
 RUNS = ("synthetic", "undistorted")
 SUITE = "256 px"  # of both runs
 DROPPED, AIM = 0.2, 0.3  # of the pictures; of their mean EPE
+AIM_GAP = 0.07  # between the confidences of a bin and the share that is right
 ALL = "all"
 _Groups = dict[str, dict[str, Judged]]  # folder, and ALL -> estimator with a confidence -> its pictures
 
 CAPTION = (
-    "Mean EPE of pictures of about the same confidence, equally many to a dot, against the error that the confidence "
-    "states. On the grey line they are equal."
+    f"Reliability diagram: the share of pictures with an EPE below {RIGHT_PX:g} px against the confidence stated, in "
+    "ten bins. The area of a dot is the number of pictures, the line through it holds 95 %. On the grey line, "
+    "confidences say what they mean."
 )
 READING = (
-    "The error stated is a root mean square, which is never below the mean: dots a little below the line are as they "
-    "should be; those above it were trusted too much. Pictures that were declined state nothing and are not among them."
+    "Above the grey line more is right than was promised, below it less. How many photos have a motion at all is part "
+    "of what a confidence is worth. It is meant for photos of both kinds: *half and half* is the panel to judge it by. "
+    "The intervals are a little too narrow, since each photo is there with several motions. Pictures that were "
+    "declined state nothing and are not among them."
 )
 
 
@@ -47,9 +50,10 @@ def write_confidence_page(runs: dict[str, Results], docs: Path) -> bool:
         return False
     draw_reliability({kind: groups[ALL] for kind, groups in kinds.items()}, looks_of(runs["synthetic"]), docs / PLOT)
     parts = ["# Confidence", _about(list(distorted[ALL]))]
+    parts += ["## Stated and true shares", f"![{CAPTION}]({PLOT})\n\n*{CAPTION}*", READING]
+    parts += [_gap_words(), _gaps(kinds), f"### The bins, half and half, {ALL} photos", _bins(kinds["Half and half"])]
     parts += [f"## Without the {DROPPED * 100:.0f} % that are trusted least", _bounds(kinds)]
     parts += [f"### {kind}\n\n{_drops(groups)}" for kind, groups in kinds.items()]
-    parts += ["## Stated and measured errors", f"![{CAPTION}]({PLOT})\n\n*{CAPTION}*", READING]
     parts += ["## Measured by", *(f"```sh\n{runs[name].command}\n```" for name in RUNS)]
     (docs / PAGE).write_text("\n\n".join([*parts, "[All results](index.md)"]) + "\n")
     return True
@@ -77,15 +81,65 @@ def _beside(distorted: _Groups, undistorted: _Groups) -> _Groups:
 def _about(names: list[str]) -> str:
     listed = ", ".join(f"`{name}`" for name in names)
     return (
-        f"Some methods ({listed}) state a confidence with each motion: 1 / (1 + (e / {HALF_TRUSTED:g} px)²), where e "
-        "is the error that they expect (root mean square, in pixels of 256 rows). Here it is compared with the errors "
-        f"that were found, on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
+        f"Some methods ({listed}) state a confidence with each motion: the probability that it is right, which means "
+        f"that pixels are off by less than {RIGHT_PX:g} px of 256 rows on average (EPE). Here it is compared with the "
+        f"errors that were found, on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
         "[undistorted](undistorted.md), and on both together. There each kind counts as a half, as in an archive of "
         "which only some photos are distorted.\n\n"
         "A photo that was declined is left as it is and has no confidence. It is trusted least of all, for the method "
         "says that it does not know. Of photos with equal confidence at the border of what is dropped, each is dropped "
         "in part, so that the order of files has no say."
     )
+
+
+def _gap_words() -> str:
+    return (
+        f"*Right* is the share of pictures with an EPE below {RIGHT_PX:g} px, to be compared with the mean confidence. "
+        "*Mean gap* is the mean difference between the two shares over all pictures (expected calibration error), "
+        f"*largest gap* that of the worst bin with at least {ENOUGH} pictures. Bold: the aim, at most {AIM_GAP:g}, is "
+        "reached."
+    )
+
+
+def _gaps(kinds: dict[str, _Groups]) -> str:
+    """A table with a row for each kind, folder and method: how far stated and true shares are apart."""
+    rows = []
+    for kind, groups in kinds.items():
+        for photos, methods in groups.items():
+            for name, judged in methods.items():
+                answered, bins = judged.answered, judged.bins()
+                stated, right = (
+                    f"{np.average(figure, weights=answered.weight):.2f}" if bins else "–"
+                    for figure in (answered.trust, answered.epe < RIGHT_PX)
+                )
+                cells = [kind.lower(), photos, name, f"{len(answered.epe)}", stated, right]
+                rows.append([*cells, f"{mean_gap(bins):.2f}" if bins else "–", *_worst(widest(bins))])
+    titles = ["kind", "photos", "estimator", "pictures", "mean confidence", "right"]
+    return _table([*titles, "mean gap", "largest gap", "in the bin", "of pictures"], rows)
+
+
+def _bins(groups: _Groups) -> str:
+    """A table with a row for each method and bin, all folders together."""
+    rows = []
+    for name, judged in groups[ALL].items():
+        for each in judged.bins():
+            low, high = each.interval
+            cells = [name, f"{each.low:.1f} to {each.high:.1f}", f"{each.count}", f"{each.stated:.2f}"]
+            rows.append([*cells, f"{each.right:.2f}", f"{low:.2f} … {high:.2f}", f"{each.gap:+.2f}"])
+    return _table(["estimator", "confidence", "pictures", "mean", "right", "with 95 %", "gap"], rows)
+
+
+def _worst(worst: Bin | None) -> list[str]:
+    """Gap of the worst bin, bold where even that is small enough; its bounds and pictures."""
+    if worst is None:
+        return ["–"] * 3
+    gap, reached = f"{worst.gap:+.2f}", abs(float(f"{worst.gap:.2f}")) <= AIM_GAP
+    return [f"**{gap}**" if reached else gap, f"{worst.low:.1f} to {worst.high:.1f}", f"{worst.count}"]
+
+
+def _table(titles: list[str], rows: list[list[str]]) -> str:
+    lines = [f"| {' | '.join(cells)} |" for cells in (titles, *rows)]
+    return "\n".join([lines[0], "|---" * len(titles) + "|", *lines[1:]])
 
 
 def _bounds(kinds: dict[str, _Groups]) -> str:
@@ -95,7 +149,8 @@ def _bounds(kinds: dict[str, _Groups]) -> str:
         best = [_best(judged) for rows in groups.values() for judged in rows.values()]
         known = [100 * value for value in best if np.isfinite(value)]
         if known:
-            said.append(f"{kind.lower()} {min(known):.0f} to {max(known):.0f} %")
+            ends = dict.fromkeys(f"{value:.0f}" for value in (min(known), max(known)))
+            said.append(f"{kind.lower()} {' to '.join(ends)} %")
     return (
         "*Drop* is by how much the mean EPE falls, *perfect order* by how much it would fall without the pictures with "
         f"the largest true errors. No confidence can do better than that: {', '.join(said)}.\n\n"
@@ -107,18 +162,17 @@ def _bounds(kinds: dict[str, _Groups]) -> str:
 
 def _drops(groups: _Groups) -> str:
     """A table with a row for each folder and method."""
-    titles = ["photos", "estimator", "pictures", "declined", "mean EPE", "without"]
-    titles += ["drop", "perfect order", "answered only"]
-    lines = ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
-    for photos, rows in groups.items():
-        for name, judged in rows.items():
+    rows = []
+    for photos, methods in groups.items():
+        for name, judged in methods.items():
             kept = judged.mean_without(DROPPED)
             drop, best = _share(judged, kept), _best(judged)
             cells = [f"{len(judged.epe)}", f"{judged.declined:.0%}", f"{judged.mean:.2f}", f"{kept:.2f}"]
             cells += [f"**{_percent(drop)}**" if drop >= AIM else _percent(drop), _percent(best)]
             cells.append(_percent(_share(judged.answered, judged.answered.mean_without(DROPPED))))
-            lines.append(f"| {photos} | {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            rows.append([photos, name, *cells])
+    titles = ["photos", "estimator", "pictures", "declined", "mean EPE", "without"]
+    return _table([*titles, "drop", "perfect order", "answered only"], rows)
 
 
 def _best(judged: Judged) -> float:

@@ -1,4 +1,4 @@
-"""Damaged motion files, manifests, tables of points, names of methods: a clear error or sense, never a traceback.
+"""Damaged motion files, manifests, tables of points, names and networks of methods: clear errors or sense, no more.
 
 UNSHUTTER_FUZZ_CASES=20000 python -m pytest tests/test_fuzz_texts.py
 """
@@ -13,9 +13,11 @@ from hypothesis import strategies as st
 
 from support.batches import make_motion, make_photos, rectify
 from support.fuzzing import check, damaged, thorough
+from support.networks import made
 from unshutter import Motion, RotationMotion, RowMotion
 from unshutter.batch.job import Job
 from unshutter.batch.manifest import Manifest
+from unshutter.estimators.onnx import open_network
 from unshutter.estimators.register import check_name, method
 from unshutter.export.points import PointTable
 
@@ -93,3 +95,31 @@ def test_damaged_tables_of_points(folder: Path, data: bytes) -> None:
 def test_odd_names_of_methods(data: bytes) -> None:
     name = data.decode("utf-8", "surrogateescape")
     check(lambda: (check_name(name), method(name)))
+
+
+def convolution(helper, types) -> list:
+    weights = helper.make_tensor("weights", types.FLOAT, [3, 3, 3, 3], np.linspace(-1, 1, 81))
+    return [
+        helper.make_node("Constant", [], ["kernel"], value=weights),
+        helper.make_node("Conv", ["rs", "kernel"], ["filtered"], pads=[1, 1, 1, 1]),
+        helper.make_node("Relu", ["filtered"], ["key_rows"]),
+    ]
+
+
+def same_size(helper, kind) -> list:
+    return [helper.make_tensor_value_info("key_rows", kind, [1, 3, 8, 8])]
+
+
+@pytest.fixture(scope="module")
+def network(folder: Path) -> bytes:
+    """A convolution of a small picture."""
+    return made(folder / "network.onnx", convolution, same_size, (1, 3, 8, 8)).read_bytes()
+
+
+@thorough
+@given(data=st.data())
+def test_damaged_networks(folder: Path, network: bytes, data: st.DataObject) -> None:
+    path = folder / "damaged.onnx"
+    path.write_bytes(damaged(data.draw, network))
+    given = {"rs": np.zeros((1, 3, 8, 8), np.float32)}
+    check(lambda: open_network("rengarajan2017", path, ["rs"], "key_rows").answers(given, (1, 3, 8, 8)))

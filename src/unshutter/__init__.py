@@ -7,7 +7,7 @@ motion = unshutter.estimate("street.jpg")
 
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
-    from unshutter.rectification import Rectified, estimate, rectify
+    from unshutter.rectification import estimate, rectified, rectify
+    from unshutter.result import Rectified
 
 __all__ = [
     "Estimator",
     "Method",
+    "MissingFileError",
     "Motion",
     "Photo",
     "Readout",
@@ -39,6 +41,7 @@ __all__ = [
     "estimate",
     "estimate_frames",
     "load",
+    "rectified",
     "rectify",
     "rectify_frames",
 ]
@@ -49,7 +52,7 @@ _HOMES = {
     "Motion": "motion",
     "Photo": "photo",
     "Readout": "geometry.readout",
-    "Rectified": "rectification",
+    "Rectified": "result",
     "RectifiedFrame": "frames.rectifying",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",
@@ -58,6 +61,7 @@ _HOMES = {
     "estimate": "rectification",
     "estimate_frames": "frames.sequence",
     "load": "estimators.register",
+    "rectified": "rectification",
     "rectify": "rectification",
     "rectify_frames": "frames.rectifying",
 }

@@ -1,14 +1,23 @@
-"""The two ways in which unshutter says no."""
+"""The ways in which unshutter says no."""
 
 # Names of files and methods may hold line breaks, and codes that change a terminal.
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
+
+
+def visible(text: str) -> str:
+    """The text as one line: what would break it, or change a terminal, is spelled out."""
+    return text.translate(_VISIBLE)
 
 
 class UnshutterError(Exception):
     """Something about the input makes the job impossible; the message is one line for the user (exit code 1)."""
 
     def __str__(self) -> str:
-        return super().__str__().translate(_VISIBLE)
+        return visible(super().__str__())
+
+
+class MissingFileError(UnshutterError, FileNotFoundError):
+    """A photo, a motion file or weights that are not there."""
 
 
 class UsageError(UnshutterError):

@@ -10,7 +10,7 @@ Nothing here imports NumPy: a photo is being decoded before that.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -20,10 +20,12 @@ from unshutter.geometry.readout import Readout
 DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
 _LONGEST_TIMEOUT_S = 86_400  # a day
+MIN_CONFIDENCE = 0.02  # of a motion that is undone, unless a user says otherwise
+LEAST_AUTO_CROP = 0.8  # of a photo's area: automatic edges do not crop away more than a fifth
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
 Reference = Literal["first", "middle", "last"]
-Edges = Literal["keep", "crop", "fill", "borrow"]
+Edges = Literal["auto", "keep", "crop", "fill", "borrow"]
 FrameModel = Literal["dense"]
 PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
 Subsampling = Literal["4:4:4", "4:2:0"]
@@ -34,23 +36,34 @@ def option(default: Any, help: str, **more: Any) -> Any:
     return field(default=default, metadata={"help": help, **more})
 
 
+def check_time(name: str, time: float | None, unit: str) -> None:
+    """Raises UsageError where this is neither None nor a positive time."""
+    if time is not None and not 0 < time < math.inf:
+        raise UsageError(f"the {name} must take a positive time, got {time:g} {unit}")
+
+
 @dataclass(frozen=True)
 class Camera:
     """What is known of the camera beside the photo itself.
 
     Attributes:
-        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom, unless the photo shows that
+            its pixels were turned.
         focal_px: focal length [px of the full-size photo]; None: EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
         tilt_deg: how far it looked up, -90 is straight down; None: unknown.
+        exposure_s: how long each line was exposed [s]; None: as EXIF says, if it does.
+        readout_ms: time from the first line read to the last [ms]; None: as is usual for the kind of camera.
+        moving: whether the camera was on the move (in a train, on a car, in the air), so that motion is likely.
 
     Raises:
-        UsageError: an unknown direction, a focal length that is not positive, an angle out of range.
+        UsageError: an unknown direction, a focal length or time that is not positive, an angle out of range.
     """
 
     readout: str = option(
         "auto",
-        "Direction in which the sensor was read, if an editor has turned the file. Default: top-to-bottom.",
+        "Direction in which the sensor was read, if an editor has turned the file. Default: as the photo shows, else "
+        "top-to-bottom.",
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(
@@ -61,11 +74,22 @@ class Camera:
         None, "How far the camera was turned clockwise from upright, where you know it, for methods that use it."
     )
     tilt_deg: float | None = option(None, "How far it looked up, where you know it; -90 is straight down.")
+    exposure_s: float | None = option(
+        None, "How long the photo was exposed, in seconds. Default: as EXIF says.", metavar="SECONDS"
+    )
+    readout_ms: float | None = option(
+        None,
+        "Time from the first row to the last, in milliseconds. Default: what is usual for the kind of camera.",
+        metavar="MS",
+    )
+    moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
 
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
         if self.focal_px is not None and not 0 < self.focal_px < math.inf:
             raise UsageError(f"the focal length must be positive, got {self.focal_px:g} px")
+        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
+            check_time(name, time, unit)
         for name, angle, most in (("roll", self.roll_deg, MOST_ROLL_DEG), ("tilt", self.tilt_deg, MOST_TILT_DEG)):
             if angle is not None and not -most <= angle <= most:
                 raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
@@ -76,9 +100,12 @@ class Camera:
         return Readout.parse(self.readout)
 
     def check_unused(self) -> None:
-        """Raises UsageError where focal length, roll or tilt are given although no motion is to be found."""
-        if not (self.focal_px is self.roll_deg is self.tilt_deg is None):
-            raise UsageError("focal length, roll and tilt are for finding a motion: leave them out when it is given")
+        """Raises UsageError where more than the readout direction is given although no motion is to be found."""
+        if self != Camera(self.readout):
+            raise UsageError(
+                "focal length, roll, tilt, exposure, readout time and --moving are for finding a motion: "
+                "leave them out when it is given"
+            )
 
 
 @dataclass(frozen=True)
@@ -94,6 +121,12 @@ class Find:
     camera: Camera = field(default_factory=Camera)
 
 
+def check_edges(edges: str) -> None:
+    """Raises UsageError where nothing is known of such edges, or they need more than the photo."""
+    if edges not in get_args(Edges) or edges == "borrow":
+        raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
+
+
 @dataclass(frozen=True)
 class Undo:
     """How a motion is undone.
@@ -102,8 +135,11 @@ class Undo:
         reference: row at whose moment the picture is taken; None: the motion's own.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
-            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge,
-            ``borrow`` takes them from the photo's neighbours.
+            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge;
+            ``auto`` crops where that leaves at least 80 % of the area, else keeps; ``borrow`` takes them from the
+            photo's neighbours.
+        min_confidence: a photo whose motion is less sure is left as it is; 0 leaves none. Motions without a confidence
+            are undone.
 
     Raises:
         UsageError: a value that is none of its choices.
@@ -112,18 +148,39 @@ class Undo:
     reference: Reference | None = option(None, "Row at whose moment the picture is taken. Default: first.")
     strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
     edges: Edges = option(
-        "keep",
-        "Places the photo did not see: keep them empty, crop them away, fill them with the nearest colour, or borrow "
-        "them from the frames of --before and --after.",
+        "auto",
+        "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour. "
+        "Default: auto, crop where that leaves at least 80 % of the photo (and its coordinates are not wanted), else "
+        "keep. borrow takes them from the frames of --before and --after.",
+    )
+    min_confidence: float = option(
+        MIN_CONFIDENCE,
+        f"Leave a photo as it is where its motion is less sure than this; 0 leaves none. Default: {MIN_CONFIDENCE:g}.",
     )
 
     def __post_init__(self) -> None:
         if not 0 <= self.strength <= 1:
             raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
-        if self.edges not in get_args(Edges):
-            raise UsageError(f"unknown edges '{self.edges}': choose keep, crop, fill or borrow")
+        if not 0 <= self.min_confidence <= 1:
+            raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
+        if self.edges != "borrow":
+            check_edges(self.edges)
         if self.reference not in (None, *get_args(Reference)):
             raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
+
+    def keeping_coordinates(self) -> Undo:
+        """The same, but that automatic edges are kept: for results of which coordinates are wanted."""
+        return replace(self, edges="keep") if self.edges == "auto" else self
+
+    def of_given_motion(self) -> Undo:
+        """The same for a motion that the user gives, which is undone however sure its estimator was.
+
+        Raises:
+            UsageError: a least confidence is asked for, too.
+        """
+        if self.min_confidence not in (0, MIN_CONFIDENCE):
+            raise UsageError("a motion that is given is undone whatever its confidence: leave out the least confidence")
+        return replace(self, min_confidence=0)
 
 
 @dataclass(frozen=True)
@@ -134,6 +191,9 @@ class Save:
         format: of the file; None: the photo's own, AVIF for HEIC, 16-bit TIFF for raw files.
         quality: of JPEG, WebP and AVIF, 1 to 100; None: like the original.
         subsampling: of the chroma of JPEG and AVIF; None: like the original.
+        keep_times: whether the file gets the access and modification time of the original.
+        only_changed: photos that are left as they are are not written.
+        keep_names: results get the names of their photos; only into another folder.
 
     Raises:
         UsageError: a value that is none of its choices.
@@ -146,6 +206,9 @@ class Save:
     subsampling: Subsampling | None = option(
         None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
     )
+    keep_times: bool = option(False, "Give each result the access and modification time of its photo.")
+    only_changed: bool = option(False, "Write only photos that were changed. Default: the others are copied.")
+    keep_names: bool = option(False, "Give results the names of their photos, in the folder that --output names.")
 
     def __post_init__(self) -> None:
         if self.quality is not None and not 1 <= self.quality <= 100:
@@ -167,20 +230,18 @@ class Clock:
         readout_ms, fps: the same by readout time [ms] and frames per second.
 
     Raises:
-        UsageError: both ways at once, half of one, or numbers that cannot be.
+        UsageError: both ways at once, or numbers that cannot be.
     """
 
     readout_ratio: float | None = option(
         None, "Time in which a frame is read out / time from frame to frame, 0 to 1. --sequence finds it where it can."
     )
-    readout_ms: float | None = option(None, "Instead of the ratio: time in which a frame is read out.", metavar="MS")
-    fps: float | None = option(None, "With --readout-ms: frames taken in a second.", metavar="N")
+    fps: float | None = option(None, "Instead of the ratio, with --readout-ms: frames taken in a second.", metavar="N")
+    readout_ms: float | None = None  # a flag of the camera's
 
     def __post_init__(self) -> None:
-        if self.readout_ratio is not None and (self.readout_ms is not None or self.fps is not None):
+        if self.readout_ratio is not None and self.fps is not None:
             raise UsageError("say either --readout-ratio, or --readout-ms with --fps")
-        if (self.readout_ms is None) != (self.fps is None):
-            raise UsageError("--readout-ms and --fps go together")
         for each in (self.readout_ms, self.fps):
             if each is not None and not 0 < each < math.inf:
                 raise UsageError(f"readout time and frame rate must be positive, got {each:g}")
@@ -193,7 +254,7 @@ class Clock:
     @property
     def is_known(self) -> bool:
         """Whether the ratio was given, in one way or the other."""
-        return self.readout_ratio is not None or self.readout_ms is not None
+        return self.readout_ratio is not None or (self.readout_ms is not None and self.fps is not None)
 
     @property
     def ratio(self) -> float:
@@ -245,15 +306,13 @@ class Neighbours:
     def __post_init__(self) -> None:
         if self.sequence and (self or self.at is not None or self.model == "dense"):
             raise UsageError("--sequence is for the camera's motion: leave out --before, --after, --at and --model")
-        if not (self or self.sequence) and (self.clock.is_known or self.at is not None or self.model is not None):
+        if not (self or self.sequence) and (self.clock != Clock() or self.at is not None or self.model is not None):
             raise UsageError(
-                "--readout-ratio, --readout-ms, --fps, --at and --model are for a photo with neighbours: "
+                "--readout-ratio, --fps, --at and --model are for a photo with neighbours: "
                 "name one with --before or --after, or several with --sequence"
             )
         if self.at is not None and not -1 <= self.at <= 1:
-            raise UsageError(
-                f"--at must lie between -1 and 1 frame intervals from the photo's first row, got {self.at:g}"
-            )
+            raise UsageError(f"--at must lie between -1 and 1 frame intervals, got {self.at:g}")
 
     def __bool__(self) -> bool:
         return self.before is not None or self.after is not None
@@ -271,8 +330,8 @@ class Rectify:
         neighbours: frames before and after that say how the camera moved; without them, the photo alone does.
 
     Raises:
-        UsageError: a motion, and beside it a focal length, roll or tilt, which only serve to find one; or neighbours
-            and what does not go with them.
+        UsageError: a motion, and beside it a focal length, roll, tilt or least confidence, which are for finding one;
+            neighbours, and what does not go with them.
     """
 
     find: Find = field(default_factory=Find)
@@ -282,18 +341,38 @@ class Rectify:
     neighbours: Neighbours = field(default_factory=Neighbours)
 
     def __post_init__(self) -> None:
-        if self.motion is not None or self.neighbours:
+        if self.motion is not None:
             self.find.camera.check_unused()
-        if self.neighbours.sequence and not (self.find.camera.roll_deg is self.find.camera.tilt_deg is None):
-            raise UsageError("roll and tilt are for single photos: leave them out with --sequence")
-        if (self.neighbours or self.neighbours.sequence) and self.motion is not None:
-            raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
-        if self.neighbours and self.neighbours.at is not None and self.undo.reference is not None:
-            raise UsageError("--at and --reference both say the moment of the picture: choose one of them")
-        if self.neighbours and self.undo.strength != 1:
-            raise UsageError("with neighbours, the whole motion is undone: leave out --strength")
-        if self.undo.edges == "borrow" and not self.neighbours:
+            object.__setattr__(self, "undo", self.undo.of_given_motion())
+        if self.neighbours.sequence:
+            self._check_sequence()
+        if self.neighbours:
+            self._check_neighbours()
+        elif self.undo.edges == "borrow":
             raise UsageError("--edges borrow takes from neighbours: name one with --before or --after")
+
+    def _check_sequence(self) -> None:
+        camera = self.find.camera
+        if not (camera.roll_deg is camera.tilt_deg is None):
+            raise UsageError("roll and tilt are for single photos: leave them out with --sequence")
+        if self.motion is not None:
+            raise UsageError("--sequence is for finding motions: leave out --motion")
+        object.__setattr__(self, "undo", self.undo.keeping_coordinates())
+
+    def _check_neighbours(self) -> None:
+        replace(self.find.camera, readout_ms=None).check_unused()
+        if self.motion is not None:
+            raise UsageError("--before and --after are for finding a motion: leave out --motion")
+        if self.neighbours.at is not None and self.undo.reference is not None:
+            raise UsageError("--at and --reference both say the moment of the picture: choose one of them")
+        if self.undo.strength != 1:
+            raise UsageError("with neighbours, the whole motion is undone: leave out --strength")
+        _ = self.clock.ratio  # raises where it is not known
+
+    @property
+    def clock(self) -> Clock:
+        """How fast the neighbours were taken and read out."""
+        return replace(self.neighbours.clock, readout_ms=self.find.camera.readout_ms)
 
     @property
     def find_alone(self) -> Find | None:
@@ -311,6 +390,7 @@ class Run:
         scheduler: address of a Dask scheduler; None: none.
         dry_run: only say what would be done.
         json_log: file to add what happens to, one JSON object a line.
+        preview: picture to make of all photos, before and after side by side.
         max_pixels: photos with more are refused.
         timeout: time after which a photo is given up [s]; None: half an hour where processes do the work, else no
             limit. With a limit, but without ``jobs``, one other process does the work: a decoder that hangs cannot be
@@ -327,6 +407,11 @@ class Run:
     )
     dry_run: bool = option(False, "Only say what would be done.")
     json_log: Path | None = option(None, "Add what happens to this file, one JSON object a line.")
+    preview: Path | None = option(
+        None,
+        "Also make this picture: before and after side by side, of a folder a sheet of all that were done.",
+        metavar="FILE",
+    )
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     timeout: float | None = option(
         None,
@@ -356,7 +441,9 @@ class Synthesize:
         seed: 0 or more.
         motion: ``quadratic`` or ``trajectory`` (synthesis/row_motions.py).
         trajectory: NPZ file (synthesis/rotation_log.py); for ``trajectory`` only, which needs it and the next two.
-        readout_ms: time in which a picture is read out [ms].
+        readout_ms: time in which a picture is read out [ms]; needed by ``trajectory`` and by an exposure.
+        exposure_s: how long each row is exposed [s], which blurs it by the motion and is written into EXIF; None: for
+            no time.
         focal_px: focal length [px of the finished picture].
         size: side of the finished pictures [px].
         canvas: side of the canvas [px].
@@ -374,7 +461,14 @@ class Synthesize:
     trajectory: Path | None = option(
         None, "NPZ file with t_s and gyro_rad_s, or t_s, position_m and quaternion_wxyz.", metavar="FILE"
     )
-    readout_ms: float | None = option(None, "Time from the first to the last row, for trajectories.", metavar="MS")
+    readout_ms: float | None = option(
+        None, "Time from the first to the last row, for trajectories and exposures.", metavar="MS"
+    )
+    exposure_s: float | None = option(
+        None,
+        "Expose each row for so long: it is blurred by the motion, and EXIF says so. Default: sharp.",
+        metavar="SECONDS",
+    )
     focal_px: float | None = option(None, "Focal length in px of the finished picture, for trajectories.", metavar="PX")
     size: int = option(256, "Side of the finished pictures in px. Default: 256.", metavar="PX")
     canvas: int = option(
@@ -386,10 +480,22 @@ class Synthesize:
             raise UsageError(
                 f"needs at least one picture per photo and a seed of 0 or more, got {self.per_photo} and {self.seed}"
             )
-        recorded = (self.trajectory, self.readout_ms, self.focal_px)
-        if self.motion == "quadratic" and any(value is not None for value in recorded):
-            raise UsageError("trajectory, readout and focal length are for --motion trajectory only")
-        if self.motion == "trajectory" and None in recorded:
+        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
+            check_time(name, time, unit)
+        if self.exposure_s is not None and self.readout_ms is None:
+            raise UsageError("--exposure-s needs --readout-ms: how far a row is blurred depends on both")
+        if self.motion == "quadratic" and not (self.trajectory is self.focal_px is None):
+            raise UsageError("trajectory and focal length are for --motion trajectory only")
+        if self.motion == "quadratic" and self.exposure_s is None and self.readout_ms is not None:
+            raise UsageError("the time of the readout is for --motion trajectory and --exposure-s only")
+        if self.motion == "trajectory" and None in (self.trajectory, self.readout_ms, self.focal_px):
             raise UsageError("--motion trajectory needs --trajectory, --readout-ms and --focal-px")
         if self.motion not in ("quadratic", "trajectory"):
             raise UsageError(f"unknown motion '{self.motion}': choose quadratic or trajectory")
+
+    @property
+    def exposure(self) -> float:
+        """How long a row is exposed, in times of the readout; 0 without an exposure."""
+        if self.exposure_s is None or self.readout_ms is None:
+            return 0.0
+        return 1000 * self.exposure_s / self.readout_ms

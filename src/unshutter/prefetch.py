@@ -8,7 +8,7 @@ and its motion estimated. What comes out is the same as without.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
 from unshutter.estimators.register import load, method
-from unshutter.options import MAX_PIXELS, Camera, Find
+from unshutter.options import MAX_PIXELS, Camera, Find, Undo
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips
 from unshutter.storage.places import Place, read_place
@@ -35,7 +35,8 @@ class Prefetch:
         places: the photos, in the order in which they will be asked for; some may be left out.
         find: how their motion is found; None: it is not wanted.
         max_pixels: see ``Photo.open``.
-        whole: whether all their pixels are wanted, too.
+        undo: how their motion is to be undone; None: their pixels are not wanted. Of photos that are left as they are
+            they are not either, and so not decoded ahead. (The first photo's are, for lack of anything else to do.)
 
     Raises:
         UsageError, UnshutterError: the estimator cannot be loaded. (What is wrong with a photo is said where it is
@@ -43,15 +44,14 @@ class Prefetch:
     """
 
     def __init__(
-        self, places: Sequence[Place], find: Find | None, max_pixels: int = MAX_PIXELS, whole: bool = True
+        self, places: Sequence[Place], find: Find | None, max_pixels: int = MAX_PIXELS, undo: Undo | None = None
     ) -> None:
-        self._max_pixels, self._whole = max_pixels, whole
+        self._max_pixels, self._undo = max_pixels, undo
         self._camera = find.camera if find else None
         self._grey_px = method(find.estimator).grey_px if find else None
         self._waiting, self._left = iter(places), set(places)
         self._begun: dict[Place, Coming] = {}
         self._estimator: Future[Estimator] = Future()
-        self._has_loaded = find is None
         self._reader, self._looker = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
         libvips()  # here: two threads that import at once mostly wait for each other
         self._begin_next()
@@ -65,7 +65,7 @@ class Prefetch:
                 raise
             self._estimator.set_result(estimator)
             estimator.prepare()  # in this thread: a third one would be too many for two processors
-            self._has_loaded = True
+            # not before all libraries are loaded: decoding more than the estimate needs would hold that up
             for coming in self._begun.values():
                 self._reader.submit(self._decode_rest, coming)
 
@@ -88,17 +88,25 @@ class Prefetch:
                 break
 
     def _begin(self, place: Place) -> Coming:
-        return Coming(self._reader.submit(self._opened, place), self._looker, self._estimator, self._camera)
+        opening = self._reader.submit(self._opened, place)
+        return Coming(opening, self._looker, self._estimator, self._camera, self._decode_if_changed)
 
     def _opened(self, place: Place) -> Photo:
         photo = open_photo(place, self._max_pixels)
-        # until all libraries are loaded, decoding more than the estimate needs would hold it up
-        photo.start_decoding(self._reader, self._grey_px, self._whole and self._has_loaded)
+        # all pixels only where nothing has to be known of the motion first
+        photo.start_decoding(self._reader, self._grey_px, self._undo is not None and self._camera is None)
         return photo
 
     def _decode_rest(self, coming: Coming) -> None:
         with suppress(UnshutterError):  # raised again where the photo is taken
-            coming.photo.start_decoding(self._reader, None, self._whole)
+            coming.photo.start_decoding(self._reader, None, self._undo is not None)
+
+    def _decode_if_changed(self, photo: Photo, motion: Motion) -> None:
+        """Decodes the pixels of a photo whose motion is undone."""
+        from unshutter.rectification import judged
+
+        if self._undo is not None and judged(motion, self._undo, photo.height, photo.width)[1].changes:
+            photo.start_decoding(self._reader)
 
 
 class Coming:
@@ -109,12 +117,18 @@ class Coming:
         looker: who estimates its motion.
         estimator: what with.
         camera: what is known of the camera; None: no motion is wanted.
+        when_known: what is to happen when the motion is known.
     """
 
     def __init__(
-        self, photo: Future[Photo], looker: ThreadPoolExecutor, estimator: Future[Estimator], camera: Camera | None
+        self,
+        photo: Future[Photo],
+        looker: ThreadPoolExecutor,
+        estimator: Future[Estimator],
+        camera: Camera | None,
+        when_known: Callable[[Photo, Motion], None],
     ) -> None:
-        self._photo, self._estimator, self._camera = photo, estimator, camera
+        self._photo, self._estimator, self._camera, self._when_known = photo, estimator, camera, when_known
         self._motion = looker.submit(self._estimate) if camera is not None else None
 
     @property
@@ -141,7 +155,9 @@ class Coming:
         photo, estimator = self._photo.result(), self._estimator.result()
         from unshutter.rectification import estimate_photo
 
-        return estimate_photo(photo, estimator, self._camera or Camera())
+        motion = estimate_photo(photo, estimator, self._camera or Camera())
+        self._when_known(photo, motion)
+        return motion
 
 
 def open_photo(place: Place, max_pixels: int = MAX_PIXELS) -> Photo:

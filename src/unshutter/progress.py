@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+from unshutter.errors import visible
+
 
 class Progress:
     """A progress bar on standard error; nothing when that is no terminal or there is but one photo."""
@@ -30,7 +32,8 @@ class Progress:
             self._bar.update(self._task, rate=rate(self._bar.tasks[self._task].speed))
 
     def tell(self, line: str) -> None:
-        """One line for the user, above the bar when there is one."""
+        """One line for the user, above the bar when there is one; whatever names hold, it is one."""
+        line = visible(line)
         if self._bar is not None:
             self._bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
         else:

@@ -3,81 +3,38 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, TypedDict, Unpack, overload
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.find import find_motion
 from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
-from unshutter.options import DEFAULT_ESTIMATOR, Camera, Edges, Reference, Subsampling, Undo
+from unshutter.motion.verdict import Verdict
+from unshutter.options import (
+    DEFAULT_ESTIMATOR,
+    MIN_CONFIDENCE,
+    Camera,
+    Edges,
+    Reference,
+    Undo,
+)
 from unshutter.photo import Photo
+from unshutter.photo.given import in_kind, is_bytes, is_file, opened
+from unshutter.result import Rectified
 
 if TYPE_CHECKING:
     import numpy as np
+    from PIL.Image import Image
 
 SMALLEST_SIDE = 64  # px
-
-
-@dataclass(frozen=True)
-class Rectified:
-    """A rectified photo.
-
-    Attributes:
-        photo: the new pixels with the metadata of the original.
-        motion: what was undone, in the readout frame.
-        original: the photo as it was read.
-    """
-
-    photo: Photo
-    motion: Motion
-    original: Photo
-
-    @property
-    def reason(self) -> str:
-        """Why the photo was left as it is; else empty."""
-        return self.motion.reason
-
-    @property
-    def pixels(self) -> np.ndarray:
-        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to."""
-        return self.photo.pixels
-
-    def to_array(self) -> np.ndarray:
-        """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
-        return self.photo.to_array()
-
-    @property
-    def valid(self) -> np.ndarray:
-        """[H, W] bool: where the rolling-shutter photo shows what belongs there (before any crop or fill)."""
-        from unshutter.warp.pixels import validity_mask
-
-        return validity_mask(self.motion)
-
-    def save(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        overwrite: bool = False,
-        quality: int | None = None,
-        subsampling: Subsampling | None = None,
-    ) -> tuple[str, ...]:
-        """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
-
-        Returns:
-            What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
-
-        Raises:
-            UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
-        """
-        return self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
 
 
 # ---- for users ------------------------------------------------------------------------------------------
 
 
 def estimate(
-    photo: str | os.PathLike[str] | bytes | np.ndarray | Photo,
+    photo: Any,
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
     readout: str = "auto",
@@ -85,17 +42,23 @@ def estimate(
     focal_px: float | None = None,
     roll_deg: float | None = None,
     tilt_deg: float | None = None,
+    exposure_s: float | None = None,
+    readout_ms: float | None = None,
+    moving: bool = False,
 ) -> Motion:
     """Finds how the camera moved while the photo was read out.
 
     Args:
-        photo: path, encoded file as bytes, pixels [H, W] or [H, W, 1..4] (uint8 or uint16), or a Photo.
+        photo: what :func:`rectify` takes.
         estimator: name (``unshutter models`` lists them) or one made by :func:`unshutter.load`.
-        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        readout: direction in which the stored pixels were read; ``auto``: as the photo shows, else top-to-bottom.
         reference: row at whose moment the global-shutter picture is taken: first, middle or last.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
         tilt_deg: how far it looked up (-90: straight down), where known, for methods that use it.
+        exposure_s: how long the photo was exposed [s]; by default as EXIF says.
+        readout_ms: time from the first row to the last [ms]; by default what is usual for the kind of camera.
+        moving: whether the camera was on the move: in a train, on a car, in the air.
 
     Returns:
         The motion for the photo's full size; zero, with a ``reason``, where the photo does not say enough.
@@ -103,83 +66,121 @@ def estimate(
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
     """
-    camera, how = Camera(readout, focal_px, roll_deg, tilt_deg), Undo(reference)
-    opened = _opened(photo)
-    _check_size(opened)
-    return estimate_photo(opened, _loaded(estimator), camera).rereferenced(how.reference or "first")
+    camera, how = Camera(readout, focal_px, roll_deg, tilt_deg, exposure_s, readout_ms, moving), Undo(reference)
+    source = opened(photo)
+    _check_size(source)
+    return estimate_photo(source, _loaded(estimator), camera).rereferenced(how.reference or "first")
 
 
 class _Options(TypedDict, total=False):
     estimator: str | Estimator
-    motion: Motion | None
+    motion: Motion | str | os.PathLike[str] | None
     readout: str
     focal_px: float | None
     roll_deg: float | None
     tilt_deg: float | None
+    exposure_s: float | None
+    readout_ms: float | None
+    moving: bool
     reference: Reference | None
     strength: float
     edges: Edges
+    min_confidence: float
 
 
 @overload
-def rectify(photo: str | os.PathLike[str] | Photo, **options: Unpack[_Options]) -> Rectified: ...
+def rectify(photo: str | os.PathLike[str] | BinaryIO | Photo, **options: Unpack[_Options]) -> Rectified: ...
 @overload
-def rectify(photo: bytes, **options: Unpack[_Options]) -> bytes: ...
+def rectify(photo: bytes | bytearray | memoryview, **options: Unpack[_Options]) -> bytes: ...
 @overload
 def rectify(photo: np.ndarray, **options: Unpack[_Options]) -> np.ndarray: ...
+@overload
+def rectify(photo: Image, **options: Unpack[_Options]) -> Image: ...
 def rectify(
     photo: Any,
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
-    motion: Motion | None = None,
+    motion: Motion | str | os.PathLike[str] | None = None,
     readout: str = "auto",
     reference: Reference | None = None,
     focal_px: float | None = None,
     roll_deg: float | None = None,
     tilt_deg: float | None = None,
+    exposure_s: float | None = None,
+    readout_ms: float | None = None,
+    moving: bool = False,
     strength: float = 1.0,
     edges: Edges = "keep",
+    min_confidence: float = MIN_CONFIDENCE,
 ) -> Any:
     """Gives the photo back as a global shutter would have taken it.
 
+    A photo is left as it is, to the byte, where its motion is not sure enough, or would move nothing by half a pixel.
+
     Args:
-        photo: path, encoded file as bytes, pixels [H, W] or [H, W, 1..4] (uint8 or uint16), or a Photo.
+        photo: path, encoded file as bytes or open in binary mode, pixels [H, W] or [H, W, 1..4] (uint8, uint16, or
+            floating point from 0 to 1), Pillow image (of which only the pixels count), or a Photo.
         estimator: name, or an estimator made by :func:`unshutter.load`; not used when ``motion`` is given.
-        motion: undo this motion instead of estimating one; it is resized to the photo when its aspect fits.
-        readout: direction in which the stored pixels were read; ``auto``: the motion's, else top-to-bottom.
+        motion: undo this motion, or that of this motion file, instead of estimating one; it is resized to the photo
+            when its aspect fits.
+        readout: direction in which the stored pixels were read; ``auto``: the motion's, else as the photo shows.
         reference: row at whose moment the picture is taken; by default the motion's own, else the first.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
         tilt_deg: how far it looked up (-90: straight down), where known, for methods that use it.
+        exposure_s: how long the photo was exposed [s]; by default as EXIF says.
+        readout_ms: time from the first row to the last [ms]; by default what is usual for the kind of camera.
+        moving: whether the camera was on the move: in a train, on a car, in the air.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
-            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge.
+            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge,
+            ``auto`` (the command line's default) crops where that leaves at least 80 % of the area, else keeps.
+        min_confidence: leave the photo as it is where a motion that was found is less sure than this; 0: never. A
+            ``motion`` that is given is undone whatever its confidence.
 
     Returns:
-        What it was given: a path or Photo gives a :class:`Rectified`, bytes give bytes of the same format,
-        an array gives an array of the same type.
+        What it was given: a path, an open file or a Photo gives a :class:`Rectified`, bytes give bytes of the same
+        format, an array gives an array of the same type, a Pillow image one of the same mode and ``info``. Whether
+        anything was undone, and what, :func:`rectified` tells for all of them.
 
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    camera, how = Camera(readout, focal_px, roll_deg, tilt_deg), Undo(reference, strength, edges)
+    camera = Camera(readout, focal_px, roll_deg, tilt_deg, exposure_s, readout_ms, moving)
+    how = Undo(reference, strength, edges, min_confidence)
+    result = _rectified(photo, estimator, motion, camera, how)
+    if is_file(photo):
+        return result
+    if is_bytes(photo):
+        return result.encode().data
+    return in_kind(photo, result.to_array() if result.changed else None)
+
+
+def rectified(photo: Any, **options: Unpack[_Options]) -> Rectified:
+    """As :func:`rectify`, with the same arguments, but gives a :class:`Rectified` whatever it is given.
+
+    Raises:
+        UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
+    """
+    return rectify(opened(photo), **options)
+
+
+def _rectified(
+    photo: Any, estimator: str | Estimator, motion: Motion | str | os.PathLike[str] | None, camera: Camera, how: Undo
+) -> Rectified:
     if motion is not None:
         camera.check_unused()
-    opened = _opened(photo)
-    _check_size(opened)
+        how = how.of_given_motion()
+        motion = motion if isinstance(motion, Motion) else Motion.load(motion)
+    source = opened(photo)
+    _check_size(source)
     if motion is None:
         grey_px = method(estimator).grey_px if isinstance(estimator, str) else None
-        opened.start_decoding(grey_px=grey_px)  # while the estimator is loaded
-        motion = estimate_photo(opened, _loaded(estimator), camera)
+        source.start_decoding(grey_px=grey_px)  # while the estimator is loaded
+        motion = estimate_photo(source, _loaded(estimator), camera)
     else:
-        opened.start_decoding()
-    result = undo(opened, motion, how, readout)
-    if isinstance(photo, bytes):
-        return result.photo.to_bytes()
-    if isinstance(photo, (str, os.PathLike, Photo)):
-        return result
-    pixels = result.to_array()
-    return pixels.reshape(*pixels.shape[:2], *photo.shape[2:])
+        source.start_decoding()
+    return undo(source, motion, how, camera.readout)
 
 
 # ---- the two steps ----------------------------------------------------------------------------------------
@@ -192,31 +193,41 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
         UnshutterError: the photo is too small, damaged or gone.
     """
     _check_size(photo)
-    return estimator.estimate(View(photo, camera))
+    return find_motion(estimator, View(photo, camera))
 
 
 def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rectified:
-    """The photo with a motion undone.
+    """The photo with a motion undone, where :func:`judged` says so; else as it is, and its pixels are not looked at.
 
     Args:
         photo: the photo.
         motion: its motion; of another size if the aspect fits.
-        how: reference row, strength, edges.
+        how: reference row, strength, edges, least confidence.
         readout: direction in which the stored pixels were read; ``auto``: the motion's.
 
     Raises:
-        UsageError: another readout direction than the motion's, or edges to borrow.
+        UsageError: another readout direction than the motion's.
         UnshutterError: another aspect, a motion that cannot be undone, a photo that is too small or damaged.
     """
-    from unshutter.warp.pixels import rectify_pixels
-
-    if how.edges == "borrow":
-        raise UsageError("a photo alone has no neighbours to borrow from: choose keep, crop or fill")
     _check_size(photo)
-    motion = fitted(motion, photo.height, photo.width, readout)
+    found, verdict = judged(motion, how, photo.height, photo.width, readout)
+    if not verdict.changes:
+        return Rectified(photo, verdict.left_alone(found), photo, found, verdict)
+    from unshutter.warp.pixels import straighten
+
+    made = straighten(photo.pixels, found, how.edges, photo.masked)
+    return Rectified(photo.with_pixels(made.pixels), found, photo, found, verdict, made.edges, made.whole)
+
+
+def judged(motion: Motion, how: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:
+    """A motion as it would be undone in a stored picture of height x width [px], and whether it is.
+
+    Raises:
+        UsageError: another readout direction than the motion's; UnshutterError: another aspect.
+    """
+    motion = fitted(motion, height, width, readout)
     motion = motion.rereferenced(how.reference or motion.reference).scaled(how.strength)
-    pixels = rectify_pixels(photo.pixels, motion, how.edges, photo.masked)
-    return Rectified(photo.with_pixels(pixels), motion, photo)
+    return motion, Verdict.of(motion, how)
 
 
 def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Motion:
@@ -232,16 +243,6 @@ def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Mo
 
 def _loaded(estimator: str | Estimator) -> Estimator:
     return load(estimator) if isinstance(estimator, str) else estimator
-
-
-def _opened(photo: Any) -> Photo:
-    if isinstance(photo, Photo):
-        return photo
-    if isinstance(photo, bytes):
-        return Photo.from_bytes(photo)
-    if isinstance(photo, (str, os.PathLike)):
-        return Photo.open(photo)
-    return Photo.from_array(photo)
 
 
 def _check_size(photo: Photo) -> None:

@@ -1,11 +1,13 @@
 """What the user is told of a batch: dry runs, the JSON log, usage."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
 
 from support.batches import make_photos, rectify, results
+from unshutter import Motion
 
 
 def test_a_dry_run_writes_nothing(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
@@ -55,3 +57,30 @@ def test_large_photos_are_refused_unless_the_limit_is_raised(archive: Path, moti
     assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--max-pixels", 72 * 96 - 1) == 1
     assert "4 of 4 photos failed" in capsys.readouterr().err
     assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--max-pixels", 72 * 96) == 0
+
+
+ODD = "a\nb\x1b[2Jc"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names cannot hold line breaks there")
+def test_names_and_reasons_do_not_break_lines_or_terminals(tmp_path: Path, motion: Path, capsys) -> None:
+    make_photos(tmp_path / "in", ["photo.jpg"])
+    (tmp_path / "in" / "photo.jpg").rename(tmp_path / "in" / f"{ODD}.jpg")
+    (tmp_path / "in" / f"bad{ODD}.jpg").write_text("no photo")
+    assert rectify(tmp_path / "in", "-o", tmp_path / "out", "--motion", motion, "--dry-run") == 0
+    told = capsys.readouterr()
+    assert told.out.count("\n") == 2 and "\x1b" not in told.out and r"a\nb\x1b[2Jc.jpg -> " in told.out
+    assert rectify(tmp_path / "in", "-o", tmp_path / "out", "--motion", motion) == 1
+    told = capsys.readouterr().err
+    assert told.count("\n") == 5 and "\x1b" not in told  # one for each photo, then three counts
+    assert told.count(r"bada\nb\x1b[2Jc.jpg") == 1  # a message names its photo once
+
+    data = json.loads(motion.read_text())
+    motion.write_text(json.dumps(data | {"reason": ODD, "estimator": ODD}))
+    assert rectify(tmp_path / "in" / f"{ODD}.jpg", "-o", tmp_path / "a.jpg", "--motion", motion) == 0
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and "\x1b" not in told
+    assert Motion.load(motion).reason == Motion.load(motion).estimator == r"a\nb\x1b[2Jc"
+    motion.write_text(json.dumps(data | {"reference": ["first"]}))
+    assert rectify(tmp_path / "in" / f"{ODD}.jpg", "-o", tmp_path / "b.jpg", "--motion", motion) in (1, 2)
+    assert "unknown reference row" in capsys.readouterr().err

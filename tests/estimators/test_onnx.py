@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from support.networks import identity, made, square_only
 from unshutter.cli import main
 from unshutter.photo import Photo
 
@@ -32,16 +33,6 @@ def test_weights_that_are_none_are_told_in_one_line(
 # ---- files that say they are the network, and are not --------------------------------------------------------
 
 
-def made(path: Path, nodes: list, answers: list, rs: tuple = (1, 3, 256, 256)) -> Path:
-    """A network of such nodes that takes a picture, as rengarajan2017 does."""
-    onnx = pytest.importorskip("onnx", reason="making networks for the tests needs onnx")
-    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
-    given = [helper.make_tensor_value_info("rs", kind, rs)]
-    graph = helper.make_graph(nodes(helper, onnx.TensorProto), "graph", given, answers(helper, kind))
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
-    return path
-
-
 def endless(helper, types) -> list:
     """Loops that give back what they got, and never have enough."""
     scalar = {"dims": [], "data_type": types.BOOL}
@@ -63,14 +54,6 @@ def endless(helper, types) -> list:
         helper.make_node("Constant", [], ["start"], value=yes),
         helper.make_node("Loop", ["", "start", "rs"], ["key_rows"], body=body),
     ]
-
-
-def identity(helper, types) -> list:
-    return [helper.make_node("Identity", ["rs"], ["key_rows"])]
-
-
-def square_only(helper, kind) -> list:
-    return [helper.make_tensor_value_info("key_rows", kind, [1, 3, 256, 256])]
 
 
 @pytest.mark.parametrize(

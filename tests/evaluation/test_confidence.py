@@ -6,9 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unshutter.estimators.right_angles.search import Posterior
 from unshutter.evaluation.cases.case import Record
-from unshutter.evaluation.pages.reliability import Judged, draw_reliability, stated_error
+from unshutter.evaluation.pages.reliability import (
+    Judged,
+    draw_reliability,
+    effective_size,
+    mean_gap,
+    widest,
+    wilson_interval,
+)
 from unshutter.photo import Photo
 
 
@@ -16,14 +22,6 @@ def judged(epe: Sequence[float], confidence: Sequence[float | None], order: Sequ
     """Of records in the order given."""
     records: list[Record] = [{"epe": e, "confidence": c} for e, c in zip(epe, confidence, strict=True)]
     return Judged.of([records[k] for k in order or range(len(records))])
-
-
-def test_a_confidence_states_the_error_that_it_was_made_from() -> None:
-    for size in (1e-9, 1e-5, 1e-3, 0.1):
-        posterior = Posterior(np.zeros(6), np.diag([size, size, 0, size, 0, 0]), 0.0, 0.0)
-        assert stated_error(np.array(posterior.confidence)) == pytest.approx(posterior.expected_error * 256)
-    np.testing.assert_allclose(stated_error(np.array([1.0, 0.5, 0.1])), [0, 3, 9])
-    assert np.isfinite(stated_error(np.array(0.0)))
 
 
 def test_the_least_confident_are_dropped() -> None:
@@ -65,23 +63,72 @@ def test_two_kinds_of_pictures_count_alike_however_many_there_are() -> None:
     assert both.mean_without(0.2) == pytest.approx((0.175 * 8 + 0.25 * 4) / 0.8)
 
 
-@pytest.mark.parametrize("step", [1, 3, 7])  # through the eleven pictures
-def test_dots_of_the_plot(step: int) -> None:
-    """Six state 3 px, four 9 px: the second dot has one of the six, with their mean error of 2 px."""
-    order = [k * step % 11 for k in range(11)]
-    some = judged([1, 3, 1, 3, 1, 3, 6, 8, 6, 8, 50], [0.5] * 6 + [0.1] * 4 + [None], order)
-    stated, measured = some.bins()
-    np.testing.assert_allclose(stated, [3, (3 + 4 * 9) / 5])
-    np.testing.assert_allclose(measured, [2, (2 + 28) / 5])
+@pytest.mark.parametrize("step", [1, 2, 4])  # through the seven pictures
+def test_ten_bins_of_stated_against_true_shares(step: int) -> None:
+    """An error of just 1 px is not below it, a confidence of 0.8 starts a bin, one of 1 ends the last."""
+    order = [k * step % 7 for k in range(7)]
+    some = judged([0.5, 1.0, 0.2, 3.0, 0.9, 50, 0.1], [0.8, 0.83, 0.89, 0.79, 1.0, None, 0.9], order)
+    bins = some.bins()
+    assert [(each.low, each.high, each.count) for each in bins] == [(0.7, 0.8, 1), (0.8, 0.9, 3), (0.9, 1.0, 2)]
+    np.testing.assert_allclose([each.stated for each in bins], [0.79, 0.84, 0.95])
+    np.testing.assert_allclose([each.right for each in bins], [0, 2 / 3, 1])
+    np.testing.assert_allclose([each.gap for each in bins], [-0.79, 2 / 3 - 0.84, 0.05])
+    np.testing.assert_allclose([each.weight for each in bins], [1 / 6, 3 / 6, 2 / 6])
+    assert mean_gap(bins) == pytest.approx(0.79 / 6 + (0.84 - 2 / 3) / 2 + 0.05 / 3)
 
 
-def test_there_are_at_most_ten_dots_and_none_of_too_few_pictures() -> None:
-    assert len(judged([1.0] * 400, list(np.linspace(0.1, 0.9, 400))).bins()[0]) == 10
-    assert len(judged([1.0] * 4, [0.5] * 4).bins()[0]) == 0
+def test_in_a_bin_both_kinds_of_pictures_have_their_weight() -> None:
+    """One of two distorted pictures is in the bin (a quarter), two of four others (an eighth each)."""
+    both = judged([8, 4], [0.41, 0.6]).beside(judged([0, 0, 0, 0], [0.45, 0.47, 0.9, None]))
+    first = both.bins()[0]
+    assert (first.count, first.low) == (3, 0.4)
+    assert first.stated == pytest.approx((2 * 0.41 + 0.45 + 0.47) / 4)
+    assert first.right == pytest.approx(0.5)
+    assert first.weight == pytest.approx((1 / 2) / (7 / 8))  # of what was answered
+    np.testing.assert_allclose(first.interval, wilson_interval(0.5, 16 / 6))  # (2 + 1 + 1)^2 / (4 + 1 + 1)
+
+
+def test_the_largest_gap_is_of_a_bin_with_enough_pictures() -> None:
+    """20 promise 0.5 and 12 of them are right, 25 promise 0.9 and 20 are; 19 promise 0.1 and all are."""
+    epe = [0.0] * 12 + [5.0] * 8 + [0.0] * 20 + [5.0] * 5 + [0.0] * 19
+    some = judged(epe, [0.5] * 20 + [0.9] * 25 + [0.1] * 19)
+    worst = widest(some.bins())
+    assert worst is not None and (worst.low, worst.count) == (0.5, 20)
+    assert worst.gap == pytest.approx(0.1)
+    worst = widest(judged([*epe, 5.0, 5.0], [0.5] * 20 + [0.9] * 25 + [0.1] * 19 + [0.9] * 2).bins())
+    assert worst is not None and worst.gap == pytest.approx(20 / 27 - 0.9)
+    assert widest(judged([1.0] * 19, [0.5] * 19).bins()) is None
+
+
+def test_who_states_nothing_has_no_bins() -> None:
+    silent = judged([1, 2], [None, None])
+    assert silent.bins() == [] and widest([]) is None and np.isnan(mean_gap([]))
+
+
+def test_intervals_hold_the_probability_in_95_of_100_cases() -> None:
+    """Wilson's bounds are the probabilities that lie 1.96 standard deviations from the share that came out."""
+    for share, size in ((0.3, 10.0), (0.5, 2.7), (0.98, 400.0)):
+        for bound in wilson_interval(share, size):
+            assert abs(share - bound) == pytest.approx(1.959964 * np.sqrt(bound * (1 - bound) / size))
+    rng = np.random.default_rng(0)
+    drawn = rng.binomial(400, 0.8, 2000) / 400
+    bounds = [wilson_interval(float(share), 400) for share in drawn]
+    assert np.mean([low <= 0.8 <= high for low, high in bounds]) == pytest.approx(0.95, abs=0.02)
+
+
+def test_bounds_of_none_and_of_all() -> None:
+    """0 of n leaves up to z^2 / (n + z^2)."""
+    assert wilson_interval(0.0, 20) == pytest.approx((0, 3.841459 / 23.841459), abs=1e-6)
+    assert wilson_interval(1.0, 20) == pytest.approx((20 / 23.841459, 1), abs=1e-6)
+
+
+def test_unequal_weights_tell_as_much_as_fewer_equal_ones() -> None:
+    assert effective_size(np.full(7, 0.3)) == pytest.approx(7)
+    assert effective_size(np.array([3.0, 1.0])) == pytest.approx(1.6)
 
 
 def test_the_plot_is_drawn_even_where_one_panel_has_no_dots(tmp_path: Path) -> None:
     many = judged(list(np.linspace(0, 20, 40)), list(np.linspace(1, 0.01, 40)))
-    panels = {"many": {"a": many}, "few": {"a": judged([1.0], [0.5])}}
+    panels = {"many": {"a": many}, "none": {"a": judged([1.0], [None])}}
     draw_reliability(panels, [("a", "tab:blue", "-"), ("b", "tab:orange", "-")], tmp_path / "plot.png")
     assert Photo.open(tmp_path / "plot.png").width > 500

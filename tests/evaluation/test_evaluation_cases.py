@@ -19,6 +19,7 @@ from unshutter.evaluation.cases.disturbances import DISTURBANCES
 from unshutter.evaluation.cases.folders import Frame
 from unshutter.evaluation.cases.pairs import PairCase
 from unshutter.evaluation.cases.synthetic import Suite, SyntheticCase
+from unshutter.evaluation.cases.true_attitude import true_attitude
 from unshutter.evaluation.cases.video import VideoCase, agreeing_matches
 from unshutter.evaluation.metrics import motion_error
 from unshutter.motion import RotationMotion
@@ -91,6 +92,41 @@ def test_a_record_holds_the_confidence_that_the_motion_states(photo: Path) -> No
         assert record["confidence"] is None
     (record,) = made.judge(["manhattan"], load)
     assert 0 < record["confidence"] < 1
+
+
+@pytest.mark.parametrize(
+    ("px", "confidence", "cause"),
+    [
+        (9, 0.9, ""),
+        (9, 0.01, "not sure"),
+        [
+            (9, 0.9, ""),
+            (9, 0.01, "not sure"),
+            (0.4, 0.9, "no motion"),
+            (0.4, 0.3, "not sure"),
+            (0.4, None, "less than half a pixel"),
+            (9, None, ""),
+            (0, 0.9, "no motion"),
+        ],
+        (0.4, 0.3, "not sure"),
+        (0.4, None, "less than half a pixel"),
+        (9, None, ""),
+        (0, 0.9, "no motion"),
+    ],
+)
+def test_a_record_says_whether_rectify_would_leave_the_photo_alone(
+    px: float, confidence: float | None, cause: str, photo: Path
+) -> None:
+    motion = RowMotion.from_polynomials([0, px], [0], 256, 256, confidence=confidence)
+    (record,) = case(photo, Suite("still", still=True)).judge(["fixed"], lambda name: Fixed(motion))
+    assert record["left_alone"] == cause
+    assert (record["epe"] > 0.1) == (px > 0)  # of the motion found, undone or not
+
+
+def test_who_declines_or_fails_leaves_the_photo_alone(photo: Path) -> None:
+    for estimator in (load("none"), Broken()):
+        (record,) = case(photo, Suite("256 px")).judge(["x"], lambda name, estimator=estimator: estimator)
+        assert record["left_alone"]
 
 
 def test_pictures_are_compared_where_truth_and_estimate_see_something(photo: Path) -> None:
@@ -183,6 +219,46 @@ def test_recorded_motions(photo: Path, tmp_path: Path) -> None:
     truth = case(photo, suite, logs=(log,)).show([], load).curves["truth"]
     assert truth.tx_px[-1] == pytest.approx(256 * np.tan(0.05 * 255 / 256), rel=1e-3)
     assert np.abs(truth.rz_rad).max() == pytest.approx(0, abs=1e-9)
+
+
+def test_exposures_blur_the_picture_and_are_told(photo: Path) -> None:
+    sharp, short, long = (
+        case(photo, Suite(str(time), exposure_s=time)).show([], load) for time in (None, 1 / 1000, 1 / 60)
+    )
+    assert sharp.curves["truth"] == short.curves["truth"] == long.curves["truth"]
+    blurred = [np.abs(np.diff(shown.pictures[0][1].astype(float), axis=1)).mean() for shown in (sharp, short, long)]
+    assert blurred[2] < 0.8 * blurred[1] < blurred[0]
+    estimator = Fixed(RowMotion.zero(256, 256))
+    for suite in (Suite("a", exposure_s=1 / 60), Suite("b", exposure_s=1 / 60, still=True), Suite("c")):
+        case(photo, suite).judge(["fixed"], lambda name: estimator)
+    told = [(view.exposure_s(), view.camera.readout_ms) for view in estimator.seen]
+    assert told == [(pytest.approx(1 / 60), 30), (pytest.approx(1 / 60), 30), (None, None)]
+
+
+def test_the_attitude_is_told_as_well_as_asked(photo: Path) -> None:
+    exact, off = (Fixed(RowMotion.zero(256, 256)) for _ in range(2))
+    for draw in range(4):
+        case(photo, Suite("a", attitude_deg=0.0), draw).judge(["fixed"], lambda name: exact)
+        case(photo, Suite("b", attitude_deg=1.0), draw).judge(["fixed"], lambda name: off)
+    truth, told = (np.array([view.attitude_deg() for view in each.seen]) for each in (exact, off))
+    assert (truth == truth[0]).all() and np.abs(truth).max() < 1  # the facade is seen straight on
+    assert np.abs(told - truth).min() > 0 and np.abs(told - truth).max() <= 1
+    plain = case(photo, Suite("c")).show([], load).curves["truth"]
+    assert case(photo, Suite("d", attitude_deg=1.0)).show([], load).curves["truth"] == plain
+
+
+@pytest.mark.parametrize("roll", [-4.0, 3.0])
+def test_the_true_attitude_of_a_camera_that_was_turned(facade: np.ndarray, roll: float) -> None:
+    """A camera turned clockwise sees the scene turned counter-clockwise, as OpenCV counts angles."""
+    height, width = facade.shape[:2]
+    turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), roll, 1)
+    seen = cv2.warpAffine(facade, turn, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    told = true_attitude(View(Photo.from_array(seen)))
+    assert told is not None and told[0] == pytest.approx(roll, abs=0.5)
+
+
+def test_a_picture_without_lines_tells_no_attitude() -> None:
+    assert true_attitude(View(Photo.from_array(np.full((200, 300), 128, np.uint8)))) is None
 
 
 # ---- disturbances -------------------------------------------------------------------------------------------

@@ -66,12 +66,17 @@ def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> N
     assert done.returncode == 0, done.stderr
     docs = tmp_path / "docs" / "results"
     page = (docs / "confidence.md").read_text()
-    distorted, undistorted, both = (part.split("\n##")[0] for part in page.split("### ")[1:])
+    bins, distorted, undistorted, both = (part.split("\n##")[0] for part in page.split("### ")[1:])
     for place in ("houses", "all"):
         assert f"| {place} | manhattan | 5 | 0% | 5.00 | 2.50 | **50%** | 50% | 50% |" in distorted
         assert f"| {place} | manhattan | 5 | 0% | 0.40 | 0.50 | -25% | 100% | -25% |" in undistorted
         # a tenth each: the fifth that goes is 15 px and either 4 px of the distorted or 0 px (equal confidences)
         assert f"| {place} | manhattan | 10 | 0% | 2.70 | 1.25 | **54%** | 63% | 54% |" in both
+    # at 0.9 and above one distorted picture (1 px, which is not below it) and two of the others (0 and 2 px)
+    assert "| manhattan | 0.9 to 1.0 | 3 | 0.92 | 0.33 |" in bins
+    assert "| manhattan | 0.1 to 0.2 | 1 | 0.10 | 0.00 |" in bins
+    assert "| half and half | all | manhattan | 10 | 0.71 | 0.40 |" in page  # four of ten are right
+    assert "| – | – | – |" in page  # no bin has enough pictures for a largest gap
     assert "| none |" not in page and "(`manhattan`)" in page
     assert "unshutter evaluate --protocol undistorted --data photos/houses" in page
     assert (docs / "confidence-reliability.png").exists()

@@ -106,6 +106,7 @@ def test_the_json_contract() -> None:
         "readout",
         "reference",
         "reference_row",
+        "largest_px",
         "tx_px",
         "rz_rad",
         "estimator",

@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.drawn_photos import drawn, encoded
-from support.fuzzing import check, damaged, peak_memory, thorough
+from support.fuzzing import check, damaged, memory, peak_memory, thorough
+from support.rich_files import COLUMNS, RAW, rich_file
+from support.tagged_files import exif_blob
 from unshutter import UnshutterError
 from unshutter.photo import Photo
 
@@ -52,6 +54,19 @@ def seeds() -> dict[str, bytes]:
     return files | camera_files()
 
 
+@functools.cache
+def rich_files() -> dict[str, bytes]:
+    """Files with all the metadata that their formats can have, by other programs; of both kinds of TIFF."""
+    readable = {**COLUMNS}
+    if not (find_spec("pi_heif") and find_spec("pillow_heif")):
+        del readable["HEIC"]
+    if not (find_spec("rawpy") and find_spec("tifffile")):
+        del readable[RAW]
+    files = {f"{column.partition(' ')[0].lower()}, rich": rich_file(column) for column in readable}
+    files["tiff, big"] = encoded(drawn(), "TIFF", big_tiff=True, exif=exif_blob(6)[6:])
+    return files
+
+
 def camera_files() -> dict[str, bytes]:
     """HEIC and raw, where the extras and what writes them are installed."""
     from support.camera_files import dng, heic, linear
@@ -76,7 +91,7 @@ def palette_png() -> bytes:
     return stream.getvalue()
 
 
-def check_photo(data: bytes) -> None:
+def check_photo(data: bytes, target: str | None = None) -> None:
     def read() -> Photo:
         photo = Photo.from_bytes(data, max_pixels=MAX_PIXELS)
         assert photo.height * photo.width <= MAX_PIXELS
@@ -89,7 +104,7 @@ def check_photo(data: bytes) -> None:
 
     photo = check(read)
     if isinstance(photo, Photo):  # what could be read can be written: its metadata, too, is as good as new
-        again = check(lambda: Photo.from_bytes(photo.to_bytes(), max_pixels=MAX_PIXELS))
+        again = check(lambda: Photo.from_bytes(photo.to_bytes(target), max_pixels=MAX_PIXELS))
         if isinstance(again, Photo):
             assert (again.height, again.width) == (photo.height, photo.width)
 
@@ -103,10 +118,11 @@ def test_the_files_are_whole_before_they_are_damaged(name: str) -> None:
 @thorough
 @given(data=st.data())
 def test_damaged_photos(reader: str, data: st.DataObject) -> None:
-    files = [file for name, file in sorted(seeds().items()) if name.partition(",")[0] == reader]
+    files = [file for name, file in sorted((seeds() | rich_files()).items()) if name.partition(",")[0] == reader]
     if not files:
         pytest.skip(f"{reader} needs its extra, and what writes it")
-    check_photo(damaged(data.draw, data.draw(st.sampled_from(files))))
+    target = data.draw(st.sampled_from([None, "jpeg", "png", "webp", "tiff", "avif"]))
+    check_photo(damaged(data.draw, data.draw(st.sampled_from(files))), target)
 
 
 @thorough
@@ -127,7 +143,7 @@ def png_of(width: int, height: int, rows: int) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    row = b"\0" * (1 + 3 * width)
+    row = b"\0" * (1 + 3 * width) if rows else b""
     packer = zlib.compressobj(9)
     data = b"".join(packer.compress(row) for _ in range(rows)) + packer.flush()
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
@@ -145,7 +161,7 @@ def png_of(width: int, height: int, rows: int) -> bytes:
 def test_bombs_are_refused_before_they_go_off(bomb: bytes) -> None:
     with pytest.raises(UnshutterError):
         Photo.from_bytes(bomb, max_pixels=MAX_PIXELS)
-    before = peak_memory()
+    before = memory()
     check_photo(bomb)
     assert peak_memory() - before < 50_000_000
 

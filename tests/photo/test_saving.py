@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from support.drawn_photos import drawn, encoded, one_line
-from unshutter.errors import UnshutterError
+from unshutter import rectify
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
 from unshutter.photo.formats import WRITTEN
+from unshutter.storage.files import times_of
 
 
 def digest(path):
@@ -31,6 +33,20 @@ def test_save_chooses_the_format_by_the_ending_and_leaves_the_original_alone(tmp
     assert digest(original) == before
     assert len(os.listdir(tmp_path)) == 1 + len(WRITTEN[format].suffixes)
     assert oct(target.stat().st_mode) == oct(original.stat().st_mode)  # not a temporary file's rights
+
+
+def test_times_are_kept_where_they_are_asked_for(tmp_path):
+    photo, then = tmp_path / "in.jpg", (1_000_000_000_000_000_000, 900_000_000_000_000_000)
+    photo.write_bytes(encoded(drawn(96, 96), "JPEG"))
+    os.utime(photo, ns=then)
+    rectified = rectify(photo, estimator="none")
+    rectified.save(tmp_path / "then.jpg", keep_times=True)
+    rectified.save(tmp_path / "now.jpg")
+    assert times_of(tmp_path / "then.jpg") == then == rectified.original.times_ns
+    assert times_of(tmp_path / "now.jpg")[1] > 1_700_000_000_000_000_000
+    with pytest.raises(UsageError, match="read from a file"):
+        Photo.from_bytes(photo.read_bytes()).save(tmp_path / "none.jpg", keep_times=True)
+    assert not (tmp_path / "none.jpg").exists()
 
 
 def test_existing_files_need_overwrite_and_the_original_is_never_replaced(tmp_path):

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from unshutter.errors import UnshutterError
-from unshutter.storage.files import check_target, remove_leftovers, remove_own_parts, written_whole
+from unshutter.storage.files import check_target, remove_leftovers, remove_own_parts, times_of, written_whole
+from unshutter.storage.plain_files import digest
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links, pipes and permissions")
 
@@ -100,6 +101,18 @@ def test_permissions_are_those_of_the_original(tmp_path: Path, mode: int) -> Non
     write(tmp_path / "c.jpg", b"", mode_of=tmp_path / "missing.jpg")
     (tmp_path / "new.jpg").touch()
     assert (tmp_path / "c.jpg").stat().st_mode == (tmp_path / "new.jpg").stat().st_mode
+
+
+def test_times_that_are_given_are_kept(tmp_path: Path) -> None:
+    target, then = tmp_path / "a.jpg", (1_000_000_000_000_000_000, 900_000_000_000_000_000)  # 2001 and 1998
+    write(target, b"new", times_ns=then)
+    assert times_of(target) == then
+    assert digest(target) is not None
+    if hasattr(os, "O_NOATIME"):
+        assert times_of(target) == then  # looking at a result of ours is no access
+    write(target, b"newer", times_ns=(1 << 200, 1 << 200))  # no file system has them
+    assert target.read_bytes() == b"newer"
+    assert times_of(tmp_path / "missing.jpg") is None
 
 
 def test_leftovers_go_unless_somebody_writes_them(tmp_path: Path) -> None:

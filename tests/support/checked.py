@@ -32,6 +32,7 @@ CHECKED = {
     "unshutter.motion.sampling",
     "unshutter.motion.speed",
     "unshutter.synthesis.row_motions",
+    "unshutter.warp.crop",
     "unshutter.warp.grid",
     "unshutter.warp.pixels",
 }

@@ -9,18 +9,31 @@ from support.looking_back import backward_map
 from support.shaken_scenes import drawn_scene, inside, shake
 from unshutter.errors import UnshutterError
 from unshutter.motion import RowMotion
-from unshutter.warp.pixels import largest_valid_rectangle, rectify_pixels, validity_mask
+from unshutter.warp.crop import largest_valid_rectangle
+from unshutter.warp.pixels import rectify_pixels, straighten, validity_mask
 
 
 @pytest.mark.parametrize("bands", [1, 2, 3, 4])
-def test_keep_is_black_and_transparent_exactly_where_the_mask_says(bands):
+def test_keep_is_black_and_transparent_a_pixel_beyond_what_the_photo_saw(bands):
     pixels = np.full((90, 120, bands), 200, dtype=np.uint8)
     motion = shake(90, 120)
     kept = rectify_pixels(pixels, motion, "keep")
     mask = validity_mask(motion)
     assert 0.5 < mask.mean() < 0.99
     assert (kept[mask] == 200).all()
-    assert (kept[~mask] == 0).all()
+    near, far = inside(*backward_map(motion), 90, 120, -0.98), inside(*backward_map(motion), 90, 120, -1.02)
+    assert (kept[near] == 200).all()
+    assert (kept[~far] == 0).all() and not far.all()
+    assert (near & ~mask).any()
+
+
+def test_less_than_a_pixel_leaves_no_black_hairline():
+    pixels = np.full((90, 120, 3), 200, dtype=np.uint8)
+    slight = RowMotion.from_polynomials([0, 0.9], [0], 90, 120)
+    assert not validity_mask(slight).all()
+    assert (rectify_pixels(pixels, slight, "keep") == 200).all()
+    more = RowMotion.from_polynomials([0, 3.5], [0], 90, 120)
+    assert (rectify_pixels(pixels, more, "keep") == 0).any()
 
 
 def test_fill_repeats_the_border():
@@ -30,6 +43,7 @@ def test_fill_repeats_the_border():
     kept = rectify_pixels(pixels, motion, "keep")
     mask = validity_mask(motion)
     assert np.array_equal(filled[mask], kept[mask])
+    assert not np.array_equal(filled, kept)
     col, row = backward_map(motion)
     nearest = pixels[np.rint(row).clip(0, 89).astype(int), np.rint(col).clip(0, 119).astype(int)]
     far = ~inside(col, row, 90, 120, -1) & (inside(col, col, 120, 120) | inside(row, row, 90, 90))
@@ -47,7 +61,8 @@ def test_crop_keeps_the_aspect_and_only_valid_pixels():
         rows, cols = cropped.shape[:2]
         assert abs(cols * height / width - rows) <= 1
         assert rows * cols > 0.5 * height * width
-        left, top, w, h = largest_valid_rectangle(validity_mask(motion))
+        seen = inside(*backward_map(motion), height, width, -1)
+        left, top, w, h = largest_valid_rectangle(seen)
         assert (w, h) == (cols, rows)
         kept = rectify_pixels(drawn_scene(height, width), motion)[top : top + h, left : left + w]
         assert np.array_equal(rectify_pixels(drawn_scene(height, width), motion, "crop"), kept)
@@ -85,6 +100,32 @@ def test_largest_rectangle_of_a_large_mask_is_valid_and_hardly_smaller():
 def test_crop_that_leaves_nothing_says_so():
     image = np.full((100, 100), 9, np.uint8)
     with pytest.raises(UnshutterError, match="9 % of the photo: use other edges, keep or fill"):
-        rectify_pixels(image, RowMotion(100, np.full(100, 70.0), np.zeros(100)), "crop")
+        rectify_pixels(image, RowMotion(100, np.full(100, 71.0), np.zeros(100)), "crop")
     with pytest.raises(UnshutterError, match="0 % of the photo"):
         rectify_pixels(image, RowMotion(100, np.full(100, 500.0), np.zeros(100)), "crop")
+
+
+@pytest.mark.parametrize(("height", "width"), [(480, 640), (1500, 2000), (2003, 1501)])
+def test_large_pictures_are_cropped_to_what_the_photo_saw(height: int, width: int):
+    motion = shake(height, width)
+    found = straighten(np.full((height, width), 200, np.uint8), motion, "crop")
+    assert (found.pixels == 200).all()
+    exact = largest_valid_rectangle(validity_mask(motion))
+    assert found.pixels.shape[1] >= exact[2] - 8
+    assert found.whole == pytest.approx(found.pixels.size / (height * width))
+
+
+@pytest.mark.parametrize(("share", "edges"), [(0.3, "crop"), (2.5, "keep")])
+def test_automatic_edges_crop_where_little_is_lost(share: float, edges: str):
+    pixels, motion = drawn_scene(300, 400), shake(300, 400, share)
+    found = straighten(pixels, motion, "auto")
+    assert found.edges == edges
+    assert found.whole is not None and (found.whole >= 0.8) == (edges == "crop")
+    np.testing.assert_array_equal(found.pixels, rectify_pixels(pixels, motion, found.edges))
+
+
+@pytest.mark.parametrize(("height", "width"), [(90, 120), (1001, 1503)])
+def test_less_than_a_pixel_is_not_cropped_away(height: int, width: int):
+    pixels = drawn_scene(height, width)
+    found = straighten(pixels, RowMotion.from_polynomials([0, 0.9], [0], height, width), "auto")
+    assert found.pixels.shape == pixels.shape and found.whole == 1

@@ -11,7 +11,7 @@ from unshutter.batch.report import Tell, each_photo
 from unshutter.batch.targets import check_named_once, is_folder, motion_names, plan_targets
 from unshutter.errors import UsageError
 from unshutter.estimators.register import check_name
-from unshutter.options import Find, Reference
+from unshutter.options import Find, Reference, Undo
 from unshutter.prefetch import Prefetch
 from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import Place, check_place, make_folder, write_place
@@ -26,15 +26,13 @@ class Estimates:
     """What is wanted of each photo.
 
     Attributes:
-        find: how its motion is found.
+        find: how its motion is found; where it gives the time of the readout, the speed is added.
         reference: row that counts as not moving.
-        readout_ms: time of the readout [ms], which adds the speed; None: no speed.
         plot: file to draw the motion into; None: none.
     """
 
     find: Find
     reference: Reference = "first"
-    readout_ms: float | None = None
     plot: Path | None = None
 
 
@@ -50,12 +48,7 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
     check_named_once([*(("the motion", target) for target in targets.values()), ("--plot", wanted.plot)])
     protection = Protection(inputs.photos, [output])
     _remove_leftovers(targets)
-    prefetch = Prefetch(list(inputs.photos), wanted.find, max_pixels, whole=False)
-    from unshutter.motion.speed import check_readout_ms
-
-    if wanted.readout_ms is not None:
-        check_readout_ms(wanted.readout_ms)
-
+    prefetch = Prefetch(list(inputs.photos), wanted.find, max_pixels)
     in_folder = output is not None and is_folder(output, inputs.many)
 
     def check(file: Place, photo: Place) -> None:
@@ -70,8 +63,7 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
             check(file, photo)
         coming = prefetch.take(photo)
         motion = coming.photo and coming.motion().rereferenced(wanted.reference)
-        if motion.reason:
-            tell(f"{photo}: no motion ({motion.reason})")
+        _tell_if_it_would_not_be_undone(motion, photo, tell)
         text = _told(motion, photo, wanted)
         if target:
             write_place(f"{text}\n".encode(), target, overwrite, mode_of=photo)
@@ -79,6 +71,16 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
             print(text)
 
     return each_photo(inputs, one)
+
+
+def _tell_if_it_would_not_be_undone(motion: Motion, photo: Place, tell: Tell) -> None:
+    from unshutter.motion.verdict import Verdict
+
+    verdict = Verdict.of(motion, Undo())
+    if motion.reason:
+        tell(f"{photo}: no motion ({motion.reason})")
+    elif not verdict.changes:
+        tell(f"{photo}: rectify leaves it as it is ({verdict.told()})")
 
 
 def _remove_leftovers(targets: dict[Place, Place]) -> None:
@@ -91,8 +93,9 @@ def _told(motion: Motion, photo: Place, wanted: Estimates) -> str:
     """The motion as text; drawn, too, if that is wanted."""
     from unshutter.motion.speed import json_with_speed
 
+    readout_ms = wanted.find.camera.readout_ms
     if wanted.plot:
         from unshutter.export.plot import plot_motion
 
-        plot_motion(motion, wanted.plot, title=photo.name, readout_ms=wanted.readout_ms)
-    return motion.to_json() if wanted.readout_ms is None else json_with_speed(motion, wanted.readout_ms)
+        plot_motion(motion, wanted.plot, title=photo.name, readout_ms=readout_ms)
+    return motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)

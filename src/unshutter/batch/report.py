@@ -6,13 +6,16 @@ import json
 import os
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
 from unshutter.batch.inputs import Inputs
-from unshutter.errors import UnshutterError
+from unshutter.batch.job import Job, Outcome
+from unshutter.batch.preview import Preview
+from unshutter.errors import UnshutterError, visible
 from unshutter.progress import Progress, rate
 from unshutter.storage.places import Place
 from unshutter.storage.plain_files import open_plain
@@ -46,10 +49,12 @@ class Report:
     ):
         self.total = total
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
+        self._left: Counter[str] = Counter()  # photos that were left as they are, by cause; "": changed
         self._start = time.monotonic()
         self._inputs = inputs or Inputs()
         self._log = _open_log(log, protection or Protection([])) if log is not None else None
         self._bar = Progress(to_do)
+        self.preview: Preview | None = None  # to be made of what is done
 
     def __enter__(self) -> Report:
         self._bar.__enter__()
@@ -57,18 +62,44 @@ class Report:
 
     def __exit__(self, *error: object) -> None:
         self._bar.__exit__(*error)
-        summary = {**self.counts, "photos": self.total, "stopped": error[0] is not None}
+        left = {cause: count for cause, count in self._left.items() if cause}
+        fates = {"changed": self._left[""], "left_as_they_are": left}
+        summary = {**self.counts, **fates, "photos": self.total, "stopped": error[0] is not None}
         if self._inputs.passed_over:
             summary["not_taken"] = self._inputs.counts()
         self._note("end", **summary, seconds=round(time.monotonic() - self._start, 3))
         if self._log is not None:
             self._log.close()
 
-    def done(self, photo: Place, target: Place, note: str, seconds: float) -> None:
-        """A photo was rectified."""
-        self._count("done", photo, target=str(target), seconds=round(seconds, 3), **({"note": note} if note else {}))
-        self.tell(f"{photo} -> {target}{f' ({note})' if note else ''}")
+    def done(self, job: Job, outcome: Outcome) -> None:
+        """A photo was changed, or is left as it is."""
+        verdict = outcome.verdict
+        told = {"note": outcome.note} if outcome.note else {}
+        self._count(
+            "done",
+            job.source,
+            target=str(job.target) if outcome.is_written else None,
+            **(verdict.as_json() if verdict else {}),
+            seconds=round(outcome.seconds, 3),
+            **told,
+        )
+        if self.preview is not None:
+            self.preview.add(job, outcome)
+        changed = verdict is None or verdict.changes
+        self._left[verdict.cause if verdict and not changed else ""] += 1
+        about = "; ".join(filter(None, (verdict and verdict.told(), outcome.note)))
+        what = f"{job.source} -> {job.target}" if changed else f"{job.source} left as it is"
+        self.tell(f"{what} ({about})" if about else what)
         self._bar.advance()
+
+    def save_preview(self) -> None:
+        """Writes the picture of what was done, where one is wanted, and says so.
+
+        Raises:
+            UnshutterError: it cannot be written.
+        """
+        if self.preview is not None:
+            self.tell(self.preview.save())
 
     def skipped(self, photo: Place, target: Place) -> None:
         """A photo's result was there when the batch began, or another run was faster."""
@@ -101,6 +132,12 @@ class Report:
                 log.close()
             raise UnshutterError(f"cannot write {log.name}: {error.strerror}") from None
 
+    def _fates(self) -> str:
+        """How many photos were changed, and why not: ``3 changed, 2 left as they are (2 not sure)``."""
+        causes = [(cause, count) for cause, count in self._left.most_common() if cause]
+        line = f"{self._left['']} changed, {sum(count for _, count in causes)} left as they are"
+        return f"{line} ({', '.join(f'{count} {cause}' for cause, count in causes)})" if causes else line
+
     def exit_code(self) -> int:
         """The code that the command ends with; says how it went."""
         seconds, done, skipped = time.monotonic() - self._start, self.counts["done"], self.counts["skipped"]
@@ -110,6 +147,8 @@ class Report:
             if self._inputs.passed_over:
                 self.tell(f"unshutter: {self._inputs.not_taken()}")
             self.tell(f"unshutter: {done} of {self.total} photos done in {_spoken(seconds)}{speed}{before}")
+            if done:
+                self.tell(f"unshutter: {self._fates()}")
         return exit_code(self.counts["failed"], self.total)
 
 
@@ -157,7 +196,7 @@ def naming_the_photo(photo: Place, one: Callable[[Place], None]) -> None:
     try:
         one(photo)
     except UnshutterError as error:
-        if str(photo) in str(error):
+        if visible(str(photo)) in str(error):
             raise
         raise type(error)(f"{photo}: {error}") from None
     except MemoryError:

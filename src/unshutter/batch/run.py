@@ -198,7 +198,7 @@ class Batch:
 
     def _report_on(self, job: Job, outcome: Outcome) -> None:
         if not outcome.error:
-            self._report.done(job.source, job.target, outcome.note, outcome.seconds)
+            self._report.done(job, outcome)
         elif self._report.total == 1:
             raise (UsageError if outcome.usage else UnshutterError)(outcome.error)
         else:

@@ -40,7 +40,7 @@ def with_motions(jobs: list[Job], photos: list[Place], wanted: Rectify, max_pixe
     """
     from unshutter.frames.sequence import CameraMotion, known_ratio
 
-    clock, camera = wanted.neighbours.clock, wanted.find.camera
+    clock, camera = wanted.clock, wanted.find.camera
     ratio = known_ratio(clock.ratio) if clock.is_known else None
     finder = CameraMotion(ratio, camera.focal_px, camera.direction)
     read: list[Place] = []

@@ -128,9 +128,10 @@ def _made(kind: type, given: argparse.Namespace) -> Any:
 
 
 def _fields(kind: type) -> Iterator[tuple[dataclasses.Field, Any]]:
-    """Fields of a dataclass with their types."""
+    """Fields of a dataclass that can be given, with their types: those with a help, and groups."""
     hints = typing.get_type_hints(kind)
-    return ((each, hints[each.name]) for each in dataclasses.fields(kind))
+    fields = ((each, hints[each.name]) for each in dataclasses.fields(kind))
+    return ((each, type_) for each, type_ in fields if each.metadata or _is_group(type_))
 
 
 def _is_group(type_: Any) -> bool:

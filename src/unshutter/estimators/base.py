@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.estimators.method import Method
+from unshutter.estimators.speed_limit import SpeedLimit, speed_limit
 from unshutter.geometry.readout import Readout, scene_up
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera
 from unshutter.photo import Photo
+from unshutter.photo.tags.attitude import Attitude
+from unshutter.photo.tags.readout_time import ReadoutTime
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,9 @@ class View:
 
     @property
     def readout(self) -> Readout:
-        """Direction in which the stored pixels were read."""
+        """Direction in which the stored pixels were read: the given one, else as gravity shows, else top to bottom."""
+        if self.camera.readout == "auto" and self.photo.attitude is not None:
+            return self.photo.attitude.readout
         return self.camera.direction
 
     @property
@@ -62,11 +68,61 @@ class View:
         """Focal length [px of the full-size picture]: the given one, else EXIF's, else None."""
         return self.camera.focal_px or self.photo.focal_px()
 
+    def attitude(self) -> Attitude:
+        """How the camera was held: each angle the given one, else the photo's own, else None."""
+        own = self.photo.attitude or Attitude(None, None, "")
+        roll, tilt = self.camera.roll_deg, self.camera.tilt_deg
+        if roll is None and tilt is None:
+            return own
+        kept = own.tilt_deg if tilt is None else own.roll_deg if roll is None else None
+        roll, tilt = own.roll_deg if roll is None else roll, own.tilt_deg if tilt is None else tilt
+        return Attitude(roll, tilt, "given" if kept is None else f"given; {own.source}", own.readout)
+
     def attitude_deg(self) -> tuple[float | None, float | None]:
         """Roll and tilt of the camera [degrees], each where it is known: the given ones, else the photo's own."""
-        roll, tilt = self.photo.attitude_deg() or (None, None)
-        given = self.camera
-        return roll if given.roll_deg is None else given.roll_deg, tilt if given.tilt_deg is None else given.tilt_deg
+        held = self.attitude()
+        return held.roll_deg, held.tilt_deg
+
+    def exposure_s(self) -> float | None:
+        """How long each line was exposed [s]: the given time, else EXIF's, else None."""
+        return self.camera.exposure_s or self.photo.exposure_s()
+
+    def exposure_is_merged(self) -> bool:
+        """Whether the photo was put together from several exposures (HDR), so that its sharpness says less."""
+        return self.photo.is_merged()
+
+    def readout_s(self) -> ReadoutTime:
+        """How long the readout took, or may have taken: the given time, else what is usual for the kind of camera."""
+        if self.camera.readout_ms is None:
+            return self.photo.readout_time()
+        return ReadoutTime(self.camera.readout_ms / 1000, self.camera.readout_ms / 1000, "given")
+
+    @cached_property
+    def speed_limit(self) -> SpeedLimit | None:
+        """The fastest motion that the photo's sharpness allows; None where it does not say.
+
+        Reads the photo at its full size, once.
+
+        Raises:
+            UnshutterError: the photo is damaged or gone.
+        """
+        merged = self.exposure_is_merged()
+        return speed_limit(self._frame, self.exposure_s(), self.readout_s(), merged)
+
+    def _frame(self) -> np.ndarray:
+        return self.readout.turn(self.photo.pixels)
+
+    def noted(self, motion: Motion) -> Motion:
+        """The motion with what was known of the photo beside its pixels."""
+        held = self.attitude()
+        roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
+        return replace(
+            motion,
+            roll_deg=roll,
+            tilt_deg=tilt,
+            attitude_from=held.source,
+            exposure_s=self.exposure_s(),
+        )
 
     def no_motion(self, estimator: str, reason: str) -> Motion:
         """The answer of an estimator that declines, and why."""
@@ -126,6 +182,9 @@ class Estimator(ABC):
     def __init__(self, method: Method, weights: Path | None = None):
         self.method = method
         self.weights = weights
+
+    def __reduce__(self) -> tuple:  # an open network cannot be pickled: it is opened anew
+        return type(self), (self.method, self.weights)
 
     @property
     def name(self) -> str:

@@ -10,12 +10,15 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
 from unshutter.motion.speed import Speed
+from unshutter.motion.verdict import Verdict
+from unshutter.options import Undo
 from unshutter.storage.files import written_whole
 
 
 def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", readout_ms: float | None = None) -> None:
     """Draws t_x [px] and r_z [deg] over the rows, first row on top, into a PNG, SVG or PDF file.
 
+    Above stands how far it moves the photo, or why the photo would be left as it is.
     With the time of the readout, the speed, too: across and along the rows [px/s], and angular [deg/s].
 
     Raises:
@@ -41,7 +44,10 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", r
         axis.set_xlabel(label)
     axes[0].set_ylabel("row")
     axes[0].invert_yaxis()
-    figure.suptitle(f"{title} ({motion.estimator})" if title else motion.estimator, fontsize=10)
+    name = f"{title} ({motion.estimator})" if title else motion.estimator
+    verdict = Verdict.of(motion, Undo())
+    about = verdict.told() if verdict.changes else f"left as it is ({verdict.told()})"
+    figure.suptitle(f"{name}\n{about}", fontsize=10)
     try:
         with written_whole(Path(path)) as part:
             figure.savefig(part, dpi=150)

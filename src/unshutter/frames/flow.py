@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import cv2
 import numpy as np
@@ -73,7 +73,7 @@ def _one_way(source: np.ndarray, target: np.ndarray, plane: np.ndarray) -> np.nd
     height, width = source.shape
     grid = pixel_grid(height, width)
     ends = moved(plane, grid)
-    rest = _search().calc(source, looked_up(target, ends), np.zeros_like(grid))
+    rest = _search().calc(source, looked_up(target, ends), cast(np.ndarray, None))  # None: from no flow at all
     flow = moved(plane, grid + rest) - grid
     has_left = ~inside(ends, height, width)
     flow[has_left] = (ends - grid)[has_left]

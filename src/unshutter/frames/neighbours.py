@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 _MOST_ROWS, _LEAST_SHRINK = 480, 2  # short side of the small copies [px]; how much smaller than the frame
 _LEAST_CONSISTENT = 0.35  # of the flow, or the frames show different things
 _LEAST_GAIN = 0.06  # share of the difference between the frames that their motion must explain
+_NOISE_GAIN = 0.25  # what a motion may explain that was only fitted to noise; then it must be
+_PLAIN_CONSISTENT, _PLAIN_MOVE = 0.7, 0.5  # so consistent, and so large [px, mean]
+STILL = "nothing moved between the frames"
 _UNMOVED = 0.1  # px that nine tenths of a picture move by at most, if it is to stay as it is
 
 
@@ -55,11 +58,13 @@ class Rendered:
     Attributes:
         pixels: of the frame's size and type.
         valid: where some frame shows what belongs there.
+        largest_px: the farthest that anything of frame 0 moved.
         reason: why the frame was left as it is; else empty.
     """
 
     pixels: UInt[np.ndarray, "height width bands"]
     valid: Bool[np.ndarray, "height width"]
+    largest_px: float
     reason: str = ""
 
 
@@ -113,17 +118,18 @@ def render(
     copy_timing = timing.of_copy(next(iter(links.values())).earlier.shape[0])
     fields = {side: _field(links[side], copy_timing, moment, side) for side in links}
     field = joined(fields[-1], fields[1]) if len(fields) == 2 else next(iter(fields.values()))
-    reason = _unchanged(field, height)
+    moved = np.linalg.norm(field.shift(0), axis=-1) * height / field.velocity.shape[0]
+    largest = float(moved.max())
+    reason = _unchanged(field, moved, min(each.flow.consistent for each in links.values()))
     if reason:
-        return Rendered(frames[0], np.ones((height, width), bool), reason)
-    edges = "fill" if fill else "keep"
+        return Rendered(frames[0], np.ones((height, width), bool), largest, reason)
     grids = {frame: _grid(field, frame, height, width) for frame in (0, *links)}
     warped = {
-        frame: Warped(sampled_pixels(frames[frame], grid, "fill" if frame else edges, masked), grid, frame)
+        frame: Warped(sampled_pixels(frames[frame], grid, fill or frame != 0, masked), grid, frame)
         for frame, grid in grids.items()
     }
     others = [warped[side] for side in links]
-    return Rendered(*fuse(warped[0], others, timing, moment, borrow))
+    return Rendered(*fuse(warped[0], others, timing, moment, borrow), largest)
 
 
 def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
@@ -133,12 +139,13 @@ def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
     return replace(field_between(earlier, later, flow, timing, moment - first, nearest=-first), moment=moment)
 
 
-def _unchanged(field: Field, height: int) -> str:
+def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> str:
     """Why the frame is better left as it is; empty where it is not."""
-    moved = np.linalg.norm(field.shift(0), axis=-1) * height / field.velocity.shape[0]
     if np.percentile(moved, 90) < _UNMOVED and moved.max() < 1:
-        return "nothing moved between the frames"
-    if field.cost.mean() > (1 - _LEAST_GAIN) * field.still_cost.mean():
+        return STILL
+    gain = 1 - field.cost.mean() / max(field.still_cost.mean(), 1e-6)
+    plain = consistent > _PLAIN_CONSISTENT and moved.mean() > _PLAIN_MOVE
+    if gain < (_LEAST_GAIN if plain else _NOISE_GAIN):
         return "the frames do not say how the camera moved"
     return ""
 

@@ -7,19 +7,24 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.neighbours import Link, copy_side, link, render
+from unshutter.frames.neighbours import STILL, Link, copy_side, link, render
 from unshutter.frames.timing import Timing
 from unshutter.geometry.readout import Readout
-from unshutter.options import Clock, Edges, Reference, Subsampling, Undo
+from unshutter.motion.verdict import Verdict
+from unshutter.options import LEAST_AUTO_CROP, Clock, Edges, PictureFormat, Reference, Save, Subsampling, Undo
 from unshutter.photo import Photo
-from unshutter.warp.pixels import crop_window
+from unshutter.photo.encoding import Encoded
+from unshutter.result import encode_result, save_result
+from unshutter.warp.crop import largest_valid_rectangle
 
 SMALLEST_SIDE = 64  # px
+_LEAST_CROP = 0.1  # of the photo's area
 
 
 @dataclass(frozen=True)
@@ -31,15 +36,29 @@ class RectifiedFrame:
         valid: bool [H, W], where the original (with ``borrow``: or a neighbour) shows what belongs there, before any
             crop or fill.
         original: the photo as it was read.
-        reason: why its pixels were left as they are; else empty.
+        verdict: whether its pixels were changed, and why not.
+        edges: ``keep``, ``crop``, ``fill`` or ``borrow``: what was done about places that the photo did not see.
+        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
         motion: None: what moves differently near and far is no motion of the camera alone.
     """
 
     photo: Photo
     valid: np.ndarray
     original: Photo
-    reason: str = ""
+    verdict: Verdict
+    edges: Edges = "keep"
+    whole: float | None = None
     motion: None = None
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was undone; if not, :attr:`reason` says why."""
+        return self.verdict.changes
+
+    @property
+    def reason(self) -> str:
+        """Why the photo was left as it is; empty where it was changed."""
+        return self.verdict.reason
 
     @property
     def pixels(self) -> np.ndarray:
@@ -57,9 +76,18 @@ class RectifiedFrame:
         overwrite: bool = False,
         quality: int | None = None,
         subsampling: Subsampling | None = None,
+        keep_times: bool = False,
     ) -> tuple[str, ...]:
-        """Writes the picture; see :meth:`Photo.save`."""
-        return self.photo.save(path, overwrite=overwrite, quality=quality, subsampling=subsampling)
+        """Writes the picture; a photo that was left as it is is copied byte for byte. See :meth:`Photo.save`."""
+        return save_result(
+            self.photo, self.original, Path(path), overwrite, Save(None, quality, subsampling, keep_times)
+        )
+
+    def encode(
+        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+    ) -> Encoded:
+        """The picture as an encoded file, and what of its metadata did not go in; see :meth:`Photo.to_bytes`."""
+        return encode_result(self.photo, Save(format, quality, subsampling))
 
 
 def rectify_frames(
@@ -93,7 +121,9 @@ def rectify_frames(
         UnshutterError: a frame cannot be read, is too small, or has too little in common with its neighbour.
         UsageError: fewer than two frames, frames of different sizes, or an option that is none of its choices.
     """
-    how = Wanted(Clock(readout_ratio, readout_ms, fps), Undo(reference, 1.0, edges), Readout.parse(readout), at)
+    how = Wanted(
+        Clock(readout_ratio, fps=fps, readout_ms=readout_ms), Undo(reference, 1.0, edges), Readout.parse(readout), at
+    )
     before = current = None
     for given in frames:
         following = _Frame(given, how)
@@ -181,13 +211,16 @@ class _Frame:
         """Finds the flow to the next frame.
 
         Raises:
-            UnshutterError: it has another size, or shows something else.
+            UnshutterError: it has another size or other bands, or shows something else.
         """
         if self._size != following._size:
             sizes = [f"{width}x{height} px" for height, width in (self._size, following._size)]
             raise UnshutterError(
                 f"{self.name} has {sizes[0]} but {following.name} has {sizes[1]}: neighbours must be of one size"
             )
+        if self.photo.bands != following.photo.bands:
+            bands = f"{self.name} has {self.photo.bands} bands but {following.name} has {following.photo.bands}"
+            raise UnshutterError(f"{bands}: neighbours must be of one kind")
         self.to_next = link(self._copy, following._copy)
 
     @property
@@ -217,22 +250,34 @@ def _rectified(before: _Frame | None, current: _Frame, after: _Frame | None, how
     )
     back = -how.readout.quarter_turns
     pixels, valid = np.rot90(made.pixels, back), np.rot90(made.valid, back)
-    if edges == "crop":
-        window = crop_window(valid)
-        pixels = pixels[window.top : window.bottom, window.left : window.right]
-    return RectifiedFrame(current.photo.with_pixels(np.ascontiguousarray(pixels)), valid, current.photo, made.reason)
+    if made.reason:
+        cause = "no motion" if made.reason == STILL else "nothing to go by"
+        return RectifiedFrame(current.photo, valid, current.photo, Verdict(0.0, None, cause, made.reason))
+    whole = None
+    if edges in ("crop", "auto"):
+        left, top, width, height = largest_valid_rectangle(valid)
+        whole = width * height / valid.size
+        if edges == "crop" and whole < _LEAST_CROP:
+            raise UnshutterError(
+                f"cropping would leave {100 * whole:.0f} % of the photo: use other edges, keep or fill"
+            )
+        edges = "crop" if edges == "crop" or whole >= LEAST_AUTO_CROP else "keep"
+        if edges == "crop":
+            pixels = pixels[top : top + height, left : left + width]
+    photo = current.photo.with_pixels(np.ascontiguousarray(pixels))
+    return RectifiedFrame(photo, valid, current.photo, Verdict(made.largest_px), edges, whole)
 
 
 def _alike(neighbour: _Frame, frame: _Frame) -> np.ndarray:
     """A neighbour's pixels, which must be of the frame's kind.
 
     Raises:
-        UnshutterError: they have other bands or bits.
+        UnshutterError: they have other bits.
     """
     theirs, own = neighbour.pixels, frame.photo.pixels
-    if (theirs.shape[2], theirs.dtype) != (own.shape[2], own.dtype):
-        kinds = [f"{pixels.shape[2]} bands of {8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
-        raise UnshutterError(f"{frame.name} has {kinds[0]} but {neighbour.name} has {kinds[1]}: they must be alike")
+    if theirs.dtype != own.dtype:
+        bits = [f"{8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
+        raise UnshutterError(f"{frame.name} has {bits[0]} but {neighbour.name} has {bits[1]}: they must be alike")
     return theirs
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.camera import ROWS, Fit, Problem
 from unshutter.frames.focal import focal_from_motion
 from unshutter.frames.ratio import ReadoutRatio, fewer, ratio_from_motion
@@ -238,7 +238,9 @@ def known_ratio(
     Raises:
         UsageError: it is not above 0 and at most 1, or only a part of it is given.
     """
-    clock = Clock(readout_ratio, readout_ms, fps)
+    clock = Clock(readout_ratio, fps, readout_ms)
+    if (readout_ms is None) != (fps is None):
+        raise UsageError("readout_ms and fps (--readout-ms and --fps) go together: what counts is their product")
     return ReadoutRatio(clock.ratio, 0.0, "what was given") if clock.is_known else None
 
 

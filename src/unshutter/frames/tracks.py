@@ -154,10 +154,10 @@ def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.nda
     for _ in range(3):
         by_row = np.polynomial.polynomial.polyfit(start[chosen, 1] / diagonal, off[chosen], 3)
         away = np.hypot(*(off - np.polynomial.polynomial.polyval(start[:, 1] / diagonal, by_row).T).T)
-        if (away < near).sum() < _FEWEST:
+        if np.count_nonzero(away < near) < _FEWEST:
             return np.zeros(len(start), bool)
         chosen = away < near
-    if (away < near / 3).sum() < _SHARP * chosen.sum():  # as close as chance brings them: noise
+    if np.count_nonzero(away < near / 3) < _SHARP * np.count_nonzero(chosen):  # as close as chance brings them: noise
         return np.zeros(len(start), bool)
     return away < np.clip(_SPREAD * np.median(away[chosen]), _LEAST * diagonal, near)
 

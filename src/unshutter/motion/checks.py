@@ -74,6 +74,13 @@ def check_confidence(confidence: float | None) -> None:
         raise UnshutterError(f"a confidence lies between 0 and 1, got {confidence:g}")
 
 
+def check_known(**numbers: float | None) -> None:
+    """Raises UnshutterError where what is said to be known of the photo is neither None nor a finite number."""
+    for name, number in numbers.items():
+        if number is not None and not math.isfinite(number):
+            raise UnshutterError(f"the motion's {name} is no finite number: {number}")
+
+
 def check_strength(strength: float) -> None:
     """Raises UsageError where a motion cannot be scaled by this."""
     if not 0 <= strength <= 1:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import MissingFileError, UnshutterError
 from unshutter.geometry.readout import Readout
 from unshutter.motion import checks, motion_file
 from unshutter.motion.sampling import row_index
@@ -36,8 +37,13 @@ class Motion(ABC):
             the motion is zero there.
         readout: direction in which the stored pixels were read.
         estimator: what found this motion.
-        confidence: 0 ... 1, or None where the estimator gives none.
+        confidence: probability (0 ... 1) that it is right: mean displacement error below 1 px of 256 rows; None where
+            the estimator gives none.
         reason: why there is no motion, when an estimator declined; empty otherwise.
+        roll_deg, tilt_deg: how the camera was held (see :class:`~unshutter.options.Camera`), where that was known when
+            the motion was found [degrees]; else None.
+        attitude_from: who said so; empty otherwise.
+        exposure_s: how long the photo was exposed, where that was known [s]; else None.
         version: version of unshutter that made it.
 
     Raises:
@@ -55,6 +61,10 @@ class Motion(ABC):
     estimator: str = "given"
     confidence: float | None = None
     reason: str = ""
+    roll_deg: float | None = None
+    tilt_deg: float | None = None
+    attitude_from: str = ""
+    exposure_s: float | None = None
     version: str = __version__
 
     def __init_subclass__(cls, *, kind: str) -> None:
@@ -67,6 +77,7 @@ class Motion(ABC):
         checks.check_row_motion(self.tx_px, self.rz_rad)
         checks.check_size(self.height, self.width)
         checks.check_confidence(self.confidence)
+        checks.check_known(roll=self.roll_deg, tilt=self.tilt_deg, exposure=self.exposure_s)
         row_index(self.reference, self.height)
 
     # ---- what each kind says for itself ----------------------------------------------------------------
@@ -163,6 +174,14 @@ class Motion(ABC):
         """Index of the row that has zero motion."""
         return row_index(self.reference, self.height)
 
+    @cached_property
+    def largest_px(self) -> float:
+        """The farthest that anything in the picture is moved [px], by t_x, r_z or any other rotation."""
+        row = np.arange(self.height, dtype=np.float64)[:, None]
+        col = np.array([[0.0, (self.width - 1) / 2, self.width - 1.0]])
+        moved = self.rs_to_gs(col, row)
+        return float(np.hypot(moved[0] - col, moved[1] - row).max())
+
     @property
     def common(self) -> dict[str, Any]:
         """The attributes that all kinds have, by name."""
@@ -196,7 +215,7 @@ class Motion(ABC):
 
     def to_json(self) -> str:
         """The motion as JSON text, format ``unshutter-motion/1`` (docs/conventions)."""
-        rows = {name: getattr(self, name) for name in ("height", "reference_row", "tx_px", "rz_rad")}
+        rows = {name: getattr(self, name) for name in ("height", "reference_row", "largest_px", "tx_px", "rz_rad")}
         return motion_file.written(self.kind, self.common, rows, self._own_data())
 
     @staticmethod
@@ -230,13 +249,14 @@ class Motion(ABC):
         """Reads a motion file; the motion is of the kind that was saved.
 
         Raises:
-            UnshutterError: the file cannot be read or is no motion.
+            MissingFileError: there is no such file; UnshutterError: it cannot be read or is no motion.
         """
         try:
             text = Path(path).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
-            raise UnshutterError(f"cannot read motion file {path}: {reason}") from None
+            kind = MissingFileError if isinstance(error, FileNotFoundError) else UnshutterError
+            raise kind(f"cannot read motion file {path}: {reason}") from None
         try:
             return Motion.from_json(text)
         except UnshutterError as error:

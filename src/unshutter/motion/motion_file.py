@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, visible
 from unshutter.geometry.readout import Readout
 
 FORMAT = "unshutter-motion/1"
@@ -21,7 +22,7 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
     Args:
         kind: its tag.
         common: its attributes that all kinds have.
-        rows: height, reference_row, tx_px and rz_rad.
+        rows: height, reference_row, largest_px, tx_px and rz_rad.
         own: further keys of its kind.
     """
     data = {
@@ -32,6 +33,7 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
         "readout": str(common["readout"]),
         "reference": common["reference"],
         "reference_row": rows["reference_row"],
+        "largest_px": round(rows["largest_px"], 3) if math.isfinite(rows["largest_px"]) else None,
         "tx_px": rows["tx_px"].tolist(),
         "rz_rad": rows["rz_rad"].tolist(),
         "estimator": common["estimator"],
@@ -41,6 +43,11 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
     }
     if common["reason"]:
         data["reason"] = common["reason"]
+    if common["attitude_from"]:
+        held = {name: common[name] for name in ("roll_deg", "tilt_deg")}
+        data["attitude"] = {**held, "from": common["attitude_from"]}
+    if common["exposure_s"] is not None:
+        data["exposure_s"] = common["exposure_s"]
     return json.dumps(data)
 
 
@@ -63,16 +70,24 @@ def kind_of(data: dict[str, Any]) -> str:
 
 def common_of(data: dict[str, Any]) -> dict[str, Any]:
     """The attributes that all kinds of motion have."""
-    confidence = data.get("confidence")
+    attitude = dict(data.get("attitude") or {})
     return {
         "width": int(data["width"]),
-        "reference": data.get("reference", "first"),
+        "reference": str(data.get("reference", "first")),
         "readout": Readout.parse(data.get("readout", "auto")),
-        "estimator": str(data.get("estimator", "given")),
-        "confidence": None if confidence is None else float(confidence),
-        "reason": str(data.get("reason", "")),
-        "version": str(data.get("unshutter", "")),
+        "estimator": visible(str(data.get("estimator", "given"))),
+        "confidence": _number(data.get("confidence")),
+        "reason": visible(str(data.get("reason", ""))),
+        "roll_deg": _number(attitude.get("roll_deg")),
+        "tilt_deg": _number(attitude.get("tilt_deg")),
+        "attitude_from": visible(str(attitude.get("from", ""))),
+        "exposure_s": _number(data.get("exposure_s")),
+        "version": visible(str(data.get("unshutter", ""))),
     }
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)
 
 
 def numbers(values: Any) -> np.ndarray:

@@ -41,7 +41,9 @@ def with_metadata(
     if packet is not None:
         has_film = metadata.film is not None and "film" in format.holds
         left_out += xmp.gone(packet, has_film)
-        packet = xmp.after(packet, xmp.Next(image.height, image.width, orientation, is_new, has_film))
+        # where only XMP tells how to turn the picture, it goes on doing so
+        told = orientation if orientation != 1 else exif.told_orientation(metadata.exif)
+        packet = xmp.after(packet, xmp.Next(image.height, image.width, told, is_new, has_film))
         if packet is None:
             left_out.append("XMP (damaged)")
     if is_new and resources is not None:

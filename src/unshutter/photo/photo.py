@@ -6,27 +6,31 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UsageError
 from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
-from unshutter.photo import encoding
+from unshutter.photo import display, encoding
 from unshutter.photo.decoding import Decoder
 from unshutter.photo.encoding import Encoded
 from unshutter.photo.format import Coding, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN, of_target
 from unshutter.photo.grey import grey_copy, grey_size
-from unshutter.photo.libvips import as_image, libvips
+from unshutter.photo.libvips import as_image, libvips, with_bands
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
-from unshutter.photo.tags import attitude, exif
-from unshutter.storage.files import check_target, written_whole
+from unshutter.photo.tags import exif
+from unshutter.storage.files import Times, check_target, times_of, written_whole
 
 if TYPE_CHECKING:
     import numpy as np
     import pyvips
+
+    from unshutter.photo.tags.attitude import Attitude
+    from unshutter.photo.tags.readout_time import ReadoutTime
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +70,7 @@ class Photo:
     _coding: Coding = field(repr=False)
     _metadata: Metadata = field(repr=False)
     _given: np.ndarray | None = field(repr=False, default=None)  # pixels that are not the source's
+    _times_ns: Times | None = field(repr=False, default=None)  # of its file, before that was read
 
     # ---- in --------------------------------------------------------------------------------------------
 
@@ -77,7 +82,8 @@ class Photo:
             UnshutterError: missing, unreadable, empty, of no format that is read, damaged, several pictures in one
                 file, CMYK, CIELAB, floating point, or more than ``max_pixels``.
         """
-        return cls._from_source(Source(Path(path)), max_pixels)
+        times_ns = times_of(Path(path))  # now: reading changes the first of them
+        return replace(cls._from_source(Source(Path(path)), max_pixels), _times_ns=times_ns)
 
     @classmethod
     def from_bytes(cls, data: bytes, max_pixels: int = MAX_PIXELS) -> Photo:
@@ -100,16 +106,25 @@ class Photo:
         )
 
     @classmethod
-    def from_array(cls, array: np.ndarray) -> Photo:
+    def from_array(cls, array: np.ndarray, exposure_s: float | None = None) -> Photo:
         """A photo of pixels [H, W] or [H, W, 1..4] (grey, grey + alpha, RGB, RGB + alpha), uint8 or uint16; copied.
+
+        Args:
+            array: the pixels.
+            exposure_s: how long it was exposed [s], for EXIF; None: no EXIF.
 
         Raises:
             UnshutterError: another shape or type, or no pixels.
         """
-        pixels = _with_bands(array).copy()
+        pixels = with_bands(array).copy()
         pixels.setflags(write=False)
         height, width, bands = pixels.shape
-        return cls("array", height, width, bands, 1, None, None, Coding(), Metadata(), pixels)
+        said = Metadata()
+        if exposure_s is not None:
+            from unshutter.photo.tags import exposure
+
+            said = Metadata(exif=exposure.blob_of(exposure_s))
+        return cls("array", height, width, bands, 1, None, None, Coding(), said, pixels)
 
     def with_pixels(self, pixels: np.ndarray) -> Photo:
         """New pixels, possibly of another size, under this photo's metadata and format; not copied.
@@ -117,7 +132,7 @@ class Photo:
         Raises:
             UnshutterError: see :meth:`from_array`.
         """
-        pixels = _with_bands(pixels)
+        pixels = with_bands(pixels)
         height, width, bands = pixels.shape
         metadata = self._metadata if (height, width) == (self.height, self.width) else self._metadata.resized()
         return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None, _metadata=metadata)
@@ -178,10 +193,31 @@ class Photo:
         """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
         return exif.focal_px(self._metadata.exif, self.height, self.width)
 
-    def attitude_deg(self) -> tuple[float, float] | None:
-        """Roll and tilt of the camera [degrees] as a drone's gimbal wrote them; None where they are not known."""
-        packet = self._metadata.xmp
-        return attitude.of_xmp(packet) if packet and self.orientation == 1 else None
+    def exposure_s(self) -> float | None:
+        """How long the photo was exposed [s], from EXIF; None where it is not known."""
+        from unshutter.photo.tags import exposure  # here, as below: not before the photo is being decoded
+
+        return exposure.time_s(self._metadata.exif)
+
+    def is_merged(self) -> bool:
+        """Whether it was put together from several exposures (HDR), by EXIF: its exposure time is that of one."""
+        from unshutter.photo.tags import exposure
+
+        return exposure.is_merged(self._metadata.exif)
+
+    def readout_time(self) -> ReadoutTime:
+        """How long its readout may have taken, by the kind of camera that EXIF names."""
+        from unshutter.photo.tags import readout_time
+
+        return readout_time.of_exif(self._metadata.exif)
+
+    @cached_property
+    def attitude(self) -> Attitude | None:
+        """How the camera was held, as an accelerometer, level gauge or gimbal wrote it; None where it is not known."""
+        from unshutter.photo.tags import attitude
+
+        said = self._metadata
+        return attitude.of_photo(said.exif, said.xmp, self.orientation, self.height, self.width)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
@@ -206,7 +242,42 @@ class Photo:
             return self._decoder.grey(short_side)
         return grey_copy(self._picture, *grey_size(self.height, self.width, short_side))
 
+    @property
+    def times_ns(self) -> Times:
+        """Access and modification time of the photo's file [ns since 1970], as they were when it was opened.
+
+        Raises:
+            UsageError: the photo does not come from a file.
+        """
+        if self._times_ns is None:
+            raise UsageError("only a photo that was read from a file has times that could be kept")
+        return self._times_ns
+
+    def upright(self, longest_px: int = 0) -> np.ndarray:
+        """The photo as a viewer shows it: [H, W, 3] uint8 sRGB, turned upright, on white where it is transparent.
+
+        Args:
+            longest_px: long side that it is made smaller to; 0: real pixels.
+
+        Raises:
+            UnshutterError: the file is damaged, incomplete, or gone.
+        """
+        return display.upright(self._picture, self._metadata.icc, self.orientation, longest_px)
+
     # ---- out -------------------------------------------------------------------------------------------
+
+    def file_as(self, format: str, how: Save) -> Source | None:
+        """The encoded data that the photo was read from, where nothing else is asked for.
+
+        Args:
+            format: that is wanted.
+            how: it is to be coded.
+
+        Returns:
+            None where the pixels are new, the format is another, or a quality or subsampling is asked for.
+        """
+        is_same = self.format == format and how.quality is how.subsampling is None
+        return self._decoder.source if self._decoder is not None and is_same else None
 
     def to_bytes(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
@@ -244,6 +315,7 @@ class Photo:
         quality: int | None = None,
         overwrite: bool = False,
         subsampling: Subsampling | None = None,
+        keep_times: bool = False,
     ) -> tuple[str, ...]:
         """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
 
@@ -254,19 +326,23 @@ class Photo:
             quality: see :meth:`to_bytes`.
             overwrite: whether an existing file may be replaced; the photo's own never is, nor what a link leads to.
             subsampling: see :meth:`to_bytes`.
+            keep_times: whether it also gets the access and modification time that the photo's file had when it was
+                opened, as far as the file system can keep them.
 
         Returns:
             What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
 
         Raises:
-            UsageError: unknown ending, quality or subsampling; UnshutterError: the file exists, is a link or the
+            UsageError: unknown ending, quality or subsampling, or ``keep_times`` for a photo that is not from a file;
+            UnshutterError: the file exists, is a link or the
                 photo's own, its folder is missing or cannot be written to, the disc is full, or the photo is damaged.
         """
-        target, how = Path(path), Save(None, quality, subsampling)
+        target, how = Path(path), Save(None, quality, subsampling, keep_times)
+        times_ns = self.times_ns if how.keep_times else None
         format = of_target(target)
         check_target(target, overwrite, self.path)
         image, left_out = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
-        with written_whole(target, overwrite, mode_of=self.path) as part:
+        with written_whole(target, overwrite, mode_of=self.path, times_ns=times_ns) as part:
             left_out += encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
         return left_out
 
@@ -287,15 +363,3 @@ class Photo:
             yield "mask channel"
         if self.has_alpha and not format.alpha and encoding.is_transparent(self.image):
             yield "transparency"
-
-
-def _with_bands(array: np.ndarray) -> np.ndarray:
-    """[H, W, bands] of what a photo can be made of."""
-    import numpy as np  # not above: reading a file, which starts first, can do without
-
-    array = np.asarray(array)
-    if array.dtype not in (np.uint8, np.uint16):
-        raise UnshutterError(f"a photo needs pixels of type uint8 or uint16, got {array.dtype}")
-    if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
-        raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
-    return array.reshape(*array.shape[:2], -1)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from unshutter.errors import UnshutterError
 from unshutter.photo.libvips import libvips
 
 if TYPE_CHECKING:
@@ -42,6 +43,28 @@ class Source:
     def stream(self) -> BinaryIO:
         """A new stream at the beginning; OSError where the file cannot be read."""
         return self.place.open("rb") if isinstance(self.place, Path) else io.BytesIO(self.place)
+
+    def data(self) -> bytes:
+        """All of them.
+
+        Raises:
+            UnshutterError: the file cannot be read.
+        """
+        if isinstance(self.place, bytes):
+            return self.place
+        try:
+            return self.place.read_bytes()
+        except OSError as error:
+            raise UnshutterError(f"cannot read {self}: {error.strerror}") from None
+
+    def copy_to(self, path: Path) -> None:
+        """Fills a file with them; OSError where that fails."""
+        if isinstance(self.place, Path):
+            import shutil  # not above: most photos are not copied
+
+            shutil.copyfile(self.place, path)
+        else:
+            path.write_bytes(self.place)
 
     def patched(self, places: Sequence[int], data: bytes) -> Source:
         """A copy in memory with some bytes replaced at each of the places; OSError where it cannot be read."""

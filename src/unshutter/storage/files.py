@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TypeAlias
 
 from unshutter.errors import UnshutterError
 from unshutter.storage.plain_files import NEVER_FOLLOW, open_plain, same_bytes
@@ -28,6 +29,8 @@ _PART = re.compile(r"\.unshutter-[0-9a-f]{16}\.part(\..*)?")
 _LEFT_S = 3600  # without locks, a temporary file this old is nobody's
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
 _parts: set[Path] = set()  # temporary files of this process
+
+Times: TypeAlias = tuple[int, int]  # of the last access and the last change [ns]
 
 
 def check_target(target: Path, overwrite: bool, *originals: Path | None) -> None:
@@ -61,7 +64,9 @@ def check_target(target: Path, overwrite: bool, *originals: Path | None) -> None
 
 
 @contextmanager
-def written_whole(target: Path, overwrite: bool = True, mode_of: Path | None = None) -> Iterator[Path]:
+def written_whole(
+    target: Path, overwrite: bool = True, mode_of: Path | None = None, times_ns: Times | None = None
+) -> Iterator[Path]:
     """An empty temporary file beside ``target`` that takes its place when the block ends well, and goes otherwise.
 
     The bytes are on the disc before the name is, so that not even a power cut leaves a half-written file under it.
@@ -71,6 +76,7 @@ def written_whole(target: Path, overwrite: bool = True, mode_of: Path | None = N
         overwrite: whether an existing file is replaced. Without, one with the very same bytes stays, and all is well:
             somebody has done the same work before.
         mode_of: file whose permissions the new one gets; by default those of any new file.
+        times_ns: that it gets, where the file system can keep them; by default now.
 
     Raises:
         UnshutterError: the system refuses, the target is a link, or it exists and may not be replaced.
@@ -82,7 +88,7 @@ def written_whole(target: Path, overwrite: bool = True, mode_of: Path | None = N
         _parts.add(part)
         held = _make_and_hold(part, 0o666 if mode is None else 0o600)  # nobody reads along meanwhile
         yield part
-        _to_disc(part, mode)
+        _to_disc(part, mode, times_ns)
         _take_name(part, target, overwrite)
     except OSError as error:
         raise UnshutterError(f"cannot write {target}: {error.strerror}") from None
@@ -92,6 +98,14 @@ def written_whole(target: Path, overwrite: bool = True, mode_of: Path | None = N
         _parts.discard(part)
         if held is not None:
             os.close(held)
+
+
+def times_of(path: Path) -> Times | None:
+    """When a file was last read and changed [ns]; None where there is none."""
+    with suppress(OSError, ValueError):
+        status = path.stat()
+        return status.st_atime_ns, status.st_mtime_ns
+    return None
 
 
 def remove_leftovers(folder: Path) -> int:
@@ -136,12 +150,15 @@ def _make_and_hold(part: Path, mode: int) -> int | None:
         os.close(descriptor)  # taken for a leftover between the two steps
 
 
-def _to_disc(part: Path, mode: int | None) -> None:
+def _to_disc(part: Path, mode: int | None, times_ns: Times | None) -> None:
     descriptor = os.open(part, os.O_RDWR | NEVER_FOLLOW)
     try:
         if mode is not None:
             with suppress(OSError):  # a file system without permissions
                 os.chmod(part, mode)
+        if times_ns is not None:
+            with suppress(OSError, OverflowError):  # times that the file system cannot keep
+                os.utime(part, ns=times_ns)
         os.fsync(descriptor)
     finally:
         os.close(descriptor)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from unshutter.errors import UnshutterError
 from unshutter.storage import plain_files
-from unshutter.storage.files import check_target, written_whole
+from unshutter.storage.files import Times, check_target, written_whole
 
 if TYPE_CHECKING:
     from upath import UPath
@@ -117,7 +117,9 @@ def read_place(where: Place) -> bytes:
         return where.read_bytes()
 
 
-def write_place(data: bytes, target: Place, overwrite: bool = True, mode_of: Place | None = None) -> None:
+def write_place(
+    data: bytes, target: Place, overwrite: bool = True, mode_of: Place | None = None, times_ns: Times | None = None
+) -> None:
     """Writes a file or an object whole.
 
     Args:
@@ -125,12 +127,13 @@ def write_place(data: bytes, target: Place, overwrite: bool = True, mode_of: Pla
         target: where to.
         overwrite: whether what is there is replaced; without, the very same bytes may be there already.
         mode_of: file whose permissions a new file gets.
+        times_ns: that a new file gets; objects have times of their own.
 
     Raises:
         UnshutterError: it cannot be written, or exists and may not be replaced.
     """
     if isinstance(target, Path):
-        with written_whole(target, overwrite, mode_of if isinstance(mode_of, Path) else None) as part:
+        with written_whole(target, overwrite, mode_of if isinstance(mode_of, Path) else None, times_ns) as part:
             part.write_bytes(data)
         return
     if not overwrite and fingerprint(target) is not None:

@@ -60,7 +60,7 @@ def digest(path: Path) -> str | None:
     from hashlib import file_digest  # not above: it takes 15 ms, and a single photo does without
 
     try:
-        with open(open_plain(path, os.O_RDONLY), "rb") as stream:
+        with open(_open_unnoticed(path), "rb") as stream:
             return file_digest(stream, _new_hash).hexdigest()
     except (OSError, UnshutterError):
         return None
@@ -71,6 +71,13 @@ def digest_of(data: bytes) -> str:
     made = _new_hash()
     made.update(data)
     return made.hexdigest()
+
+
+def _open_unnoticed(path: Path) -> int:
+    """Opens a file to be read without a new access time, which it may have from its photo; where that is allowed."""
+    with suppress(UnshutterError):  # only its owner may, and only where the system can
+        return open_plain(path, os.O_RDONLY | getattr(os, "O_NOATIME", 0))
+    return open_plain(path, os.O_RDONLY)
 
 
 def _new_hash():

@@ -59,7 +59,8 @@ def synthesize_folder(
             folder.failed.append((photo, str(error)))
         else:
             for k, (drawn, rs, gs) in enumerate(pairs):
-                folder.add(f"{photo.stem}_{k:02d}", photo, digest, drawn, rs, gs)
+                made = Photo.from_array(rs, settings.exposure_s)
+                folder.add(f"{photo.stem}_{k:02d}", photo, digest, drawn, made, gs)
         if progress:
             progress()
     folder.finish(settings)
@@ -84,7 +85,7 @@ def _pairs_of(
         raise UnshutterError(f"{photo} has {size}: each side must have at least {_SMALLEST_SIDE} px")
     sequences = np.random.SeedSequence([settings.seed, int(digest, 16)]).spawn(settings.per_photo)
     motions = [draw(np.random.default_rng(sequence)) for sequence in sequences]
-    return digest, [(drawn, *synthesize(pixels, drawn)) for drawn in motions]
+    return digest, [(drawn, *synthesize(pixels, drawn, settings.exposure)) for drawn in motions]
 
 
 def _digest(path: Path) -> str:
@@ -115,13 +116,13 @@ class _PairFolder:
             raise UnshutterError(f"cannot write to folder {out}: {error.strerror}") from None
         return cls(out)
 
-    def add(self, name: str, photo: Path, digest: str, drawn: DrawnMotion, rs: np.ndarray, gs: np.ndarray) -> None:
+    def add(self, name: str, photo: Path, digest: str, drawn: DrawnMotion, rs: Photo, gs: np.ndarray) -> None:
         unique, others = name, 1
         while unique.casefold() in self.taken:  # photos of the same name from several folders
             others += 1
             unique = f"{name}-{others}"
         self.taken.add(unique.casefold())
-        Photo.from_array(rs).save(self.out / "rs" / f"{unique}.png")
+        rs.save(self.out / "rs" / f"{unique}.png")
         Photo.from_array(gs).save(self.out / "gs" / f"{unique}.png")
         drawn.crop.save(self.out / "motion" / f"{unique}.json")
         pair = {"name": unique, "photo": str(photo), "photo_sha256": digest, "drawn": drawn.parameters}

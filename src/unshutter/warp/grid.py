@@ -18,7 +18,7 @@ import numpy as np
 from unshutter.motion import Motion
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Bool, Float, Float32
+    from unshutter.geometry.shapes import Bool, Float, Float32, Real
 
 # (col, row) of output pixels -> (col, row) of the input positions they show
 PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -162,6 +162,15 @@ class SamplingGrid:
         col, row = np.matmul(down @ planes, across.T, out=out)
         return col, row
 
+    def at(
+        self, rows: Real[np.ndarray, "rows"], cols: Real[np.ndarray, "cols"]
+    ) -> tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
+        """The map at the pixels where given rows and columns of the output cross: col and row."""
+        down = _weights_at(rows, self.row_step, self.nodes.shape[0])
+        across = _weights_at(cols, self.col_step, self.nodes.shape[1])
+        col, row = np.matmul(down @ np.moveaxis(self.nodes, 2, 0), across.T)
+        return col, row
+
     def extent(self, tile: Tile) -> Extent:
         """Bounds of the positions of a tile, from the nodes about it: cheaper than from the positions, and wider."""
         nodes, _, _ = self._nodes_about(tile)
@@ -174,12 +183,17 @@ class SamplingGrid:
         return least >= -_INSIDE_SLACK and most <= _INSIDE_SLACK - 1
 
     def inside(
-        self, col: Float[np.ndarray, "rows cols"], row: Float[np.ndarray, "rows cols"], left: int = 0, top: int = 0
+        self,
+        col: Float[np.ndarray, "rows cols"],
+        row: Float[np.ndarray, "rows cols"],
+        left: int = 0,
+        top: int = 0,
+        beyond: float = 0.0,
     ) -> Bool[np.ndarray, "rows cols"]:
-        """bool: which positions, counted from left and top, lie inside the picture."""
-        right, bottom = self.width - 1 - left, self.height - 1 - top
-        within_width = (col >= -left - _INSIDE_SLACK) & (col <= right + _INSIDE_SLACK)
-        return within_width & (row >= -top - _INSIDE_SLACK) & (row <= bottom + _INSIDE_SLACK)
+        """bool: which positions, counted from left and top, lie inside the picture, or up to ``beyond`` px outside."""
+        right, bottom, slack = self.width - 1 - left, self.height - 1 - top, max(beyond, _INSIDE_SLACK)
+        within_width = (col >= -left - slack) & (col <= right + slack)
+        return within_width & (row >= -top - slack) & (row <= bottom + slack)
 
     def _nodes_about(self, tile: Tile) -> tuple[np.ndarray, int, int]:
         """The nodes of the cells that a tile touches; row and column of its first pixel from the first of them."""
@@ -190,12 +204,16 @@ class SamplingGrid:
 
 
 def _weights(first: int, count: int, step: int, nodes: int) -> np.ndarray:
-    """[count, nodes] of the nodes in linear interpolation at the pixels from ``first``, a node at every ``step``.
+    """[count, nodes] of the nodes in linear interpolation at the pixels from ``first``, a node at every ``step``."""
+    return _weights_at(np.arange(first, first + count), step, nodes)
+
+
+def _weights_at(at: np.ndarray, step: int, nodes: int) -> np.ndarray:
+    """[N, nodes] of the nodes in linear interpolation at some pixels, a node at every ``step``.
 
     Multiplying with zeros too costs less than picking two nodes for each pixel.
     """
-    at = np.arange(first, first + count) / step
-    return np.maximum(1 - np.abs(at[:, None] - np.arange(nodes)), 0).astype(np.float32)
+    return np.maximum(1 - np.abs(at[:, None] / step - np.arange(nodes)), 0).astype(np.float32)
 
 
 def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:

@@ -15,62 +15,89 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
+from unshutter.options import LEAST_AUTO_CROP, Edges, check_edges
 from unshutter.storage.large_arrays import new_array
+from unshutter.warp.crop import crop_window
 from unshutter.warp.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, UInt
 
-Edges = Literal["keep", "crop", "fill"]
-EDGES = get_args(Edges)
 _LEAST_CROP = 0.1  # of the photo's area
-_CROP_SEARCH_CELLS = 1_000_000
 _MOST_THREADS = 16
 _LONGEST_SOURCE = 32_000  # px; cv2.remap has 16 bits for a position
+_HAIRLINE = 1.0  # px that may be missing at an edge without being black
 _REACH = 3  # px that interpolation looks beyond a position
+
+
+class Straightened(NamedTuple):
+    """A rectified picture and what was done about its edges.
+
+    Attributes:
+        pixels: stored pixels of the photo's type and bands, and its size (smaller where it was cropped); the photo's
+            own where the motion is zero.
+        edges: ``keep``, ``crop`` or ``fill``: what ``auto`` came to.
+        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
+    """
+
+    pixels: UInt[np.ndarray, "new_height new_width *bands"]
+    edges: Edges
+    whole: float | None = None
 
 
 def rectify_pixels(
     pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep", masked: bool = False
 ) -> UInt[np.ndarray, "new_height new_width *bands"]:
+    """The pixels of :func:`straighten`."""
+    return straighten(pixels, motion, edges, masked).pixels
+
+
+def straighten(
+    pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep", masked: bool = False
+) -> Straightened:
     """The global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
 
     Args:
         pixels: [H, W] or [H, W, 1..4] stored pixels, uint8 or uint16; the last of 2 or 4 bands is alpha, and
             colours are then interpolated premultiplied.
         motion: the photo's motion, for exactly its size.
-        edges: for pixels whose RS position lies outside the photo: ``keep`` makes them black (and alpha
-            0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
-            repeats the nearest border pixel.
+        edges: for pixels whose RS position lies a pixel or more outside the photo: ``keep`` makes them black (and
+            alpha 0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
+            repeats the nearest border pixel; ``auto`` crops where that leaves at least 80 % of the area, else keeps.
+            Less than a pixel outside, the border is repeated: no edge gets a black hairline.
         masked: the last of 2 or 4 bands is no alpha but a mask: it is interpolated like a colour, apart from them.
-
-    Returns:
-        New pixels of the same type and bands, and size (smaller for ``crop``); ``pixels`` itself when the motion is
-        zero.
 
     Raises:
         UnshutterError: the motion is of another size, turns faster than rows are read, or ``crop`` would
             leave less than a tenth of the photo.
         UsageError: unknown ``edges``.
     """
-    if edges not in EDGES:
-        raise UsageError(f"unknown edges '{edges}': choose keep, crop or fill")
+    check_edges(edges)
     _check_size(pixels, motion)
     if motion.is_zero:
-        return pixels
+        return Straightened(pixels, "keep" if edges == "auto" else edges)
     height, width = pixels.shape[:2]
     grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
-    window = grid.whole
-    if edges == "crop":
-        window = crop_window(_mask(grid))
-    return _warped(pixels, grid, window, cv2.INTER_CUBIC, blacken=edges == "keep", masked=masked)
+    window, whole = grid.whole, None
+    if edges in ("crop", "auto"):
+        cropped = crop_window(grid, _HAIRLINE)
+        whole = (cropped.bottom - cropped.top) * (cropped.right - cropped.left) / (width * height)
+        if edges == "auto":
+            edges = "crop" if whole >= LEAST_AUTO_CROP else "keep"
+        elif whole < _LEAST_CROP:
+            raise UnshutterError(
+                f"cropping would leave {100 * whole:.0f} % of the photo: use other edges, keep or fill"
+            )
+        window = cropped if edges == "crop" else window
+    made = _warped(pixels, grid, window, cv2.INTER_CUBIC, _HAIRLINE if edges == "keep" else None, masked)
+    return Straightened(made, edges, whole)
 
 
 def distort_pixels(
@@ -92,20 +119,20 @@ def distort_pixels(
         return pixels
     height, width = pixels.shape[:2]
     grid = SamplingGrid.of(rs_to_gs_map(motion), height, width)
-    return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, blacken=True)
+    return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, black_beyond=0.0)
 
 
 def sampled_pixels(
-    pixels: UInt[np.ndarray, "height width *bands"], grid: SamplingGrid, edges: Edges = "keep", masked: bool = False
+    pixels: UInt[np.ndarray, "height width *bands"], grid: SamplingGrid, fill: bool = False, masked: bool = False
 ) -> UInt[np.ndarray, "height width *bands"]:
-    """A picture looked up at the positions of a grid, bicubic; see :func:`rectify_pixels`.
+    """A picture looked up at the positions of a grid, bicubic; see :func:`straighten`.
 
     Args:
         pixels, masked: as there.
         grid: positions for a picture of exactly this size.
-        edges: ``keep`` or ``fill``.
+        fill: what lies outside repeats the border; else it is black.
     """
-    return _warped(pixels, grid, grid.whole, cv2.INTER_CUBIC, blacken=edges == "keep", masked=masked)
+    return _warped(pixels, grid, grid.whole, cv2.INTER_CUBIC, None if fill else 0.0, masked)
 
 
 def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
@@ -116,61 +143,6 @@ def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
     """
     size = motion.readout.frame_size(motion.height, motion.width)
     return _mask(SamplingGrid.of(gs_to_rs_map(motion), *size))
-
-
-def crop_window(mask: Bool[np.ndarray, "height width"]) -> Tile:
-    """What ``crop`` leaves of a picture that is valid where a mask says.
-
-    Raises:
-        UnshutterError: less than a tenth of the photo.
-    """
-    left, top, w, h = largest_valid_rectangle(mask)
-    if w * h < _LEAST_CROP * mask.size:
-        raise UnshutterError(
-            f"cropping would leave {100 * w * h / mask.size:.0f} % of the photo: use other edges, keep or fill"
-        )
-    return Tile(top, top + h, left, left + w)
-
-
-def largest_valid_rectangle(mask: Bool[np.ndarray, "height width"]) -> tuple[int, int, int, int]:
-    """The largest upright rectangle of True pixels with the mask's aspect, the nearest to the centre.
-
-    Exact up to a million pixels; above, the mask is searched in blocks all of whose pixels are True,
-    which loses a few pixels (at 12 megapixels up to 8 of 4000).
-
-    Args:
-        mask: bool [H, W].
-
-    Returns:
-        (left, top, width, height) [px]; width and height 0 where nothing is True.
-    """
-    height, width = mask.shape
-    block = int(np.ceil(np.sqrt(height * width / _CROP_SEARCH_CELLS)))
-    rows, cols = height // block, width // block
-    whole = mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3))
-    filled = np.pad(whole.astype(np.int64).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-
-    def size_at(blocks_long: int) -> tuple[int, int]:  # px
-        if width >= height:
-            w = min(blocks_long * block, width)
-            return w, max(round(w * height / width), 1)
-        h = min(blocks_long * block, height)
-        return max(round(h * width / height), 1), h
-
-    def places_at(blocks_long: int) -> np.ndarray:  # [N, 2] top and left block of the rectangles that fit
-        w, h = (-(-side // block) for side in size_at(blocks_long))
-        count = filled[h:, w:] - filled[:-h, w:] - filled[h:, :-w] + filled[:-h, :-w]
-        return np.argwhere(count == h * w)
-
-    fits, too_long = 0, max(rows, cols) + 1  # a rectangle that fits contains every smaller one
-    while too_long - fits > 1:
-        middle = (fits + too_long) // 2
-        fits, too_long = (middle, too_long) if len(places_at(middle)) else (fits, middle)
-    if fits == 0:
-        return 0, 0, 0, 0
-    (w, h), places = size_at(fits), places_at(fits) * block
-    top, left = min(places.tolist(), key=lambda p: (p[0] + h / 2 - height / 2) ** 2 + (p[1] + w / 2 - width / 2) ** 2)
-    return left, top, w, h
 
 
 def _check_size(pixels: np.ndarray, motion: Motion) -> None:
@@ -191,12 +163,18 @@ def _mask(grid: SamplingGrid) -> np.ndarray:
 
 
 def _warped(
-    pixels: np.ndarray, grid: SamplingGrid, window: Tile, interpolation: int, blacken: bool, masked: bool = False
+    pixels: np.ndarray,
+    grid: SamplingGrid,
+    window: Tile,
+    interpolation: int,
+    black_beyond: float | None,
+    masked: bool = False,
 ) -> np.ndarray:
     """A window of the output; both directions of the warp end here.
 
     Args:
-        blacken: make what lies outside the picture 0; otherwise the border is repeated.
+        black_beyond: what lies so many px or more outside the picture becomes 0; elsewhere outside, and with None
+            everywhere, the border is repeated.
         masked: see :func:`rectify_pixels`.
     """
     cv2.setNumThreads(1)  # the threads are here
@@ -204,7 +182,7 @@ def _warped(
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
 
     has_alpha = pixels.shape[2] in (2, 4) and not masked
-    how = {"method": interpolation, "blacken": blacken, "has_alpha": has_alpha, "scratch": _Scratch()}
+    how = {"method": interpolation, "black_beyond": black_beyond, "has_alpha": has_alpha, "scratch": _Scratch()}
     make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, **how)
     with ThreadPoolExecutor(thread_count()) as threads:
         for _ in threads.map(make, window.tiles()):
@@ -233,7 +211,7 @@ def _make(
     grid: SamplingGrid,
     window: Tile,
     method: int,
-    blacken: bool,
+    black_beyond: float | None,
     has_alpha: bool,
     scratch: _Scratch,
 ) -> None:
@@ -247,14 +225,14 @@ def _make(
         extent = Extent.of(*grid.positions(tile, out=positions))
         if _too_long(extent):
             for half in tile.halves():
-                _make(half, pixels, out, grid, window, method, blacken, has_alpha, scratch)
+                _make(half, pixels, out, grid, window, method, black_beyond, has_alpha, scratch)
             return
     source, left, top = _cut(pixels, extent)
     col, row = grid.positions(tile, left, top, out=positions)
     made = out[tile.within(window)]
     _sample(source, col, row, method, has_alpha, made, scratch)
-    if blacken and not grid.contains(extent):
-        made[~grid.inside(col, row, left, top)] = 0
+    if black_beyond is not None and not grid.contains(extent):
+        made[~grid.inside(col, row, left, top, black_beyond)] = 0
 
 
 def thread_count() -> int:

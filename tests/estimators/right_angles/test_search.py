@@ -8,6 +8,7 @@ import pytest
 from unshutter import RowMotion
 from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, SecondOpinion
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
+from unshutter.estimators.right_angles.odds import judge
 from unshutter.estimators.right_angles.search import explore
 from unshutter.evaluation.metrics import motion_error
 from unshutter.geometry import rows as geometry
@@ -59,21 +60,21 @@ def test_the_motion_of_a_street_is_found_though_the_camera_is_askew(seed: int) -
     seen = rolled(street(roll=0.01, tilt=0.1, seed=seed), MOTION)
     posterior = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN), STARTS)
     assert error_px(np.zeros(6), MOTION) > 5
-    assert error_px(posterior.mean, MOTION) < 1.2
-    assert posterior.still < 0.01
-    assert posterior.confidence > 0.5
+    assert error_px(posterior.motion, MOTION) < 1.2
+    assert posterior.evidence > 20
+    assert posterior.expected_error < 3 / 256
 
 
 def test_a_scene_on_its_side_needs_to_know_where_up_is() -> None:
     seen = rolled(street(tilt=0.2, seed=3, turned=1), MOTION)
     found = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(up=(1, 0))), STARTS)
-    assert error_px(found.mean, MOTION) < 1.5
+    assert error_px(found.motion, MOTION) < 1.5
 
 
 def test_a_camera_that_stood_still_is_recognised() -> None:
     still = explore(ManhattanLikelihood(street(roll=0.02, tilt=0.15, seed=4), ROWS), [])
-    assert still.still > 0.5
-    assert error_px(still.mean, np.zeros(6)) < 0.3
+    assert still.evidence < 0
+    assert error_px(judge(still).motion, np.zeros(6)) < 0.3
 
 
 def test_a_known_roll_and_tilt_tell_the_shear() -> None:
@@ -83,9 +84,9 @@ def test_a_known_roll_and_tilt_tell_the_shear() -> None:
     seen = rolled(upright, MOTION)
     guessed = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN), STARTS)
     known = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(roll=0.05, tilt=0.1)), STARTS)
-    assert error_px(known.mean, MOTION) < 0.6 * error_px(guessed.mean, MOTION)
+    assert error_px(known.motion, MOTION) < 0.6 * error_px(guessed.motion, MOTION)
     wrong = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(roll=-0.05, tilt=0.1)), STARTS)
-    assert error_px(wrong.mean, MOTION) > 2 * error_px(known.mean, MOTION)
+    assert error_px(wrong.motion, MOTION) > 2 * error_px(known.motion, MOTION)
 
 
 def test_seen_from_above_a_known_tilt_leaves_right_angles_on_the_ground() -> None:
@@ -94,7 +95,7 @@ def test_seen_from_above_a_known_tilt_leaves_right_angles_on_the_ground() -> Non
     found = explore(
         ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, known=KnownCamera(roll=0.0, tilt=-math.pi / 2)), STARTS
     )
-    assert error_px(found.mean, MOTION) < 1.0
+    assert error_px(found.motion, MOTION) < 1.0
 
 
 def test_right_angles_overrule_an_opinion_with_a_wrong_shear() -> None:
@@ -103,7 +104,7 @@ def test_right_angles_overrule_an_opinion_with_a_wrong_shear() -> None:
     opinion = SecondOpinion(wrong, np.diag(1 / np.array([0.03, 0.03, 0.005, 0.03, 0.03, 0.005]) ** 2))
     found = explore(ManhattanLikelihood(seen, ROWS, beliefs=DRAWN, opinion=opinion), [wrong])
     assert error_px(wrong, MOTION) > 4
-    assert error_px(found.mean, MOTION) < 1.0
+    assert error_px(found.motion, MOTION) < 1.0
 
 
 def test_without_right_angles_nothing_is_sure() -> None:
@@ -112,7 +113,7 @@ def test_without_right_angles_nothing_is_sure() -> None:
     posterior = explore(ManhattanLikelihood(np.concatenate([middle - half, middle + half], 1), ROWS), [])
     sure = explore(ManhattanLikelihood(rolled(street(), MOTION), ROWS), [])
     assert posterior.lines_gain < 0.3 < sure.lines_gain
-    assert error_px(posterior.mean, np.zeros(6)) < 3
+    assert error_px(judge(posterior).motion, np.zeros(6)) < 0.5
 
 
 def test_the_posterior_is_what_it_was() -> None:
@@ -122,6 +123,6 @@ def test_the_posterior_is_what_it_was() -> None:
     found = explore(ManhattanLikelihood(seen, ROWS, 1.3, opinion=opinion), STARTS)
     mean = (0.0741888777, -0.1214981652, -0.0041493966, 0.0715706972, 0.0297505193, -0.0005794571)
     sigma = (0.0110069974, 0.0114347408, 0.0076753139, 0.0111291198, 0.0128066265, 0.0076766859)
-    np.testing.assert_allclose(found.mean, mean, rtol=1e-6)
+    np.testing.assert_allclose(found.motion, mean, rtol=1e-6)
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), sigma, rtol=1e-6)
     assert found.lines_gain == pytest.approx(2.1306408264, rel=1e-7)

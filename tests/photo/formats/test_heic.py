@@ -1,6 +1,8 @@
 """HEIC: what is read from it, and where that goes."""
 
 import io
+import struct
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from PIL.JpegImagePlugin import get_sampling
 from support.camera_files import heic
 from support.drawn_photos import drawn, one_line
 from support.tagged_files import (
+    EXIF,
     RATED_XMP,
     SRGB,
     check_rich_exif,
@@ -54,6 +57,30 @@ def test_heic_gives_its_subsampling_to_jpeg(chroma: int, expected: int) -> None:
     photo = Photo.from_bytes(heic(drawn(64, 96), chroma=chroma))
     with Image.open(io.BytesIO(photo.to_bytes("jpeg"))) as picture:
         assert get_sampling(picture) == expected
+
+
+@pytest.mark.parametrize("target", ["jpeg", "png", "webp", "tiff", "avif"])
+def test_exif_that_goes_round_in_circles_goes_no_further(target: str) -> None:
+    loop = struct.pack("<HHHI4sHHII", 2, 0x010F, 2, 4, b"Own\0", EXIF, 4, 1, 8) + struct.pack("<I", 8)
+    photo = Photo.from_bytes(heic(drawn(64, 96), exif=b"Exif\0\0II*\0\x08\0\0\0" + loop))
+    result = photo.encode(target)
+    assert result.left_out == ("EXIF (damaged)",) and loop not in result.data
+    with Image.open(io.BytesIO(result.data)) as picture:
+        assert picture.getexif()[0x010F] == "Own"
+
+
+@pytest.mark.parametrize("kind", [b"iden", b"grid", b"iovl"])
+def test_a_picture_that_is_made_of_itself_is_refused(kind: bytes) -> None:
+    data = bytearray(heic(drawn(64, 96)))
+    at = data.index(b"hvc1", data.index(b"infe"))
+    data[at : at + 4] = kind
+    at = data.index(b"cdsc")  # EXIF is about the picture
+    (picture,) = struct.unpack_from(">H", data, at + 8)
+    struct.pack_into(">4sHHH", data, at, b"dimg", picture, 1, picture)
+    start = time.monotonic()
+    with pytest.raises(UnshutterError, match="damaged, incomplete or unusual"):
+        Photo.from_bytes(bytes(data))
+    assert time.monotonic() - start < 5
 
 
 @pytest.mark.parametrize("kept", [0.2, 0.6, 0.97])

@@ -101,6 +101,23 @@ def test_exif_is_found_where_each_maker_puts_it() -> None:
         assert raw.read_tags(io.BytesIO(broken)) is None
 
 
+def test_what_a_raw_file_keeps_to_itself_is_named(tmp_path: Path) -> None:
+    canon = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
+    parts = box(b"CMT1", rich_exif().removeprefix(b"Exif\0\0")) + box(b"CMT3", b"a note")
+    cr3 = box(b"ftyp", b"crx \0\0\0\1crx isom") + box(b"moov", box(b"uuid", canon, parts), box(b"trak"))
+    cr3 += box(b"uuid", bytes.fromhex("be7acfcb97a942e89c71999491e3afac"), RATED_XMP)
+    for data, expected in (
+        (cr3, ["maker's note", "XMP"]),
+        (cr3[:24], ["EXIF (of this kind of raw file it is not read)"]),
+    ):
+        stream = io.BytesIO(data)
+        assert list(raw._left_behind(stream, raw.read_tags(stream))) == expected
+    private = dng(linear(soft()), tags=[(0xC634, 1, 5, b"Adobe", True)])
+    (tmp_path / "a.dng").write_bytes(private)
+    assert Photo.open(tmp_path / "a.dng").encode().left_out == ("the maker's private data",)
+    assert Photo.from_bytes(dng(linear(soft()))).encode().left_out == ()
+
+
 def with_longer_strip(raw_file: bytes, more: int) -> bytes:
     """A DNG whose table says that its only strip is longer than it is."""
     at = raw_file.index(struct.pack("<HH", 279, 4)) + 8
@@ -122,9 +139,17 @@ def test_a_raw_that_was_cut_short_is_refused(left: float) -> None:
     """LibRaw would develop what is there, and the rest black."""
     data = dng(linear(soft()))
     start = len(data) - 120 * 160 * 2
-    with pytest.raises(UnshutterError, match=r"incomplete|Input/output error") as error:
+    with pytest.raises(UnshutterError, match=r"incomplete|ends before its picture does") as error:
         Photo.from_bytes(data[: start + int(left * 120 * 160 * 2)]).to_array()
     one_line(error)
+
+
+def test_libraw_prints_nothing_of_its_own(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.dng"
+    path.write_bytes(dng(linear(soft()))[:-400])
+    with pytest.raises(UnshutterError, match="it ends before its picture does"):
+        Photo.open(path).to_array()
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("missing", [2, 1000, 30_000])

@@ -12,11 +12,14 @@ from support.drawn_photos import drawn, encoded, textured
 from support.tagged_files import (
     ABOUT_CAMERA,
     EXIF,
+    GPS,
+    TITLE,
     full_exif,
 )
 from unshutter import RowMotion, UnshutterError, rectify
 from unshutter.photo import Photo
 from unshutter.photo.tags import exif
+from unshutter.photo.tags.directories import Entry, in_classic
 
 
 @pytest.mark.parametrize(("compression", "expected"), [("raw", 1), ("tiff_lzw", 5), ("packbits", 8), ("jpeg", 8)])
@@ -45,14 +48,59 @@ def test_a_tiff_with_a_smaller_copy_of_itself_is_one_photo():
     np.testing.assert_array_equal(Photo.from_bytes(stream.getvalue()).to_array(), drawn())
 
 
-def test_big_tiff_is_left_alone():
-    big = pyvips.Image.new_from_array(drawn()).tiffsave_buffer(bigtiff=True)
-    stream = io.BytesIO(big)
-    exif.add_to_tiff(stream, full_exif(), 48, 80)
-    assert stream.getvalue() == big
-    photo = Photo.from_bytes(big)
+def big_tiff() -> bytes:
+    return pyvips.Image.new_from_array(drawn()).tiffsave_buffer(bigtiff=True)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_big_tiff_has_its_tags_as_others_do(order):
+    stream = io.BytesIO(big_tiff())
+    more = {33723: Entry(1, len(TITLE), TITLE)}
+    assert exif.add_to_tiff(stream, full_exif(order), 48, 80, more)
+    tifffile = pytest.importorskip("tifffile", reason="Pillow reads no EXIF of a BigTIFF")
+    with tifffile.TiffFile(io.BytesIO(stream.getvalue())) as file:
+        tags = file.pages[0].tags
+        assert tags["Model"].value == ABOUT_CAMERA[0x0110]
+        assert tags["ExifTag"].value["DateTimeOriginal"] == "2024:05:06 07:08:09"
+        assert tags["GPSTag"].value["GPSLatitudeRef"] == "N"
+        np.testing.assert_array_equal(file.pages[0].asarray(), drawn())
+    photo = Photo.from_bytes(stream.getvalue())
     np.testing.assert_array_equal(photo.to_array(), drawn())
-    np.testing.assert_array_equal(Photo.from_bytes(photo.to_bytes()).to_array(), drawn())
+    result = photo.encode("jpeg")
+    assert result.left_out == () and TITLE in result.data
+    with Image.open(io.BytesIO(result.data)) as picture:
+        tags = picture.getexif()
+        assert tags[0x0110] == ABOUT_CAMERA[0x0110] and tags.get_ifd(GPS)[1] == "N"
+        assert tags.get_ifd(EXIF)[0x9003] == "2024:05:06 07:08:09"
+
+
+def test_what_becomes_a_big_tiff_keeps_its_tags(monkeypatch):
+    monkeypatch.setattr("unshutter.photo.formats.tiff._CLASSIC_BYTES", 0)
+    photo = Photo.from_bytes(encoded(drawn(), "JPEG", exif=full_exif()))
+    result = photo.encode("tiff")
+    assert result.data.startswith(b"II+\0") and result.left_out == ()
+    again = Photo.from_bytes(result.data)
+    np.testing.assert_array_equal(again.to_array(), photo.to_array())
+    with Image.open(io.BytesIO(again.to_bytes("png"))) as picture:
+        assert picture.getexif().get_ifd(EXIF)[0x9003] == "2024:05:06 07:08:09"
+
+
+def test_numbers_of_64_bits_become_narrower_where_they_fit():
+    wide = {1: Entry(16, 2, struct.pack(">2Q", 7, 9)), 2: Entry(17, 1, struct.pack(">q", -7))}
+    tags = wide | {3: Entry(16, 1, struct.pack(">Q", 1 << 40)), 4: Entry(3, 1, b"\0\1"), EXIF: wide}
+    narrow = {1: Entry(4, 2, struct.pack(">2I", 7, 9)), 2: Entry(9, 1, struct.pack(">i", -7))}
+    assert in_classic(tags, ">") == narrow | {4: Entry(3, 1, b"\0\1"), EXIF: narrow}
+
+
+@pytest.mark.parametrize("at", [1 << 20, (1 << 63) - 1, (1 << 64) - 1])
+def test_a_big_tiff_that_points_nowhere_is_refused(at, tmp_path):
+    path = tmp_path / "a.tif"
+    path.write_bytes(b"II+\0\x08\0\0\0" + struct.pack("<Q", at) + bytes(100))
+    with pytest.raises(UnshutterError, match="damaged, incomplete or unusual"):
+        Photo.open(path)
+    path.write_bytes(b"II+\0\x08\0\0\0" + struct.pack("<QQ", 16, at) + bytes(100))  # so many tags
+    with pytest.raises(UnshutterError, match="damaged, incomplete or unusual"):
+        Photo.open(path)
 
 
 # ---- channels beside the colours -----------------------------------------------------------------------

@@ -4,9 +4,9 @@ import time
 
 import pytest
 
-from support.drawn_photos import drawn
+from support.drawn_photos import drawn, encoded
 from support.motion_photos import FILM, GAIN_MAP, WITH_ALL, item, motion_photo, packet
-from support.tagged_files import jpeg_with
+from support.tagged_files import exif_blob, jpeg_with
 from unshutter.photo import Photo
 from unshutter.photo.tags import xmp
 from unshutter.photo.tags.xmp_packet import Packet, UnreadableError
@@ -38,10 +38,10 @@ LAUGHS = b'<!DOCTYPE l [<!ENTITY a "ha">%s]><x>&l9;</x>' % b"".join(
 )
 @pytest.mark.parametrize("has_film", [True, False])
 def test_no_packet_takes_long(text: bytes, has_film: bool) -> None:
-    start = time.perf_counter()
+    start = time.process_time()
     xmp.after(text, NEXT._replace(has_film=has_film))
     xmp.gone(text, has_film)
-    assert time.perf_counter() - start < 5
+    assert time.process_time() - start < 5
 
 
 def test_entities_are_refused_and_leave_the_file_without_them() -> None:
@@ -119,3 +119,12 @@ def test_the_older_form_of_motion_photos_is_known() -> None:
     assert xmp.film_bytes(older) == len(FILM)
     assert xmp.film_bytes(packet(item("Primary", 0))) is None
     assert xmp.film_bytes(WITH_ALL) == len(FILM)
+
+
+@pytest.mark.parametrize(("in_exif", "expected"), [(None, 3), (1, 1), (6, 6)])
+def test_how_to_turn_the_picture_is_told_alike_or_by_xmp_alone(in_exif: int | None, expected: int) -> None:
+    told = RDF % b'<rdf:Description xmlns:tiff="http://ns.adobe.com/tiff/1.0/" tiff:Orientation="3"/>'
+    blob = {} if in_exif is None else {"exif": exif_blob(in_exif)}
+    photo = Photo.from_bytes(encoded(drawn(), "JPEG", xmp=told, **blob))
+    for target in ("jpeg", "png", "webp", "tiff", "avif"):
+        assert b'tiff:Orientation="%d"' % expected in photo.with_pixels(drawn()).to_bytes(target)

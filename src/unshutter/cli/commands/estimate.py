@@ -20,9 +20,6 @@ class Arguments:
         short="-o",
     )
     reference: Reference = option("first", "Row that counts as not moving. Default: first.")
-    readout_ms: float | None = option(
-        None, "Time from the first to the last row; adds the camera's speed to the JSON and the plot.", metavar="MS"
-    )
     plot: Path | None = option(
         None, "Also draw the motion of one photo into this PNG file (needs the extra `plot`).", metavar="FILE"
     )
@@ -35,7 +32,7 @@ def run(given: Arguments) -> int:
     """Estimates the motions; returns the exit code."""
     from unshutter.batch.estimating import Estimates, estimate_files
 
-    wanted = Estimates(given.find, given.reference, given.readout_ms, given.plot)
+    wanted = Estimates(given.find, given.reference, given.plot)
     return estimate_files(given.photos, given.output, wanted, given.overwrite, given.max_pixels)
 
 

@@ -9,7 +9,19 @@ from typing import Literal
 from unshutter.cli.arguments import Command, required
 from unshutter.options import option
 
-ProtocolName = Literal["synthetic", "native", "trajectory", "undistorted", "robustness", "pairs", "video", "sequences"]
+ProtocolName = Literal[
+    "synthetic",
+    "native",
+    "trajectory",
+    "undistorted",
+    "portrait",
+    "exposure",
+    "attitude",
+    "robustness",
+    "pairs",
+    "video",
+    "sequences",
+]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from unshutter.cli.arguments import Command, positional, required
+from unshutter.errors import visible
 from unshutter.options import Find, Reference, option
 
 
@@ -43,7 +44,7 @@ def run(given: Arguments) -> int:
         overwrite=given.overwrite,
     )
     note = f" (changes nothing: {motion.reason})" if motion.reason else ""
-    print(f"{given.source} -> {given.output}{note}", file=sys.stderr)
+    print(visible(f"{given.source} -> {given.output}{note}"), file=sys.stderr)
     return 0
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from unshutter.cli.arguments import Command, positional, required
+from unshutter.errors import visible
 from unshutter.options import option
 
 
@@ -35,7 +36,7 @@ def run(given: Arguments) -> int:
     motion, first = Motion.load(given.motion), float(given.first_pixel)
     total, unseen = move_file(motion, given.table, given.output, given.inverse, first, given.overwrite)
     note = f", {unseen} of them outside the photo" if unseen else ""
-    print(f"{given.table} -> {given.output}: {total} points{note}", file=sys.stderr)
+    print(visible(f"{given.table} -> {given.output}: {total} points{note}"), file=sys.stderr)
     return 0
 
 

@@ -61,4 +61,4 @@ class SegmentManhattan(Estimator):
         doubt = 1 + (displacement(answer) / _USUAL) ** 2
         opinion = SecondOpinion(answer, self._precision / doubt)
         posterior = explore(likelihood_of(view, segments, size, opinion), [answer])
-        return motion_of(posterior, view, self.name)
+        return motion_of(posterior, view, self.name, answer)

@@ -34,7 +34,7 @@ class Beliefs:
     median_focal_rows: float = 1.7  # of a picture as high as wide
     sigma_log_focal: float = 0.35
     sigma_known_log_focal: float = 0.05  # where EXIF or the user says it
-    sigma_known_attitude: float = 0.5 * _DEGREE  # of a known roll or tilt (accelerometer, gimbal)
+    sigma_known_attitude: float = 1.0 * _DEGREE  # of a known roll or tilt: hands shake an accelerometer by so much
     sigma_tx: tuple[float, float, float] = (0.06, 0.08, 0.01)  # of the coefficients of t_x
     sigma_rz: tuple[float, float, float] = (0.07, 0.06, 0.01)  # and r_z
 
@@ -48,12 +48,37 @@ class KnownCamera:
         log_focal: logarithm of the focal length [rows] (EXIF, the user); None: unknown.
         roll, tilt: how the scene is turned in the picture, clockwise, and how far the camera looked up [rad] (gimbal,
             accelerometer); None: unknown.
+        speed: how fast it can have moved, by the photo's sharpness; None: unknown.
     """
 
     up: tuple[int, int] = (0, -1)
     log_focal: float | None = None
     roll: float | None = None
     tilt: float | None = None
+    speed: KnownSpeed | None = None
+
+
+@dataclass(frozen=True)
+class KnownSpeed:
+    """How fast the camera can have moved.
+
+    Attributes:
+        tx: [bands] the most that t_x can change over a whole readout at the speed of each band of rows [rows].
+        rz: the same of r_z, for all bands [rad].
+    """
+
+    tx: np.ndarray
+    rz: float
+
+    @property
+    def precision(self) -> np.ndarray:
+        """[6, 6] of Gaussians about no speed in the middle of each band, in the coefficients of t_x and r_z."""
+        u = (np.arange(len(self.tx)) + 0.5) / len(self.tx)
+        J_speed = np.stack([np.ones_like(u), 2 * u, 3 * u**2], axis=1)  # of one coefficient each
+        precision = np.zeros((6, 6))
+        precision[:3, :3] = J_speed.T @ (J_speed / self.tx[:, None] ** 2)
+        precision[3:, 3:] = J_speed.T @ J_speed / self.rz**2
+        return precision
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,8 @@ class Prior:
     Attributes:
         mean: [10] what is expected.
         sigma: [10] standard deviations (of roll and tilt, of the usual part of the mixture).
+        log_volume: half the logarithm of the determinant of the motion's precision, which makes hypotheses with a
+            motion comparable with one without.
     """
 
     def __init__(self, beliefs: Beliefs, known: KnownCamera, aspect: float, opinion: SecondOpinion | None = None):
@@ -39,6 +41,9 @@ class Prior:
             TILT: measured if known.tilt is not None else (b.sigma_tilt, b.sigma_steep, b.steep_share),
         }
         self._opinion = opinion
+        self._of_speed = np.zeros((6, 6)) if known.speed is None else known.speed.precision
+        precision = np.diag(1 / self.sigma[MOTION] ** 2) + self._of_speed
+        self.log_volume = 0.5 * float(np.linalg.slogdet(precision)[1])
 
     def expanded(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Minus its logarithm [S], the gradient [S, 10], and a positive definite Hessian [S, 10, 10].
@@ -57,6 +62,10 @@ class Prior:
         energy += 0.5 * (scaled**2).sum(-1)
         gradient = precision * off
         hessian = precision[:, :, None] * np.eye(UNKNOWNS)
+        slowed = unknowns[:, MOTION] @ self._of_speed
+        energy += 0.5 * (slowed * unknowns[:, MOTION]).sum(-1)
+        gradient[:, MOTION] += slowed
+        hessian[:, MOTION, MOTION] += self._of_speed
         if self._opinion is not None:
             part, J_motion, H_motion = _student_t(unknowns[:, MOTION] - self._opinion.motion, self._opinion)
             energy = energy + part

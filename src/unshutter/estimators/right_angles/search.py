@@ -11,7 +11,6 @@ import numpy as np
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
 from unshutter.estimators.right_angles.unknowns import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
 
-HALF_TRUSTED = 3.0  # px at 256 rows: the expected error at which a confidence is a half
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
 _TILTS = np.radians([-8, 0, 8, 18, 32])
 _LOG_FOCALS = np.array([-0.35, 0.25])  # about the expected one
@@ -25,19 +24,24 @@ _SAME = 0.3 / 256  # rows: optima closer than this are one
 
 @dataclass(frozen=True)
 class Posterior:
-    """What the segments and the priors say about the motion.
+    """What the segments and the priors say about the motion, and whether there was one.
 
     Attributes:
-        mean: [6] coefficients of u, u^2, u^3 of t_x [rows] and r_z [rad].
+        motion: [6] coefficients of u, u^2, u^3 of t_x [rows] and r_z [rad]: the mean, if the camera moved.
         covariance: [6, 6] of them.
-        still: probability that there is no motion at all.
+        evidence: for a camera that moved against one that stood still, both as likely beforehand [nats]. It is
+            overstated, see odds.py.
         lines_gain: log-likelihood ratio of the segments at the best optimum against chance [nats per unit of weight].
+        weight: of all segments together: how many tell something new.
+        gain_at_rest: as lines_gain, of no motion with the camera that suits it best.
     """
 
-    mean: np.ndarray
+    motion: np.ndarray
     covariance: np.ndarray
-    still: float
+    evidence: float
     lines_gain: float
+    weight: float
+    gain_at_rest: float
 
     @property
     def expected_error(self) -> float:
@@ -46,24 +50,16 @@ class Posterior:
 
     @property
     def size(self) -> float:
-        """Root mean square displacement [rows] that the mean does to a square picture."""
-        return displacement(self.mean)
-
-    @property
-    def confidence(self) -> float:
-        """0 ... 1, falling with the expected error; a half at HALF_TRUSTED."""
-        return 1 / (1 + (self.expected_error * 256 / HALF_TRUSTED) ** 2)
+        """Root mean square displacement [rows] that the motion does to a square picture."""
+        return displacement(self.motion)
 
 
-def explore(
-    likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], still_prior: float = 0.5, poses: int = 2
-) -> Posterior:
+def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], poses: int = 2) -> Posterior:
     """Finds the optima near some motions, with the camera's pose searched for each.
 
     Args:
         likelihood: of one photo.
         motions: [6] coefficients each, to start from; zero motion is always among the starts.
-        still_prior: probability, before the photo is seen, that there is no motion at all.
         poses: cameras that are tried with each motion.
     """
     begin = np.concatenate([_poses(likelihood, motion, poses) for motion in (np.zeros(6), *motions)])
@@ -73,23 +69,32 @@ def explore(
     found, energy, hessian = descend(likelihood, promising, everything)
     optima = _distinct(found, energy)
     found, energy, hessian = found[optima], energy[optima], hessian[optima]
-    at_rest, rest_energy, rest_hessian = descend(likelihood, begin[:poses], CAMERA)
-    best = int(np.argmin(rest_energy))
-    # Laplace's approximation: the logarithm of each optimum's share of the evidence
-    moving = math.log(1 - still_prior) - energy - 0.5 * np.linalg.slogdet(hessian)[1]
-    moving = moving - np.log(likelihood.prior.sigma[MOTION]).sum()
-    resting = math.log(still_prior) - rest_energy[best]
-    resting = resting - 0.5 * np.linalg.slogdet(rest_hessian[best, CAMERA, CAMERA])[1]
-    share = np.exp(np.append(moving, resting) - max(moving.max(), resting))
-    share = share / share.sum()
-    # the posterior is a mixture of Gaussians, one for each optimum, and of no motion at all
-    means = np.concatenate([found[:, MOTION], np.zeros((1, 6))])
-    covariances = np.concatenate([np.linalg.inv(hessian)[:, MOTION, MOTION], np.zeros((1, 6, 6))])
-    mean = share @ means
-    apart = means - mean
+    # Laplace's approximation: the logarithm of each optimum's evidence, and of their sum
+    moving = likelihood.prior.log_volume - energy - 0.5 * np.linalg.slogdet(hessian)[1]
+    evidence = float(np.logaddexp.reduce(moving))
+    share = np.exp(moving - evidence)
+    # the posterior of the motion is a mixture of Gaussians, one for each optimum
+    mean = share @ found[:, MOTION]
+    apart = found[:, MOTION] - mean
+    covariances = np.linalg.inv(hessian)[:, MOTION, MOTION]
     covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
-    top = found[np.argmax(moving)] if share[-1] < 0.5 else at_rest[best]
-    return Posterior(mean, covariance, float(share[-1]), float(likelihood.lines_gain(top[None])[0]))
+    best = found[np.argmax(moving)]
+    gain = float(likelihood.lines_gain(best[None])[0])
+    at_rest, gain_at_rest = _at_rest(likelihood, begin[:poses])
+    return Posterior(mean, covariance, evidence - at_rest, gain, float(likelihood.weight.sum()), gain_at_rest)
+
+
+def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, float]:
+    """No motion at all, with the camera that suits it best: logarithm of its evidence [nats], and its lines' gain.
+
+    Args:
+        likelihood: of one photo.
+        begin: [S, 10] cameras to start from.
+    """
+    cameras, energy, hessian = descend(likelihood, begin, CAMERA)
+    best = int(np.argmin(energy))
+    evidence = -energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1]
+    return float(evidence), float(likelihood.lines_gain(cameras[best : best + 1])[0])
 
 
 def descend(
@@ -134,6 +139,13 @@ def descend(
 def displacement(motion: np.ndarray) -> float:
     """Root mean square displacement [rows] that a motion [6] does to a square picture, to first order."""
     return math.sqrt(max(float(motion @ _SQUARED_DISPLACEMENT @ motion), 0.0))
+
+
+def bend(motion: np.ndarray) -> float:
+    """The same of what is left of a motion [6] without its best shear: shear and a camera held askew look alike."""
+    motion = motion.copy()
+    motion[0] -= _SQUARED_DISPLACEMENT[0] @ motion / _SQUARED_DISPLACEMENT[0, 0]
+    return displacement(motion)
 
 
 def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> np.ndarray:

@@ -9,15 +9,19 @@ import numpy as np
 
 from unshutter.estimators.base import View
 from unshutter.estimators.lines.segments import find_segments, in_rows
-from unshutter.estimators.right_angles.beliefs import KnownCamera, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import KnownCamera, KnownSpeed, SecondOpinion
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
-from unshutter.estimators.right_angles.search import Posterior
+from unshutter.estimators.right_angles.odds import judge
+from unshutter.estimators.right_angles.search import Posterior, displacement
+from unshutter.estimators.speed_limit import SpeedLimit
 from unshutter.motion import Motion
 
 SHORT_SIDE = 768  # of the grey copy in which segments are found [px]
 MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better, and finds more of them
 MOST_SEGMENTS = 320  # the longest are kept
-LEAST_GAIN = -0.2  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
+LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
+_DOUBT = 1.5  # standard deviation of a speed, in speed limits
+_LEAST_SPEED, _ANY_SPEED = 1e-4, 10.0  # rows, and rad, over a readout
 LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring
 
 # Motions to start from beside none: t_x [rows] and r_z [rad] growing evenly to this at the last row
@@ -52,14 +56,33 @@ def likelihood_of(
         # a camera turned clockwise sees the scene turned the other way
         roll=None if roll_deg is None else -math.radians(roll_deg),
         tilt=None if tilt_deg is None else math.radians(tilt_deg),
+        speed=_known_speed(view.speed_limit, view.height),
     )
     return ManhattanLikelihood(segments, size[0], size[1] / size[0], known=known, opinion=opinion)
 
 
-def motion_of(posterior: Posterior, view: View, estimator: str) -> Motion:
-    """The posterior's mean as a motion; none, with the reason, where it is not to be believed."""
+def motion_of(posterior: Posterior, view: View, estimator: str, opinion: np.ndarray | None = None) -> Motion:
+    """What the posterior says as a motion; none, with the reason, where it is not to be believed.
+
+    Args:
+        posterior: of the photo's segments.
+        view: the photo.
+        estimator: whose answer it is.
+        opinion: [6] the network's answer, where it was asked.
+    """
     if posterior.lines_gain < LEAST_GAIN:
         return view.no_motion(estimator, "the photo shows no right angles")
-    if posterior.size > LARGEST:
+    limit = view.speed_limit
+    moving = view.camera.moving or (limit is not None and limit.smeared)
+    judgement = judge(posterior, opinion, view.attitude_deg()[0] is not None, moving)
+    if displacement(judgement.motion) > LARGEST:
         return view.no_motion(estimator, "what fits the lines is more motion than hands can do")
-    return view.cubic_motion(posterior.mean.reshape(2, 3), estimator, posterior.confidence)
+    return view.cubic_motion(judgement.motion.reshape(2, 3), estimator, judgement.confidence)
+
+
+def _known_speed(limit: SpeedLimit | None, rows: int) -> KnownSpeed | None:
+    """What a speed limit says to the prior: never quite nothing, so that it has a density."""
+    if limit is None:
+        return None
+    tx = np.clip(_DOUBT * limit.tx_px / rows, _LEAST_SPEED, _ANY_SPEED)
+    return KnownSpeed(tx, float(np.clip(_DOUBT * limit.rz_rad, _LEAST_SPEED, _ANY_SPEED)))

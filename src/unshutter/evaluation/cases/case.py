@@ -11,8 +11,11 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.find import find_motion
 from unshutter.evaluation.metrics import psnr, ssim
 from unshutter.motion import Motion
+from unshutter.motion.verdict import Verdict
+from unshutter.options import Undo
 from unshutter.photo import Photo
 
 # One line of the results, of words and numbers only: "suite", "group", "photo", "draw" and "estimator", then figures.
@@ -79,13 +82,17 @@ class Answer:
     def figures(self) -> Record:
         """The figures that records of all protocols have.
 
-        The confidence is that of the motion: None where the estimator states none, or declined.
+        ``confidence`` is that of the motion: None where the estimator states none, or declined. ``left_alone`` is why
+        ``unshutter rectify`` with default options would leave the photo as it is; empty where it would change it.
         """
         scale = 256 / self.motion.height
+        farthest = self.motion.largest_px * scale
         return {
             "declined": self.declined,
             "failed": self.failed,
             "confidence": self.motion.confidence,
+            "farthest": farthest if np.isfinite(farthest) else None,
+            "left_alone": Verdict.of(self.motion, Undo()).cause,
             "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
             "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),
         }
@@ -94,7 +101,7 @@ class Answer:
 def ask(estimator: Estimator, view: View) -> Answer:
     """Asks an estimator for the motion of a photo. An error that it raises becomes part of the answer."""
     try:
-        motion = estimator.estimate(view).rereferenced("first")
+        motion = find_motion(estimator, view).rereferenced("first")
     except Exception as error:  # whatever it is, the other estimators are still to be judged
         message = " ".join(f"{type(error).__name__}: {error}".split())
         return Answer(view.no_motion(estimator.name, "failed"), failed=message)

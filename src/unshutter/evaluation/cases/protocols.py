@@ -153,8 +153,45 @@ PROTOCOLS = {
     "undistorted": Protocol(
         "Undistorted photos: do no harm",
         "still",
-        "Photos as they are: every motion found is wrong.",
-        _with_motion(Suite("256 px", still=True), Suite("native size", rows=None, still=True)),
+        "Photos as they are: every motion found is wrong. *Left alone* are those that `unshutter rectify` would not "
+        "change, because the motion is too unsure or too small; *moved* counts the others. In the last suites photos "
+        "lie on their side, as phones store portrait photos, or estimators are told a readout of 30 ms and an exposure "
+        "of 1/60 s.",
+        _with_motion(
+            Suite("256 px", still=True),
+            Suite("native size", rows=None, still=True),
+            Suite("portrait, native size", rows=None, still=True, turned=1, orientation=6),
+            Suite("1/60 s, native size", rows=None, still=True, exposure_s=1 / 60),
+        ),
+    ),
+    "portrait": Protocol(
+        "Portrait photos",
+        "motion",
+        "The same photos and motions, lying on their side as phones store portrait photos (EXIF orientation 6): rows "
+        "are read along the scene's verticals.",
+        _with_motion(
+            Suite("256 px", turned=1, orientation=6), Suite("native size", rows=None, turned=1, orientation=6)
+        ),
+    ),
+    "exposure": Protocol(
+        "Photos that tell their exposure",
+        "motion",
+        "The same photos and motions, each row exposed for 1/1000 s or 1/60 s of a readout of 30 ms, blurred by its "
+        "motion meanwhile. Estimators are told both times.",
+        _with_motion(
+            Suite("1/1000 s, 256 px", exposure_s=1 / 1000),
+            Suite("1/60 s, 256 px", exposure_s=1 / 60),
+            Suite("1/1000 s, native size", rows=None, exposure_s=1 / 1000),
+            Suite("1/60 s, native size", rows=None, exposure_s=1 / 60),
+        ),
+    ),
+    "attitude": Protocol(
+        "Photos that tell how the camera was held",
+        "motion",
+        "The same photos and motions. Estimators are told roll and tilt of the camera, each up to 1 degree off, as an "
+        "accelerometer would tell them. No set says how its cameras were held: they are measured on the undistorted "
+        "photo by its right angles, and not told where it shows none.",
+        _with_motion(Suite("256 px", attitude_deg=1.0), Suite("native size", rows=None, attitude_deg=1.0)),
     ),
     "robustness": Protocol(
         "What photos suffer",

@@ -37,7 +37,7 @@ def by_neighbours(frame: Frame, ratio: float, reference: Reference) -> tuple[np.
     before, after = (path and Photo.open(path) for path in neighbours_of(frame))
     figures: Record = {"declined": "", "failed": "", "confidence": None}
     try:
-        how = Wanted(Clock(ratio), Undo(reference), Readout.TOP_TO_BOTTOM)
+        how = Wanted(Clock(ratio), Undo(reference, edges="keep"), Readout.TOP_TO_BOTTOM)
         result = rectify_between(photo, before or None, after or None, how)
     except UnshutterError as error:
         whole = np.ones((photo.height, photo.width), bool)

@@ -26,15 +26,17 @@ from unshutter.evaluation.cases.case import (
     rectified,
 )
 from unshutter.evaluation.cases.disturbances import DISTURBANCES
+from unshutter.evaluation.cases.true_attitude import true_attitude
 from unshutter.evaluation.metrics import UNIT_ROWS, motion_error
 from unshutter.motion import Motion, RowMotion
-from unshutter.options import Camera
+from unshutter.options import MOST_ROLL_DEG, MOST_TILT_DEG, Camera
 from unshutter.photo import Photo
 from unshutter.synthesis.pairs import synthesize, synthesize_native
 from unshutter.synthesis.rotation_log import RotationLog
 from unshutter.synthesis.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
 
 _CANVAS = 356 / 256  # rows of the canvas to rows kept, as in the predecessor's generator
+_READOUT_S = 0.03  # of drawn motions, where there is an exposure: as a phone's
 _FOCAL = 1.0  # of recorded motions: focal length in picture sides (53 degrees across)
 
 
@@ -51,6 +53,9 @@ class Suite:
         turned: counter-clockwise quarter turns of the scene before the motion is put in.
         orientation: of the picture, in EXIF.
         of_pictures: whether PSNR and SSIM are computed.
+        exposure_s: how long each row is exposed [s]: it is blurred by the motion, and estimators are told the exposure
+            and a readout of 30 ms; None: sharp, and nothing told.
+        attitude_deg: estimators are told how the camera was held, and so far off at most, evenly [degrees]; None: not.
     """
 
     name: str
@@ -61,6 +66,8 @@ class Suite:
     turned: int = 0
     orientation: int = 1
     of_pictures: bool = True
+    exposure_s: float | None = None
+    attitude_deg: float | None = None
 
 
 @dataclass(frozen=True)
@@ -157,19 +164,36 @@ class SyntheticCase(Case):
         pixels = np.ascontiguousarray(np.rot90(pixels, self.suite.turned))
         sequence = np.random.SeedSequence([self.seed, digest], spawn_key=(self.draw,))
         rng = np.random.default_rng(sequence)
-        drawn = self._drawn(rng)
+        drawn, exposure_s = self._drawn(rng), self.suite.exposure_s
+        readout_s = self.suite.readout_s or _READOUT_S
+        exposure = (exposure_s or 0.0) / readout_s
         if self.suite.rows is None:
-            rs, gs, truth = synthesize_native(pixels, drawn)
+            rs, gs, truth = synthesize_native(pixels, drawn, exposure)
         else:
-            (rs, gs), truth = synthesize(pixels, drawn), drawn.crop
+            (rs, gs), truth = synthesize(pixels, drawn, exposure), drawn.crop
         if self.suite.still:
             rs, truth = gs, RowMotion.zero(*gs.shape[:2])
         if self.suite.disturbance:
             rs = DISTURBANCES[self.suite.disturbance](rs, rng)
-        photo = replace(Photo.from_array(rs), orientation=self.suite.orientation)
+        photo = replace(Photo.from_array(rs, exposure_s), orientation=self.suite.orientation)
         focal *= len(gs) / kept
-        view = View(photo, Camera(focal_px=focal)) if known else View(photo, guessed_focal_px=focal)
-        return _Exam(view, gs, truth)
+        roll, tilt = self._attitude()
+        readout_ms = None if exposure_s is None else 1000 * readout_s
+        camera = Camera(focal_px=focal if known else None, roll_deg=roll, tilt_deg=tilt, readout_ms=readout_ms)
+        return _Exam(View(photo, camera, None if known else focal), gs, truth)
+
+    def _attitude(self) -> tuple[float | None, float | None]:
+        """What estimators are told of how the camera was held [degrees]."""
+        most_off = self.suite.attitude_deg
+        told = None if most_off is None else _true_attitude(self.path)
+        if told is None or most_off is None:
+            return None, None
+        # numbers of their own, so that the motions stay those of the other suites
+        sequence = np.random.SeedSequence([self.seed, _photo(self.path)[1]], spawn_key=(self.draw, 1))
+        error = np.random.default_rng(sequence).uniform(-most_off, most_off, 2)
+        limits = MOST_ROLL_DEG, MOST_TILT_DEG
+        roll, tilt = (float(np.clip(a + e, -m, m)) for a, e, m in zip(told, error, limits, strict=True))
+        return roll, tilt
 
     def _drawn(self, rng: np.random.Generator) -> DrawnMotion:
         rows = self.suite.rows or UNIT_ROWS
@@ -191,6 +215,12 @@ def _photo(path: Path) -> tuple[np.ndarray, int, float, bool]:
     digest = int(hashlib.sha256(path.read_bytes()).hexdigest(), 16)
     view = View(photo)
     return np.broadcast_to(pixels, (*pixels.shape[:2], 3)), digest, view.focal_px(), view.known_focal_px() is not None
+
+
+@lru_cache(maxsize=16)
+def _true_attitude(path: Path) -> tuple[float, float] | None:
+    """Roll and tilt of a photo's camera [degrees], None where they cannot be known."""
+    return true_attitude(View(Photo.open(path)))
 
 
 @lru_cache(maxsize=16)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from unshutter.evaluation.cases.protocols import PROTOCOLS
 from unshutter.evaluation.cases.sequence import PUBLISHED
 from unshutter.evaluation.results import Results, values
 
-_HARM = 3.0  # px at 256 rows: a change of an undistorted photo that is plainly visible
+_HARM = (1.0, 3.0)  # px at 256 rows: a change of an undistorted photo that measures, and one that is plainly visible
 _UNKNOWN = "–"
 
 
@@ -74,17 +75,37 @@ def _better(key: str) -> Callable[[list[Record]], float]:
     return better
 
 
-def _improved(records: list[Record]) -> float:
-    return float(np.mean([r["epe"] < r["epe_nothing"] for r in records]))
+def _improved(record: Record) -> bool:
+    return record["epe"] < record["epe_nothing"]
 
 
-def _share(key: str) -> Callable[[list[Record]], float]:
-    return lambda records: float(np.mean([bool(r[key]) for r in records]))
+def _share(holds: Callable[[Record], bool]) -> Callable[[list[Record]], float]:
+    return lambda records: float(np.mean([holds(r) for r in records]))
+
+
+def _wrong(record: Record, px: float) -> bool:
+    return record["epe"] > px
+
+
+def _moved(record: Record, px: float) -> bool:
+    """Somewhere in the picture; no figure says that a position is not even finite."""
+    return record["farthest"] is None or record["farthest"] > px
+
+
+def _by_rectify(holds: Callable[[Record], bool]) -> Callable[[list[Record]], float]:
+    """Share of pictures of which this holds and that ``rectify`` would change; earlier versions' records do not say."""
+
+    def share(records: list[Record]) -> float:
+        known = all("left_alone" in r for r in records)
+        return float(np.mean([not r["left_alone"] and holds(r) for r in records])) if known else np.nan
+
+    return share
 
 
 _PICTURES = Column("pictures", len, "{:.0f}")
-_DECLINED = Column("declined", _share("declined"), "{:.0%}")
-_FAILED = Column("failed", _share("failed"), "{:.0%}")
+_DECLINED = Column("declined", _share(lambda r: bool(r["declined"])), "{:.0%}")
+_FAILED = Column("failed", _share(lambda r: bool(r["failed"])), "{:.0%}")
+_LEFT_ALONE = Column("left alone", lambda records: 1 - _by_rectify(lambda r: True)(records), "{:.0%}")
 _QUALITY = [
     Column("PSNR", _mean("psnr"), "{:.2f} dB", +1),
     Column("of the input", _mean("psnr_input"), "{:.2f} dB"),
@@ -99,10 +120,12 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("EPE median", _median("epe"), "{:.2f}", -1),
             Column("mean", _mean("epe"), "{:.2f}", -1),
             Column("p90", _p90("epe"), "{:.2f}", -1),
-            Column("improved", _improved, "{:.0%}", +1),
+            Column("improved", _share(_improved), "{:.0%}", +1),
             Column("curvature EPE", _median("curvature_epe"), "{:.2f}", -1),
             Column("t_x RMSE", _median("tx_rmse"), "{:.2f} px", -1),
             Column("r_z RMSE", _median("rz_rmse"), "{:.2f}°", -1),
+            _LEFT_ALONE,
+            Column("improved by rectify", _by_rectify(_improved), "{:.0%}", +1),
             _DECLINED,
             _FAILED,
         ],
@@ -121,7 +144,9 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("max\\|r_z\\| median", _median("most_rz"), "{:.2f}°", -1),
             Column("p90", _p90("most_rz"), "{:.2f}°", -1),
             Column("EPE median", _median("epe"), "{:.2f}", -1),
-            Column(f"EPE > {_HARM:g} px", lambda rs: float(np.mean([r["epe"] > _HARM for r in rs])), "{:.0%}", -1),
+            *(Column(f"EPE > {px:g} px", _share(partial(_wrong, px=px)), "{:.0%}", -1) for px in _HARM),
+            _LEFT_ALONE,
+            *(Column(f"moved > {px:g} px", _by_rectify(partial(_moved, px=px)), "{:.0%}", -1) for px in _HARM),
             _DECLINED,
             _FAILED,
         ]
@@ -144,7 +169,7 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("p90", _p90("epe"), "{:.2f}", -1),
             Column("worst frame", _p90("worst_epe"), "{:.2f}", -1),
             Column("of doing nothing", _median("epe_nothing"), "{:.2f}"),
-            Column("improved", _improved, "{:.0%}", +1),
+            Column("improved", _share(_improved), "{:.0%}", +1),
             Column("ratio told", _mean("ratio_told"), "{:.0%}"),
             Column("its error median", _median("ratio_error"), "{:.3f}", -1),
             Column("p90", _p90("ratio_error"), "{:.3f}", -1),

@@ -16,7 +16,7 @@ from unshutter.photo.containers import boxes
 from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
-from unshutter.photo.tags import colours
+from unshutter.photo.tags import colours, exif
 
 if TYPE_CHECKING:
     import numpy as np
@@ -44,10 +44,12 @@ class Heic(Format):
             own = boxes.read_coding(stream)
         width, height = picture.size[::-1] if own.orientation >= 5 else picture.size
         profile, packet = info.get("icc_profile") or colours.profile_of(*own.code_points, source), info.get("xmp")
+        blob = info.get("exif")
         metadata = Metadata(
-            exif=info.get("exif"),
+            exif=exif.untangled(blob) if blob else None,
             icc=bytes(profile) if profile else None,
             xmp=bytes(packet) if packet else None,
+            left_behind=("EXIF (damaged)",) if blob and exif.is_tangled(blob) else (),
         )
         coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"])
         return Header(self, coding, height, width, len(_channels(picture)), own.orientation, metadata)

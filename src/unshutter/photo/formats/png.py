@@ -116,9 +116,7 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
         if data is None:
             lost.append("damaged chunks")
         elif name == b"eXIf":
-            if exif.is_tangled(data):
-                lost.append(_DAMAGED_EXIF)
-            found["exif"] = exif.untangled(data) or b""  # rather than what a text says
+            found["exif"] = data  # rather than what a text says
         elif name in TEXTS and (meant := png_texts.metadata_in(name, data)) is not None:
             if not meant.data:
                 lost.append(f"{meant.attribute.upper()} (damaged)")
@@ -129,8 +127,11 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
             raise UnshutterError(f"{source} is an animation: unshutter takes single photos")
         elif name not in _OF_THE_CODING:
             lost.append(_IN_WORDS.get(name, f"chunk {name.decode('latin-1')}"))
+    blob = found.get("exif", b"")
+    if exif.is_tangled(blob):
+        lost.append(_DAMAGED_EXIF)
     return Metadata(
-        exif=found.get("exif") or None,
+        exif=exif.untangled(blob) or None,
         icc=_profile_told(source, carried) or found.get("icc") or None,
         xmp=found.get("xmp") or None,
         resources=found.get("resources") or None,

@@ -24,6 +24,7 @@ from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.libvips import libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
+from unshutter.photo.stray_lines import kept_back
 from unshutter.photo.tags import exif, iptc, xmp
 from unshutter.photo.tags.directories import EXIF, GPS, SUBFILE_TYPE, Directory, Tree, read_tree
 
@@ -34,13 +35,15 @@ _CAMERAS = "dng 3fr arw cr2 cr3 crw erf fff iiq kdc mef mos mrw nef nrw orf pef 
 _SIGNATURE = re.compile(
     rb"II\*\0....CR|IIRO|IIRS|MMOR|IIU\0|FUJIFILM|FOVb|\0MRM|......HEAPCCDR|....ftypcrx ", re.DOTALL
 )
-_DNG_VERSION, _PANASONIC_JPEG = 0xC612, 0x002E
+_DNG_VERSION, _PRIVATE_DATA, _PANASONIC_JPEG = 0xC612, 0xC634, 0x002E
 _OTHER_MAGIC = (b"IIRO", b"IIRS", b"MMOR", b"IIU\0")  # Olympus, Panasonic
 _MAGIC = {b"II": b"II*\0", b"MM": b"MM\0*"}
 _CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
+_CANON_XMP = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")
 # LibRaw's flip (1: left-right, 2: top-bottom, 4: then transposed) -> EXIF orientation
 _ORIENTATION = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 _SRGB_CURVE = (2.4, 12.92)
+_COMPLAINT = rb"unknown file: (Unexpected end of file|data corrupted at .*)"  # LibRaw's, which rawpy cannot turn off
 
 
 @final
@@ -60,11 +63,13 @@ class Raw(Format):
             sizes = raw.sizes
         with source.stream() as stream:
             tree = read_tags(stream)
+            left_behind = tuple(_left_behind(stream, tree))
         metadata = Metadata(
             exif=exif_of(tree) if tree else None,
             icc=libvips().Image.profile_load("srgb"),
             xmp=(tree.data(xmp.TIFF_TAG) or None) if tree else None,
             resources=iptc.of_tiff(tree) if tree else None,
+            left_behind=left_behind,
         )
         orientation = _ORIENTATION.get(sizes.flip, 1)
         return Header(self, Coding(bits=16), sizes.iheight, sizes.iwidth, 3, orientation, metadata)
@@ -75,7 +80,8 @@ class Raw(Format):
 
         with _opened(source) as raw:
             is_whole = _is_told_whole(source)
-            raw.unpack()
+            with kept_back(_COMPLAINT):
+                raw.unpack()
             if is_whole is None and not _is_complete(source, raw.raw_image):
                 raise UnshutterError(f"{source} is incomplete: it ends before its picture does")
             pixels = raw.postprocess(
@@ -118,7 +124,7 @@ def _sensor_values(stream: BinaryIO) -> np.ndarray | None:
 
     opened = False
     try:
-        with rawpy.RawPy() as raw:
+        with kept_back(_COMPLAINT), rawpy.RawPy() as raw:
             raw.open_buffer(stream)
             opened = True
             raw.unpack()
@@ -135,8 +141,11 @@ def _opened(source: Source) -> Iterator[Any]:
         raise UnshutterError(f"{source} is a camera's raw file: to read it, pip install 'unshutter[raw]'") from None
     try:
         with source.stream() as stream, rawpy.RawPy() as raw:
-            raw.open_buffer(stream)
+            with kept_back(_COMPLAINT):
+                raw.open_buffer(stream)
             yield raw
+    except rawpy.LibRawIOError:
+        raise UnshutterError(f"cannot read {source} as a camera's raw file: it ends before its picture does") from None
     except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError) as error:
         told = error.args[0] if error.args else type(error).__name__
         cause = told.decode(errors="replace") if isinstance(told, bytes) else str(told)
@@ -176,13 +185,35 @@ def exif_of(tree: Tree) -> bytes | None:
     return whole if exif.read(whole) else exif.of_tiff(tree)
 
 
-def _canon_tags(file: BinaryIO) -> Tree | None:
-    """One tree of the three that a CR3 has for its first directory, EXIF and GPS; the maker's note stays behind."""
+def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
+    """What a raw file says beside its picture and nothing here can read, in words."""
+    if tree is None:
+        yield "EXIF (of this kind of raw file it is not read)"
+    elif _PRIVATE_DATA in tree.pages[0]:
+        yield "the maker's private data"
+    file.seek(0)
+    if file.read(12)[4:] == b"ftypcrx ":
+        found = list(boxes.top_level_extents(file))
+        if any(name == b"CMT3" for name, _ in boxes.inside(_canon_box(file))):
+            yield "maker's note"
+        for name, start, _ in found:
+            file.seek(start)
+            if name == b"uuid" and file.read(16) == _CANON_XMP:
+                yield "XMP"
+
+
+def _canon_box(file: BinaryIO) -> bytes:
+    """Canon's own box in a CR3; empty where there is none."""
     try:
         own = dict(boxes.inside(boxes.top_level(file, b"moov"))).get(b"uuid", b"")
     except KeyError:
-        return None
-    parts = dict(boxes.inside(own[16:])) if own.startswith(_CANON) else {}
+        return b""
+    return own[16:] if own.startswith(_CANON) else b""
+
+
+def _canon_tags(file: BinaryIO) -> Tree | None:
+    """One tree of the three that a CR3 has for its first directory, EXIF and GPS; the maker's note stays behind."""
+    parts = dict(boxes.inside(_canon_box(file)))
     first, details, place = (read_tree(io.BytesIO(parts.get(name, b""))) for name in (b"CMT1", b"CMT2", b"CMT4"))
     if first is None:
         return None

@@ -5,6 +5,7 @@ Source: TIFF 6.0.
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 from collections.abc import Iterator
@@ -19,7 +20,7 @@ from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
 from unshutter.photo.tags import exif, iptc
-from unshutter.photo.tags.directories import EXIF, GPS, SUBFILE_TYPE, Tree, read_tree
+from unshutter.photo.tags.directories import CLASSIC, SUBFILE_TYPE, Tree, header_of, read_tree, slots
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,7 +33,6 @@ _COLOURS = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}  # samples that they take, by photomet
 _UNSPECIFIED, _TRANSPARENCY = 0, (1, 2)  # meanings of an extra sample; colours multiplied by it (1) libvips divides
 _PRIVATE, _LAYERS, _ICC = 0x8000, 0x935C, 0x8773
 _CARRIED = {iptc.IPTC_TAG, iptc.RESOURCES_TAG, _ICC}
-_ABOUT_THE_PHOTO = {EXIF, GPS, iptc.IPTC_TAG, iptc.RESOURCES_TAG}
 _MOST_TAGS = 4096  # in a directory
 _SMALLER_COPY, _MASK = 1, 4  # bits of a subfile's type
 _CLASSIC_BYTES = 3_500_000_000  # more go into a BigTIFF
@@ -66,8 +66,6 @@ class Tiff(WrittenFormat):
         )
         metadata = replace(Metadata.of_image(image), resources=None)
         if tree is None:
-            lost = ("EXIF and IPTC of a BigTIFF",) if numbers.keys() & _ABOUT_THE_PHOTO else ()
-            metadata = replace(metadata, left_behind=lost)
             return by_libvips.header(self, source, image, coding, metadata)
         if exif.has_no_resolution_unit(tree):  # to libvips that is pixels by the millimetre
             metadata = replace(metadata, resolution=(1.0, 1.0), resolution_unit=None)
@@ -132,24 +130,17 @@ def _left_behind(tree: Tree) -> Iterator[str]:
 
 
 def _places(file: BinaryIO) -> tuple[str, dict[int, tuple[int, int]]]:
-    """The byte order, and TIFF type and place of what the first directory has for its tags; of BigTIFFs, too."""
-    file.seek(0)
-    head = file.read(16).ljust(16, b"\0")
-    order = "<" if head.startswith(b"II") else ">"
-    is_big = head[2:4] in (b"+\0", b"\0+")
-    (at,) = struct.unpack_from(order + ("Q" if is_big else "I"), head, 8 if is_big else 4)
-    size, count_form = (20, "Q") if is_big else (12, "H")
-    file.seek(min(at, 1 << 62))  # farther it cannot go
-    counted = file.read(struct.calcsize(order + count_form))
-    if len(counted) < struct.calcsize(order + count_form):
+    """The byte order, and TIFF type and place of what the first directory has for its tags."""
+    length, found = file.seek(0, io.SEEK_END), header_of(file)
+    order, layout, at = found or ("<", CLASSIC, length)
+    file.seek(min(at, length))
+    counted = file.read(struct.calcsize("=" + layout.count))
+    if len(counted) < struct.calcsize("=" + layout.count):
         return order, {}
-    (count,) = struct.unpack(order + count_form, counted)
-    table, start = file.read(size * min(count, _MOST_TAGS)), at + len(counted)
-    places = {}
-    for entry_at in range(0, len(table) - size + 1, size):
-        tag, kind = struct.unpack_from(order + "HH", table, entry_at)
-        places[tag] = (kind, start + entry_at + (12 if is_big else 8))
-    return order, places
+    (count,) = struct.unpack(order + layout.count, counted)
+    table, start = file.read(layout.entry_bytes * min(count, _MOST_TAGS)), at + len(counted)
+    listed = slots(table, order, 0, len(table) // layout.entry_bytes, layout)
+    return order, {slot.tag: (slot.kind, start + slot.value_at) for slot in listed}
 
 
 def _numbers(file: BinaryIO) -> dict[int, int]:

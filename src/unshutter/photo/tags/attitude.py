@@ -1,26 +1,230 @@
-"""How the camera was held, where the photo says so: the gimbal's angles in the XMP of DJI's drones.
+"""How the camera was held, where the photo says so: phones' accelerometers, level gauges, gimbals.
 
-Source: DJI, Mavic 3M user manual, "Photo File": GimbalRollDegree and GimbalPitchDegree are angles of the gimbal in the
-NED coordinate system, rotations in the order ZYX; so a positive roll has the right side down, a positive pitch looks
-up, and roll turns about the optical axis.
+All makers' angles end up as those of :class:`Attitude`: roll clockwise as the photographer sees it, tilt upwards, both
+of the picture as it is to be looked at. Gauges are built into cameras, so theirs first have the quarter turn taken off
+by which the camera was turned for a portrait photo. Where that does not agree with the photo's orientation, somebody
+has turned the pixels, or the angles are another's: then only what is beyond doubt is told.
+
+Sources: Apple: the vector in its maker note, compared with plumb lines in photos (docs/attitude). DJI: Mavic 3M user
+manual, "Photo File": angles of the gimbal in the NED coordinate system, rotations in the order ZYX. GPano: Google,
+Photo Sphere XMP metadata. Camera: Pix4D, yaw, pitch and roll, zero where the camera looks straight down. All others: as
+exiftool.org describes their tags (facts only).
 """
 
 from __future__ import annotations
 
+import math
 import re
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
+from unshutter.geometry.readout import Readout
 from unshutter.options import MOST_ROLL_DEG, MOST_TILT_DEG
+from unshutter.photo.tags import exif, maker_notes
+from unshutter.photo.tags.directories import EXIF
+from unshutter.photo.tags.maker_notes import MakerNote
 
-_ANGLE = rb"""drone-dji:Gimbal%sDegree\s*(?:=\s*["']|>)\s*([+-]?\d+(?:\.\d+)?)"""
+_LENS_MODEL = 0xA434
+_APPLE_VECTOR, _GRAVITY_IN_G = 0x0008, (0.94, 1.06)  # a phone at rest; edited files say anything
+_LEAST_UPRIGHT = 0.35  # share of gravity in the picture's plane, below which it does not tell where up is
+_CLEAR_SHARE, _CLEAR_DEG = 0.5, 25.0  # of gravity in the plane, and off a quarter turn: clear enough to tell one
 
 
-def of_xmp(packet: bytes) -> tuple[float, float] | None:
-    """Roll and tilt of the camera [degrees], or None where the XMP does not say, or says what cannot be."""
-    found = [re.search(_ANGLE % name, packet) for name in (b"Roll", b"Pitch")]
-    if not all(found):
+@dataclass(frozen=True)
+class Attitude:
+    """How the camera was held.
+
+    Attributes:
+        roll_deg: turned clockwise from upright, as its user sees it [degrees]; None: unknown.
+        tilt_deg: looking up, -90 is straight down [degrees]; None: unknown.
+        source: who says so.
+        readout: direction in which the stored pixels were read, where gravity shows that they were turned since.
+    """
+
+    roll_deg: float | None
+    tilt_deg: float | None
+    source: str
+    readout: Readout = Readout.TOP_TO_BOTTOM
+
+
+class _Held(NamedTuple):
+    """Angles of the camera's body [degrees]: roll from landscape, in (-180, 180]; tilt, None where it is not told."""
+
+    roll: float
+    tilt: float | None
+
+
+def of_photo(blob: bytes | None, xmp: bytes | None, orientation: int, height: int, width: int) -> Attitude | None:
+    """How the camera was held, or None where the photo does not say, or says what cannot be.
+
+    Args:
+        blob: EXIF.
+        xmp: XMP packet.
+        orientation: EXIF orientation 1-8 of the stored pixels.
+        height, width: of the stored pixels [px].
+    """
+    note = maker_notes.read(blob)
+    if note is not None and note.maker in _GAUGES:
+        source, read = _GAUGES[note.maker]
+        held = read(note)
+        if held is not None and not (note.maker == "Apple" and _is_front(blob)):
+            return _in_picture(held, source, orientation, height, width)
+    return of_xmp(xmp) if xmp and orientation == 1 else None
+
+
+def _in_picture(held: _Held, source: str, orientation: int, height: int, width: int) -> Attitude | None:
+    """The attitude of a picture that a camera held so has taken and stored as it was read, or turned since."""
+    turn = _CAMERA_TURNED.get(orientation)
+    if turn is None:
         return None
-    roll, tilt = (float(match[1]) for match in found if match)
+    tilt = held.tilt or 0.0
+    upright = math.cos(math.radians(tilt))  # share of gravity in the picture's plane
+    if upright < _LEAST_UPRIGHT:
+        return Attitude(None, held.tilt, source)
+    roll = _wrapped(held.roll - turn)
+    if abs(roll) <= MOST_ROLL_DEG:
+        return Attitude(roll, held.tilt, source)
+    beside = roll - math.copysign(90, roll)
+    if orientation == 1 and height > width and upright >= _CLEAR_SHARE and abs(beside) <= _CLEAR_DEG:
+        # sensors lie across: these pixels were set upright by software, which the tag does not tell
+        readout = Readout.RIGHT_TO_LEFT if roll > 0 else Readout.LEFT_TO_RIGHT
+        return Attitude(beside, held.tilt, source, readout)
+    return None
+
+
+# Clockwise turn of a camera [degrees] for which its pixels get an EXIF orientation. Mirrored ones come from no camera.
+_CAMERA_TURNED = {1: 0.0, 3: 180.0, 6: 90.0, 8: -90.0}
+
+
+def _wrapped(angle: float) -> float:
+    """The angle in (-180, 180]."""
+    return 180 - (180 - angle) % 360
+
+
+# ---- makers' notes -------------------------------------------------------------------------------------
+
+
+def _apple(note: MakerNote) -> _Held | None:
+    """Gravity is the vector (-y, -x, -z) in the frame of the sensor: right, down, forward."""
+    vector = note.numbers(_APPLE_VECTOR)
+    if len(vector) != 3 or not _GRAVITY_IN_G[0] <= math.hypot(*vector) <= _GRAVITY_IN_G[1]:
+        return None
+    right, down, forward = -vector[1], -vector[0], -vector[2]
+    return _Held(math.degrees(math.atan2(right, down)), -math.degrees(math.atan2(forward, math.hypot(right, down))))
+
+
+def _is_front(blob: bytes | None) -> bool:
+    """Whether it is the camera beside the screen, for which the vector's frame is another."""
+    tree = exif.read(blob)
+    return tree is not None and "front" in tree.text(_LENS_MODEL, EXIF).lower()
+
+
+def _canon(note: MakerNote) -> _Held | None:
+    data = note.bytes(0x4059)
+    if len(data) < 24:
+        return None
+    roll, pitch = (_wrapped(value / 10) for value in struct.unpack_from(note.order + "2i", data, 16))
+    return _level(-roll, pitch)
+
+
+def _olympus(note: MakerNote) -> _Held | None:
+    settings = note.below(0x2020)
+    if settings is None:
+        return None
+    roll, pitch = settings.numbers(0x0903), settings.numbers(0x0904)
+    if len(roll) != 2 or roll[1] != 1:  # else the gauge was off
+        return None
+    return _level(-roll[0] / 10, pitch[0] / 10 if len(pitch) == 2 and pitch[1] == 1 else None)
+
+
+def _panasonic(note: MakerNote) -> _Held | None:
+    told = note.numbers(0x0090), note.numbers(0x0091)
+    if any(len(values) != 1 for values in told):
+        return None
+    roll, pitch = ((value + 0x8000) % 0x10000 - 0x8000 for (value,) in told)  # signed, whatever their type says
+    return _level(roll / 10, -pitch / 10)
+
+
+_PENTAX_TURNED = {1: 0, 2: 180, 3: 90, 4: -90}  # how the body was held, in quarter turns; 8 more: off level
+
+
+def _pentax(note: MakerNote) -> _Held | None:
+    data = note.bytes(0x022B)
+    turned = _PENTAX_TURNED.get(data[0] & 7) if len(data) >= 3 else None
+    if turned is None:
+        return None
+    roll, pitch = (-value / 2 for value in struct.unpack_from("2b", data, 1))
+    held = _level(roll, pitch)
+    return held and _Held(_wrapped(held.roll + turned), held.tilt)
+
+
+def _fujifilm(note: MakerNote) -> _Held | None:
+    told = note.numbers(0x144D)
+    return _level(told[0], None) if len(told) == 1 else None
+
+
+def _level(roll: float, tilt: float | None) -> _Held | None:
+    """Angles of a level gauge [degrees]; None for what no camera does, or exactly level, as gauges say that are off."""
+    if not roll and not tilt:
+        return None
+    if not abs(roll) <= 360 or (tilt is not None and not abs(_wrapped(tilt)) <= MOST_TILT_DEG):
+        return None
+    return _Held(_wrapped(roll), None if tilt is None else _wrapped(tilt))
+
+
+# Nikon's gauge (OrientationInfo) is in a part of its note that is encrypted, and is not read.
+_GAUGES: dict[str, tuple[str, Callable[[MakerNote], _Held | None]]] = {
+    "Apple": ("accelerometer (Apple)", _apple),
+    "Canon": ("level gauge (Canon)", _canon),
+    "Fujifilm": ("level gauge (Fujifilm)", _fujifilm),
+    "Olympus": ("level gauge (Olympus)", _olympus),
+    "Panasonic": ("level gauge (Panasonic)", _panasonic),
+    "Pentax": ("level gauge (Pentax)", _pentax),
+}
+
+# ---- XMP -----------------------------------------------------------------------------------------------
+
+_NUMBER = rb"""\s*(?:=\s*["']|>)\s*([+-]?\d+(?:\.\d+)?)"""
+_PANORAMA = rb"""GPano:ProjectionType\s*(?:=\s*["']|>)\s*(?:equirectangular|cylindrical)"""
+# Properties for roll and pitch, of the picture as it is stored; None: that of Pix4D, which counts from straight down
+_XMP: tuple[tuple[str, bytes, bytes | None], ...] = (
+    ("gimbal (DJI)", rb"drone-dji:GimbalRollDegree", rb"drone-dji:GimbalPitchDegree"),
+    ("gimbal (Parrot)", rb"[\w-]+:CameraRollDegree", rb"[\w-]+:CameraPitchDegree"),
+    ("level gauge (Leica)", rb"xmpDSA:RollAngle", rb"xmpDSA:PitchAngle"),
+    ("GPano", rb"GPano:PoseRollDegrees", rb"GPano:PosePitchDegrees"),
+    ("Pix4D", rb"\bCamera:Roll", None),
+)
+
+
+def of_xmp(packet: bytes) -> Attitude | None:
+    """How the camera of a picture that is stored upright was held, by the first property in it that is known here."""
+    for source, roll, pitch in _XMP:
+        angles = tuple(_numbers(packet, roll, pitch or rb"\bCamera:Pitch"))
+        if len(angles) == 2 and not (source == "GPano" and re.search(_PANORAMA, packet)):
+            return _from_straight_down(*angles, source) if pitch is None else _as_told(*angles, source)
+    return None
+
+
+def _numbers(packet: bytes, *names: bytes) -> Iterator[float]:
+    for name in names:
+        if match := re.search(name + _NUMBER, packet):
+            yield float(match[1])
+
+
+def _as_told(roll: float, tilt: float, source: str) -> Attitude | None:
     # looking straight down, a gimbal may call the same attitude a roll of half a turn and a heading of another
     if abs(abs(roll) - 180) <= MOST_ROLL_DEG and abs(tilt) > MOST_TILT_DEG - 10:
-        return 0.0, tilt
-    return (roll, tilt) if abs(roll) <= MOST_ROLL_DEG and abs(tilt) <= MOST_TILT_DEG else None
+        roll = 0.0
+    return Attitude(roll, tilt, source) if abs(roll) <= MOST_ROLL_DEG and abs(tilt) <= MOST_TILT_DEG else None
+
+
+def _from_straight_down(roll: float, pitch: float, source: str) -> Attitude | None:
+    """Of a camera below an aircraft, whose top is ahead: roll is about the flight, a pitch of 90 looks ahead."""
+    if not abs(roll) <= 90 or not -90 <= pitch <= 180:
+        return None
+    roll, pitch = math.radians(roll), math.radians(pitch)
+    gravity = math.sin(roll) * math.cos(pitch), math.sin(pitch), math.cos(roll) * math.cos(pitch)
+    tilt = -math.degrees(math.asin(gravity[2]))
+    return _in_picture(_Held(math.degrees(math.atan2(gravity[0], gravity[1])), tilt), source, 1, 1, 1)

@@ -1,30 +1,68 @@
 """TIFF directories: the form in which TIFF files, EXIF and most raw files keep tags.
 
-Source: TIFF 6.0, section 2; CIPA DC-008 (EXIF 2.32), section 4.6.2.
+Source: TIFF 6.0, section 2; CIPA DC-008 (EXIF 2.32), section 4.6.2; awaresystems.be, The BigTIFF file format (facts).
 """
 
 from __future__ import annotations
 
 import io
+import math
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple, TypeAlias
 
 # Tags by number. Directories hang on those of EXIF, GPS and interoperability.
-EXIF, GPS, INTEROPERABILITY = 0x8769, 0x8825, 0xA005
+EXIF, GPS, INTEROPERABILITY, MAKER_NOTE = 0x8769, 0x8825, 0xA005, 0x927C
 SUB_DIRECTORIES = frozenset({EXIF, GPS, INTEROPERABILITY})
 SUBFILE_TYPE = 0x00FE
 
 BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
-# Bytes of one value, and of the units in it that byte order turns, by TIFF type (1 BYTE ... 13 IFD).
-_SIZE = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4}
-_UNIT = {**_SIZE, 5: 4, 10: 4}
+_BIG_BYTE_ORDERS = {b"II+\0": "<", b"MM\0+": ">"}
+# Bytes of one value, and of the units in it that byte order turns, by TIFF type (1 BYTE ... 13 IFD; 16-18: BigTIFF's).
+VALUE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
+_UNIT = {**VALUE_BYTES, 5: 4, 10: 4}
+_NARROWER = {16: (4, "Q", "I"), 17: (9, "q", "i"), 18: (4, "Q", "I")}  # their likes of 4 bytes, and struct's letters
+# The numbers among them, as struct calls them; of two each: fractions.
+_NUMBER = {1: "B", 3: "H", 4: "I", 5: "I", 6: "b", 8: "h", 9: "i", 10: "i", 11: "f", 12: "d", 13: "I"}
+_FRACTIONS = (5, 10)
+_MOST_NUMBERS = 1000  # of a tag that is read as numbers; longer ones are tables, or malicious
 _ENTRY_BYTES = 12
+_MOST_TAGS = 65_535
 # No photo has more; a damaged or malicious file may claim it.
 _MAX_TREE_BYTES = 1 << 28
 _MAX_PAGES = 1000
 _SMALL_BYTES = 1 << 16
+
+
+class Layout(NamedTuple):
+    """How wide the numbers of a TIFF structure are.
+
+    Attributes:
+        header: bytes before the offset of the first directory.
+        count: struct's letter for the number of entries.
+        offset: that for offsets, and for the number of an entry's values.
+        directory: TIFF type of an offset of a directory.
+    """
+
+    header: int
+    count: str
+    offset: str
+    directory: int
+
+    @property
+    def offset_bytes(self) -> int:
+        """Of an offset; values that take no more stand in its place."""
+        return struct.calcsize("=" + self.offset)
+
+    @property
+    def entry_bytes(self) -> int:
+        """Of an entry of a directory."""
+        return 4 + 2 * self.offset_bytes
+
+
+CLASSIC, BIG = Layout(4, "H", "I", 4), Layout(8, "Q", "Q", 18)
 
 
 class Entry(NamedTuple):
@@ -45,54 +83,106 @@ class Tree:
     Attributes:
         order: ``<`` (II) or ``>`` (MM), as for struct.
         pages: the chain of top-level directories; EXIF, GPS and interoperability nested in their tags.
+        layout: of the file that they stand in.
+        note_at: where the maker's note begins.
     """
 
     order: str
     pages: list[Directory]
+    layout: Layout = CLASSIC
+    note_at: int | None = None
 
     def number(self, tag: int, *path: int, page: int = 0) -> int | None:
         """First value of a BYTE, SHORT or LONG tag in a page (below the sub-directories ``path``), None if absent."""
+        entry = self.entry(tag, *path, page=page)
+        if entry is None or entry.kind not in (1, 3, 4):
+            return None
+        return struct.unpack_from(self.order + {1: "B", 3: "H", 4: "I"}[entry.kind], entry.data)[0]
+
+    def entry(self, tag: int, *path: int, page: int = 0) -> Entry | None:
+        """A tag's entry in a page (below the sub-directories ``path``), None if absent."""
         directory: Directory | Entry | None = self.pages[page]
         for step in (*path, tag):
             directory = directory.get(step) if isinstance(directory, dict) else None
-        if not isinstance(directory, Entry) or directory.kind not in (1, 3, 4):
-            return None
-        return struct.unpack_from(self.order + {1: "B", 3: "H", 4: "I"}[directory.kind], directory.data)[0]
+        return directory if isinstance(directory, Entry) else None
 
     def data(self, tag: int) -> bytes | None:
         """Bytes of a tag in the first page, None if absent."""
         entry = self.pages[0].get(tag)
         return entry.data if isinstance(entry, Entry) else None
 
+    def numbers(self, tag: int, *path: int) -> tuple[float, ...]:
+        """All values of a tag of numbers in the first page (below the sub-directories ``path``), fractions divided.
+
+        Empty where the tag is absent, holds no numbers, or a table of them; a fraction over zero is NaN.
+        """
+        entry = self.entry(tag, *path)
+        return numbers(entry, self.order) if entry else ()
+
+    def text(self, tag: int, *path: int) -> str:
+        """Text of a tag in the first page (below the sub-directories ``path``) up to its NUL; empty where absent."""
+        entry = self.entry(tag, *path)
+        if entry is None or entry.kind != 2:
+            return ""
+        return entry.data.partition(b"\0")[0].decode(errors="replace").strip()
+
+
+def numbers(entry: Entry, order: str) -> tuple[float, ...]:
+    """The values of an entry, fractions divided; empty where they are no numbers, NaN for a fraction over zero."""
+    if entry.kind not in _NUMBER or not 0 < entry.count <= _MOST_NUMBERS:
+        return ()
+    count = entry.count * (2 if entry.kind in _FRACTIONS else 1)
+    found = struct.unpack(f"{order}{count}{_NUMBER[entry.kind]}", entry.data)
+    if entry.kind not in _FRACTIONS:
+        return found
+    return tuple(above / below if below else math.nan for above, below in zip(found[::2], found[1::2], strict=True))
+
 
 # ---- reading -------------------------------------------------------------------------------------------
 
 
 class Slot(NamedTuple):
-    """The twelve bytes of one entry as they stand in a directory: tag, TIFF type, number of values; then 4 bytes.
+    """One entry as it stands in a directory, in twelve bytes: tag, TIFF type, number of values; then 4 bytes.
 
-    Those four are the values themselves where they fit, else their offset. ``at`` is where the twelve begin.
+    Those four are the values themselves where they fit, else their offset. In BigTIFF numbers and offsets have 8 bytes.
+
+    Attributes:
+        at: where the entry begins.
+        tag: by number.
+        kind: TIFF type.
+        count: of values.
+        value_at: where the bytes of the values or their offset begin.
     """
 
     at: int
     tag: int
     kind: int
     count: int
-
-    @property
-    def value_at(self) -> int:
-        """Where the four bytes of the value or its offset begin."""
-        return self.at + 8
+    value_at: int
 
 
-def slots(data: bytes | bytearray, order: str, at: int, count: int) -> Iterator[Slot]:
+def slots(data: bytes | bytearray, order: str, at: int, count: int, layout: Layout = CLASSIC) -> Iterator[Slot]:
     """The entries of a directory of which ``count`` begin at a place in the data."""
-    for place in range(at, at + _ENTRY_BYTES * count, _ENTRY_BYTES):
-        yield Slot(place, *struct.unpack_from(order + "HHI", data, place))
+    to_value = 4 + layout.offset_bytes
+    for place in range(at, at + layout.entry_bytes * count, layout.entry_bytes):
+        tag, kind, values = struct.unpack_from(f"{order}HH{layout.offset}", data, place)
+        yield Slot(place, tag, kind, values, place + to_value)
+
+
+def header_of(file: BinaryIO) -> tuple[str, Layout, int] | None:
+    """Byte order, layout and place of the first directory of a TIFF or BigTIFF; None where it is none of the two."""
+    file.seek(0)
+    head = file.read(16)
+    order = BYTE_ORDERS.get(head[:4])
+    layout = CLASSIC if order else BIG
+    order = order or _BIG_BYTE_ORDERS.get(head[:4])
+    if order is None or len(head) < layout.header + layout.offset_bytes:
+        return None
+    return order, layout, struct.unpack_from(order + layout.offset, head, layout.header)[0]
 
 
 def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None = None) -> Tree | None:
-    """Reads classic TIFF directories; entries that point nowhere are left out.
+    """Reads the directories of a TIFF or BigTIFF; entries that point nowhere are left out.
 
     Args:
         file: seekable, a TIFF file or the TIFF part of an EXIF blob.
@@ -100,60 +190,76 @@ def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None
         first_at: place of the first directory; None: as the file says.
 
     Returns:
-        None when this is no classic TIFF (BigTIFF, damaged header).
+        None when this is none of the two, or nothing of it can be read.
     """
-    file.seek(0)
-    head = file.read(8)
-    order = BYTE_ORDERS.get(head[:4])
-    if order is None or len(head) < 8:
+    found = header_of(file)
+    if found is None:
         return None
-    reader = _Reader(file, order)
+    order, layout, told = found
+    reader = _Reader(file, order, layout)
     pages: list[Directory] = []
-    offset: int = struct.unpack_from(order + "I", head, 4)[0] if first_at is None else first_at
+    offset = told if first_at is None else first_at
     while offset and len(pages) < most_pages and (found := reader.directory(offset)) is not None:
         pages.append(found[0])
         offset = found[1]
-    return Tree(order, pages) if pages else None
+    return Tree(order, pages, layout, reader.note_at) if pages else None
+
+
+def read_directory(data: bytes, at: int, order: str) -> Directory | None:
+    """One directory, as makers' notes are, at a place in the data; None where they end first."""
+    file = io.BytesIO(data + bytes(4))  # some notes end without the place of a next directory
+    found = _Reader(file, order, CLASSIC).directory(at) if 0 <= at < len(data) else None
+    return found[0] if found else None
 
 
 class _Reader:
-    def __init__(self, file: BinaryIO, order: str) -> None:
-        self.file, self.order = file, order
+    def __init__(self, file: BinaryIO, order: str, layout: Layout) -> None:
+        self.file, self.order, self.layout = file, order, layout
+        self.length = file.seek(0, io.SEEK_END)
         # Values do not overlap in a whole file; many that point to one place would take memory without end.
-        self.bytes_left = min(_MAX_TREE_BYTES, 2 * file.seek(0, io.SEEK_END) + _SMALL_BYTES)
+        self.bytes_left = min(_MAX_TREE_BYTES, 2 * self.length + _SMALL_BYTES)
+        self.note_at: int | None = None
         self.visited: set[int] = set()  # directories that lead back to themselves, or many to one
 
     def directory(self, offset: int, depth: int = 0) -> tuple[Directory, int] | None:
         """(directory, offset of the next one), or None where the file ends first."""
-        if offset in self.visited:
+        if offset in self.visited or offset > self.length:
             return None
         self.visited.add(offset)
         self.file.seek(offset)
+        layout = self.layout
         try:
-            (count,) = struct.unpack(self.order + "H", self.file.read(2))
-            table = self.file.read(_ENTRY_BYTES * count + 4)
-            (following,) = struct.unpack_from(self.order + "I", table, _ENTRY_BYTES * count)
+            (count,) = struct.unpack(self.order + layout.count, self.file.read(struct.calcsize("=" + layout.count)))
+            if count > _MOST_TAGS:
+                return None
+            table = self.file.read(layout.entry_bytes * count + layout.offset_bytes)
+            (following,) = struct.unpack_from(self.order + layout.offset, table, layout.entry_bytes * count)
         except struct.error:
             return None
         self.bytes_left -= len(table)
         if self.bytes_left < 0:
             return None
         directory: Directory = {}
-        for slot in slots(table, self.order, 0, count):
+        for slot in slots(table, self.order, 0, count, layout):
             value = self._value(table, slot, depth)
             if value is not None:
                 directory[slot.tag] = value
         return directory, following
 
     def _value(self, table: bytes, slot: Slot, depth: int) -> Entry | Directory | None:
-        size = _SIZE.get(slot.kind, 0) * slot.count
+        size = VALUE_BYTES.get(slot.kind, 0) * slot.count
         if not 0 < size <= self.bytes_left:
             return None
-        (pointer,) = struct.unpack_from(self.order + "I", table, slot.value_at)
+        wide = self.layout.offset if size > 4 or slot.tag not in SUB_DIRECTORIES else "I"  # a BigTIFF may have both
+        (pointer,) = struct.unpack_from(self.order + wide, table, slot.value_at)
         if slot.tag in SUB_DIRECTORIES:
             found = self.directory(pointer, depth + 1) if depth < 2 else None
             return found[0] if found else None
-        if size > 4:
+        if size > self.layout.offset_bytes:
+            if pointer > self.length:
+                return None
+            if slot.tag == MAKER_NOTE:
+                self.note_at = pointer
             self.file.seek(pointer)
             data = self.file.read(size)
         else:
@@ -188,27 +294,44 @@ def is_tangled(data: bytes) -> bool:
 # ---- writing -------------------------------------------------------------------------------------------
 
 
-def encoded(directory: Directory, at: int, order: str) -> bytes:
+def encoded(directory: Directory, at: int, order: str, layout: Layout = CLASSIC) -> bytes:
     """Bytes of a directory that will stand at offset ``at``, followed by its values and sub-directories."""
-    table = [struct.pack(order + "H", len(directory))]
-    values, here = [], at + 2 + _ENTRY_BYTES * len(directory) + 4
+    table = [struct.pack(order + layout.count, len(directory))]
+    values, here = [], at + len(table[0]) + layout.entry_bytes * len(directory) + layout.offset_bytes
     for tag, entry in sorted(directory.items(), key=lambda item: item[0]):
         if isinstance(entry, dict):
-            kind, count, data, inline = 4, 1, encoded(entry, here, order), False
+            kind, count, data, inline = layout.directory, 1, encoded(entry, here, order, layout), False
         else:
-            kind, count, data, inline = entry.kind, entry.count, entry.data, len(entry.data) <= 4
-        table += [struct.pack(order + "HHI", tag, kind, count)]
-        table += [data.ljust(4, b"\0") if inline else struct.pack(order + "I", here)]
+            kind, count, data = entry
+            inline = len(data) <= layout.offset_bytes
+        table += [struct.pack(f"{order}HH{layout.offset}", tag, kind, count)]
+        table += [data.ljust(layout.offset_bytes, b"\0") if inline else struct.pack(order + layout.offset, here)]
         if not inline:
             values += [data, bytes(len(data) % 2)]
             here += len(data) + len(data) % 2
-    return b"".join([*table, bytes(4), *values])  # no further directory
+    return b"".join([*table, bytes(layout.offset_bytes), *values])  # no further directory
 
 
 def encoded_number(order: str, tag: int, kind: int, value: int) -> bytes:
     """The twelve bytes of an entry of one number: type 3 (SHORT) or 4 (LONG)."""
     number = struct.pack(order + "HH", value, 0) if kind == 3 else struct.pack(order + "I", value)
     return struct.pack(order + "HHI", tag, kind, 1) + number
+
+
+def in_classic(directory: Directory, order: str) -> Directory:
+    """The directory in types that all TIFFs have; numbers that are too large for them are left out."""
+    narrow: Directory = {}
+    for tag, entry in directory.items():
+        if isinstance(entry, dict):
+            narrow[tag] = in_classic(entry, order)
+        elif entry.kind not in _NARROWER:
+            narrow[tag] = entry
+        else:
+            kind, wide, form = _NARROWER[entry.kind]
+            with suppress(struct.error):
+                numbers = struct.unpack(f"{order}{entry.count}{wide}", entry.data)
+                narrow[tag] = Entry(kind, entry.count, struct.pack(f"{order}{entry.count}{form}", *numbers))
+    return narrow
 
 
 def in_other_order(directory: Directory) -> Directory:

@@ -15,16 +15,19 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import BinaryIO
 
-from unshutter.photo.tags import directories
+from unshutter.photo.tags import directories, moved_note
 from unshutter.photo.tags.directories import (
     BYTE_ORDERS,
+    CLASSIC,
     EXIF,
+    MAKER_NOTE,
     SUB_DIRECTORIES,
     Directory,
     Entry,
     Tree,
     encoded,
     encoded_number,
+    in_classic,
     in_other_order,
     read_tree,
 )
@@ -42,7 +45,7 @@ _GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0x
 _RESOLUTION, _RESOLUTION_UNIT, _NO_UNIT = (0x011A, 0x011B), 0x0128, 1
 _IMAGE_WIDTH, _IMAGE_HEIGHT, _COMPRESSION, _ORIENTATION = 0x0100, 0x0101, 0x0103, 0x0112
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
-_MAKER_NOTE, _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0x927C, 0xA002, 0xA003, 0xA405
+_PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0xA002, 0xA003, 0xA405
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF ends at 65,527
 _ENTRY_BYTES = 12
@@ -70,11 +73,16 @@ def untangled(blob: bytes) -> bytes | None:
     return of_tiff(tree) if tree else None
 
 
-def orientation(blob: bytes | None) -> int:
-    """EXIF orientation 1-8 that a blob tells; 1 where it tells none."""
+def told_orientation(blob: bytes | None) -> int | None:
+    """EXIF orientation 1-8 that a blob tells; None where it tells none."""
     tree = read(blob)
     told = tree.number(_ORIENTATION) if tree else None
-    return told if told is not None and 1 <= told <= 8 else 1
+    return told if told is not None and 1 <= told <= 8 else None
+
+
+def orientation(blob: bytes | None) -> int:
+    """The same, 1 where it tells none."""
+    return told_orientation(blob) or 1
 
 
 def with_header(blob: bytes | None) -> bytes | None:
@@ -107,12 +115,24 @@ def of_tiff(tree: Tree) -> bytes | None:
     The byte order stays: makers' notes are often in the order of the file they stand in.
     """
     lifted = _of_the_camera(tree)
-    return _blob_of(lifted, tree.order) if lifted else None
+    return _blob_of(lifted, tree) if lifted else None
 
 
-def _blob_of(directory: Directory, order: str) -> bytes:
-    head = struct.pack(order + "2sHI", b"II" if order == "<" else b"MM", 42, 8)
-    return PREFIX + head + encoded(directory, 8, order)
+def _blob_of(directory: Directory, tree: Tree) -> bytes:
+    """A blob of a directory that comes from a tree."""
+    head = struct.pack(tree.order + "2sHI", b"II" if tree.order == "<" else b"MM", 42, 8)
+    return PREFIX + head + _with_note(encoded(directory, 8, tree.order), 8, directory, tree)
+
+
+def _with_note(written: bytes, at: int, directory: Directory, tree: Tree) -> bytes:
+    """An encoded directory at a place, its maker's note made to fit there after it stood in a tree."""
+    details = directory.get(EXIF)
+    note = details.get(MAKER_NOTE) if isinstance(details, dict) else None
+    found = written.find(note.data) if isinstance(note, Entry) and tree.note_at is not None else -1
+    if found < 0 or tree.note_at is None or not isinstance(note, Entry):
+        return written
+    follows = moved_note.moved(note.data, tree.order, tree.note_at, at + found)
+    return written[:found] + follows + written[found + len(follows) :]
 
 
 def add_to_tiff(
@@ -121,7 +141,7 @@ def add_to_tiff(
     """Adds camera tags, EXIF and GPS of a blob to a finished TIFF of one page, at its end.
 
     The page's own tags win over the blob's, but for a resolution without a unit. The pixel size that EXIF repeats is
-    set to that of the picture. Does nothing to a BigTIFF, a file too long for more, or with a blob that cannot be read.
+    set to that of the picture. Does nothing to a file too long for more, or with a blob that cannot be read.
 
     Args:
         file: seekable, open for reading and writing.
@@ -138,7 +158,7 @@ def add_to_tiff(
     length = len(blob or b"") + sum(len(entry.data) for entry in more.values())
     if tree is None and not more:
         return True
-    if target is None or end + length + _ROOM_IN_TIFF >= 1 << 32:
+    if target is None or (target.layout is CLASSIC and end + length + _ROOM_IN_TIFF >= 1 << 32):
         return False
     added: Directory = {}
     if tree is not None:
@@ -152,9 +172,11 @@ def add_to_tiff(
     winning = {tag: added[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in added}
     start = end + end % 2  # directories begin at even offsets
     file.seek(end)
-    file.write(bytes(end % 2) + encoded(added | dict(more) | target.pages[0] | winning, start, target.order))
-    file.seek(4)
-    file.write(struct.pack(target.order + "I", start))
+    whole, layout = added | dict(more) | target.pages[0] | winning, target.layout
+    written = encoded(whole, start, target.order, layout)
+    file.write(bytes(end % 2) + (written if tree is None else _with_note(written, start, added, tree)))
+    file.seek(layout.header)
+    file.write(struct.pack(target.order + layout.offset, start))
     return True
 
 
@@ -163,7 +185,7 @@ def _of_the_camera(tree: Tree) -> Directory:
     lifted = {tag: value for tag, value in first.items() if is_carried(tag)}
     if has_no_resolution_unit(tree):
         lifted |= {tag: first[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in first}
-    return lifted
+    return lifted if tree.layout is CLASSIC else in_classic(lifted, tree.order)
 
 
 def is_carried(tag: int) -> bool:
@@ -201,9 +223,9 @@ def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
     if tree is None or not lifted:
         return None, ["EXIF (too long)"]
     left_out = 0
-    note = _removed(lifted, _MAKER_NOTE)
+    note = _removed(lifted, MAKER_NOTE)
     told = ["maker's note (too long)"] if note else []
-    while len(shorter := _blob_of(lifted, tree.order)) > most:
+    while len(shorter := _blob_of(lifted, tree)) > most:
         excess, by_size = len(shorter) - most, sorted(_entries(lifted), key=lambda found: -len(found[2].data))
         for directory, tag, entry in by_size:
             del directory[tag]

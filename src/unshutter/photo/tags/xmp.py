@@ -31,7 +31,7 @@ class Next(NamedTuple):
 
     Attributes:
         height, width: of the stored pixels [px].
-        orientation: EXIF orientation 1-8.
+        orientation: EXIF orientation 1-8; None: what the packet says of it stays.
         is_new: whether the pixels are others than before, so that small pictures of the old ones go.
         has_film: whether the film of a motion photo is still at the end of the file. Gain maps, depth maps and other
             pictures beside the picture never are.
@@ -39,7 +39,7 @@ class Next(NamedTuple):
 
     height: int
     width: int
-    orientation: int
+    orientation: int | None
     is_new: bool
     has_film: bool
 
@@ -74,6 +74,8 @@ def _follow(packet: Packet, thing: Element | Attribute, name: str, picture: Next
     elif name in _HEIGHTS:
         packet.set_number(thing, picture.height)
     elif name == "tiff:Orientation":
+        if picture.orientation is None:
+            return
         packet.set_number(thing, picture.orientation)
     elif (
         _BESIDE.match(name)

@@ -1,0 +1,138 @@
+"""Makers' notes: the directory of tags of its own that a maker puts into EXIF, as far as something here asks for them.
+
+Each begins with the maker's name in a form of its own; places in it count from its own beginning or from that of EXIF.
+
+Source: the public descriptions of these notes by exiftool.org (facts only).
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from unshutter.photo.tags import exif
+from unshutter.photo.tags.directories import (
+    EXIF,
+    Directory,
+    Entry,
+    Tree,
+    numbers,
+    read_directory,
+    read_tree,
+)
+from unshutter.photo.tags.exif_editor import PREFIX
+
+_MAKER_NOTE, _MAKE = 0x927C, 0x010F
+
+
+@dataclass(frozen=True)
+class MakerNote:
+    """A maker's directory.
+
+    Attributes:
+        maker: whose it is, as in :data:`_LAYOUTS`.
+        order: byte order of it, as for struct.
+        tags: by number.
+        data: what the places in it count into.
+    """
+
+    maker: str
+    order: str
+    tags: Directory
+    data: bytes
+
+    def numbers(self, tag: int) -> tuple[float, ...]:
+        """All values of a tag of numbers, fractions divided; empty where it is absent."""
+        entry = self.tags.get(tag)
+        return numbers(entry, self.order) if isinstance(entry, Entry) else ()
+
+    def bytes(self, tag: int) -> bytes:
+        """The bytes of a tag; empty where it is absent."""
+        entry = self.tags.get(tag)
+        return entry.data if isinstance(entry, Entry) else b""
+
+    def below(self, tag: int) -> MakerNote | None:
+        """The directory in a tag, or where it points to; None without one."""
+        entry, told = self.tags.get(tag), self.numbers(tag)
+        if not isinstance(entry, Entry):
+            return None
+        at = int(told[0]) if len(told) == 1 else self.data.find(entry.data)
+        found = read_directory(self.data, at, self.order)
+        return replace(self, tags=found) if found is not None else None
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How a maker's note begins.
+
+    Attributes:
+        maker: its name.
+        begins: its first bytes.
+        at: where in it the directory begins; None: the note holds a place of its own at its byte 8.
+        own_places: whether places in it count from its beginning, rather than from that of EXIF.
+        order: its byte order, from its first bytes and that of EXIF.
+    """
+
+    maker: str
+    begins: bytes
+    at: int | None
+    own_places: bool
+    order: Callable[[bytes, str], str]
+
+
+def _exif_order(_: bytes, order: str) -> str:
+    return order
+
+
+def _order_at(place: int) -> Callable[[bytes, str], str]:
+    return lambda note, order: {b"II": "<", b"MM": ">"}.get(note[place : place + 2], order)
+
+
+_LAYOUTS = (
+    _Layout("Apple", b"Apple iOS\0", 14, True, _order_at(12)),
+    _Layout("Fujifilm", b"FUJIFILM", None, True, lambda *_: "<"),
+    _Layout("Olympus", b"OLYMPUS\0", 12, True, _order_at(8)),
+    _Layout("Olympus", b"OM SYSTEM\0", 16, True, _order_at(12)),
+    _Layout("Olympus", b"OLYMP\0", 8, False, _exif_order),
+    _Layout("Panasonic", b"Panasonic\0\0\0", 12, False, _exif_order),
+    _Layout("Pentax", b"PENTAX \0", 10, True, _order_at(8)),
+    _Layout("Pentax", b"AOC\0", 6, False, _order_at(4)),
+)
+
+
+def read(blob: bytes | None) -> MakerNote | None:
+    """The maker's note of an EXIF blob; None where there is none of a kind known here."""
+    tree = exif.read(blob)
+    entry = tree.entry(_MAKER_NOTE, EXIF) if tree else None
+    if tree is None or entry is None or blob is None:
+        return None
+    note, whole = entry.data, blob.removeprefix(PREFIX)
+    if note.startswith(b"Nikon\0\x02"):
+        return _of_nikon(note[10:])
+    for layout in _LAYOUTS:
+        if note.startswith(layout.begins) and len(note) > 16:
+            return _as_laid_out(layout, note, whole, tree)
+    if tree.text(_MAKE).startswith("Canon"):
+        return _made("Canon", tree.order, whole, whole.find(note))
+    return None
+
+
+def _as_laid_out(layout: _Layout, note: bytes, whole: bytes, tree: Tree) -> MakerNote | None:
+    order = layout.order(note, tree.order)
+    at = struct.unpack_from("<I", note, 8)[0] if layout.at is None else layout.at
+    if layout.own_places:
+        return _made(layout.maker, order, note, at)
+    return _made(layout.maker, order, whole, whole.find(note) + at)
+
+
+def _made(maker: str, order: str, data: bytes, at: int) -> MakerNote | None:
+    found = read_directory(data, at, order)
+    return MakerNote(maker, order, found, data) if found else None
+
+
+def _of_nikon(note: bytes) -> MakerNote | None:
+    """Nikon's holds a whole TIFF structure."""
+    tree = read_tree(io.BytesIO(note), most_pages=1)
+    return MakerNote("Nikon", tree.order, tree.pages[0], note) if tree else None

@@ -1,0 +1,127 @@
+"""Rectified: a photo as a global shutter would have taken it, or as it was, and why."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from unshutter.motion import Motion
+from unshutter.motion.verdict import Verdict
+from unshutter.options import Edges, PictureFormat, Save, Subsampling
+from unshutter.photo import Photo
+from unshutter.photo.encoding import Encoded
+from unshutter.photo.formats import of_target
+from unshutter.storage.files import check_target, written_whole
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+@dataclass(frozen=True, repr=False)
+class Rectified:
+    """A rectified photo, or one that was left as it is, since nothing sure was found that would be worth undoing.
+
+    Attributes:
+        photo: the new pixels with the metadata of the original; the original itself where it was left as it is.
+        motion: what was undone, in the readout frame: none at all where the photo was left as it is.
+        original: the photo as it was read.
+        found: the motion that was found or given, undone or not.
+        verdict: whether it was undone, and why not.
+        edges: ``keep``, ``crop`` or ``fill``: what was done about places that the photo did not see.
+        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
+    """
+
+    photo: Photo
+    motion: Motion
+    original: Photo
+    found: Motion
+    verdict: Verdict
+    edges: Edges = "keep"
+    whole: float | None = None
+
+    def __repr__(self) -> str:
+        size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"
+        return f"Rectified({size}, {self.verdict.told() if self.changed else f'left as it is: {self.reason}'})"
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was undone; if not, :attr:`reason` says why."""
+        return self.verdict.changes
+
+    @property
+    def reason(self) -> str:
+        """Why the photo was left as it is, ``not sure: confidence 0.03``; empty where it was changed."""
+        return self.verdict.reason
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to."""
+        return self.photo.pixels
+
+    def to_array(self) -> np.ndarray:
+        """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
+        return self.photo.to_array()
+
+    @property
+    def valid(self) -> np.ndarray:
+        """[H, W] bool: where the rolling-shutter photo shows what belongs there (before any crop or fill)."""
+        from unshutter.warp.pixels import validity_mask
+
+        return validity_mask(self.motion)
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        overwrite: bool = False,
+        quality: int | None = None,
+        subsampling: Subsampling | None = None,
+        keep_times: bool = False,
+    ) -> tuple[str, ...]:
+        """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
+
+        A photo that was left as it is is copied byte for byte, unless it is to be another format, or coded otherwise.
+
+        Returns:
+            What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
+
+        Raises:
+            UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
+        """
+        how = Save(None, quality, subsampling, keep_times)
+        return save_result(self.photo, self.original, Path(path), overwrite, how)
+
+    def encode(
+        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+    ) -> Encoded:
+        """The picture as an encoded file, and what of its metadata did not go in; else as :meth:`save`.
+
+        Args:
+            format, quality, subsampling: see :meth:`Photo.to_bytes`.
+
+        Raises:
+            UsageError, UnshutterError: see :meth:`Photo.to_bytes`.
+        """
+        return encode_result(self.photo, Save(format, quality, subsampling))
+
+
+def save_result(photo: Photo, original: Photo, target: Path, overwrite: bool, how: Save) -> tuple[str, ...]:
+    """Writes what was made of a photo; see :meth:`Rectified.save`."""
+    times_ns = photo.times_ns if how.keep_times else None
+    copied = photo.file_as(of_target(target).name, how)
+    if copied is None:
+        return photo.save(target, how.quality, overwrite, how.subsampling, how.keep_times)
+    check_target(target, overwrite, original.path)
+    with written_whole(target, overwrite, mode_of=original.path, times_ns=times_ns) as part:
+        copied.copy_to(part)
+    return ()
+
+
+def encode_result(photo: Photo, how: Save) -> Encoded:
+    """Encodes what was made of a photo; see :meth:`Rectified.encode`."""
+    copied = photo.file_as(how.format or photo.format, how)
+    if copied is None:
+        return photo.encode(how.format, how.quality, how.subsampling)
+    return Encoded(copied.data(), ())

@@ -1,0 +1,105 @@
+"""Which motions are undone, and what is said of the others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from unshutter.errors import UsageError
+from unshutter.motion import RotationMotion, RowMotion
+from unshutter.motion.verdict import Verdict
+from unshutter.options import MIN_CONFIDENCE, Rectify, Undo
+
+
+def sheared(px: float, confidence: float | None = None) -> RowMotion:
+    return replace(RowMotion.from_polynomials([0, px], [0], 80, 100), confidence=confidence)
+
+
+@pytest.mark.parametrize(
+    ("motion", "least", "cause", "told"),
+    [
+        (sheared(41.2, 0.936), 0.5, "", "up to 41 px, confidence 0.93"),
+        (sheared(4.2, 0.5), 0.5, "", "up to 4.2 px, confidence 0.50"),
+        (sheared(4.2), 1.0, "", "up to 4.2 px"),
+        (sheared(4.2, 0.0), 0.0, "", "up to 4.2 px, confidence 0.00"),
+        (sheared(0.51, 1.0), 0.5, "", "up to 0.5 px, confidence 1.00"),
+        (
+            sheared(124, 0.36),
+            0.5,
+            "not sure",
+            "not sure: confidence 0.36; --min-confidence 0.3 would move it by up to 124 px",
+        ),
+        (
+            sheared(12, 0.4999),
+            0.5,
+            "not sure",
+            "not sure: confidence 0.49; --min-confidence 0.4 would move it by up to 12 px",
+        ),
+        (
+            sheared(12, 0.049),
+            0.5,
+            "not sure",
+            "not sure: confidence 0.04; --min-confidence 0.04 would move it by up to 12 px",
+        ),
+        (sheared(0.49), 0.5, "less than half a pixel", None),
+        (sheared(0.49, 0.1), 0.0, "less than half a pixel", None),
+        (
+            sheared(0.49, 0.314),
+            0.5,
+            "not sure",
+            "not sure whether the camera moved: confidence 0.31; --moving says that it did",
+        ),
+        (replace(RowMotion.from_polynomials([0, 1.9], [0], 512, 100), confidence=0.9), 0.5, "no motion", None),
+        (replace(RowMotion.from_polynomials([0, 2.1], [0], 512, 100), confidence=0.9), 0.5, "", None),
+        (RowMotion.from_polynomials([0, 1.9], [0], 512, 100), 0.5, "", None),
+        (sheared(0.0, 0.9), 0.5, "no motion", "no motion, confidence 0.90"),
+        (replace(sheared(0.0), reason="too few lines"), 0.5, "nothing to go by", "too few lines"),
+    ],
+)
+def test_what_is_undone_and_what_is_said(motion: RowMotion, least: float, cause: str, told: str | None) -> None:
+    verdict = Verdict.of(motion, Undo(min_confidence=least))
+    assert verdict.cause == cause
+    assert verdict.changes == (not cause) == (not verdict.reason)
+    assert told in (None, verdict.told())
+    assert verdict.as_json()["changed"] == verdict.changes
+
+
+def test_what_is_said_to_be_enough_is_enough() -> None:
+    verdict = Verdict.of(sheared(124, 0.36), Undo(min_confidence=0.5))
+    enough = float(verdict.told().partition("--min-confidence ")[2].split()[0])
+    assert Verdict.of(sheared(124, 0.36), Undo(min_confidence=enough)).changes
+
+
+def test_no_strength_changes_nothing_and_says_so() -> None:
+    verdict = Verdict.of(sheared(30, 0.9).scaled(0), Undo(strength=0))
+    assert (verdict.cause, verdict.reason) == ("strength 0", "a strength of 0 undoes nothing")
+
+
+def test_what_is_left_alone_is_written_as_no_motion_with_the_reason() -> None:
+    motion = sheared(124, 0.36)
+    left = Verdict.of(motion, Undo(min_confidence=0.5)).left_alone(motion)
+    assert left.is_zero
+    assert (left.confidence, left.reason, left.width) == (0.36, "not sure: confidence 0.36", 100)
+
+
+def test_the_largest_displacement_counts_turns_at_the_sides() -> None:
+    assert sheared(7).largest_px == pytest.approx(7)
+    turned = RowMotion(101, np.zeros(51), np.r_[np.zeros(50), 0.1])  # the last row, 25 px below the middle
+    # a turn by a of a point at distance r moves it by 2 r sin(a / 2)
+    assert turned.largest_px == pytest.approx(2 * np.hypot(50, 25) * np.sin(0.05))
+    tilted = RotationMotion(width=101, rotations=np.r_[np.zeros((50, 3)), [[0.01, 0, 0]]], focal_px=100.0)
+    assert tilted.tx_px.max() == pytest.approx(0)
+    assert tilted.largest_px > 0.9  # up or down, which t_x does not tell
+
+
+def test_a_given_motion_is_undone_however_sure() -> None:
+    assert Rectify(motion="m.json").undo.min_confidence == 0  # pyright: ignore[reportArgumentType]
+    assert Rectify().undo.min_confidence == MIN_CONFIDENCE
+    with pytest.raises(UsageError, match="leave out the least confidence"):
+        Undo(min_confidence=0.7).of_given_motion()
+
+
+@pytest.mark.parametrize("wrong", [-0.1, 1.1, float("nan")])
+def test_a_confidence_that_cannot_be(wrong: float) -> None:
+    with pytest.raises(UsageError, match="between 0 and 1"):
+        Undo(min_confidence=wrong)

@@ -1,0 +1,21 @@
+"""An estimator that answers with the same shear for every photo, as surely as it is told to."""
+
+from dataclasses import replace
+
+from unshutter.estimators import register
+from unshutter.estimators.base import Estimator, View
+from unshutter.motion import Motion, RowMotion
+
+
+class Sure(Estimator):
+    """Moves the last row by ``px`` to the right; declines where ``reason`` says why."""
+
+    def __init__(self, confidence: float | None, px: float = 9.0, reason: str = ""):
+        super().__init__(register.method("none"))
+        self.confidence, self.px, self.reason = confidence, px, reason
+
+    def estimate(self, view: View) -> Motion:
+        if self.reason:
+            return view.no_motion(self.name, self.reason)
+        motion = RowMotion.from_polynomials([0, self.px], [0], view.height, view.width, readout=view.readout)
+        return replace(motion, estimator=self.name, confidence=self.confidence)

@@ -1,0 +1,93 @@
+"""What Python gets back: a photo that was changed, or the very same one."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import unshutter
+from support.drawn_photos import drawn
+from support.sure_estimator import Sure
+from unshutter.errors import UnshutterError
+from unshutter.options import MIN_CONFIDENCE, Undo
+from unshutter.photo import Photo
+from unshutter.photo.formats import FORMATS
+
+UNSURE, SURE = Sure(MIN_CONFIDENCE / 2), Sure(0.9)
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> Path:
+    path = tmp_path / "street.jpg"
+    Photo.from_array(drawn(120, 160)).save(path, quality=80)
+    return path
+
+
+def test_a_motion_that_is_not_sure_is_not_undone(photo: Path) -> None:
+    left = unshutter.rectify(photo, estimator=UNSURE)
+    assert not left.changed
+    assert left.reason == left.motion.reason
+    assert left.reason.startswith("not sure: confidence 0.")
+    assert left.motion.is_zero and left.motion.confidence == MIN_CONFIDENCE / 2
+    assert left.found.largest_px == pytest.approx(9)
+    assert left.valid.all()
+    for options in (
+        {"estimator": SURE},
+        {"estimator": UNSURE, "min_confidence": MIN_CONFIDENCE / 2},
+        {"motion": left.found},
+    ):
+        result = unshutter.rectify(photo, **options)
+        assert result.changed and not result.reason
+        assert (result.pixels != left.pixels).any()
+
+
+def test_what_is_left_as_it_is_comes_back_the_same(photo: Path) -> None:
+    data = photo.read_bytes()
+    assert unshutter.rectify(data, estimator=UNSURE) == data
+    assert unshutter.rectify(data, estimator=SURE) != data
+    pixels = drawn(120, 160)
+    same = unshutter.rectify(pixels, estimator=UNSURE)
+    np.testing.assert_array_equal(same, pixels, strict=True)
+    assert same is not pixels
+
+
+@pytest.mark.parametrize("ending", ["jpg", "png", "webp", "tif", "avif"])
+def test_what_is_left_as_it_is_is_copied_byte_for_byte(ending: str, tmp_path: Path) -> None:
+    path, out = tmp_path / f"a.{ending}", tmp_path / f"b.{ending}"
+    Photo.from_array(drawn(120, 160)).save(path)
+    assert unshutter.rectify(path, estimator=UNSURE).save(out) == ()
+    assert out.read_bytes() == path.read_bytes()
+    assert unshutter.rectify(path, estimator=UNSURE).encode().data == path.read_bytes()
+
+
+def test_another_format_or_quality_is_encoded(photo: Path, tmp_path: Path) -> None:
+    left = unshutter.rectify(photo, estimator=UNSURE)
+    left.save(tmp_path / "a.png")
+    np.testing.assert_array_equal(Photo.open(tmp_path / "a.png").pixels, left.pixels)
+    left.save(tmp_path / "a.jpg", quality=30)
+    assert (tmp_path / "a.jpg").stat().st_size < photo.stat().st_size
+
+
+def test_a_copy_needs_no_pixels(photo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    decoded = []
+    kind = type(FORMATS["jpeg"])
+    original = kind.decode
+    monkeypatch.setattr(kind, "decode", lambda *given: decoded.append(1) or original(*given))
+    opened = Photo.open(photo)
+    from unshutter.rectification import undo
+
+    undo(opened, unshutter.RowMotion.zero(120, 160), Undo()).save(tmp_path / "out.jpg")
+    assert decoded == []
+    undo(opened, unshutter.RowMotion.from_polynomials([0, 9], [0], 120, 160), Undo()).save(tmp_path / "out2.jpg")
+    assert decoded == [1]
+
+
+def test_a_copy_replaces_nothing_and_not_the_original(photo: Path, tmp_path: Path) -> None:
+    left = unshutter.rectify(photo, estimator=UNSURE)
+    before = photo.read_bytes()
+    with pytest.raises(UnshutterError, match="never overwritten"):
+        left.save(photo, overwrite=True)
+    (tmp_path / "there.jpg").write_bytes(b"mine")
+    with pytest.raises(UnshutterError, match="exists already"):
+        left.save(tmp_path / "there.jpg")
+    assert (tmp_path / "there.jpg").read_bytes() == b"mine" and photo.read_bytes() == before
