@@ -15,8 +15,8 @@ from unshutter.video.library import av
 from unshutter.video.moving import Moved
 from unshutter.video.options import UndoFrames
 from unshutter.video.warping import FrameMap, Scratch, warp_plane
+from unshutter.warp.crop import largest_valid_rectangle
 from unshutter.warp.grid import Tile
-from unshutter.warp.pixels import crop_window
 
 if TYPE_CHECKING:
     from av import VideoFrame
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 _PASSED_ON = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 _FULL_RANGE = 2  # as FFmpeg counts
-_COARSE = 8  # px between places that are looked at for a crop
-_EVEN = 4  # px: windows begin and end at multiples, so that chroma does too
+_COARSE = 8  # px between places that are looked at for a crop, whose multiples are whole pixels of chroma
+_LEAST_CROP = 0.1  # of a frame's area
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,10 @@ class Seen:
         """
         if self.mask.all():
             return None
-        try:
-            small = crop_window(self.mask)
-        except UnshutterError:
-            raise UnshutterError("cropping would leave less than a tenth of the frame: choose --edges fill") from None
-        top, left = (-(-v * _COARSE // _EVEN) * _EVEN for v in (small.top, small.left))
-        bottom, right = (v * _COARSE // _EVEN * _EVEN for v in (small.bottom, small.right))
+        left, top, width, height = largest_valid_rectangle(self.mask)
+        if width * height < _LEAST_CROP * self.mask.size:
+            raise UnshutterError("cropping would leave less than a tenth of the frame: choose --edges fill")
+        top, left, bottom, right = (v * _COARSE for v in (top, left, top + height, left + width))
         return Tile(top, bottom, left, right)
 
 
