@@ -85,6 +85,7 @@ class CameraMotion:
         ratio: readout time in frame intervals; None: found from the frames.
         focal_px: focal length [px of the frames]; None: EXIF's, else found from the frames.
         readout: direction in which stored pixels were read.
+        fewest: frames without which a shot is left as it is.
         window: frames whose motion is found together, and more on both sides that only steady it.
     """
 
@@ -92,6 +93,7 @@ class CameraMotion:
     focal_px: float | None = None
     readout: Readout = Readout.TOP_TO_BOTTOM
     window: tuple[int, int] = (_CORE, _MARGIN)
+    fewest: int = 2
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
     _asked: int = field(default=0, init=False)
@@ -165,6 +167,8 @@ class CameraMotion:
         pairs = [fewer(pair) for pair in shot.pairs[: shot.before + many + self.window[1] - 1]]
         if not pairs:
             return None, shot.broken_by or "there is no frame before or after it"
+        if shot.before + len(shot.waiting) < self.fewest:
+            return None, "the shot is too short to say how the camera moved"
         if shot.still:
             return None, "the camera stood still"
         if self.ratio is None:
