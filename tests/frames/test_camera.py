@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from support.hand_held import FOCAL, HEIGHT, WIDTH, camera, exact_tracks, hand, pan
-from unshutter.frames.camera import ROWS, Problem
+from unshutter.frames.camera import ROWS, Problem, steady
 from unshutter.frames.focal import focal_from_motion
 from unshutter.frames.tracks import Tracks
 
@@ -65,3 +65,18 @@ def test_the_focal_length_is_found(focal):
     moving = camera(hand(3), 0.5, frames=16, focal_px=focal)
     found = focal_from_motion(exact_tracks(moving, noise=0.05), 0.5) / UNIT
     assert found == pytest.approx(focal, rel=0.08)
+
+
+def test_near_ground_at_the_bottom_is_not_taken_for_an_oscillation():
+    rng = np.random.default_rng(0)
+    pairs = []
+    for _ in range(24):  # a drone that flies ahead: what is far stands still, what is near comes down
+        start = rng.uniform((0, 0), (WIDTH, HEIGHT), (150, 2))
+        down = 1.5 * np.clip(start[:, 1] / HEIGHT - 0.4, 0, None)
+        end = start + np.stack([0.2 * down, down], axis=-1) + rng.normal(0, 0.03, start.shape)
+        pairs.append(Tracks(start, end, HEIGHT, WIDTH, 150))
+    problem = Problem(pairs, FOCAL * UNIT)
+    for fit, most in ((problem.fit(0.6, 0.001), np.inf), (steady(problem, 0.6, 0.001), 0.9)):
+        turns = fit.turn(np.linspace(12, 12.6, 7)) * fit.focal_px
+        reach = np.abs(turns - turns[3]).max()
+        assert (reach > 1.5) if most == np.inf else (reach < most)

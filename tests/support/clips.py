@@ -69,7 +69,10 @@ def write(path, greys, codec="libx264", pixel_format="yuv420p", times=None, soun
             out.set_chapters(more["chapters"])
         heard = out.add_stream(sound if isinstance(sound, str) else "aac", rate=48000) if sound else None
         words = out.add_mux_stream(more["subtitles"]) if "subtitles" in more else None
+        noted = out.add_data_stream(more["data"]) if "data" in more else None
         out.start_encoding()
+        if noted is not None:
+            _note(out, noted)
         if words is not None:
             _say(out, words, more["subtitles"])
         for k, grey in enumerate(greys):
@@ -100,6 +103,13 @@ def _ring(out, stream, k):
     frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(planes), format=kind, layout="stereo")
     frame.sample_rate, frame.pts, frame.time_base = 48000, 1600 * k, Fraction(1, 48000)
     out.mux(stream.encode(frame))
+
+
+def _note(out, stream):
+    for k in range(3):
+        packet = av.Packet(bytes([k]) * 20)
+        packet.stream, packet.pts, packet.dts, packet.time_base = stream, 100 * k, 100 * k, Fraction(1, 1000)
+        out.mux(packet)
 
 
 def _say(out, stream, text):

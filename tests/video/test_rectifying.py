@@ -57,7 +57,7 @@ KINDS = {
         ".mkv", more={"sound": "flac", "chapters": CHAPTERS, "tags": {"title": "two parts"}, "subtitles": "subrip"}
     ),
     "webm": Kind(".webm", "libvpx-vp9", more={"sound": "libopus", "options": {"cpu-used": "8"}}, flags=("--crf", "10")),
-    "ts": Kind(".ts", more={"sound": True}),
+    "ts": Kind(".ts", more={"sound": True, "data": "klv"}),
     "mp4-everything": Kind(
         ".mp4",
         more={

@@ -41,6 +41,8 @@ _FINEST = 0.02  # px; tracks are not taken to be better than this
 _RIDGE = 1e-6  # px^-2; T is counted from anywhere: this ties it
 _STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: what is tried
 _ROUNDS = 4
+_FASTER = 1.5  # than the tracks of all frames say, within one frame: so much is a hand's
+_SLACK = 0.5  # px of ROWS rows, beyond that
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +161,19 @@ class Problem:
         """[unknowns, unknowns]: the quadratic form of a stiffness of 1."""
         return np.kron(roughness(self._knots) * _PER_FRAME**3, np.eye(_UNKNOWNS))
 
+    @property
+    def moments(self) -> Float64[np.ndarray, "frames"]:
+        """When the frames were taken [usual frame intervals]."""
+        return np.append(self._taken[:, 0], self._taken[-1, 1])
+
+    @cached_property
+    def fastest(self) -> float:
+        """How far nine of ten tracks move in a frame interval, in the pair in which they move farthest [px of ROWS]."""
+        shifts = [np.hypot(*(pair.end - pair.start).T) for pair in self.pairs]
+        gaps = np.diff(self._taken, axis=1)[:, 0]
+        speeds = [np.quantile(shift, 0.9) / gap for shift, gap in zip(shifts, gaps, strict=True) if len(shift)]
+        return float(max(speeds, default=0.0)) * self._unit
+
     # ---- solved ----------------------------------------------------------------------------------------
 
     def fit(self, ratio: float, stiffness: float | None = None, near: Fit | None = None) -> Fit:
@@ -226,3 +241,30 @@ class Problem:
             noise = np.sqrt((share * known).mean() / 2)
         noise = max(noise, _FINEST)
         return self._used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2, noise
+
+
+def steady(problem: Problem, ratio: float, stiffness: float | None) -> Fit:
+    """The most probable motion that moves within no frame by much more than the tracks from frame to frame do.
+
+    An oscillation that comes again with every frame leaves no trace in the tracks, and one that grows from frame to
+    frame looks like a scene of which the lower rows move faster, as near ground does. Such a fit is not believed: a
+    stiffer spline takes its place.
+
+    Args:
+        problem: the tracks.
+        ratio: readout time in frame intervals.
+        stiffness: as of :meth:`Problem.fit`.
+    """
+    fit = problem.fit(ratio, stiffness)
+    most = _FASTER * ratio / 2 * problem.fastest + _SLACK
+    while fit.stiffness < _STIFFNESS[-1] and _within_frames(fit, problem, ratio) > most:
+        fit = problem.fit(ratio, fit.stiffness * 10)
+    return fit
+
+
+def _within_frames(fit: Fit, problem: Problem, ratio: float) -> float:
+    """By how much a motion moves a frame's rows from where its middle row is, at most [px of ROWS rows]."""
+    rows = np.linspace(0, 1, 9)
+    turns = fit.turn((problem.moments[:, None] + ratio * rows).ravel()).reshape(-1, len(rows), 3)
+    reach = np.abs(turns - turns[:, [len(rows) // 2]]) * [fit.focal_px, fit.focal_px, ROWS / 2]
+    return float(reach.max())

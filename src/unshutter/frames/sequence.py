@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.camera import ROWS, Fit, Problem
+from unshutter.frames.camera import ROWS, Fit, Problem, steady
 from unshutter.frames.focal import focal_from_motion
 from unshutter.frames.ratio import ReadoutRatio, fewer, ratio_from_motion
 from unshutter.frames.shots import APART, Seen, Shot
@@ -180,7 +180,7 @@ class CameraMotion:
         else:
             focal = self._focal
         starts = np.array(shot.times[: len(pairs) + 1]) - np.floor(shot.times[0])
-        fit = Problem(pairs, focal, starts).fit(self.ratio.value, self._stiffness_for(len(pairs)))
+        fit = steady(Problem(pairs, focal, starts), self.ratio.value, self._stiffness_for(len(pairs)))
         self._stiffness, self._asked = fit.stiffness, self._asked + 1
         if fit.noise_px > _TOO_NOISY_PX:
             return None, APART

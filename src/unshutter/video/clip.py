@@ -108,7 +108,7 @@ class Clip:
                 container.seek(int(start / film.time_base), stream=film)
             met = 0
             for packet in _packets(container, None if all_streams else film, self.path):
-                if packet.stream_index != film.index:
+                if packet.stream.index != film.index:  # that of the last, empty packets is 0
                     if packet.dts is not None and _wanted(_time(packet), start, end):
                         yield packet
                     continue
