@@ -62,11 +62,7 @@ def _of_photos() -> dict[str, Any]:
             "delete": _one("Closes the photo.", [id], "204"),
         },
         f"{photo}/before": {"get": _one("The photo for a screen (JPEG).", [id, longest])},
-        f"{photo}/after": {
-            "get": _one(
-                "The rectified photo for a screen (JPEG); Unshutter-Result says what was done.", [*seen, longest]
-            )
-        },
+        f"{photo}/after": {"get": _one(after, [*seen, longest])},
         f"{photo}/segments": {"get": _one("Line segments, as shares of width and height, before and after.", seen)},
         f"{photo}/picture": {"get": _one("The rectified photo, whole, with its metadata.", seen)},
         f"{photo}/motion": {"get": _one("Its motion as JSON.", seen)},

@@ -111,8 +111,7 @@ def _look(held: Held, longest: int) -> dict[str, Any]:
         "focal_px": photo.focal_px() or 0.85 * (photo.height + photo.width),
         "exposure_s": photo.exposure_s(),
         "arrows": arrows(photo.orientation),
-        "attitude": attitude
-        and {"roll_deg": attitude.roll_deg, "tilt_deg": attitude.tilt_deg, "from": attitude.source},
+        "attitude": held_so and {"roll_deg": held_so.roll_deg, "tilt_deg": held_so.tilt_deg, "from": held_so.source},
     }
 
 
