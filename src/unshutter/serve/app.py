@@ -55,7 +55,6 @@ def routes() -> list[Route]:
         Route("/api/rectify", direct.rectify, methods=["POST"]),
         Route("/api/estimate", direct.estimate, methods=["POST"]),
         Route("/api/photos", photos.add, methods=["POST"]),
-        Route(photo, photos.look, methods=["GET"]),
         Route(photo, photos.remove, methods=["DELETE"]),
         Route(f"{photo}/before", photos.before),
         Route(f"{photo}/after", photos.after),

@@ -77,7 +77,7 @@ async def picture(desk: Desk, stored: Stored, wanted: Rectify, remove: bool) -> 
 
     outcome = await desk.lanes.do(Urgency.NOW, work.saved, desk.held(stored), target, wanted)
     raise_if_failed(outcome, stored)
-    headers = {"unshutter-result": told_header(outcome_told(outcome))}
+    headers = {"unshutter-result": told_header(outcome_told(outcome)), "unshutter-name": told_header(name)}
     return FileResponse(target, filename=name, headers=headers, background=BackgroundTask(sent))
 
 

@@ -54,14 +54,14 @@ def _of_photos() -> dict[str, Any]:
     body = {"required": True, "content": {"application/octet-stream": {"schema": _BINARY}}}
     id = {**_parameter("id", {"type": "string"}, "Of the photo."), "in": "path", "required": True}
     seen = [id, *options]
+    before = "The photo for a screen (JPEG); the header Unshutter-Result says what its file says."
     after = "The rectified photo for a screen (JPEG); the header Unshutter-Result says what was done."
     return {
         "/api/photos": {"post": {**_one("Opens a photo: its id.", [name], "201"), "requestBody": body}},
         photo: {
-            "get": _one("What the photo's file says.", [id]),
             "delete": _one("Closes the photo.", [id], "204"),
         },
-        f"{photo}/before": {"get": _one("The photo for a screen (JPEG).", [id, longest])},
+        f"{photo}/before": {"get": _one(before, [id, longest])},
         f"{photo}/after": {"get": _one(after, [*seen, longest])},
         f"{photo}/segments": {"get": _one("Line segments, as shares of width and height, before and after.", seen)},
         f"{photo}/picture": {"get": _one("The rectified photo, whole, with its metadata.", seen)},

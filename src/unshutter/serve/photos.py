@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import Any
 from urllib.parse import unquote
 
 from starlette.requests import ClientDisconnect, Request
@@ -36,20 +37,12 @@ async def remove(request: Request) -> Response:
     return Response(status_code=204)
 
 
-async def look(request: Request) -> Response:
-    """``GET /api/photos/{id}``: what its file says."""
-    desk = desk_of(request)
-    stored = desk.store.get(request.path_params["id"])
-    longest = _longest(request) or SCREEN_SIDES[-1]
-    facts = await desk.lanes.do(_urgency(request), work.look, desk.held(stored), longest)
-    return JSONResponse({"id": stored.id, "name": stored.name, **facts})
-
-
 async def before(request: Request) -> Response:
-    """``GET /api/photos/{id}/before``: a JPEG for the screen."""
+    """``GET /api/photos/{id}/before``: a JPEG for the screen, and in a header what the photo's file says."""
     desk = desk_of(request)
     held = desk.held(desk.store.get(request.path_params["id"]))
-    return _jpeg(await desk.lanes.do(_urgency(request), work.before, held, _longest(request)))
+    data, told = await desk.lanes.do(_urgency(request), work.before, held, _longest(request))
+    return _jpeg(data, told)
 
 
 async def after(request: Request) -> Response:
@@ -57,7 +50,7 @@ async def after(request: Request) -> Response:
     desk = desk_of(request)
     held, wanted = desk.held(desk.store.get(request.path_params["id"])), _wanted(request)
     data, told = await desk.lanes.do(_urgency(request), work.after, held, wanted.rectify, _longest(request))
-    return _jpeg(data, {"unshutter-result": told_header(told)})
+    return _jpeg(data, told)
 
 
 async def segments(request: Request) -> Response:
@@ -98,5 +91,5 @@ def _longest(request: Request) -> int | None:
     return int(text)
 
 
-def _jpeg(data: bytes, headers: dict[str, str] | None = None) -> Response:
-    return Response(data, media_type="image/jpeg", headers=headers)
+def _jpeg(data: bytes, told: dict[str, Any]) -> Response:
+    return Response(data, media_type="image/jpeg", headers={"unshutter-result": told_header(told)})

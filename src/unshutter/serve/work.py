@@ -58,17 +58,8 @@ def warm() -> int:
 # ---- for the screen -------------------------------------------------------------------------------------
 
 
-def look(held: Held, longest: int) -> dict[str, Any]:
-    """What a photo's file says, and its small copy made.
-
-    Raises:
-        UnshutterError: it cannot be read.
-    """
-    return _in_one_line(held, lambda: _look(held, longest))
-
-
-def before(held: Held, longest: int | None) -> bytes:
-    """The photo as a JPEG for the screen, upright.
+def before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+    """The photo as a JPEG for the screen, upright, and what its file says.
 
     Args:
         held: the photo.
@@ -77,7 +68,7 @@ def before(held: Held, longest: int | None) -> bytes:
     Raises:
         UnshutterError: it cannot be read.
     """
-    return _in_one_line(held, lambda: _jpeg(_copy(held, _opened(held), longest), _opened(held).orientation))
+    return _in_one_line(held, lambda: _before(held, longest))
 
 
 def after(held: Held, wanted: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
@@ -98,13 +89,13 @@ def segments(held: Held, wanted: Rectify) -> dict[str, Any]:
     return _in_one_line(held, lambda: _segments(held, wanted))
 
 
-def _look(held: Held, longest: int) -> dict[str, Any]:
+def _before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     from unshutter.serve.upright import arrows, is_sideways
 
     photo = _opened(held)
-    _copy(held, photo, longest)
+    pixels = _copy(held, photo, longest)
     held_so, sideways = photo.attitude, is_sideways(photo.orientation)
-    return {
+    return _jpeg(pixels, photo.orientation), {
         "format": photo.format,
         "height": photo.width if sideways else photo.height,
         "width": photo.height if sideways else photo.width,
