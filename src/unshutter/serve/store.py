@@ -23,7 +23,7 @@ except ImportError:  # Windows
 _PREFIX = "unshutter-serve-"
 _LOCK = "lock"
 _UNUSUAL = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"|?*\u200e\u200f\u202a-\u202e\u2066-\u2069]')
-_LONGEST_NAME = 120
+_LONGEST_NAME, _LONGEST_SUFFIX = 120, 10
 
 
 class Full(UnshutterError):
@@ -116,11 +116,12 @@ class Store:
 def clean_name(name: str) -> str:
     """The last part of a file's name, without what could lead elsewhere or is no text; ``photo`` if nothing is left."""
     last = re.split(r"[/\\]", name)[-1]
-    last = _UNUSUAL.sub("", last.encode("utf-8", "ignore").decode()).strip().lstrip(".")
-    stem, dot, suffix = last.rpartition(".")
-    if not dot or len(suffix) > 10:
-        stem, dot, suffix = last, "", ""
-    return (stem[: _LONGEST_NAME - len(suffix)].rstrip() or "photo") + dot + suffix
+    last = _UNUSUAL.sub("", last.encode("utf-8", "ignore").decode()).strip()
+    stem, _, suffix = last.rpartition(".")
+    if not suffix or len(suffix) > _LONGEST_SUFFIX or last == suffix:
+        stem, suffix = last, ""
+    stem = stem.lstrip(".")[: _LONGEST_NAME - len(suffix)].strip() or "photo"
+    return f"{stem}.{suffix}" if suffix else stem
 
 
 @contextmanager

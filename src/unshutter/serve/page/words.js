@@ -10,8 +10,8 @@ export const words = {
   saveFolder: "Save all to the folder",
   cancel: "Cancel",
   emptyTitle: "Drop photos here",
-  emptyWords: "or paste them, or choose them with “Add photos…”. Buildings that lean and poles that bend since the "
-    + "camera moved are straightened; a photo that gives no clear answer stays as it is.",
+  emptyWords: "or paste them, or choose them with “Add photos…”. Buildings that lean and poles that bend because "
+    + "the camera moved are straightened; a photo that gives no clear answer stays as it is.",
   emptyPrivate: "Nothing leaves this computer: the page talks to a program that runs on it.",
   viewer: "The photo, before and after",
   photos: "Photos",
@@ -34,14 +34,14 @@ export const words = {
   finding: "finding the motion…",
   drawing: "drawing at full size…",
   failed: "cannot be used",
-  changed: (sure) => (sure === null ? "straightened" : `straightened, ${percent(sure)} sure`),
+  changed: (sure) => (sure === null ? "straightened" : `straightened, confidence ${percent(sure)}`),
   alone: "left as it is",
 
   // what was done
   done: "What was done",
   moved: (px, sure) =>
     `Straightened: some places moved by up to ${pixels(px)}.`
-    + (sure === null ? "" : ` The program is ${percent(sure)} sure of it.`),
+    + (sure === null ? "" : ` Confidence ${percent(sure)}.`),
   leftAlone: (reason) => `Left as it is: ${reason}.`,
   youLeftAlone: "Left as it is, as you asked.",
   notSureHint: "If you see that the camera moved, tick “The camera was moving”, or show what is level below.",
@@ -61,7 +61,7 @@ export const words = {
   settings: "Corrections",
   strength: "Strength",
   edges: "Empty corners",
-  edgesOf: { auto: "cut off if little is lost", keep: "keep", crop: "cut off", fill: "fill" },
+  edgesOf: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill" },
   reference: "As it was when this row was read",
   referenceOf: { first: "first", middle: "middle", last: "last" },
   moving: "The camera was moving",
@@ -81,13 +81,13 @@ export const words = {
   horizonTrue: "It is the real horizon",
   horizonEnd: (which) => `${which === 0 ? "Left" : "Right"} end of the level line`,
   horizonSteep: "This line is too steep to be level.",
-  forget: "Unknown",
+  forget: "Forget",
   curves: "Motion",
   curvesHelp: "How the scene moved while the rows were read, from the first row (top) to the last",
   curveTx: "sideways [px]",
   curveRz: "turning [°]",
   saveOne: "Save this photo",
-  saveMotion: "Save its motion",
+  saveMotion: "Save motion",
   format: "File format",
   formatOf: { "": "like the original", jpeg: "JPEG", png: "PNG", webp: "WebP", tiff: "TIFF", avif: "AVIF" },
   toAll: "Use these settings for all photos",
