@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 
 from starlette.applications import Starlette
@@ -93,6 +94,7 @@ async def _about(request: Request) -> Response:
 
 
 async def _wake(request: Request) -> Response:
-    """Somebody is about to drop a photo."""
-    await desk_of(request).lanes.do(Urgency.NOW, work.warm)
+    """Somebody is about to drop a photo: one lane will show it, and another look for its motion."""
+    lanes = desk_of(request).lanes
+    await asyncio.gather(*(lanes.do(Urgency.NOW, work.warm) for _ in range(2)))
     return Response(status_code=204)

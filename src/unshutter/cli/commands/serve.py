@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from unshutter.cli.arguments import Command
+from unshutter.cli.stopping import Stopped
 from unshutter.serve.settings import Settings
 
 
@@ -10,7 +11,12 @@ def run(given: Settings) -> int:
     """Serves the page until Ctrl-C; returns the exit code."""
     from unshutter.serve.server import serve
 
-    return serve(given)
+    try:
+        return serve(given)
+    except KeyboardInterrupt as stop:
+        if isinstance(stop, Stopped):  # by a signal that says more than that it is time to end
+            raise
+        return 0
 
 
 COMMAND = Command(
