@@ -46,7 +46,7 @@ def test_the_process_that_died_is_replaced_and_the_other_goes_on() -> None:
 
 def test_a_job_that_takes_too_long_is_given_up() -> None:
     async def test(lanes: Lanes) -> None:
-        with pytest.raises(UnshutterError, match="given up after 0.3 s"):
+        with pytest.raises(UnshutterError, match=r"given up after 0\.3 s"):
             await lanes.do(NOW, time.sleep, 20)
         assert await lanes.do(NOW, abs, -3) == 3
 
