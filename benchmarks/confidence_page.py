@@ -138,8 +138,8 @@ def _worst(worst: Bin | None) -> list[str]:
 
 
 def _table(titles: list[str], rows: list[list[str]]) -> str:
-    lines = [titles, ["---"] * len(titles), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+    lines = [f"| {' | '.join(cells)} |" for cells in (titles, *rows)]
+    return "\n".join([lines[0], "|---" * len(titles) + "|", *lines[1:]])
 
 
 def _bounds(kinds: dict[str, _Groups]) -> str:
@@ -149,7 +149,8 @@ def _bounds(kinds: dict[str, _Groups]) -> str:
         best = [_best(judged) for rows in groups.values() for judged in rows.values()]
         known = [100 * value for value in best if np.isfinite(value)]
         if known:
-            said.append(f"{kind.lower()} {min(known):.0f} to {max(known):.0f} %")
+            ends = dict.fromkeys(f"{value:.0f}" for value in (min(known), max(known)))
+            said.append(f"{kind.lower()} {' to '.join(ends)} %")
     return (
         "*Drop* is by how much the mean EPE falls, *perfect order* by how much it would fall without the pictures with "
         f"the largest true errors. No confidence can do better than that: {', '.join(said)}.\n\n"

@@ -24,6 +24,8 @@ from unshutter.evaluation.results import Results
 READING = "reading.md"  # written by hand, kept
 KEPT = [READING, "paper-networks-reading.md", "paper-networks.md"]  # the last by paper_networks.py
 SCORES = Path("src/unshutter/weights/scores.json")  # what ``unshutter models`` prints
+_ORDER = ("synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
+_ORDER += ("robustness", "pairs", "sequences", "video")
 SHEETS = "examples"  # the only run whose pictures may be shown: the photo is in the public domain
 # pages that say more than their protocol can: run -> (title, description)
 TITLES = {
@@ -58,8 +60,7 @@ def write_pages(build: Path, docs: Path) -> None:
     for old in docs.iterdir():
         if old.name not in KEPT and old.suffix in (".md", ".png", ".jpg"):
             old.unlink()
-    order = [name for name in ("synthetic", "native", "trajectory", "undistorted", "others") if name in runs]
-    order += [name for name in ("robustness", "pairs", "video") if name in runs]
+    order = [name for name in _ORDER if name in runs]
     for name in order:
         (docs / f"{name}.md").write_text(_page(name, runs[name], docs))
     write_confidence_page(runs, docs)

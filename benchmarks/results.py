@@ -24,14 +24,19 @@ BUILD = Path("build/results")
 DOCS = Path("docs/results")
 TEST = ["test/yorkurban", "test/eurasiancities", "test/urban100"]
 REAL = ["real/bsrsc", "real/fastec", "real/carla"]
+OURS = {"--estimators": "none,segment-manhattan,manhattan"}  # the methods that use what photos say beside their pixels
 # name of the run -> (protocol, folders of DATA, options)
 RUNS = {
     "synthetic": ("synthetic", [*TEST, "val"], {"--photos": 40, "--per-photo": 2}),
     "native": ("native", [*TEST, "val"], {"--photos": 25, "--per-photo": 1}),
     "trajectory": ("trajectory", [*TEST, "val"], {"--photos": 15, "--per-photo": 1}),
     "undistorted": ("undistorted", [*TEST, "val"], {"--photos": 25}),
+    "portrait": ("portrait", [*TEST, "val"], {"--photos": 25, "--per-photo": 1, **OURS}),
+    "exposure": ("exposure", TEST, {"--photos": 15, "--per-photo": 1, **OURS}),
+    "attitude": ("attitude", [*TEST, "val"], {"--photos": 20, "--per-photo": 1, **OURS}),
     "robustness": ("robustness", TEST, {"--photos": 10, "--per-photo": 1}),
-    "pairs": ("pairs", REAL, {}),
+    "pairs": ("pairs", REAL, {"--readout-ratio": "0.42 0.97 1"}),  # of BS-RSC, Fastec and Carla
+    "sequences": ("sequences", ["test/yorkurban"], {"--photos": 5, "--per-photo": 1}),
     "video": ("video", REAL, {}),
 }
 # photos of scikit-image without buildings: any motion found is wrong, as in all undistorted photos
@@ -54,7 +59,8 @@ def main() -> None:
     if not given.pages_only:
         _check(given.data)
         for name, words in _commands(given.data, given.most):
-            words += ["--estimators", given.estimators, "--output", str(BUILD / name), "--overwrite"]
+            words += [] if "--estimators" in words else ["--estimators", given.estimators]
+            words += ["--output", str(BUILD / name), "--overwrite"]
             _run([sys.executable, "-m", "unshutter", *words, *(["--jobs", str(given.jobs)] if given.jobs else [])])
         for name, words in BENCHES.items():
             rounds = [] if name == "rectify" else ["--estimators", given.estimators]
@@ -77,10 +83,10 @@ def _commands(data: Path, most: int | None) -> Iterator[tuple[str, list[str]]]:
     """(name, words of ``unshutter``) of each run."""
     for name, (protocol, folders, options) in RUNS.items():
         words = ["evaluate", "--protocol", protocol, "--data", *(str(data / folder) for folder in folders)]
-        if protocol == "trajectory":
+        if protocol in ("trajectory", "sequences"):
             words += ["--trajectory", str(data / "trajectories")]
         for option, value in options.items():
-            words += [option, str(min(value, most) if most and option == "--photos" else value)]
+            words += [option, *str(min(value, most) if most and option == "--photos" else value).split()]
         yield name, words
     others = [str(folder) for folder in _photos_of_scikit_image()]
     yield "others", ["evaluate", "--protocol", "undistorted", "--data", *others]

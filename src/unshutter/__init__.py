@@ -7,26 +7,30 @@ motion = unshutter.estimate("street.jpg")
 
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator, View
     from unshutter.estimators.method import Method
     from unshutter.estimators.register import load
+    from unshutter.frames.rectifying import RectifiedFrame, rectify_frames
+    from unshutter.frames.sequence import estimate_frames
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
-    from unshutter.rectification import estimate, rectify
-    from unshutter.rectified import Rectified
+    from unshutter.rectification import estimate, rectified, rectify
+    from unshutter.result import Rectified
 
 __all__ = [
     "Estimator",
     "Method",
+    "MissingFileError",
     "Motion",
     "Photo",
     "Readout",
     "Rectified",
+    "RectifiedFrame",
     "RotationMotion",
     "RowMapMotion",
     "RowMotion",
@@ -35,8 +39,11 @@ __all__ = [
     "View",
     "__version__",
     "estimate",
+    "estimate_frames",
     "load",
+    "rectified",
     "rectify",
+    "rectify_frames",
 ]
 
 _HOMES = {
@@ -45,14 +52,18 @@ _HOMES = {
     "Motion": "motion",
     "Photo": "photo",
     "Readout": "geometry.readout",
-    "Rectified": "rectified",
+    "Rectified": "result",
+    "RectifiedFrame": "frames.rectifying",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",
     "RowMotion": "motion",
     "View": "estimators.base",
     "estimate": "rectification",
+    "estimate_frames": "frames.sequence",
     "load": "estimators.register",
+    "rectified": "rectification",
     "rectify": "rectification",
+    "rectify_frames": "frames.rectifying",
 }
 
 

@@ -1,4 +1,4 @@
-"""The two ways in which unshutter says no."""
+"""The ways in which unshutter says no."""
 
 # Names of files and methods may hold line breaks, and codes that change a terminal.
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
@@ -14,6 +14,10 @@ class UnshutterError(Exception):
 
     def __str__(self) -> str:
         return visible(super().__str__())
+
+
+class MissingFileError(UnshutterError, FileNotFoundError):
+    """A photo, a motion file or weights that are not there."""
 
 
 class UsageError(UnshutterError):

@@ -20,12 +20,13 @@ from unshutter.geometry.readout import Readout
 DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
 _LONGEST_TIMEOUT_S = 86_400  # a day
-MIN_CONFIDENCE = 0.06  # of a motion that is undone, unless a user says otherwise
+MIN_CONFIDENCE = 0.04  # of a motion that is undone, unless a user says otherwise
 LEAST_AUTO_CROP = 0.8  # of a photo's area: automatic edges do not crop away more than a fifth
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
 Reference = Literal["first", "middle", "last"]
-Edges = Literal["auto", "keep", "crop", "fill"]
+Edges = Literal["auto", "keep", "crop", "fill", "borrow"]
+FrameModel = Literal["dense"]
 PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
 Subsampling = Literal["4:4:4", "4:2:0"]
 
@@ -46,7 +47,8 @@ class Camera:
     """What is known of the camera beside the photo itself.
 
     Attributes:
-        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom, unless the photo shows that
+            its pixels were turned.
         focal_px: focal length [px of the full-size photo]; None: EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
         tilt_deg: how far it looked up, -90 is straight down; None: unknown.
@@ -60,7 +62,8 @@ class Camera:
 
     readout: str = option(
         "auto",
-        "Direction in which the sensor was read, if an editor has turned the file. Default: top-to-bottom.",
+        "Direction in which the sensor was read, if an editor has turned the file. Default: as the photo shows, else "
+        "top-to-bottom.",
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(
@@ -119,8 +122,8 @@ class Find:
 
 
 def check_edges(edges: str) -> None:
-    """Raises UsageError where nothing is known of such edges."""
-    if edges not in get_args(Edges):
+    """Raises UsageError where nothing is known of such edges, or they need more than the photo."""
+    if edges not in get_args(Edges) or edges == "borrow":
         raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
 
 
@@ -133,7 +136,8 @@ class Undo:
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
             ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge;
-            ``auto`` crops where that leaves at least 80 % of the area, else keeps.
+            ``auto`` crops where that leaves at least 80 % of the area, else keeps; ``borrow`` takes them from the
+            photo's neighbours.
         min_confidence: a photo whose motion is less sure is left as it is; 0 leaves none. Motions without a confidence
             are undone.
 
@@ -147,7 +151,7 @@ class Undo:
         "auto",
         "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour. "
         "Default: auto, crop where that leaves at least 80 % of the photo (and its coordinates are not wanted), else "
-        "keep.",
+        "keep. borrow takes them from the frames of --before and --after.",
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
@@ -159,7 +163,8 @@ class Undo:
             raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
         if not 0 <= self.min_confidence <= 1:
             raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
-        check_edges(self.edges)
+        if self.edges != "borrow":
+            check_edges(self.edges)
         if self.reference not in (None, *get_args(Reference)):
             raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
 
@@ -188,6 +193,7 @@ class Save:
         subsampling: of the chroma of JPEG and AVIF; None: like the original.
         keep_times: whether the file gets the access and modification time of the original.
         only_changed: photos that are left as they are are not written.
+        keep_names: results get the names of their photos; only into another folder.
 
     Raises:
         UsageError: a value that is none of its choices.
@@ -202,6 +208,7 @@ class Save:
     )
     keep_times: bool = option(False, "Give each result the access and modification time of its photo.")
     only_changed: bool = option(False, "Write only photos that were changed. Default: the others are copied.")
+    keep_names: bool = option(False, "Give results the names of their photos, in the folder that --output names.")
 
     def __post_init__(self) -> None:
         if self.quality is not None and not 1 <= self.quality <= 100:
@@ -215,6 +222,103 @@ class Save:
 
 
 @dataclass(frozen=True)
+class Clock:
+    """How fast frames were taken and read out.
+
+    Attributes:
+        readout_ratio: time in which a frame is read out / time from frame to frame.
+        readout_ms, fps: the same by readout time [ms] and frames per second.
+
+    Raises:
+        UsageError: both ways at once, or numbers that cannot be.
+    """
+
+    readout_ratio: float | None = option(
+        None, "Time in which a frame is read out / time from frame to frame, 0 to 1. --sequence finds it where it can."
+    )
+    fps: float | None = option(None, "Instead of the ratio, with --readout-ms: frames taken in a second.", metavar="N")
+    readout_ms: float | None = None  # a flag of the camera's
+
+    def __post_init__(self) -> None:
+        if self.readout_ratio is not None and self.fps is not None:
+            raise UsageError("say either --readout-ratio, or --readout-ms with --fps")
+        for each in (self.readout_ms, self.fps):
+            if each is not None and not 0 < each < math.inf:
+                raise UsageError(f"readout time and frame rate must be positive, got {each:g}")
+        if self.is_known and not 0 < self.ratio <= 1:
+            raise UsageError(
+                "the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, "
+                f"got {self.ratio:g}"
+            )
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the ratio was given, in one way or the other."""
+        return self.readout_ratio is not None or (self.readout_ms is not None and self.fps is not None)
+
+    @property
+    def ratio(self) -> float:
+        """Readout time / frame interval.
+
+        Raises:
+            UsageError: it was not given.
+        """
+        if self.readout_ratio is not None:
+            return self.readout_ratio
+        if self.readout_ms is None or self.fps is None:
+            raise UsageError(
+                "say how long a frame is read out: --readout-ratio (readout time / time from frame to frame), or "
+                "--readout-ms with --fps"
+            )
+        return self.readout_ms * self.fps / 1000
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Frames that were taken just before and after the photo.
+
+    Attributes:
+        before, after: their files.
+        sequence: whether the photos are frames of one camera, in order, each the neighbour of the next.
+        clock: how fast frames were taken and read out.
+        at: moment of the picture, in frame intervals from the photo's first row; None: the reference row's.
+        model: how motion is described.
+
+    Raises:
+        UsageError: options for neighbours without any.
+    """
+
+    before: Path | None = option(None, "Frame taken just before the photo, by the same camera: says how it moved.")
+    after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.")
+    sequence: bool = option(
+        False,
+        "The photos are frames of one camera at even intervals, in the order given (in folders: of their names). Their "
+        "motions are found from each other; the readout ratio, too, where it is not given.",
+    )
+    clock: Clock = field(default_factory=Clock)
+    at: float | None = option(
+        None,
+        "Moment of the picture instead of a reference row, in frame intervals from the photo's first row: with --after,"
+        " 0.5 lies halfway to the next frame.",
+    )
+    model: FrameModel | None = option(None, "How the motion is described. dense: near and far move differently.")
+
+    def __post_init__(self) -> None:
+        if self.sequence and (self or self.at is not None or self.model == "dense"):
+            raise UsageError("--sequence is for the camera's motion: leave out --before, --after, --at and --model")
+        if not (self or self.sequence) and (self.clock != Clock() or self.at is not None or self.model is not None):
+            raise UsageError(
+                "--readout-ratio, --fps, --at and --model are for a photo with neighbours: "
+                "name one with --before or --after, or several with --sequence"
+            )
+        if self.at is not None and not -1 <= self.at <= 1:
+            raise UsageError(f"--at must lie between -1 and 1 frame intervals, got {self.at:g}")
+
+    def __bool__(self) -> bool:
+        return self.before is not None or self.after is not None
+
+
+@dataclass(frozen=True)
 class Rectify:
     """What is done to a photo: its motion found or given, undone, and the picture written.
 
@@ -223,20 +327,57 @@ class Rectify:
         motion: motion file to undo instead; None: the motion is found.
         undo: how it is undone.
         save: how the picture is written.
+        neighbours: frames before and after that say how the camera moved; without them, the photo alone does.
 
     Raises:
-        UsageError: a motion, and beside it a focal length, roll, tilt or least confidence, which are for finding one.
+        UsageError: a motion, and beside it a focal length, roll, tilt or least confidence, which are for finding one;
+            neighbours, and what does not go with them.
     """
 
     find: Find = field(default_factory=Find)
     motion: Path | None = None
     undo: Undo = field(default_factory=Undo)
     save: Save = field(default_factory=Save)
+    neighbours: Neighbours = field(default_factory=Neighbours)
 
     def __post_init__(self) -> None:
         if self.motion is not None:
             self.find.camera.check_unused()
             object.__setattr__(self, "undo", self.undo.of_given_motion())
+        if self.neighbours.sequence:
+            self._check_sequence()
+        if self.neighbours:
+            self._check_neighbours()
+        elif self.undo.edges == "borrow":
+            raise UsageError("--edges borrow takes from neighbours: name one with --before or --after")
+
+    def _check_sequence(self) -> None:
+        camera = self.find.camera
+        if not (camera.roll_deg is camera.tilt_deg is None):
+            raise UsageError("roll and tilt are for single photos: leave them out with --sequence")
+        if self.motion is not None:
+            raise UsageError("--sequence is for finding motions: leave out --motion")
+        object.__setattr__(self, "undo", self.undo.keeping_coordinates())
+
+    def _check_neighbours(self) -> None:
+        replace(self.find.camera, readout_ms=None).check_unused()
+        if self.motion is not None:
+            raise UsageError("--before and --after are for finding a motion: leave out --motion")
+        if self.neighbours.at is not None and self.undo.reference is not None:
+            raise UsageError("--at and --reference both say the moment of the picture: choose one of them")
+        if self.undo.strength != 1:
+            raise UsageError("with neighbours, the whole motion is undone: leave out --strength")
+        _ = self.clock.ratio  # raises where it is not known
+
+    @property
+    def clock(self) -> Clock:
+        """How fast the neighbours were taken and read out."""
+        return replace(self.neighbours.clock, readout_ms=self.find.camera.readout_ms)
+
+    @property
+    def find_alone(self) -> Find | None:
+        """How the motion is found from each photo alone; None: it is not."""
+        return None if self.motion is not None or self.neighbours or self.neighbours.sequence else self.find
 
 
 @dataclass(frozen=True)
@@ -249,6 +390,7 @@ class Run:
         scheduler: address of a Dask scheduler; None: none.
         dry_run: only say what would be done.
         json_log: file to add what happens to, one JSON object a line.
+        preview: picture to make of all photos, before and after side by side.
         max_pixels: photos with more are refused.
         timeout: time after which a photo is given up [s]; None: half an hour where processes do the work, else no
             limit. With a limit, but without ``jobs``, one other process does the work: a decoder that hangs cannot be
@@ -265,6 +407,11 @@ class Run:
     )
     dry_run: bool = option(False, "Only say what would be done.")
     json_log: Path | None = option(None, "Add what happens to this file, one JSON object a line.")
+    preview: Path | None = option(
+        None,
+        "Also make this picture: before and after side by side, of a folder a sheet of all that were done.",
+        metavar="FILE",
+    )
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     timeout: float | None = option(
         None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, TypedDict, Unpack, overload
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.base import Estimator, View
@@ -20,10 +20,12 @@ from unshutter.options import (
     Undo,
 )
 from unshutter.photo import Photo
-from unshutter.rectified import Rectified
+from unshutter.photo.given import in_kind, is_bytes, is_file, opened
+from unshutter.result import Rectified
 
 if TYPE_CHECKING:
     import numpy as np
+    from PIL.Image import Image
 
 SMALLEST_SIDE = 64  # px
 
@@ -32,7 +34,7 @@ SMALLEST_SIDE = 64  # px
 
 
 def estimate(
-    photo: str | os.PathLike[str] | bytes | np.ndarray | Photo,
+    photo: Any,
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
     readout: str = "auto",
@@ -47,9 +49,9 @@ def estimate(
     """Finds how the camera moved while the photo was read out.
 
     Args:
-        photo: path, encoded file as bytes, pixels [H, W] or [H, W, 1..4] (uint8 or uint16), or a Photo.
+        photo: what :func:`rectify` takes.
         estimator: name (``unshutter models`` lists them) or one made by :func:`unshutter.load`.
-        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        readout: direction in which the stored pixels were read; ``auto``: as the photo shows, else top-to-bottom.
         reference: row at whose moment the global-shutter picture is taken: first, middle or last.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
@@ -65,14 +67,14 @@ def estimate(
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
     """
     camera, how = Camera(readout, focal_px, roll_deg, tilt_deg, exposure_s, readout_ms, moving), Undo(reference)
-    opened = _opened(photo)
-    _check_size(opened)
-    return estimate_photo(opened, _loaded(estimator), camera).rereferenced(how.reference or "first")
+    source = opened(photo)
+    _check_size(source)
+    return estimate_photo(source, _loaded(estimator), camera).rereferenced(how.reference or "first")
 
 
 class _Options(TypedDict, total=False):
     estimator: str | Estimator
-    motion: Motion | None
+    motion: Motion | str | os.PathLike[str] | None
     readout: str
     focal_px: float | None
     roll_deg: float | None
@@ -87,16 +89,18 @@ class _Options(TypedDict, total=False):
 
 
 @overload
-def rectify(photo: str | os.PathLike[str] | Photo, **options: Unpack[_Options]) -> Rectified: ...
+def rectify(photo: str | os.PathLike[str] | BinaryIO | Photo, **options: Unpack[_Options]) -> Rectified: ...
 @overload
-def rectify(photo: bytes, **options: Unpack[_Options]) -> bytes: ...
+def rectify(photo: bytes | bytearray | memoryview, **options: Unpack[_Options]) -> bytes: ...
 @overload
 def rectify(photo: np.ndarray, **options: Unpack[_Options]) -> np.ndarray: ...
+@overload
+def rectify(photo: Image, **options: Unpack[_Options]) -> Image: ...
 def rectify(
     photo: Any,
     *,
     estimator: str | Estimator = DEFAULT_ESTIMATOR,
-    motion: Motion | None = None,
+    motion: Motion | str | os.PathLike[str] | None = None,
     readout: str = "auto",
     reference: Reference | None = None,
     focal_px: float | None = None,
@@ -114,10 +118,12 @@ def rectify(
     A photo is left as it is, to the byte, where its motion is not sure enough, or would move nothing by half a pixel.
 
     Args:
-        photo: path, encoded file as bytes, pixels [H, W] or [H, W, 1..4] (uint8 or uint16), or a Photo.
+        photo: path, encoded file as bytes or open in binary mode, pixels [H, W] or [H, W, 1..4] (uint8, uint16, or
+            floating point from 0 to 1), Pillow image (of which only the pixels count), or a Photo.
         estimator: name, or an estimator made by :func:`unshutter.load`; not used when ``motion`` is given.
-        motion: undo this motion instead of estimating one; it is resized to the photo when its aspect fits.
-        readout: direction in which the stored pixels were read; ``auto``: the motion's, else top-to-bottom.
+        motion: undo this motion, or that of this motion file, instead of estimating one; it is resized to the photo
+            when its aspect fits.
+        readout: direction in which the stored pixels were read; ``auto``: the motion's, else as the photo shows.
         reference: row at whose moment the picture is taken; by default the motion's own, else the first.
         focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
         roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
@@ -133,32 +139,48 @@ def rectify(
             ``motion`` that is given is undone whatever its confidence.
 
     Returns:
-        What it was given: a path or Photo gives a :class:`Rectified`, bytes give bytes of the same format,
-        an array gives an array of the same type.
+        What it was given: a path, an open file or a Photo gives a :class:`Rectified`, bytes give bytes of the same
+        format, an array gives an array of the same type, a Pillow image one of the same mode and ``info``. Whether
+        anything was undone, and what, :func:`rectified` tells for all of them.
 
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
     camera = Camera(readout, focal_px, roll_deg, tilt_deg, exposure_s, readout_ms, moving)
     how = Undo(reference, strength, edges, min_confidence)
+    result = _rectified(photo, estimator, motion, camera, how)
+    if is_file(photo):
+        return result
+    if is_bytes(photo):
+        return result.encode().data
+    return in_kind(photo, result.to_array() if result.changed else None)
+
+
+def rectified(photo: Any, **options: Unpack[_Options]) -> Rectified:
+    """As :func:`rectify`, with the same arguments, but gives a :class:`Rectified` whatever it is given.
+
+    Raises:
+        UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
+    """
+    return rectify(opened(photo), **options)
+
+
+def _rectified(
+    photo: Any, estimator: str | Estimator, motion: Motion | str | os.PathLike[str] | None, camera: Camera, how: Undo
+) -> Rectified:
     if motion is not None:
         camera.check_unused()
         how = how.of_given_motion()
-    opened = _opened(photo)
-    _check_size(opened)
+        motion = motion if isinstance(motion, Motion) else Motion.load(motion)
+    source = opened(photo)
+    _check_size(source)
     if motion is None:
         grey_px = method(estimator).grey_px if isinstance(estimator, str) else None
-        opened.start_decoding(grey_px=grey_px)  # while the estimator is loaded
-        motion = estimate_photo(opened, _loaded(estimator), camera)
+        source.start_decoding(grey_px=grey_px)  # while the estimator is loaded
+        motion = estimate_photo(source, _loaded(estimator), camera)
     else:
-        opened.start_decoding()
-    result = undo(opened, motion, how, readout)
-    if isinstance(photo, bytes):
-        return result.encode().data
-    if isinstance(photo, (str, os.PathLike, Photo)):
-        return result
-    pixels = result.to_array()
-    return pixels.reshape(*pixels.shape[:2], *photo.shape[2:])
+        source.start_decoding()
+    return undo(source, motion, how, camera.readout)
 
 
 # ---- the two steps ----------------------------------------------------------------------------------------
@@ -221,16 +243,6 @@ def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Mo
 
 def _loaded(estimator: str | Estimator) -> Estimator:
     return load(estimator) if isinstance(estimator, str) else estimator
-
-
-def _opened(photo: Any) -> Photo:
-    if isinstance(photo, Photo):
-        return photo
-    if isinstance(photo, bytes):
-        return Photo.from_bytes(photo)
-    if isinstance(photo, (str, os.PathLike)):
-        return Photo.open(photo)
-    return Photo.from_array(photo)
 
 
 def _check_size(photo: Photo) -> None:

@@ -26,7 +26,7 @@ def done(manifest: Manifest, job: Job, data: bytes = b"result") -> None:
     manifest.begin(job)
     job.target.write_bytes(data)  # type: ignore[union-attr]
     made = Outcome(
-        source_is=fingerprint(job.source), target_is=fingerprint(job.target), target_digest=digest(job.target)
+        source_is=fingerprint(job.source), outputs_are=(fingerprint(job.target),), digests=(digest(job.target),)
     )
     manifest.end(job, made)
 
@@ -66,9 +66,9 @@ def test_nothing_is_read_to_be_skipped(job: Job, monkeypatch: pytest.MonkeyPatch
 def test_what_an_earlier_run_left_is_known_by_its_digest(job: Job) -> None:
     assert opened(job).prepared(job) == job
     done(opened(job), job)
-    assert opened(job, "others").prepared(job) == replace(job, left=(digest(job.target), None))
+    assert opened(job, "others").prepared(job) == replace(job, left=(digest(job.target), None, None))
     job.target.write_bytes(b"edited, and longer")
-    assert opened(job, "others").prepared(job).left == (None, None)
+    assert opened(job, "others").prepared(job).left == (None, None, None)
 
 
 def test_what_was_begun_may_have_been_written(job: Job) -> None:
@@ -94,7 +94,7 @@ def test_records_of_runs_without_digests(job: Job) -> None:
     records = [json.loads(line) for line in path.read_text().splitlines()]
     path.write_text("".join(json.dumps({**record, "digests": {}}) + "\n" for record in records))
     assert opened(job).verdict(job) == "finished"
-    assert opened(job, "others").prepared(job).left == (None, None)
+    assert opened(job, "others").prepared(job).left == (None, None, None)
 
 
 def test_a_result_that_was_edited_to_the_same_size(motion: Path, tmp_path: Path, capsys) -> None:

@@ -47,7 +47,7 @@ def test_roll_and_tilt_from_the_command_line(
     assert main(["rectify", str(photo), "--estimator", "manhattan", *told, "-o", str(tmp_path / "r.png")]) == 0
     capsys.readouterr()
     assert main(["rectify", str(photo), "--motion", str(out), "--tilt-deg", "3"]) == 2
-    assert "are for finding a motion" in capsys.readouterr().err
+    assert "are for finding a motion: leave them out" in capsys.readouterr().err
     assert main(["estimate", str(photo), "--roll-deg", "60"]) == 2
     assert "roll must lie between -45 and 45" in capsys.readouterr().err
     with pytest.raises(UsageError, match="leave them out"):
@@ -57,4 +57,4 @@ def test_roll_and_tilt_from_the_command_line(
 def test_the_gimbals_roll_is_not_taken_for_motion(leaning: np.ndarray) -> None:
     told, untold = jpeg_of_drone(leaning, "+4.00", "0"), jpeg_of_drone(leaning, "0", "0")
     assert np.abs(unshutter.estimate(told, estimator="manhattan").tx_px).max() < 4
-    assert np.abs(unshutter.estimate(untold, estimator="manhattan").tx_px).max() > 20
+    assert np.abs(unshutter.estimate(untold, estimator="manhattan").tx_px).max() > 15

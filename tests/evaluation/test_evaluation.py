@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from support.frame_pairs import Scene
 from support.installed import install
 from unshutter.cli import main
 from unshutter.evaluation.cases.case import Record
@@ -42,6 +43,13 @@ def measured(photos: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
     return list(csv.DictReader((folder / "results.csv").read_text().splitlines()))
+
+
+def cells_of(text: str, name: str, heads: tuple[str, ...]) -> list[str]:
+    """Cells of an estimator's row in a Markdown table, under these headings."""
+    lines = [[cell.strip(" *") for cell in line.split(" | ")] for line in text.splitlines() if " | " in line]
+    rows = {cells[1]: cells for cells in lines}
+    return [rows[name][rows["estimator"].index(head)] for head in heads]
 
 
 def one_line(capsys: pytest.CaptureFixture[str]) -> str:
@@ -164,6 +172,33 @@ def test_pairs(tmp_path: Path) -> None:
     assert "*ceiling*" in (tmp_path / "out" / "results.md").read_text()
 
 
+def test_pairs_whose_frames_follow_one_another(tmp_path: Path) -> None:
+    """What the neighbours say stands beside the estimators, and beside what others published of the same frames."""
+    scene, ratio, folder = Scene(speed=(20, 3)), 0.8, tmp_path / "camera"
+    folder.mkdir()
+    for number in (0, 1):
+        Photo.from_array(scene.frame(number, ratio)).save(folder / f"rs_{number}.png")
+        Photo.from_array(scene.at(number + ratio / 2)).save(folder / f"gs_{number}_middle.png")
+    shifted = np.roll(scene.at(ratio / 2), 6, axis=1)
+    Photo.from_array(shifted).save(folder / "published_theirs_0_middle.png")
+    how = ["--protocol", "pairs", "--readout-ratio", str(ratio)]
+    assert run(folder, tmp_path / "out", *how, estimators="none") == 0
+    rows = [row for row in rows_of(tmp_path / "out") if row["estimator"] == "frames-dense"]
+    assert len(rows) == 2
+    for row in rows:
+        assert float(row["psnr"]) > float(row["psnr_input"]) + 15
+    assert [bool(row["psnr_published_theirs"]) for row in rows] == [True, False]
+    page = (tmp_path / "out" / "results.md").read_text()
+    assert "above theirs" in page and f"--readout-ratio {ratio}" in page
+
+
+@pytest.mark.parametrize("words", [["--readout-ratio", "0.5", "0.5"], ["--readout-ratio", "2"]])
+def test_readout_ratios_that_cannot_be(tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    sequence(tmp_path / "camera")
+    assert run(tmp_path / "camera", tmp_path / "out", "--protocol", "pairs", *words, estimators="none") == 2
+    assert "ratio" in capsys.readouterr().err
+
+
 def test_pairs_are_measured_against_the_ceiling() -> None:
     """Gains of 1 and -0.5 dB on two frames where 4 and 1 were to be had: a tenth of it, and better on one of them."""
 
@@ -182,20 +217,34 @@ def test_pairs_are_measured_against_the_ceiling() -> None:
 
 
 def test_of_undistorted_pictures_those_that_would_be_moved_are_counted() -> None:
-    """Errors of 0.5, 1.5, 4 and 9 px; the last is found, but left alone. Records of earlier versions do not say."""
-    found = [(0.5, ""), (1.5, ""), (4.0, ""), (9.0, "not sure")]
+    """Moved by up to 0.8, 2, 8 px and no end; 16 px found, but left alone. Records of earlier versions do not say."""
+    found = [(0.5, 0.8, ""), (0.7, 2.0, ""), (4.0, 8.0, ""), (9.0, None, ""), (9.0, 16.0, "not sure")]
     place = {"suite": "256 px", "group": "g", "declined": "", "failed": "", "most_tx": 1.0, "most_rz": 0.1}
+    records = [
+        {**place, "photo": str(k), "estimator": "ours", "epe": epe, "farthest": farthest, "left_alone": cause}
+        for k, (epe, farthest, cause) in enumerate(found)
+    ]
+    records += [{**place, "photo": "0", "estimator": "old", "epe": 5.0}]
+    text = tables(Results.of(Request("undistorted", (Path("g"),)), ["ours", "old"], [], records))
+    heads = ("EPE > 1 px", "EPE > 3 px", "left alone", "moved > 1 px", "moved > 3 px")
+    assert cells_of(text, "ours", heads) == ["60%", "60%", "20%", "60%", "40%"]
+    assert cells_of(text, "old", heads) == ["100%", "100%", "–", "–", "–"]
+
+
+def test_what_is_left_alone_is_not_improved_by_rectify() -> None:
+    """Four pictures of 4 px: found to 1 px and undone, made worse, found to 2 px but not sure of it, hardly moved."""
+    found = [(1.0, ""), (5.0, ""), (2.0, "not sure"), (3.99, "less than half a pixel")]
+    place = {"suite": "256 px", "group": "g", "declined": "", "failed": "", "epe_nothing": 4.0}
+    place |= {"curvature_epe": 1.0, "tx_rmse": 2.0, "rz_rmse": 0.5}
     records = [
         {**place, "photo": str(k), "estimator": "ours", "epe": epe, "left_alone": cause}
         for k, (epe, cause) in enumerate(found)
     ]
     records += [{**place, "photo": "0", "estimator": "old", "epe": 5.0}]
-    text = tables(Results.of(Request("undistorted", (Path("g"),)), ["ours", "old"], [], records))
-    lines = [[cell.strip(" *") for cell in line.split(" | ")] for line in text.splitlines() if " | " in line]
-    rows = {cells[1]: cells for cells in lines}
-    heads = ("EPE > 1 px", "EPE > 3 px", "left alone", "moved > 1 px", "moved > 3 px")
-    shares = {name: [rows[name][rows["estimator"].index(head)] for head in heads] for name in ("ours", "old")}
-    assert shares == {"ours": ["75%", "50%", "25%", "50%", "25%"], "old": ["100%", "100%", "–", "–", "–"]}
+    text = tables(Results.of(Request("synthetic", (Path("g"),)), ["ours", "old"], [], records))
+    heads = ("improved", "left alone", "improved by rectify")
+    assert cells_of(text, "ours", heads) == ["75%", "50%", "25%"]
+    assert cells_of(text, "old", heads) == ["0%", "–", "–"]
 
 
 def test_pairs_that_synthesize_wrote(photos: Path, tmp_path: Path) -> None:
@@ -303,8 +352,12 @@ def test_whatever_is_installed_can_be_measured(photos: Path, tmp_path: Path, mon
     install(tmp_path / "site", "wrong-estimators", {"wrong": "support.wrong_estimator:WRONG"})
     monkeypatch.syspath_prepend(tmp_path / "site")
     assert run(photos, tmp_path / "out", "--protocol", "undistorted", estimators="none,wrong") == 0
-    wrong = [row for row in rows_of(tmp_path / "out") if row["estimator"] == "wrong"]
+    rows = [row for row in rows_of(tmp_path / "out") if row["estimator"] == "wrong"]
+    wrong = [row for row in rows if not row["suite"].startswith("1/60 s")]
+    assert len(wrong) == 3 * 2  # suites, photos
     assert all(float(row["most_tx"]) == pytest.approx(0.3 * 256, rel=0.01) for row in wrong)
+    refuted = [row for row in rows if row not in wrong]  # told their exposure: too sharp for it
+    assert refuted and all(float(row["most_tx"]) == 0 and row["declined"] for row in refuted)
     assert all(float(row["epe"]) > 20 for row in wrong)
 
 

@@ -60,7 +60,7 @@ def write_turned(path: Path, upright: np.ndarray, orientation: int) -> Path:
 def rectified(path: Path, readout: Readout, *more: str) -> np.ndarray:
     """The stored pixels that the command makes of a file, whose orientation stays."""
     out = path.with_suffix(".out.png")
-    assert main(["rectify", str(path), "-o", str(out), "--readout", readout, *more]) == 0
+    assert main(["rectify", "--edges", "keep", str(path), "-o", str(out), "--readout", readout, *more]) == 0
     result, photo = Photo.open(out), Photo.open(path)
     assert result.orientation == photo.orientation
     return result.to_array()
@@ -142,7 +142,7 @@ def test_heic_is_read_as_the_sensor_was(tmp_path: Path, rolling_facade: np.ndarr
     for name in ("out.png", "out.avif", "out.jpg", "out.tif"):
         out = tmp_path / name
         options = ["--motion", str(tmp_path / "motion.json"), "--quality", "95"]
-        assert main(["rectify", str(path), "-o", str(out), *options]) == 0
+        assert main(["rectify", "--edges", "keep", str(path), "-o", str(out), *options]) == 0
         result = Photo.open(out)
         assert result.orientation == orientation
         assert np.abs(result.to_array().astype(int) - expected).mean() < 3
@@ -178,7 +178,7 @@ def test_raw_rows_stay_rows_of_the_sensor(tmp_path: Path, rolling_facade: np.nda
     assert np.abs(photo.to_array() / 257 - stored).mean() < 4
     motion = RowMotion.from_polynomials([0, 30, -50], [0, 0.05], 360, 500)
     motion.save(tmp_path / "motion.json")
-    assert main(["rectify", str(path), "--motion", str(tmp_path / "motion.json")]) == 0
+    assert main(["rectify", "--edges", "keep", str(path), "--motion", str(tmp_path / "motion.json")]) == 0
     result = Photo.open(tmp_path / "photo.dng.rectified.tif")
     assert result.orientation == orientation and result.to_array().dtype == np.uint16
     expected = unshutter.rectify(stored, motion=motion)

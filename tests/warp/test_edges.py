@@ -124,7 +124,8 @@ def test_automatic_edges_crop_where_little_is_lost(share: float, edges: str):
     np.testing.assert_array_equal(found.pixels, rectify_pixels(pixels, motion, found.edges))
 
 
-def test_less_than_a_pixel_is_not_cropped_away():
-    pixels = drawn_scene(90, 120)
-    found = straighten(pixels, RowMotion.from_polynomials([0, 0.9], [0], 90, 120), "auto")
+@pytest.mark.parametrize(("height", "width"), [(90, 120), (1001, 1503)])
+def test_less_than_a_pixel_is_not_cropped_away(height: int, width: int):
+    pixels = drawn_scene(height, width)
+    found = straighten(pixels, RowMotion.from_polynomials([0, 0.9], [0], height, width), "auto")
     assert found.pixels.shape == pixels.shape and found.whole == 1

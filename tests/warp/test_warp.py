@@ -258,10 +258,10 @@ def test_threads_are_those_that_libvips_may_use(monkeypatch):
     several = rectify_pixels(pixels, motion)
     monkeypatch.setenv("VIPS_CONCURRENCY", "1")
     np.testing.assert_array_equal(rectify_pixels(pixels, motion), several)
-    assert warp._thread_count() == 1
+    assert warp.thread_count() == 1
     for odd in ("", "0", "many"):
         monkeypatch.setenv("VIPS_CONCURRENCY", odd)
-        assert warp._thread_count() == min(os.cpu_count() or 1, 16)
+        assert warp.thread_count() == min(os.cpu_count() or 1, 16)
 
 
 def test_a_picture_wider_than_remap_takes():

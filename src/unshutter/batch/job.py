@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 from unshutter.storage.places import Place
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from unshutter.frames.sequence import FrameMotion
     from unshutter.motion.verdict import Verdict
 
 
@@ -19,13 +22,16 @@ class Job:
         source: the photo.
         target: its rectified picture.
         motion_target: its motion file, if one is wanted.
+        mask_target: the mask of its valid pixels, if one is wanted.
+        preview_px: long side [px] of pictures before and after that are wanted, 0 for their own; None: none are.
         overwrite: whether the target may replace what is there.
         max_pixels: of a photo that is read.
         may_repeat: whether an earlier attempt may have written the outputs, before its worker died or its run was
             killed: what is there stays if it is the same, byte for byte.
-        left: digests of the picture and the motion file as an earlier run left them from this photo: what still has
-            them may be replaced.
+        left: digests of picture, motion file and mask as an earlier run left them from this photo: what still has them
+            may be replaced.
         recorded: whether the manifest wants digests of what is written.
+        motion: what its neighbours in a sequence say of its motion; None: it is found, or given for all photos.
     """
 
     source: Place
@@ -34,13 +40,21 @@ class Job:
     overwrite: bool
     max_pixels: int
     may_repeat: bool = False
-    left: tuple[str | None, str | None] = (None, None)
+    left: tuple[str | None, ...] = (None, None, None)
     recorded: bool = False
+    motion: FrameMotion | None = None
+    mask_target: Place | None = None
+    preview_px: int | None = None
+
+    @property
+    def targets(self) -> tuple[Place, Place | None, Place | None]:
+        """The picture, the motion file, the mask; None for what is not wanted."""
+        return self.target, self.motion_target, self.mask_target
 
     @property
     def outputs(self) -> list[Place]:
-        """All that is to be written: the picture, then the motion file."""
-        return [self.target] if self.motion_target is None else [self.target, self.motion_target]
+        """All of them that are to be written."""
+        return [target for target in self.targets if target is not None]
 
 
 @dataclass(frozen=True)
@@ -54,8 +68,9 @@ class Outcome:
         verdict: whether the photo was changed, and why not.
         seconds: that it took.
         source_is: fingerprint of the photo that was read.
-        target_is, motion_is: fingerprints of what was written.
-        target_digest, motion_digest: of its bytes, where they are recorded.
+        outputs_are: fingerprints of the job's outputs; None for a picture that was not written.
+        digests: of their bytes, where they are recorded.
+        preview: pictures before and after, if they are wanted.
     """
 
     error: str = ""
@@ -64,7 +79,11 @@ class Outcome:
     verdict: Verdict | None = None
     seconds: float = 0.0
     source_is: str | None = None
-    target_is: str | None = None
-    motion_is: str | None = None
-    target_digest: str | None = None
-    motion_digest: str | None = None
+    outputs_are: tuple[str | None, ...] = ()
+    digests: tuple[str | None, ...] = ()
+    preview: tuple[np.ndarray, np.ndarray] | None = None
+
+    @property
+    def is_written(self) -> bool:
+        """Whether there is a picture: of a photo that was left as it is, there may be none."""
+        return self.outputs_are[:1] != (None,)

@@ -76,8 +76,8 @@ class Manifest:
         entry = self._entries.get(self._key(job.target))
         if entry is None:
             return job
-        picture, motion = (self._left(entry, target) for target in (job.target, job.motion_target))
-        return replace(job, left=(picture, motion), may_repeat=entry["state"] == "begun")
+        left = tuple(self._left(entry, target) for target in job.targets)
+        return replace(job, left=left, may_repeat=entry["state"] == "begun")
 
     def _is_as_left(self, entry: dict[str, Any], target: Place) -> bool:
         """Whether a file is the one that was left: by size and time, else (it was copied) by its digest."""
@@ -148,8 +148,8 @@ class Manifest:
             self._add({**self._record(job, "failed"), "error": outcome.error})
             return
         keys = [self._key(target) for target in job.outputs]
-        outputs = dict(zip(keys, (outcome.target_is, outcome.motion_is), strict=False))
-        digests = dict(zip(keys, (outcome.target_digest, outcome.motion_digest), strict=False))
+        outputs = dict(zip(keys, outcome.outputs_are, strict=False))
+        digests = dict(zip(keys, outcome.digests, strict=False))
         made = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs, "digests": digests}
         about = {"seconds": round(outcome.seconds, 3), "unshutter": __version__}
         verdict = outcome.verdict.as_json() if outcome.verdict else {}

@@ -6,17 +6,19 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unshutter.photo import Photo
 from unshutter.photo.encoding import not_written
 from unshutter.photo.formats import of_target
 from unshutter.storage.places import write_place
 
 if TYPE_CHECKING:
     from unshutter.batch.job import Job
+    from unshutter.frames.rectifying import RectifiedFrame
     from unshutter.options import Save
     from unshutter.rectification import Rectified
 
 
-def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> str:
+def save_picture(result: Rectified | RectifiedFrame, job: Job, overwrite: bool, save: Save) -> str:
     """Writes a job's result; the format is that of the name's ending.
 
     Returns:
@@ -44,3 +46,10 @@ def save_picture(result: Rectified, job: Job, overwrite: bool, save: Save) -> st
     encoded = not result.changed and result.photo.file_as(format.name, save) is None
     anew = f"encoded as {format.name.upper()}" if encoded else ""
     return "; ".join(filter(None, (anew, not_written(left_out))))
+
+
+def mask_file(result: Rectified | RectifiedFrame) -> bytes:
+    """A PNG of the picture's pixels, as they are stored: 255 where the photo shows what belongs there, else 0."""
+    import numpy as np
+
+    return Photo.from_array(result.valid.astype(np.uint8) * 255).to_bytes("png")

@@ -14,16 +14,27 @@ from pathlib import Path
 from unshutter.batch.inputs import Inputs, find_photos
 from unshutter.batch.job import Job
 from unshutter.batch.manifest import NAME, Manifest
+from unshutter.batch.preview import SHEET_PX, Preview
 from unshutter.batch.report import Report
 from unshutter.batch.run import Batch, check_outputs
-from unshutter.batch.targets import beside, check_named_once, is_folder, motion_names, picture_name, plan_targets
+from unshutter.batch.sequences import check_sequence, with_motions
+from unshutter.batch.targets import (
+    beside,
+    check_named_once,
+    is_folder,
+    mask_targets,
+    motion_names,
+    picture_name,
+    plan_targets,
+)
 from unshutter.batch.work import do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
 from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.estimators.register import check_name
 from unshutter.options import Rectify, Run
+from unshutter.photo.formats import of_target
 from unshutter.prefetch import Prefetch
-from unshutter.storage.files import remove_leftovers
+from unshutter.storage.files import check_target, remove_leftovers
 from unshutter.storage.places import Place, absolute, fingerprint, make_folder, place
 from unshutter.storage.protection import Protection
 
@@ -36,6 +47,21 @@ _ALWAYS_COUNTED = frozenset(
 )
 
 
+@dataclass(frozen=True)
+class Outputs:
+    """Where the results of a run go.
+
+    Attributes:
+        pictures: file (one photo) or folder; None: beside the photos.
+        motions: the same for motion files; None: none are wanted.
+        masks: folder for masks; None: none are wanted.
+    """
+
+    pictures: str | None = None
+    motions: str | None = None
+    masks: str | None = None
+
+
 @dataclass
 class _Plan:
     """The jobs of a batch by what is to be done about them."""
@@ -45,53 +71,79 @@ class _Plan:
     refused: list[tuple[Job, str]] = field(default_factory=list)
 
 
-def rectify_files(
-    photos: Sequence[str | os.PathLike[str]], output: str | None, save_motion: str | None, wanted: Rectify, run: Run
-) -> int:
+def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, wanted: Rectify, run: Run) -> int:
     """Rectifies each photo into its own file; returns the exit code."""
-    goal = place(output) if output is not None else None
+    goal = place(into.pictures) if into.pictures is not None else None
     inputs = find_photos(photos, leave_out=goal)
     if wanted.save.format and goal is not None and not is_folder(goal, inputs.many):
         raise UsageError(f"--format is for folders: the name '{goal.name}' says the format")
     check_name(wanted.find.estimator)
-    if save_motion is not None:
-        wanted = replace(wanted, undo=wanted.undo.keeping_coordinates())
+    _check_neighbours(wanted, len(inputs.photos), into, run)
+    check_sequence(wanted, len(inputs.photos))
+    wanted = _with_coordinates(wanted, into)
+    if wanted.save.keep_names and (goal is None or not is_folder(goal, inputs.many)):
+        raise UsageError("--keep-names needs --output FOLDER for the results")
+    if run.preview is not None:
+        of_target(run.preview)
+        check_target(run.preview, run.overwrite)
     motion = _motion_text(wanted.motion)
-    jobs = _jobs(inputs, output, save_motion, wanted, run)
+    jobs = _jobs(inputs, into, wanted, run)
     if wanted.save.keep_times:
         _check_have_times(jobs)
-    protection = _protection(inputs, jobs, output, save_motion, wanted, run)
+    protection = _protection(inputs, jobs, into, wanted, run)
     # results beside their photos, and that of a single photo, are known by their names alone
     manifest = Manifest(goal, _digest(wanted, motion)) if goal is not None and inputs.many else None
     plan = _plan(jobs, manifest, run.overwrite)
     if run.dry_run:
         return _say_what_would_be_done(plan, inputs, protection)
+    if wanted.neighbours.sequence and plan.to_do:
+        plan.to_do = with_motions(plan.to_do, list(inputs.photos), wanted, run.max_pixels)
     prefetch = None
     if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
-        sources, find = [job.source for job in plan.to_do], None if motion else wanted.find
-        prefetch = Prefetch(sources, find, run.max_pixels, wanted.undo)
+        sources = [job.source for job in plan.to_do]
+        prefetch = Prefetch(sources, wanted.find_alone, run.max_pixels, wanted.undo)
     with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log, inputs, protection) as report:
+        report.preview = Preview(run.preview, run.overwrite) if run.preview is not None else None
         _report_what_is_known(plan, inputs, report)
-        _prepare_folders(jobs, inputs, output, save_motion, protection)
+        _prepare_folders(jobs, inputs, into, protection)
         with _workers(run) as workers:
             here = {"prefetch": prefetch} if prefetch else {}  # nothing that could be sent to another process
             work = partial(do_job, wanted=wanted, motion=motion, **here)
             Batch(work, workers, manifest, report, protection).run(plan.to_do)
+        report.save_preview()
     return report.exit_code()
 
 
-def _jobs(inputs: Inputs, output: str | None, save_motion: str | None, wanted: Rectify, run: Run) -> list[Job]:
-    rectified = partial(picture_name, format=wanted.save.format)
-    targets = plan_targets(inputs, output, rectified) if output is not None else beside(inputs, rectified)
-    motions = plan_targets(inputs, save_motion, motion_names(inputs)) if save_motion else {}
+def _with_coordinates(wanted: Rectify, into: Outputs) -> Rectify:
+    """The same, whole pictures where motions or masks tell of their pixels.
+
+    Raises:
+        UsageError: masks of pictures that are cropped.
+    """
+    if into.masks is not None and wanted.undo.edges == "crop":
+        raise UsageError("--masks are for whole pictures: leave out --edges crop")
+    if into.motions is None and into.masks is None:
+        return wanted
+    return replace(wanted, undo=wanted.undo.keeping_coordinates())
+
+
+def _jobs(inputs: Inputs, into: Outputs, wanted: Rectify, run: Run) -> list[Job]:
+    rectified = partial(picture_name, format=wanted.save.format, keep=wanted.save.keep_names)
+    pictures = into.pictures
+    targets = plan_targets(inputs, pictures, rectified) if pictures is not None else beside(inputs, rectified)
+    motions = plan_targets(inputs, into.motions, motion_names(inputs)) if into.motions else {}
+    masks = mask_targets(inputs, into.masks, targets) if into.masks else {}
     where = absolute if run.scheduler is not None else lambda given: given  # other machines have other ways
+    preview_px = 0 if len(targets) == 1 else SHEET_PX
     return [
         Job(
             source=where(photo),
             target=where(target),
             motion_target=where(motions[photo]) if motions else None,
+            mask_target=where(masks[photo]) if masks else None,
             overwrite=run.overwrite,
             max_pixels=run.max_pixels,
+            preview_px=preview_px if run.preview is not None else None,
         )
         for photo, target in targets.items()
     ]
@@ -104,9 +156,7 @@ def _check_have_times(jobs: list[Job]) -> None:
             raise UsageError(f"--keep-times is for files, and {where} is behind a URL: leave it out")
 
 
-def _protection(
-    inputs: Inputs, jobs: list[Job], output: str | None, save_motion: str | None, wanted: Rectify, run: Run
-) -> Protection:
+def _protection(inputs: Inputs, jobs: list[Job], into: Outputs, wanted: Rectify, run: Run) -> Protection:
     """What no output may be written over.
 
     Raises:
@@ -114,18 +164,39 @@ def _protection(
     """
     _, at, file = wanted.find.estimator.partition("@")
     weights = Path(file) if at else None
-    manifest = place(output) / f"{NAME}.jsonl" if output is not None and inputs.many else None
+    manifest = place(into.pictures) / f"{NAME}.jsonl" if into.pictures is not None and inputs.many else None
     named: list[tuple[str, Place | None]] = [
         *(("the picture", job.target) for job in jobs),
         *(("its motion", job.motion_target) for job in jobs),
+        *(("its mask", job.mask_target) for job in jobs),
         ("--motion", wanted.motion),
+        ("--before", wanted.neighbours.before),
+        ("--after", wanted.neighbours.after),
         ("the weights", weights),
         ("--json-log", run.json_log),
+        ("--preview", run.preview),
         ("the manifest", manifest),
     ]
     check_named_once(named)
-    folders = [place(folder) if folder is not None else None for folder in (output, save_motion)]
-    return Protection([*inputs.photos, wanted.motion, weights], folders)
+    named_folders = (into.pictures, into.motions, into.masks)
+    folders = [place(folder) if folder is not None else None for folder in named_folders]
+    neighbours = (wanted.neighbours.before, wanted.neighbours.after)
+    protection = Protection([*inputs.photos, *neighbours, wanted.motion, weights], folders)
+    if run.preview is not None:
+        protection.check(run.preview)
+    return protection
+
+
+def _check_neighbours(wanted: Rectify, photos: int, into: Outputs, run: Run) -> None:
+    """Raises UsageError where the request does not go with a photo's neighbours."""
+    if not wanted.neighbours:
+        return
+    if photos > 1:
+        raise UsageError(f"--before and --after are the neighbours of one photo, but there are {photos}")
+    if into.motions is not None:
+        raise UsageError("--save-motion needs a motion of the camera alone: leave out --before and --after")
+    if run.scheduler is not None:
+        raise UsageError("--before and --after are for this machine: leave out --scheduler")
 
 
 def _motion_text(path: Path | None) -> str | None:
@@ -142,12 +213,14 @@ def _digest(wanted: Rectify, motion: str | None) -> str:
 
     _, _, weights = wanted.find.estimator.partition("@")
     given = {"motion": motion, "weights": weights and fingerprint(Path(weights)), "overwrite": None}
-    for group in (wanted.find, wanted.find.camera, wanted.undo, wanted.save):
+    neighbours = wanted.neighbours
+    for group in (wanted.find, wanted.find.camera, wanted.undo, wanted.save, neighbours, neighbours.clock):
         for each in fields(group):
             value = vars(group)[each.name]
             if each.name in _ALWAYS_COUNTED or (each.default is not MISSING and value != each.default):
                 given[each.name] = value
-    given.pop("format", None)  # the result's name says it
+    for name in ("format", "keep_names"):  # the result's name says them
+        given.pop(name, None)
     return hashlib.sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -198,19 +271,16 @@ def _report_what_is_known(plan: _Plan, inputs: Inputs, report: Report) -> None:
         report.failed(job.source, reason)
 
 
-def _prepare_folders(
-    jobs: list[Job], inputs: Inputs, output: str | None, save_motion: str | None, protection: Protection
-) -> None:
+def _prepare_folders(jobs: list[Job], inputs: Inputs, into: Outputs, protection: Protection) -> None:
     """Makes the folders that results go to, and clears them of what killed runs left."""
-    targets = [job.target for job in jobs]
-    motions = [job.motion_target for job in jobs if job.motion_target is not None]
-    for goal, places in ((output, targets), (save_motion, motions)):
-        for folder in dict.fromkeys(where.parent for where in places):
+    goals = (into.pictures, into.motions, into.masks)
+    for goal, places in zip(goals, zip(*(job.targets for job in jobs), strict=True), strict=False):
+        for folder in dict.fromkeys(where.parent for where in places if where is not None):
             try:
                 protection.check_folder(folder)
             except UnshutterError:  # as each of its photos will say
                 continue
-            if goal is not None and is_folder(place(goal), inputs.many):
+            if goal is not None and (goal is into.masks or is_folder(place(goal), inputs.many)):
                 make_folder(folder)
             if isinstance(folder, Path):
                 remove_leftovers(folder)

@@ -14,6 +14,7 @@ from typing import Any, TextIO
 
 from unshutter.batch.inputs import Inputs
 from unshutter.batch.job import Job, Outcome
+from unshutter.batch.preview import Preview
 from unshutter.errors import UnshutterError, visible
 from unshutter.progress import Progress, rate
 from unshutter.storage.places import Place
@@ -53,6 +54,7 @@ class Report:
         self._inputs = inputs or Inputs()
         self._log = _open_log(log, protection or Protection([])) if log is not None else None
         self._bar = Progress(to_do)
+        self.preview: Preview | None = None  # to be made of what is done
 
     def __enter__(self) -> Report:
         self._bar.__enter__()
@@ -76,17 +78,28 @@ class Report:
         self._count(
             "done",
             job.source,
-            target=str(job.target) if outcome.target_is else None,
+            target=str(job.target) if outcome.is_written else None,
             **(verdict.as_json() if verdict else {}),
             seconds=round(outcome.seconds, 3),
             **told,
         )
+        if self.preview is not None:
+            self.preview.add(job, outcome)
         changed = verdict is None or verdict.changes
         self._left[verdict.cause if verdict and not changed else ""] += 1
         about = "; ".join(filter(None, (verdict and verdict.told(), outcome.note)))
         what = f"{job.source} -> {job.target}" if changed else f"{job.source} left as it is"
         self.tell(f"{what} ({about})" if about else what)
         self._bar.advance()
+
+    def save_preview(self) -> None:
+        """Writes the picture of what was done, where one is wanted, and says so.
+
+        Raises:
+            UnshutterError: it cannot be written.
+        """
+        if self.preview is not None:
+            self.tell(self.preview.save())
 
     def skipped(self, photo: Place, target: Place) -> None:
         """A photo's result was there when the batch began, or another run was faster."""

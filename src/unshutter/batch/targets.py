@@ -14,7 +14,7 @@ from unshutter.photo.formats import WRITTEN, of_suffix
 from unshutter.storage.places import Place, place
 
 
-def picture_name(photo: Place, format: str | None = None) -> str:
+def picture_name(photo: Place, format: str | None = None, keep: bool = False) -> str:
     """Name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``.
 
     A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``: cameras write ``a.jpg``
@@ -23,10 +23,14 @@ def picture_name(photo: Place, format: str | None = None) -> str:
     Args:
         photo: which photo.
         format: of the result; by default the photo's, or the one that follows a format that is only read.
+        keep: ``a.jpg`` -> ``a.jpg``, and in another format ``a.heic`` -> ``a.avif``.
     """
     own = of_suffix(photo.suffix)
     wanted = format or (own.written_as if own else "")
-    if not wanted or (own and wanted == own.name):
+    same = not wanted or (own and wanted == own.name)
+    if keep:
+        return photo.name if same else f"{photo.stem}{WRITTEN[wanted].suffixes[0]}"
+    if same:
         return f"{photo.stem}{RECTIFIED}{photo.suffix}"
     return f"{photo.name}{RECTIFIED}{WRITTEN[wanted].suffixes[0]}"
 
@@ -68,6 +72,18 @@ def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[
         raise UsageError(f"several photos need a folder to go to, but {goal} is a file")
     targets = {photo: goal / (inside / name(photo)) for photo, inside in inputs.photos.items()}
     return _all_different(targets)
+
+
+def mask_targets(inputs: Inputs, folder: str, pictures: dict[Place, Place]) -> dict[Place, Place]:
+    """Where the mask of each result goes: under its picture's whole name and ``.png``, as COLMAP looks for it.
+
+    Raises:
+        UsageError: there is a file where the folder is wanted.
+    """
+    goal = place(folder)
+    if isinstance(goal, Path) and goal.exists() and not goal.is_dir():
+        raise UsageError(f"masks need a folder to go to, but {goal} is a file")
+    return {photo: goal / inside / f"{pictures[photo].name}.png" for photo, inside in inputs.photos.items()}
 
 
 def beside(inputs: Inputs, name: Callable[[Place], str]) -> dict[Place, Place]:

@@ -9,16 +9,19 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from unshutter.batch.job import Job, Outcome
-from unshutter.batch.photos import save_picture
+from unshutter.batch.photos import mask_file, save_picture
+from unshutter.batch.preview import before_and_after
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
-from unshutter.prefetch import Prefetch
+from unshutter.prefetch import Coming, Prefetch, open_photo
 from unshutter.storage.places import Place, check_place, digest, fingerprint, remove, write_place
 
 if TYPE_CHECKING:
+    from unshutter.frames.rectifying import RectifiedFrame
     from unshutter.motion import Motion
-    from unshutter.rectified import Rectified
+    from unshutter.photo import Photo
+    from unshutter.result import Rectified
 
 
 def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
@@ -40,19 +43,20 @@ def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefe
 
 
 def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None) -> Outcome:
-    from unshutter.rectification import undo
-
-    targets = (job.target, job.motion_target)
-    over_picture, over_motion = (_may_replace(job, *output) for output in zip(targets, job.left, strict=True))
+    over_picture, over_motion, over_mask = (
+        _may_replace(job, *output) for output in zip(job.targets, job.left, strict=True)
+    )
     source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
     if prefetch is None:
-        prefetch = Prefetch([job.source], wanted.find if motion is None else None, job.max_pixels, wanted.undo)
+        prefetch = Prefetch([job.source], wanted.find_alone, job.max_pixels, wanted.undo)
     coming = prefetch.take(job.source)
-    photo = coming.photo
-    found = coming.motion() if motion is None else _parsed(motion)
-    result = undo(photo, found, wanted.undo, wanted.find.camera.readout)
-    if job.motion_target is not None:
+    result = (
+        _between(coming.photo, wanted, job.max_pixels) if wanted.neighbours else _alone(coming, job, wanted, motion)
+    )
+    if job.motion_target is not None and result.motion is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
+    if job.mask_target is not None:
+        write_place(mask_file(result), job.mask_target, over_mask, mode_of=job.source)
     written = result.changed or not wanted.save.only_changed
     if written:
         about = "; ".join(filter(None, (_about_edges(result), save_picture(result, job, over_picture, wanted.save))))
@@ -60,19 +64,42 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
         about = ""
         if job.left[0] is not None and digest(job.target) == job.left[0]:
             remove(job.target)  # of a run with other options
-    target_digest, motion_digest = (digest(target) if job.recorded and target else None for target in targets)
+    found = [target if written or target is not job.target else None for target in job.outputs]
     return Outcome(
         verdict=result.verdict,
         note=about,
         source_is=source_is,
-        target_is=fingerprint(job.target) if written else None,
-        motion_is=fingerprint(job.motion_target) if job.motion_target is not None else None,
-        target_digest=target_digest,
-        motion_digest=motion_digest,
+        outputs_are=tuple(fingerprint(target) if target else None for target in found),
+        digests=tuple(digest(target) if job.recorded and target else None for target in found),
+        preview=None if job.preview_px is None else before_and_after(result, job.preview_px),
     )
 
 
-def _about_edges(result: Rectified) -> str:
+def _alone(coming: Coming, job: Job, wanted: Rectify, motion: str | None) -> Rectified:
+    """A photo by what it says itself, or by the motion given, to it or to all."""
+    from unshutter.rectification import undo
+
+    photo = coming.photo
+    if job.motion is not None:
+        found = job.motion.motion()
+    elif wanted.neighbours.sequence:
+        raise UnshutterError(f"{job.source} could not be read when the motion of the sequence was found: start again")
+    else:
+        found = coming.motion() if motion is None else _parsed(motion)
+    return undo(photo, found, wanted.undo, wanted.find.camera.readout)
+
+
+def _between(photo: Photo, wanted: Rectify, max_pixels: int) -> RectifiedFrame:
+    """A photo by what its neighbours say."""
+    from unshutter.frames.rectifying import Wanted, rectify_between
+
+    given = wanted.neighbours
+    how = Wanted(wanted.clock, wanted.undo, wanted.find.camera.direction, given.at)
+    before, after = (path and open_photo(path, max_pixels) for path in (given.before, given.after))
+    return rectify_between(photo, before, after, how)
+
+
+def _about_edges(result: Rectified | RectifiedFrame) -> str:
     """What was done about places that the photo did not see, where nobody may have asked for just that."""
     if result.whole is None:
         return ""

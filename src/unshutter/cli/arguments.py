@@ -97,8 +97,9 @@ def _add_to(parser: argparse.ArgumentParser, group: Any, kind: type) -> None:
 def _argument(each: dataclasses.Field, type_: Any) -> tuple[list[str], dict[str, Any]]:
     """Names and properties of an argument, as argparse wants them."""
     how: dict[str, Any] = {"help": each.metadata["help"].replace("%", "%%")}
-    inner = typing.get_args(type_)[0] if _is_list(type_) else _without_none(type_)
-    if _is_list(type_):
+    inner = _without_none(type_)
+    if _is_list(inner):
+        inner = typing.get_args(inner)[0]
         how["nargs"] = "+"
     if inner is bool:
         how["action"] = "store_true"
@@ -127,9 +128,10 @@ def _made(kind: type, given: argparse.Namespace) -> Any:
 
 
 def _fields(kind: type) -> Iterator[tuple[dataclasses.Field, Any]]:
-    """Fields of a dataclass with their types."""
+    """Fields of a dataclass that can be given, with their types: those with a help, and groups."""
     hints = typing.get_type_hints(kind)
-    return ((each, hints[each.name]) for each in dataclasses.fields(kind))
+    fields = ((each, hints[each.name]) for each in dataclasses.fields(kind))
+    return ((each, type_) for each, type_ in fields if each.metadata or _is_group(type_))
 
 
 def _is_group(type_: Any) -> bool:

@@ -183,6 +183,9 @@ class Estimator(ABC):
         self.method = method
         self.weights = weights
 
+    def __reduce__(self) -> tuple:  # an open network cannot be pickled: it is opened anew
+        return type(self), (self.method, self.weights)
+
     @property
     def name(self) -> str:
         """The method's name, which its motions carry as ``estimator``."""

@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.estimators.method import Method
 from unshutter.options import DEFAULT_ESTIMATOR
 
@@ -139,7 +139,7 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     check_name(name)
     own, _, weights = name.partition("@")
     if weights and not Path(weights).is_file():
-        raise UnshutterError(f"cannot read weights {weights}: no such file")
+        raise MissingFileError(f"cannot read weights {weights}: no such file")
     found = method(own)
     estimator = _class_of(found)(found, Path(weights) if weights else found.weights_path)
     if weights:

@@ -35,7 +35,7 @@ class Results:
     Attributes:
         request: what was to be measured.
         estimators: their names, in the order of the tables.
-        oracles: names of what was judged beside them and knows the truth.
+        oracles: names of what was judged beside them, and knows the truth or more than one photo.
         records: one for each picture and estimator.
         environment: what measured: versions, the code's digest, the kind of machine.
         curves: example -> name -> {"row" [0 ... 1], "tx" [px at 256 rows], "rz" [deg]}.
@@ -68,6 +68,7 @@ class Results:
         words += ["--trajectory", str(r.trajectory)] if r.trajectory else []
         words += ["--photos", str(r.photos)] if r.photos else []
         words += ["--per-photo", str(r.per_photo)] if PROTOCOLS[r.protocol].kind == "motion" else []
+        words += ["--readout-ratio", *(f"{ratio:g}" for ratio in r.readout_ratio)] if r.readout_ratio else []
         return " ".join([*words, "--seed", str(r.seed), "--estimators", ",".join(self.estimators)])
 
     def with_examples(self, examples: list[Example]) -> Results:
@@ -90,6 +91,7 @@ class Results:
             data = json.loads(path.read_text(encoding="utf-8"))
             request: dict[str, Any] = data["request"]
             request["data"] = tuple(Path(p) for p in request["data"])
+            request["readout_ratio"] = tuple(request.get("readout_ratio", ()))
             request["trajectory"] = Path(request["trajectory"]) if request["trajectory"] else None
             data |= {name: data[former] for name, former in _FORMER_NAMES.items() if former in data}
             known = {key: data[key] for key in ("estimators", "oracles", "records", "environment", "curves")}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import MissingFileError, UnshutterError
 from unshutter.geometry.readout import Readout
 from unshutter.motion import checks, motion_file
 from unshutter.motion.sampling import row_index
@@ -249,13 +249,14 @@ class Motion(ABC):
         """Reads a motion file; the motion is of the kind that was saved.
 
         Raises:
-            UnshutterError: the file cannot be read or is no motion.
+            MissingFileError: there is no such file; UnshutterError: it cannot be read or is no motion.
         """
         try:
             text = Path(path).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
-            raise UnshutterError(f"cannot read motion file {path}: {reason}") from None
+            kind = MissingFileError if isinstance(error, FileNotFoundError) else UnshutterError
+            raise kind(f"cannot read motion file {path}: {reason}") from None
         try:
             return Motion.from_json(text)
         except UnshutterError as error:

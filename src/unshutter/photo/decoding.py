@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import Executor, Future
 from contextlib import suppress
 from functools import cached_property
@@ -29,10 +30,14 @@ class Decoder:
 
     def __init__(self, source: Source, header: Header):
         self.source, self._header = source, header
+        self._process = os.getpid()
         self._height, self._width = header.height, header.width
         self._small_ahead: tuple[int, Future[np.ndarray]] | None = None  # decoded so many times smaller
         self._pixels_ahead: Future[np.ndarray] | None = None
         self._small_begun = self._pixels_begun = False
+
+    def __reduce__(self) -> tuple:  # what is decoded is decoded anew where it is wanted
+        return Decoder, (self.source, self._header)
 
     def start(self, executor: Executor, grey_px: int | None, whole: bool) -> None:
         """Decodes what a grey copy is made of, if one is wanted, then the pixels, if they are wanted ``whole``.
@@ -51,7 +56,7 @@ class Decoder:
     def pixels(self) -> np.ndarray:
         """See ``Photo.pixels``."""
         self._small_begun = self._pixels_begun = True
-        if self._pixels_ahead is not None:
+        if self._pixels_ahead is not None and self._has_its_threads:
             with suppress(UnshutterError):  # decoded again for its message: libvips mixes those of two threads
                 return self._pixels_ahead.result()
         return self._decode()
@@ -75,7 +80,13 @@ class Decoder:
     def _small_pixels(self, shrink: int) -> np.ndarray:
         """The pixels, decoded so many times smaller."""
         ahead, self._small_ahead = self._small_ahead, None  # used once: not kept for as long as the photo
-        return ahead[1].result() if ahead and ahead[0] == shrink else self._decode(shrink)
+        wanted = ahead is not None and ahead[0] == shrink and self._has_its_threads
+        return ahead[1].result() if ahead and wanted else self._decode(shrink)
+
+    @property
+    def _has_its_threads(self) -> bool:
+        """Whether this is the process in which decoding was begun: after a fork nobody would ever end it."""
+        return self._process == os.getpid()
 
     def _grey_of_small(self, pixels: np.ndarray, shrink: int, short_side: int | None) -> np.ndarray:
         small = as_image(pixels)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.storage import large_arrays
 
 if TYPE_CHECKING:
@@ -18,9 +18,22 @@ if TYPE_CHECKING:
     import pyvips
 
 
+_forked = False  # from a process that had loaded libvips
+
+
 @cache
 def libvips() -> Any:
-    """pyvips, without libvips's log: it repeats to standard error what errors say, and not always as text."""
+    """pyvips, without libvips's log: it repeats to standard error what errors say, and not always as text.
+
+    Raises:
+        UsageError: this process was forked from one that had it loaded. libvips's threads are not in this one, and it
+            would wait for them for ever; it has no way to start them anew (8.18).
+    """
+    if _forked:
+        raise UsageError(
+            "this process was forked from one that had worked on photos, which libvips does not survive: start it "
+            "afresh, ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn'))"
+        )
     first = "pyvips" not in sys.modules  # else the log is its importer's affair
     if first:
         os.environ.setdefault("VIPS_WARNING", "1")
@@ -28,7 +41,15 @@ def libvips() -> Any:
 
     if first:
         getattr(pyvips, "_remove_log_handler", lambda: None)()
+    if sys.platform != "win32":
+        os.register_at_fork(after_in_child=_remember_the_fork)
     return pyvips
+
+
+def _remember_the_fork() -> None:
+    global _forked
+    _forked = True
+    libvips.cache_clear()
 
 
 @contextmanager

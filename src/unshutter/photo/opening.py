@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import MissingFileError, UnshutterError
 from unshutter.photo.format import Format, Header
 from unshutter.photo.formats import FORMATS
 from unshutter.photo.source import Source
@@ -18,7 +18,8 @@ def read_header(source: Source, max_pixels: int) -> Header:
     """Reads it.
 
     Raises:
-        UnshutterError: missing, unreadable, of no format that is read, damaged, of a kind that the package does not
+        MissingFileError: there is no such file.
+        UnshutterError: unreadable, of no format that is read, damaged, of a kind that the package does not
             work on, more pixels than ``max_pixels`` or than its bytes can tell of, or in need of an extra that is not
             installed.
     """
@@ -40,7 +41,7 @@ def recognise(source: Source) -> Format:
     """The format of encoded data, by their first bytes: endings may lie.
 
     Raises:
-        UnshutterError: missing, unreadable, empty, or of no format that is read.
+        MissingFileError: there is no such file; UnshutterError: unreadable, empty, or of no format that is read.
     """
     suffix = source.path.suffix.lower() if source.path else ""
     if source.path:
@@ -51,6 +52,8 @@ def recognise(source: Source) -> Format:
         with source.stream() as stream:
             head = stream.read(_HEAD_BYTES)
         found = next((format for format in FORMATS.values() if format.recognises(source, head)), None)
+    except FileNotFoundError as error:
+        raise MissingFileError(f"cannot read {source}: {error.strerror}") from None
     except OSError as error:
         reason = "it is a folder, not a photo" if isinstance(error, IsADirectoryError) else error.strerror
         raise UnshutterError(f"cannot read {source}: {reason}") from None

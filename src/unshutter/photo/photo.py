@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import UsageError
 from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
-from unshutter.photo import encoding
+from unshutter.photo import display, encoding
 from unshutter.photo.decoding import Decoder
 from unshutter.photo.encoding import Encoded
 from unshutter.photo.format import Coding, WrittenFormat
@@ -278,6 +278,17 @@ class Photo:
         if self._times_ns is None:
             raise UsageError("only a photo that was read from a file has times that could be kept")
         return self._times_ns
+
+    def upright(self, longest_px: int = 0) -> np.ndarray:
+        """The photo as a viewer shows it: [H, W, 3] uint8 sRGB, turned upright, on white where it is transparent.
+
+        Args:
+            longest_px: long side that it is made smaller to; 0: real pixels.
+
+        Raises:
+            UnshutterError: the file is damaged, incomplete, or gone.
+        """
+        return display.upright(self._picture, self._metadata.icc, self.orientation, longest_px)
 
     # ---- out -------------------------------------------------------------------------------------------
 

@@ -5,10 +5,17 @@ from __future__ import annotations
 import os
 import zipfile
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.geometry.rotations import rotation_matrix
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
 
 _GAP = 3.0  # times the usual interval: in a longer one samples are missing
 _MOST_DISORDER = 0.01  # share of the samples that may come late
@@ -20,12 +27,13 @@ _POSE_AXES = ("z", "y")
 
 @dataclass(frozen=True)
 class RotationLog:
-    """Angular rate of a camera over time, about two axes of the picture.
+    """Angular rate of a camera over time, about the three axes of the picture.
 
-    The picture is the readout frame: its top is the line read first. Of the log's own right-handed axes, only two
-    matter: which one points **up** in the picture, and which one **back**, from the scene to the camera. A positive
-    angle about ``up`` turns the camera left, so the scene moves right, t_x > 0; about ``back`` it turns the camera
-    counter-clockwise, so the scene turns clockwise, r_z > 0.
+    The picture is the readout frame: its top is the line read first. Of the log's own right-handed axes, two are
+    named: which one points **up** in the picture, and which one **back**, from the scene to the camera; the third
+    then points to the right. A positive angle about ``up`` turns the camera left, so the scene moves right, t_x > 0;
+    about ``back`` it turns the camera counter-clockwise, so the scene turns clockwise, r_z > 0; about ``right`` it
+    turns the camera up, so the scene moves down.
 
     * Gyro logs are assumed to be a phone's: x to the right edge, y to the top edge, z out of the screen, the sensor's
       lines along the long side (so up is x or -x, back is z). The sensor turns with the phone, so this holds for
@@ -37,11 +45,15 @@ class RotationLog:
         t_s: [N] times [s], increasing.
         yaw_rad_s: [N] rate about ``up``.
         roll_rad_s: [N] rate about ``back``.
+        pitch_rad_s: [N] rate about ``right``.
+        from_poses: whether they are differences of orientations (motion capture) rather than of a gyro.
     """
 
     t_s: np.ndarray
     yaw_rad_s: np.ndarray
     roll_rad_s: np.ndarray
+    pitch_rad_s: np.ndarray
+    from_poses: bool = False
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], up: str | None = None, back: str | None = None) -> RotationLog:
@@ -89,7 +101,10 @@ class RotationLog:
         (up_axis, up_sign), (back_axis, back_sign) = (_axis(a) for a in (up or default[0], back or default[1]))
         if up_axis == back_axis:
             raise UsageError("the axes that point up and back must differ")
-        return cls(times, up_sign * samples[:, up_axis], back_sign * samples[:, back_axis])
+        up_vector, back_vector = up_sign * np.eye(3)[up_axis], back_sign * np.eye(3)[back_axis]
+        right_vector = np.cross(up_vector, back_vector)
+        rates = (samples @ axis for axis in (up_vector, back_vector, right_vector))
+        return cls(times, *rates, from_poses=kind == "quaternion_wxyz")
 
     def draw_start(self, rng: np.random.Generator, duration_s: float) -> float:
         """A random time after which the log has no gap for the duration; all such times are equally likely.
@@ -118,6 +133,42 @@ class RotationLog:
         the angles are so small that they add.
         """
         return _integral(self.t_s, self.yaw_rad_s, at_s), _integral(self.t_s, self.roll_rad_s, at_s)
+
+    def rotations(self, at_s: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
+        """The picture's rotation R since the log's start, at times within the log; signs as in geometry/rotations.py.
+
+        Exact for any angle: the turns between samples are multiplied, not added. The rate is constant from one sample
+        to the next, at their mean.
+        """
+        rates, whole = self._turned
+        before = np.clip(np.searchsorted(self.t_s, at_s, side="right") - 1, 0, len(self.t_s) - 2)
+        since = rotation_matrix(rates[before] * (at_s - self.t_s[before])[:, None])
+        return since @ whole[before]
+
+    @cached_property
+    def _turned(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rates of the scene between samples [N - 1, 3], and R at samples [N, 3, 3]."""
+        rates = np.stack([-self.pitch_rad_s, self.yaw_rad_s, self.roll_rad_s], axis=-1)
+        rates = (rates[:-1] + rates[1:]) / 2
+        turns = rotation_matrix(rates * np.diff(self.t_s)[:, None])
+        return rates, np.array(list(accumulate(turns, lambda turned, turn: turn @ turned, initial=np.eye(3))))
+
+    def smoothed(self, sigma_s: float) -> RotationLog:
+        """The log with its rates smoothed by a Gaussian: motion-capture logs jitter more than a hand does.
+
+        Args:
+            sigma_s: its standard deviation [s].
+        """
+        step = float(np.median(np.diff(self.t_s)))
+        reach = max(1, round(4 * sigma_s / step))
+        weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / sigma_s) ** 2)
+        weights /= weights.sum()
+
+        def smooth(rate: np.ndarray) -> np.ndarray:
+            return np.convolve(np.pad(rate, reach, mode="edge"), weights, mode="valid")
+
+        rates = (smooth(rate) for rate in (self.yaw_rad_s, self.roll_rad_s, self.pitch_rad_s))
+        return RotationLog(self.t_s, *rates, from_poses=self.from_poses)
 
 
 _SHAPES = {"t_s": 1, "gyro_rad_s": 3, "quaternion_wxyz": 4}

@@ -26,9 +26,12 @@ def crop_window(grid: SamplingGrid, beyond: float = 0.0) -> Tile:
     """
     block = _block(grid.height, grid.width)
     # positions run smoothly: a block looks inside where its four corners do
-    rows, cols = (_first_and_last(size // block, block) for size in (grid.height, grid.width))
+    rows, cols = (_first_and_last(size, block) for size in (grid.height, grid.width))
     corners = grid.inside(*grid.at(rows, cols), beyond=beyond)
-    whole = np.asarray(corners.reshape(len(rows) // 2, 2, len(cols) // 2, 2).all(axis=(1, 3)))
+    if corners.all():
+        return grid.whole
+    down, across = grid.height // block, grid.width // block  # of whole blocks
+    whole = np.asarray(corners[: 2 * down, : 2 * across].reshape(down, 2, across, 2).all(axis=(1, 3)))
     left, top, width, height = _largest(whole, block, grid.height, grid.width)
     return Tile(top, top + height, left, left + width)
 
@@ -46,6 +49,8 @@ def largest_valid_rectangle(mask: Bool[np.ndarray, "height width"]) -> tuple[int
         (left, top, width, height) [px]; width and height 0 where nothing is True.
     """
     height, width = mask.shape
+    if mask.all():
+        return 0, 0, width, height
     block = _block(height, width)
     rows, cols = height // block, width // block
     whole = np.asarray(mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3)))
@@ -57,10 +62,10 @@ def _block(height: int, width: int) -> int:
     return int(np.ceil(np.sqrt(height * width / _SEARCH_CELLS)))
 
 
-def _first_and_last(count: int, block: int) -> np.ndarray:
-    """[2 * count] first and last row (or column) of every block, in order."""
-    first = np.arange(count) * block
-    return np.stack([first, first + block - 1], axis=1).ravel()
+def _first_and_last(size: int, block: int) -> np.ndarray:
+    """[2 * blocks] first and last row (or column) of every block, in order; the last block may be cut short."""
+    first = np.arange(0, size, block)
+    return np.stack([first, np.minimum(first + block, size) - 1], axis=1).ravel()
 
 
 def _largest(whole: np.ndarray, block: int, height: int, width: int) -> tuple[int, int, int, int]:

@@ -139,6 +139,19 @@ def distort_pixels(
     return _warped(pixels, grid, grid.whole, cv2.INTER_LINEAR, black_beyond=0.0)
 
 
+def sampled_pixels(
+    pixels: UInt[np.ndarray, "height width *bands"], grid: SamplingGrid, fill: bool = False, masked: bool = False
+) -> UInt[np.ndarray, "height width *bands"]:
+    """A picture looked up at the positions of a grid, bicubic; see :func:`straighten`.
+
+    Args:
+        pixels, masked: as there.
+        grid: positions for a picture of exactly this size.
+        fill: what lies outside repeats the border; else it is black.
+    """
+    return _warped(pixels, grid, grid.whole, cv2.INTER_CUBIC, None if fill else 0.0, masked)
+
+
 def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
     """Which pixels of the rectified picture exist in the photo.
 
@@ -200,7 +213,7 @@ def _warped(
     has_alpha = pixels.shape[2] in (2, 4) and not masked
     how = {"method": interpolation, "black_beyond": black_beyond, "has_alpha": has_alpha, "scratch": _Scratch()}
     make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, **how)
-    with ThreadPoolExecutor(_thread_count()) as threads:
+    with ThreadPoolExecutor(thread_count()) as threads:
         for _ in threads.map(make, window.tiles()):
             pass  # errors come out here
     return result
@@ -251,7 +264,7 @@ def _make(
         made[~grid.inside(col, row, left, top, black_beyond)] = 0
 
 
-def _thread_count() -> int:
+def thread_count() -> int:
     """As many as libvips takes: one per processor, or what VIPS_CONCURRENCY says."""
     told = os.environ.get("VIPS_CONCURRENCY", "")
     return min(int(told) if told.isdigit() and int(told) else os.cpu_count() or 1, _MOST_THREADS)

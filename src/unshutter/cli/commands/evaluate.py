@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +20,7 @@ ProtocolName = Literal[
     "robustness",
     "pairs",
     "video",
+    "sequences",
 ]
 
 
@@ -42,7 +43,12 @@ class Arguments:
     per_photo: int = option(2, "Random motions for each photo. Default: 2.")
     seed: int = option(0, "Same seed, same figures. Default: 0.")
     trajectory: Path | None = option(
-        None, "NPZ file of a recorded motion, or a folder of them, for the protocol of that name."
+        None, "NPZ file of a recorded motion, or a folder of them, for the protocols trajectory and sequences."
+    )
+    readout_ratio: list[float] | None = option(
+        None,
+        "For pairs of frames that follow one another: readout time / frame interval, one number for each folder; then "
+        "motion is found from neighbours, too.",
     )
     jobs: int | None = option(None, "Processes. Default: one for each processor.")
     overwrite: bool = option(False, "Throw away a run with other settings that is in the folder.")
@@ -54,6 +60,7 @@ def run(given: Arguments) -> int:
     from unshutter.evaluation.run import evaluate
 
     request = Request(given.protocol, tuple(given.data), given.photos, given.per_photo, given.seed, given.trajectory)
+    request = replace(request, readout_ratio=tuple(given.readout_ratio or ()))
     unusable = evaluate(request, given.estimators, given.output, given.jobs, given.overwrite)
     print(f"results: {given.output / 'results.md'}, with plots and pictures beside it; every figure: results.csv")
     return 1 if unusable else 0

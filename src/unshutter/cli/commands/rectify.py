@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from unshutter.cli.arguments import Command, positional
-from unshutter.options import Find, Rectify, Run, Save, Undo, option
+from unshutter.options import Find, Neighbours, Rectify, Run, Save, Undo, option
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,13 @@ class Arguments:
     save_motion: str | None = option(
         None, "Also write the motion: a JSON file (one photo) or a folder (several).", metavar="PATH"
     )
+    masks: str | None = option(
+        None,
+        "Also write masks of the pixels that the photo saw, NAME.EXT.png as COLMAP reads them, into this folder.",
+        metavar="FOLDER",
+    )
     find: Find = field(default_factory=Find)
+    neighbours: Neighbours = field(default_factory=Neighbours)
     undo: Undo = field(default_factory=Undo)
     save: Save = field(default_factory=Save)
     run: Run = field(default_factory=Run)
@@ -34,10 +40,10 @@ class Arguments:
 
 def run(given: Arguments) -> int:
     """Rectifies the photos; returns the exit code."""
-    from unshutter.batch.rectifying import rectify_files
+    from unshutter.batch.rectifying import Outputs, rectify_files
 
-    wanted = Rectify(given.find, given.motion, given.undo, given.save)
-    return rectify_files(given.photos, given.output, given.save_motion, wanted, given.run)
+    wanted = Rectify(given.find, given.motion, given.undo, given.save, given.neighbours)
+    return rectify_files(given.photos, Outputs(given.output, given.save_motion, given.masks), wanted, given.run)
 
 
 COMMAND = Command(

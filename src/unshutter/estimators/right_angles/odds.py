@@ -49,7 +49,8 @@ def judge(
         odds = _odds_upright(posterior)
     else:
         odds = _odds_alone(posterior) if opinion is None else _odds_beside(posterior, opinion)
-    odds -= _MOVING if moving else _CAUTION
+    if opinion is not None or roll_known:
+        odds -= _MOVING if moving else _CAUTION
     motion = posterior.motion / (1 + math.exp(-np.clip(_STEEPNESS * odds, -50, 50)))
     return Judgement(motion, _probability(_right(posterior, opinion, odds)))
 
@@ -68,8 +69,8 @@ def _odds_beside(posterior: Posterior, opinion: np.ndarray) -> float:
 
 
 def _odds_alone(posterior: Posterior) -> float:
-    """The same without one."""
-    return -1.8842 + 0.0051 * posterior.evidence + 0.5709 * _log(posterior.evidence) - 0.0780 * posterior.lines_gain
+    """The same without one: the evidence at a quarter of what it says, less two nats, which is caution enough."""
+    return (0.25 * posterior.evidence - 2) / _STEEPNESS
 
 
 def _odds_upright(posterior: Posterior) -> float:
@@ -82,7 +83,7 @@ def _right(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> flo
     odds = min(max(odds, -4.0), 6.0)
     if opinion is None:
         error = math.log(_PX * posterior.expected_error + 0.1)
-        return -1.593 - 1.074 * error - 0.281 * odds if odds > 0 else -1.642 - 0.325 * error - 1.223 * odds
+        return -1.626 - 1.512 * error + 0.266 * odds if odds > 0 else -0.845 - 0.835 * error - 9.461 * odds
     answer = _PX * displacement(opinion)
     if odds <= 0:
         return -0.216 - 0.376 * math.log(answer + 0.3) - 0.714 * odds

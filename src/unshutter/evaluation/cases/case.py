@@ -35,7 +35,7 @@ class Case(ABC):
     @property
     @abstractmethod
     def oracles(self) -> tuple[str, ...]:
-        """Names of what is judged beside the estimators and knows the truth."""
+        """Names of what is judged beside the estimators, and knows the truth or more than one photo."""
 
     @abstractmethod
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:

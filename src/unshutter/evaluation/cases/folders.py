@@ -101,7 +101,7 @@ def logs_in(place: Path | None) -> tuple[Path, ...]:
         UnshutterError: there are none.
     """
     if place is None:
-        raise UsageError("the protocol trajectory needs --trajectory: an NPZ file, or a folder of them")
+        raise UsageError("this protocol needs --trajectory: an NPZ file, or a folder of them")
     files = sorted(place.glob("*.npz")) if place.is_dir() else [place]
     if not files or not files[0].is_file():
         raise UnshutterError(f"no recorded motion in {place} (looked for .npz)")

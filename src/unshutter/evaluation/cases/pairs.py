@@ -23,6 +23,8 @@ from unshutter.evaluation.cases.case import (
 )
 from unshutter.evaluation.cases.ceiling import fit_to_pair
 from unshutter.evaluation.cases.folders import Frame
+from unshutter.evaluation.cases.sequence import FRAMES, PUBLISHED, by_neighbours, neighbours_of, published_of
+from unshutter.evaluation.metrics import psnr
 from unshutter.options import Reference
 from unshutter.photo import Photo
 
@@ -36,10 +38,12 @@ class PairCase(Case):
     Attributes:
         group: name of the data set in the tables.
         frame: its files.
+        readout_ratio: readout time / frame interval of the camera; None: not known, and no frame's neighbours are used.
     """
 
     group: str
     frame: Frame
+    readout_ratio: float | None = None
 
     @property
     def key(self) -> str:
@@ -48,8 +52,9 @@ class PairCase(Case):
 
     @property
     def oracles(self) -> tuple[str, ...]:
-        """The motion that fits both pictures best."""
-        return (CEILING,)
+        """The motion that fits both pictures best, and what the frame's neighbours say."""
+        has_neighbours = self.readout_ratio is not None and any(neighbours_of(self.frame))
+        return (FRAMES, CEILING) if has_neighbours else (CEILING,)
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
         """One record for each name and reference row."""
@@ -57,6 +62,9 @@ class PairCase(Case):
         truths = {reference: self._truth(reference, photo) for reference in self.frame.gs}
         records = []
         for name in names:
+            if name == FRAMES:
+                records += [self._record_of_neighbours(photo, reference, gs) for reference, gs in truths.items()]
+                continue
             answer = None if name == CEILING else ask(loaded(name), View(photo))
             records += [self._record(name, answer, photo, reference, gs) for reference, gs in truths.items()]
         return records
@@ -70,6 +78,8 @@ class PairCase(Case):
         motions[CEILING] = fit_to_pair(in_8_bits(photo), truth, reference)
         pictures = [("input", in_8_bits(photo))]
         pictures += [(name, rectified(photo, motion)[0]) for name, motion in motions.items() if name != NOTHING]
+        if FRAMES in self.oracles:
+            pictures += [(FRAMES, by_neighbours(self.frame, self.readout_ratio or 1, reference)[0])]
         title = f"{self.group} {self.frame.sequence} {self.frame.number}, {reference} row"
         return Example(title, [*pictures, ("truth", truth)], motions)
 
@@ -78,10 +88,31 @@ class PairCase(Case):
         rs = in_8_bits(photo)
         found = answer.motion.rereferenced(row) if answer else fit_to_pair(rs, gs, row)
         made, mask = rectified(photo, found)
+        figures = (answer or Answer(found.rereferenced("first"))).figures()
+        return self._scored(name, reference, figures, {"": made, "input": rs}, gs, mask)
+
+    def _record_of_neighbours(self, photo: Photo, reference: str, gs: np.ndarray) -> Record:
+        made, mask, figures = by_neighbours(self.frame, self.readout_ratio or 1, cast(Reference, reference))
+        pictures = {"": made, "input": in_8_bits(photo)}
+        figures |= {
+            f"{PUBLISHED}{name}": psnr(picture, gs, mask)
+            for name, picture in published_of(self.frame, reference).items()
+            if picture.shape == gs.shape
+        }
+        return self._scored(FRAMES, reference, figures, pictures, gs, mask)
+
+    def _scored(
+        self,
+        name: str,
+        reference: str,
+        figures: Record,
+        pictures: dict[str, np.ndarray],
+        gs: np.ndarray,
+        mask: np.ndarray,
+    ) -> Record:
         record: Record = {"suite": f"{reference} row", "group": self.group, "photo": self.frame.sequence}
         record |= {"draw": self.frame.number, "estimator": name}
-        record |= (answer or Answer(found.rereferenced("first"))).figures()
-        return record | picture_scores({"": made, "input": rs}, gs, mask)
+        return record | figures | picture_scores(pictures, gs, mask)
 
     def _truth(self, reference: str, photo: Photo) -> np.ndarray:
         gs, rs = in_8_bits(Photo.open(self.frame.gs[reference])), in_8_bits(photo)

@@ -45,7 +45,7 @@ def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[s
     check_matplotlib()
     kind = PROTOCOLS[results.request.protocol].kind
     plots: list[tuple[str, str, Callable[[Results], Any]]] = []
-    if kind in ("motion", "still"):
+    if kind in ("motion", "still", "sequences"):
         plots.append(("epe", "Share of pictures with an EPE up to that on the axis, for each method.", _distributions))
     if kind == "motion":
         caption = "Median EPE against how far the motion displaces pixels. On the grey line nothing is gained."

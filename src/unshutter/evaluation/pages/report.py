@@ -62,6 +62,8 @@ def _counts(results: Results) -> str:
     """How many pictures of which folders, and how they were chosen."""
     photos = {group: len({(r["photo"]) for r in results.chosen(group=group)}) for group in results.distinct("group")}
     listed = ", ".join(f"{group} {count}" for group, count in photos.items())
-    what = {"pairs": "Sequences", "video": "Sequences"}.get(PROTOCOLS[results.request.protocol].kind, "Photos")
+    what = {"pairs": "Sequences", "video": "Sequences", "sequences": "Photos, seen by each log at each ratio"}.get(
+        PROTOCOLS[results.request.protocol].kind, "Photos"
+    )
     chosen = f" (at most {results.request.photos} of each folder, chosen by the seed)" if results.request.photos else ""
     return f"{what}: {listed}{chosen}. Seed {results.request.seed}."

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from unshutter.evaluation.cases.case import Record
 from unshutter.evaluation.cases.protocols import PROTOCOLS
+from unshutter.evaluation.cases.sequence import PUBLISHED
 from unshutter.evaluation.results import Results, values
 
 _HARM = (1.0, 3.0)  # px at 256 rows: a change of an undistorted photo that measures, and one that is plainly visible
@@ -73,42 +75,37 @@ def _better(key: str) -> Callable[[list[Record]], float]:
     return better
 
 
-def _improved(records: list[Record]) -> float:
-    return float(np.mean([r["epe"] < r["epe_nothing"] for r in records]))
+def _improved(record: Record) -> bool:
+    return record["epe"] < record["epe_nothing"]
 
 
-def _share(key: str) -> Callable[[list[Record]], float]:
-    return lambda records: float(np.mean([bool(r[key]) for r in records]))
+def _share(holds: Callable[[Record], bool]) -> Callable[[list[Record]], float]:
+    return lambda records: float(np.mean([holds(r) for r in records]))
 
 
-def _left_alone(records: list[Record]) -> float:
-    """Share of pictures that ``rectify`` would leave as they are; unknown to records of earlier versions."""
-    return _share("left_alone")(records) if all("left_alone" in r for r in records) else np.nan
+def _wrong(record: Record, px: float) -> bool:
+    return record["epe"] > px
 
 
-def _wrong(px: float) -> Callable[[list[Record]], float]:
-    """Share of pictures for which the motion found is wrong by more than so much, whether it would be undone or not."""
-    return lambda records: float(np.mean([r["epe"] > px for r in records]))
+def _moved(record: Record, px: float) -> bool:
+    """Somewhere in the picture; no figure says that a position is not even finite."""
+    return record["farthest"] is None or record["farthest"] > px
 
 
-def _moved(px: float) -> Callable[[list[Record]], float]:
-    """Share of undistorted pictures that ``rectify`` would move somewhere by more than so much."""
+def _by_rectify(holds: Callable[[Record], bool]) -> Callable[[list[Record]], float]:
+    """Share of pictures of which this holds and that ``rectify`` would change; earlier versions' records do not say."""
 
-    def moved(records: list[Record]) -> float:
+    def share(records: list[Record]) -> float:
         known = all("left_alone" in r for r in records)
-        return (
-            float(np.mean([not r["left_alone"] and (r["farthest"] or np.inf) > px for r in records]))
-            if known
-            else np.nan
-        )
+        return float(np.mean([not r["left_alone"] and holds(r) for r in records])) if known else np.nan
 
-    return moved
+    return share
 
 
 _PICTURES = Column("pictures", len, "{:.0f}")
-_DECLINED = Column("declined", _share("declined"), "{:.0%}")
-_FAILED = Column("failed", _share("failed"), "{:.0%}")
-_LEFT_ALONE = Column("left alone", _left_alone, "{:.0%}")
+_DECLINED = Column("declined", _share(lambda r: bool(r["declined"])), "{:.0%}")
+_FAILED = Column("failed", _share(lambda r: bool(r["failed"])), "{:.0%}")
+_LEFT_ALONE = Column("left alone", lambda records: 1 - _by_rectify(lambda r: True)(records), "{:.0%}")
 _QUALITY = [
     Column("PSNR", _mean("psnr"), "{:.2f} dB", +1),
     Column("of the input", _mean("psnr_input"), "{:.2f} dB"),
@@ -123,11 +120,12 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("EPE median", _median("epe"), "{:.2f}", -1),
             Column("mean", _mean("epe"), "{:.2f}", -1),
             Column("p90", _p90("epe"), "{:.2f}", -1),
-            Column("improved", _improved, "{:.0%}", +1),
+            Column("improved", _share(_improved), "{:.0%}", +1),
             Column("curvature EPE", _median("curvature_epe"), "{:.2f}", -1),
             Column("t_x RMSE", _median("tx_rmse"), "{:.2f} px", -1),
             Column("r_z RMSE", _median("rz_rmse"), "{:.2f}°", -1),
             _LEFT_ALONE,
+            Column("improved by rectify", _by_rectify(_improved), "{:.0%}", +1),
             _DECLINED,
             _FAILED,
         ],
@@ -146,9 +144,9 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("max\\|r_z\\| median", _median("most_rz"), "{:.2f}°", -1),
             Column("p90", _p90("most_rz"), "{:.2f}°", -1),
             Column("EPE median", _median("epe"), "{:.2f}", -1),
-            *(Column(f"EPE > {px:g} px", _wrong(px), "{:.0%}", -1) for px in _HARM),
+            *(Column(f"EPE > {px:g} px", _share(partial(_wrong, px=px)), "{:.0%}", -1) for px in _HARM),
             _LEFT_ALONE,
-            *(Column(f"moved > {px:g} px", _moved(px), "{:.0%}", -1) for px in _HARM),
+            *(Column(f"moved > {px:g} px", _by_rectify(partial(_moved, px=px)), "{:.0%}", -1) for px in _HARM),
             _DECLINED,
             _FAILED,
         ]
@@ -161,6 +159,22 @@ COLUMNS: dict[str, list[list[Column]]] = {
             Column("better than the input", _better("psnr"), "{:.0%}", +1),
             *_QUALITY[3:],
             _DECLINED,
+            _FAILED,
+        ]
+    ],
+    "sequences": [
+        [
+            Column("sequences", len, "{:.0f}"),
+            Column("EPE median", _median("epe"), "{:.2f}", -1),
+            Column("p90", _p90("epe"), "{:.2f}", -1),
+            Column("worst frame", _p90("worst_epe"), "{:.2f}", -1),
+            Column("of doing nothing", _median("epe_nothing"), "{:.2f}"),
+            Column("improved", _share(_improved), "{:.0%}", +1),
+            Column("ratio told", _mean("ratio_told"), "{:.0%}"),
+            Column("its error median", _median("ratio_error"), "{:.3f}", -1),
+            Column("p90", _p90("ratio_error"), "{:.3f}", -1),
+            Column("within 0.1", _mean("ratio_within"), "{:.0%}", +1),
+            Column("covered", _mean("ratio_covered"), "{:.0%}"),
             _FAILED,
         ]
     ],
@@ -185,6 +199,7 @@ HEADLINES = {
     "still": Column("EPE median", _median("epe"), "{:.2f}", -1),
     "pairs": Column("PSNR gain", _gain("psnr"), "{:+.2f} dB", +1),
     "video": COLUMNS["video"][0][1],
+    "sequences": COLUMNS["sequences"][0][1],
 }
 
 
@@ -196,12 +211,28 @@ def tables(results: Results) -> str:
         if len(results.distinct("suite")) > 1:
             parts.append(f"### {suite}")
         for columns in COLUMNS[protocol.kind]:
+            if columns is COLUMNS["pairs"][0]:
+                columns = [*columns, *_published(results)]
             blocks = [(group, results.chosen(suite=suite, group=group)) for group in results.distinct("group")]
             if not protocol.by_group:
                 blocks = [("all", results.chosen(suite=suite))]
             if any(np.isfinite(c.cell(records)) for c in columns[:1] for _, records in blocks):
                 parts.append(_table(blocks, columns, results))
     return "\n\n".join(parts)
+
+
+def _published(results: Results) -> list[Column]:
+    """How much better than the published outputs of others, a column for each of their methods."""
+    keys = sorted({key for record in results.records for key in record if key.startswith(PUBLISHED)})
+    return [Column(f"above {key.removeprefix(PUBLISHED)}", _lead(key), "{:+.2f} dB", +1) for key in keys]
+
+
+def _lead(key: str) -> Callable[[list[Record]], float]:
+    def lead(records: list[Record]) -> float:
+        both = [r for r in records if r.get("psnr") is not None and r.get(key) is not None]
+        return float(np.mean([r["psnr"] - r[key] for r in both])) if both else np.nan
+
+    return lead
 
 
 def overview(results: Results) -> list[tuple[str, dict[str, float], Column]]:

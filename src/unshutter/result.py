@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Rectified:
     """A rectified photo, or one that was left as it is, since nothing sure was found that would be worth undoing.
 
@@ -41,6 +41,10 @@ class Rectified:
     edges: Edges = "keep"
     whole: float | None = None
 
+    def __repr__(self) -> str:
+        size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"
+        return f"Rectified({size}, {self.verdict.told() if self.changed else f'left as it is: {self.reason}'})"
+
     @property
     def changed(self) -> bool:
         """Whether anything was undone; if not, :attr:`reason` says why."""
@@ -48,7 +52,7 @@ class Rectified:
 
     @property
     def reason(self) -> str:
-        """Why the photo was left as it is, ``not sure: confidence 0.36``; empty where it was changed."""
+        """Why the photo was left as it is, ``not sure: confidence 0.03``; empty where it was changed."""
         return self.verdict.reason
 
     @property
@@ -86,15 +90,8 @@ class Rectified:
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
         """
-        target, how = Path(path), Save(None, quality, subsampling, keep_times)
-        times_ns = self.photo.times_ns if how.keep_times else None
-        copied = self.photo.file_as(of_target(target).name, how)
-        if copied is None:
-            return self.photo.save(path, quality, overwrite, subsampling, keep_times)
-        check_target(target, overwrite, self.original.path)
-        with written_whole(target, overwrite, mode_of=self.original.path, times_ns=times_ns) as part:
-            copied.copy_to(part)
-        return ()
+        how = Save(None, quality, subsampling, keep_times)
+        return save_result(self.photo, self.original, Path(path), overwrite, how)
 
     def encode(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
@@ -107,7 +104,24 @@ class Rectified:
         Raises:
             UsageError, UnshutterError: see :meth:`Photo.to_bytes`.
         """
-        copied = self.photo.file_as(format or self.photo.format, Save(format, quality, subsampling))
-        if copied is None:
-            return self.photo.encode(format, quality, subsampling)
-        return Encoded(copied.data(), ())
+        return encode_result(self.photo, Save(format, quality, subsampling))
+
+
+def save_result(photo: Photo, original: Photo, target: Path, overwrite: bool, how: Save) -> tuple[str, ...]:
+    """Writes what was made of a photo; see :meth:`Rectified.save`."""
+    times_ns = photo.times_ns if how.keep_times else None
+    copied = photo.file_as(of_target(target).name, how)
+    if copied is None:
+        return photo.save(target, how.quality, overwrite, how.subsampling, how.keep_times)
+    check_target(target, overwrite, original.path)
+    with written_whole(target, overwrite, mode_of=original.path, times_ns=times_ns) as part:
+        copied.copy_to(part)
+    return ()
+
+
+def encode_result(photo: Photo, how: Save) -> Encoded:
+    """Encodes what was made of a photo; see :meth:`Rectified.encode`."""
+    copied = photo.file_as(how.format or photo.format, how)
+    if copied is None:
+        return photo.encode(how.format, how.quality, how.subsampling)
+    return Encoded(copied.data(), ())

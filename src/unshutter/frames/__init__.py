@@ -1,0 +1,1 @@
+"""Motion from several frames of one camera: what one photo cannot tell, its neighbours can."""

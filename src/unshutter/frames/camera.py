@@ -1,0 +1,212 @@
+"""From the tracks of consecutive frames to how the camera turned: a spline over time, by linear least squares.
+
+Unknown is the turn T(t) of the picture [rad, about three axes], whose rate is that of geometry/rotations.py. Time t is
+counted in frame intervals, and row y of frame k is exposed at k + ratio (y + 1/2) / height. A track from (x0, y0) in
+frame k to (x1, y1) in frame k + 1 says T at the one row's time less T at the other's. With directions (x, y, 1) half
+way between both,
+
+    x1 - x0 = -x y D_x + (1 + x^2) D_y - y D_z        y1 - y0 = -(1 + y^2) D_x + x y D_y + x D_z
+
+where D is that difference: linear in T, and so in its spline's coefficients. (The turns of one frame interval add up
+to about 1e-4 of the square of their size.) Directions need a focal length; a long one makes D_y, D_x, D_z what
+translations t_x, t_y and a rotation r_z do, for cameras of which no focal length fits.
+
+A fourth unknown is the growth of the picture, x1 - x0 = x D_4, y1 - y0 = y D_4: a camera that drives ahead would
+otherwise be taken for one that turns. It is found and left as it is.
+
+Errors of tracks are taken as Student's t, so that outliers do not pull; the spline's second derivative is taken as
+white noise. How strong both are is found with the rest, as what makes the tracks most probable (the evidence).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.frames.splines import basis, roughness, solve_banded
+from unshutter.frames.tracks import Tracks
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
+
+ROWS = 256  # errors and curvatures are counted in pixels of a picture of so many rows
+_PER_FRAME = 4  # knots
+_UNKNOWNS = 4  # of a moment: three turns and the growth of the picture
+_LOCAL = 2 * _PER_FRAME + 4  # splines that two frames' times reach
+_DEGREES = 3.0  # of freedom of Student's t
+_FINEST = 0.02  # px; tracks are not taken to be better than this
+_RIDGE = 1e-6  # px^-2; T is counted from anywhere: this ties it
+_STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: what is tried
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """How the camera turned, as it follows from tracks.
+
+    Attributes:
+        coefficients: [knots, 4] of the spline [px of ROWS rows, times the focal length in them: rad].
+        focal_px: focal length [px of ROWS rows].
+        noise_px: of the tracks [px of ROWS rows].
+        stiffness: what the spline's curvature was weighted with.
+        log_evidence: logarithm of the probability of the tracks, up to a constant.
+    """
+
+    coefficients: Float64[np.ndarray, "knots 4"]
+    focal_px: float
+    noise_px: float
+    stiffness: float
+    log_evidence: float
+
+    @property
+    def knots_per_frame(self) -> int:
+        """How densely the spline can bend."""
+        return _PER_FRAME
+
+    def turn(self, at: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3"]:
+        """T [rad] at times [frame intervals since the first frame's first row]; goes on straight beyond the ends."""
+        last = (len(self.coefficients) - 3) / _PER_FRAME
+        inside = np.clip(at, 0.0, last)
+        turn = basis(inside * _PER_FRAME, len(self.coefficients)) @ self.coefficients[:, :3]
+        return turn / self.focal_px
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Tracks between consecutive frames, put together as equations.
+
+    Attributes:
+        pairs: tracks from each frame to the next.
+        focal_px: focal length [px of ROWS rows].
+    """
+
+    pairs: Sequence[Tracks]
+    focal_px: float
+    _unit: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_unit", ROWS / self.pairs[0].height)
+
+    # ---- the equations ---------------------------------------------------------------------------------
+
+    @cached_property
+    def _used(self) -> np.ndarray:
+        """[pairs, most] bool: which places of the padded arrays hold a track."""
+        most = max(1, *(len(pair) for pair in self.pairs))
+        return np.array([np.arange(most) < len(pair) for pair in self.pairs])
+
+    @cached_property
+    def _ends(self) -> np.ndarray:
+        """[2, pairs, most, 2] starts and ends of the tracks, (col, row) [px of ROWS rows]."""
+        ends = np.zeros((2, *self._used.shape, 2))
+        for k, pair in enumerate(self.pairs):
+            ends[0, k, : len(pair)], ends[1, k, : len(pair)] = pair.start, pair.end
+        return (ends + 0.5) * self._unit
+
+    @cached_property
+    def _moved(self) -> np.ndarray:
+        """[pairs, 2 most] by how much each track moved [px of ROWS rows]."""
+        return (self._ends[1] - self._ends[0]).reshape(len(self.pairs), -1)
+
+    @cached_property
+    def _jacobian(self) -> np.ndarray:
+        """[pairs, most, 2, 4] by how much each track moves for a turn of 1 / focal length."""
+        width = self.pairs[0].width * self._unit
+        x, y = np.moveaxis((self._ends.mean(axis=0) - [width / 2, ROWS / 2]) / self.focal_px, -1, 0)
+        columns = np.stack([-x * y, 1 + x * x, -y, x], axis=-1)
+        rows = np.stack([-(1 + y * y), x * y, x, y], axis=-1)
+        return np.stack([columns, rows], axis=-2)
+
+    def _design(self, ratio: float) -> np.ndarray:
+        """[pairs, 2 most, 4 _LOCAL]: moved = design @ the coefficients that a pair's times reach."""
+        times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + np.array([0, 1])[:, None, None]
+        spline = basis(np.minimum(times, 2.24) * _PER_FRAME, _LOCAL)
+        change = spline[1] - spline[0]
+        design = change[:, :, None, :, None] * self._jacobian[:, :, :, None, :]
+        return design.reshape(len(self.pairs), -1, _UNKNOWNS * _LOCAL)
+
+    @property
+    def _knots(self) -> int:
+        return _PER_FRAME * (len(self.pairs) + 1) + 4
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        """[pairs, 4 _LOCAL] which unknowns each pair's times reach."""
+        return _UNKNOWNS * _PER_FRAME * np.arange(len(self.pairs))[:, None] + np.arange(_UNKNOWNS * _LOCAL)
+
+    @cached_property
+    def _prior(self) -> np.ndarray:
+        """[unknowns, unknowns]: the quadratic form of a stiffness of 1."""
+        return np.kron(roughness(self._knots) * _PER_FRAME**3, np.eye(_UNKNOWNS))
+
+    # ---- solved ----------------------------------------------------------------------------------------
+
+    def fit(self, ratio: float, stiffness: float | None = None, near: Fit | None = None) -> Fit:
+        """The most probable motion.
+
+        Args:
+            ratio: readout time in frame intervals, 0 ... 1.
+            stiffness: weight of the curvature; None: the one of the highest evidence.
+            near: a fit of another ratio or stiffness to begin from: it saves time.
+        """
+        design = self._design(ratio)
+        if stiffness is not None:
+            return self._solved(design, stiffness, near)
+        best = near
+        tried: dict[float, Fit] = {}
+        at = _STIFFNESS.index(near.stiffness) if near is not None else _STIFFNESS.index(1.0)
+        while True:  # the evidence has one maximum: it is climbed
+            for k in (at, at - 1, at + 1):
+                if 0 <= k < len(_STIFFNESS) and _STIFFNESS[k] not in tried:
+                    tried[_STIFFNESS[k]] = best = self._solved(design, _STIFFNESS[k], best)
+            highest = max(tried.values(), key=lambda fit: fit.log_evidence)
+            if _STIFFNESS.index(highest.stiffness) == at:
+                return highest
+            at = _STIFFNESS.index(highest.stiffness)
+
+    def _solved(self, design: np.ndarray, stiffness: float, near: Fit | None) -> Fit:
+        """The most probable motion of one stiffness, by reweighted least squares."""
+        prior = stiffness * self._prior + _RIDGE * np.eye(_UNKNOWNS * self._knots)
+        weights, noise = self._used.astype(np.float64), np.nan
+        unknowns = near.coefficients.ravel() if near is not None else None
+        determinant = 0.0
+        for _ in range(_ROUNDS if near is not None else 2 * _ROUNDS):
+            if unknowns is not None:
+                weights, noise = self._reweighted(self._squared(design, unknowns), noise)
+            matrix, right = prior.copy(), np.zeros(_UNKNOWNS * self._knots)
+            each = np.repeat(weights, 2, axis=1)
+            weighted = design * each[..., None]
+            normal = weighted.transpose(0, 2, 1) @ design
+            moments = (weighted * self._moved[..., None]).sum(axis=1)
+            for k, place in enumerate(self._places):
+                span = slice(place[0], place[-1] + 1)
+                matrix[span, span] += normal[k]
+                right[span] += moments[k]
+            unknowns, determinant = solve_banded(matrix, right, _UNKNOWNS * _LOCAL)
+        assert unknowns is not None
+        squared = self._squared(design, unknowns)[self._used]
+        likelihood = -2 * len(squared) * np.log(noise)
+        likelihood -= (_DEGREES + 2) / 2 * np.log1p(squared / (_DEGREES * noise**2)).sum()
+        free = len(unknowns) - 2 * _UNKNOWNS  # the prior says nothing of place and speed
+        evidence = likelihood - unknowns @ prior @ unknowns / 2 + free * np.log(stiffness) / 2 - determinant / 2
+        return Fit(unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence))
+
+    def _squared(self, design: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
+        """[pairs, most] squared distance of each track's end from where the motion takes it."""
+        left = self._moved - (design @ unknowns[self._places][..., None])[..., 0]
+        return (left.reshape(*self._used.shape, 2) ** 2).sum(axis=-1)
+
+    def _reweighted(self, squared: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
+        """Weights of the tracks under Student's t, and its scale [px]."""
+        known = squared[self._used]
+        noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise
+        for _ in range(3):
+            noise = max(noise, _FINEST)
+            share = (_DEGREES + 2) / (_DEGREES + known / noise**2)
+            noise = np.sqrt((share * known).mean() / 2)
+        noise = max(noise, _FINEST)
+        return self._used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2, noise

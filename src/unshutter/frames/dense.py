@@ -1,0 +1,172 @@
+"""Dense motion: the velocity of whatever each pixel shows, so that near and far may move differently.
+
+Content that flow F takes from row y of one frame to the next takes 1 + ratio F_y / H frame intervals for it; its
+velocity V is F over that time, and taken as constant. What a frame shows at the moment tau is at the moment t in
+
+    q = p - V (tau - t)
+
+so a picture of the moment t looks in the frame at p = q + V (tau(p) - t). Where V is known at the pixels q of that
+moment, p is a closed form (``_look``); where it is known at the pixels p of a frame, a fixed point.
+
+Everything is counted in pixels of the small grey copies that the flow was found in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from unshutter.frames.flow import Flow, inside, looked_up, pixel_grid
+from unshutter.frames.plane import moved
+from unshutter.frames.timing import Timing
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float, Float32, UInt8
+
+_ROUNDS = 4  # of the fixed point
+_WINDOW = 0.11  # of the width: in which ways of moving are compared
+_SOFTNESS = 0.5  # grey levels: ways of moving that differ by less are mixed
+_DOUBT = 2.0  # grey levels by which one neighbour may explain a picture worse than the other
+_UNSEEN = 30.0  # grey levels that a way of moving costs where it leaves a frame
+
+
+@dataclass(frozen=True)
+class Field:
+    """How what a picture of one moment shows moves.
+
+    Attributes:
+        velocity: at the moment [px of the copy / frame interval], (columns, rows), at each pixel of the picture.
+        acceleration: [px of the copy / frame interval^2]; 0 from two frames alone.
+        moment: of the picture, in frame intervals.
+        timing: the clock of the copies.
+        cost: mean difference [grey levels] about each pixel of what the frames have for it.
+        still_cost: the same if nothing moved.
+    """
+
+    velocity: Float32[np.ndarray, "height width 2"]
+    acceleration: Float32[np.ndarray, "height width 2"] | float
+    moment: float
+    timing: Timing
+    cost: Float32[np.ndarray, "height width"]
+    still_cost: Float32[np.ndarray, "height width"]
+
+    def shift(self, frame: int) -> Float32[np.ndarray, "height width 2"]:
+        """How far from itself each pixel of the picture looks in a frame: (columns, rows) [px of the copy]."""
+        grid = pixel_grid(*self.velocity.shape[:2])
+        position = _look(self.velocity, self.moment, self.timing, frame)
+        if np.any(self.acceleration):
+            for _ in range(_ROUNDS):
+                ahead = (self.timing.exposed(frame, position[..., 1:]) - self.moment).astype(np.float32)
+                position = grid + (self.velocity + self.acceleration / 2 * ahead) * ahead
+        return position - grid
+
+
+def joined(before: Field, after: Field) -> Field:
+    """The motion from two neighbours: at a speed that changes evenly from the one's to the other's.
+
+    Where one of them explains the picture plainly worse, what it says is left out.
+
+    Args:
+        before: from frames -1 and 0.
+        after: from frames 0 and 1, of the same moment.
+    """
+    row = pixel_grid(*before.velocity.shape[:2])[..., 1:]
+    own_row = row + before.shift(0)[..., 1:]
+    since = (before.moment - before.timing.exposed(0, own_row)).astype(np.float32)  # frame 0 saw what is shown
+    change = after.velocity - before.velocity
+    steady = (after.velocity + before.velocity) / 2 + change * since
+    trust = 1 / (1 + np.exp(np.clip((after.cost - before.cost) / _DOUBT, -30, 30)))[..., None]  # in ``after``
+    both = 2 * np.minimum(trust, 1 - trust)
+    better = np.where(trust > 0.5, after.velocity, before.velocity)
+    return Field(
+        (both * steady + (1 - both) * better).astype(np.float32),
+        (both * change).astype(np.float32),
+        before.moment,
+        before.timing,
+        np.minimum(before.cost, after.cost),
+        np.minimum(before.still_cost, after.still_cost),
+    )
+
+
+def field_between(
+    earlier: UInt8[np.ndarray, "height width"],
+    later: UInt8[np.ndarray, "height width"],
+    flow: Flow,
+    timing: Timing,
+    moment: float,
+    nearest: int = 0,
+) -> Field:
+    """The velocities at a moment, from the flow between frame 0 and frame 1.
+
+    Three ways of moving are known for a pixel: the flow of either frame, and that of the whole picture's plane. Each
+    would have it look at one place in either frame; the ways are mixed by how alike those places are.
+
+    Args:
+        earlier, later: grey copies of the frames.
+        flow: between them.
+        timing: the clock of the copies.
+        moment: of the picture, in frame intervals from the first row of frame 0.
+        nearest: frame (0 or 1) that the picture is of.
+    """
+    height, width = earlier.shape
+    plane = moved(flow.plane, pixel_grid(height, width)) - pixel_grid(height, width)
+    ways = [
+        _at_moment(_velocity(flow.forward, timing, +1), timing, 0, moment),
+        _at_moment(_velocity(flow.backward, timing, -1), timing, 1, moment),
+        _at_moment(_velocity(plane, timing, +1), timing, 0, moment),
+    ]
+    if nearest == 1:
+        ways[:2] = ways[1::-1]
+    costs = np.stack([_cost(earlier, later, way, timing, moment) for way in ways])
+    weights = np.exp((costs.min(axis=0) - costs) / _SOFTNESS)
+    weights /= weights.sum(axis=0)
+    velocity = np.einsum("nhw,nhwc->nhwc", weights, np.stack(ways)).sum(axis=0)
+    return Field(
+        velocity,
+        0.0,
+        moment,
+        timing,
+        _cost(earlier, later, velocity, timing, moment),
+        _cost(earlier, later, np.zeros_like(velocity), timing, moment),
+    )
+
+
+def _velocity(flow: np.ndarray, timing: Timing, direction: int) -> np.ndarray:
+    """Velocities at the pixels of a frame, from its flow to the next (direction +1) or the previous one (-1)."""
+    duration = 1 + direction * timing.per_row * flow[..., 1:]
+    return direction * flow / np.maximum(duration, 0.1)
+
+
+def _at_moment(velocity: np.ndarray, timing: Timing, frame: int, moment: float) -> np.ndarray:
+    """Velocities at the pixels of the picture of a moment, from those at a frame's own pixels."""
+    grid = pixel_grid(*velocity.shape[:2])
+    position = grid
+    for _ in range(_ROUNDS):
+        ahead = timing.exposed(frame, position[..., 1:]) - moment
+        position = grid + looked_up(velocity, position) * ahead.astype(np.float32)
+    return looked_up(velocity, position)
+
+
+def _look(velocity: np.ndarray, moment: float, timing: Timing, frame: int) -> np.ndarray:
+    """P of p = q + V (tau(p) - t), where V is known at q: linear in p's row."""
+    grid = pixel_grid(*velocity.shape[:2])
+    down = velocity[..., 1]
+    row = (grid[..., 1] + down * (timing.start(frame) - moment)) / np.maximum(1 - timing.per_row * down, 0.1)
+    ahead = timing.exposed(frame, row) - moment
+    return (grid + velocity * ahead[..., None]).astype(np.float32)
+
+
+def _cost(
+    earlier: np.ndarray, later: np.ndarray, velocity: Float[np.ndarray, "height width 2"], timing: Timing, moment: float
+) -> np.ndarray:
+    """How unlike the two frames are where a velocity says that they show the same, averaged about each pixel."""
+    height, width = earlier.shape
+    in_earlier, in_later = (_look(velocity, moment, timing, frame) for frame in (0, 1))
+    difference = cv2.absdiff(looked_up(earlier, in_earlier), looked_up(later, in_later)).astype(np.float32)
+    seen = inside(in_earlier, height, width) & inside(in_later, height, width)
+    difference[~seen] = _UNSEEN
+    side = round(_WINDOW * width) | 1
+    return cv2.blur(difference, (side, side))

@@ -1,0 +1,162 @@
+"""A frame and its neighbours -> what a global shutter would have taken of it, at any moment between them.
+
+The dense way (dense.py): flow is found on small grey copies, once for each two frames, whatever moments are wanted of
+them; full-size pixels are looked up once in each frame, and fused (fusion.py).
+
+Frames are counted from the one that the picture is of: the frame before it is -1, the one after it +1. Pixels are those
+of the readout frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.dense import Field, field_between, joined
+from unshutter.frames.flow import Flow, flow_between, looked_up
+from unshutter.frames.fusion import Warped, fuse
+from unshutter.frames.timing import Timing
+from unshutter.warp.grid import SamplingGrid
+from unshutter.warp.pixels import sampled_pixels
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from unshutter.geometry.shapes import Bool, UInt, UInt8
+
+_MOST_ROWS, _LEAST_SHRINK = 480, 2  # short side of the small copies [px]; how much smaller than the frame
+_LEAST_CONSISTENT = 0.35  # of the flow, or the frames show different things
+_LEAST_GAIN = 0.06  # share of the difference between the frames that their motion must explain
+_NOISE_GAIN = 0.25  # what a motion may explain that was only fitted to noise; then it must be
+_PLAIN_CONSISTENT, _PLAIN_MOVE = 0.7, 0.5  # so consistent, and so large [px, mean]
+STILL = "nothing moved between the frames"
+_UNMOVED = 0.1  # px that nine tenths of a picture move by at most, if it is to stay as it is
+
+
+@dataclass(frozen=True)
+class Link:
+    """The flow between a frame and the next, found on small copies.
+
+    Attributes:
+        earlier, later: the copies.
+        flow: between them.
+    """
+
+    earlier: UInt8[np.ndarray, "height width"]
+    later: UInt8[np.ndarray, "height width"]
+    flow: Flow
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A picture of one moment.
+
+    Attributes:
+        pixels: of the frame's size and type.
+        valid: where some frame shows what belongs there.
+        largest_px: the farthest that anything of frame 0 moved.
+        reason: why the frame was left as it is; else empty.
+    """
+
+    pixels: UInt[np.ndarray, "height width bands"]
+    valid: Bool[np.ndarray, "height width"]
+    largest_px: float
+    reason: str = ""
+
+
+def copy_side(height: int, width: int) -> int:
+    """Short side [px] of the small grey copies for frames of a size."""
+    return max(min(min(height, width) // _LEAST_SHRINK, _MOST_ROWS), 1)
+
+
+def link(earlier: UInt8[np.ndarray, "height width"], later: UInt8[np.ndarray, "height width"]) -> Link:
+    """What connects two successive frames, from their small grey copies.
+
+    Raises:
+        UnshutterError: they show different things.
+    """
+    if earlier.shape != later.shape:
+        later = cv2.resize(later, earlier.shape[::-1], interpolation=cv2.INTER_AREA)
+    flow = flow_between(earlier, later)
+    if flow.consistent < _LEAST_CONSISTENT:
+        raise UnshutterError(
+            f"the frames have too little in common ({100 * flow.consistent:.0f} % of the picture is found in both): "
+            "give neighbours of the same shot"
+        )
+    return Link(earlier, later, flow)
+
+
+def render(
+    frames: Mapping[int, UInt[np.ndarray, "height width bands"]],
+    links: Mapping[int, Link],
+    timing: Timing,
+    moment: float,
+    *,
+    borrow: bool = False,
+    fill: bool = False,
+    masked: bool = False,
+) -> Rendered:
+    """The picture of a moment, of frame 0.
+
+    Args:
+        frames: number -> pixels: 0, and -1 or 1 or both.
+        links: -1 and 1 -> what connects frame 0 with that neighbour, the earlier frame first.
+        timing: the clock of the frames.
+        moment: in frame intervals from the first row of frame 0.
+        borrow: whether what frame 0 did not see is taken from its neighbours.
+        fill: whether what no frame saw repeats the border; else it is black.
+        masked: see ``Photo.masked``.
+
+    Returns:
+        New pixels; those of frame 0 itself where nothing moved, or the motion explains nothing.
+    """
+    height, width = frames[0].shape[:2]
+    copy_timing = timing.of_copy(next(iter(links.values())).earlier.shape[0])
+    fields = {side: _field(links[side], copy_timing, moment, side) for side in links}
+    field = joined(fields[-1], fields[1]) if len(fields) == 2 else next(iter(fields.values()))
+    moved = np.linalg.norm(field.shift(0), axis=-1) * height / field.velocity.shape[0]
+    largest = float(moved.max())
+    reason = _unchanged(field, moved, min(each.flow.consistent for each in links.values()))
+    if reason:
+        return Rendered(frames[0], np.ones((height, width), bool), largest, reason)
+    grids = {frame: _grid(field, frame, height, width) for frame in (0, *links)}
+    warped = {
+        frame: Warped(sampled_pixels(frames[frame], grid, fill or frame != 0, masked), grid, frame)
+        for frame, grid in grids.items()
+    }
+    others = [warped[side] for side in links]
+    return Rendered(*fuse(warped[0], others, timing, moment, borrow), largest)
+
+
+def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
+    """The velocities between frame 0 and a neighbour."""
+    first = min(side, 0)  # number of the earlier frame
+    earlier, later, flow = connection.earlier, connection.later, connection.flow
+    return replace(field_between(earlier, later, flow, timing, moment - first, nearest=-first), moment=moment)
+
+
+def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> str:
+    """Why the frame is better left as it is; empty where it is not."""
+    if np.percentile(moved, 90) < _UNMOVED and moved.max() < 1:
+        return STILL
+    gain = 1 - field.cost.mean() / max(field.still_cost.mean(), 1e-6)
+    plain = consistent > _PLAIN_CONSISTENT and moved.mean() > _PLAIN_MOVE
+    if gain < (_LEAST_GAIN if plain else _NOISE_GAIN):
+        return "the frames do not say how the camera moved"
+    return ""
+
+
+def _grid(field: Field, frame: int, height: int, width: int) -> SamplingGrid:
+    """Where the full-size picture looks in a frame, at nodes as dense as the field."""
+    rows, columns = field.velocity.shape[:2]
+    step = max(round(height / rows), 1)
+    at = [(np.arange(-(-size // step) + 1) * step).astype(np.float32) for size in (height, width)]
+    column, row = np.meshgrid(at[1], at[0])
+    scale = np.array([width / columns, height / rows], np.float32)
+    nodes = np.stack([column, row], axis=-1)
+    in_copy = (nodes + 0.5) / scale - 0.5
+    return SamplingGrid(nodes + looked_up(field.shift(frame) * scale, in_copy), step, step, height, width)

@@ -1,0 +1,146 @@
+"""The readout ratio, found from a sequence: how long the readout takes, in frame intervals.
+
+A camera that is held by hand turns smoothly, but never evenly. Only at the true ratio do the rows of consecutive frames
+fall into place on one smooth curve: at every other one the curve must bend where rows of different times are taken for
+rows of the same. So the evidence of camera.py, worked out for ratios on a grid, has a sharp maximum at the true one.
+It has none where the camera stands still or turns evenly, because every ratio explains that.
+
+The width of that maximum says too little about the error: tracks err together. So parts of the sequence are also asked
+one by one, and what they differ by counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.camera import ROWS, Fit, Problem
+from unshutter.frames.tracks import Tracks
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
+
+_PART = 20  # pairs of frames that are asked together
+_MOST_TRACKS = 100  # of a pair: more only take longer
+_COARSE = np.arange(1, 11) / 10
+_FINE = (0.05, 0.02)  # steps about the maximum, one after the other
+_LARGEST = 1.03  # no readout takes longer than a frame; what is found above this is an artefact
+_COMMON = 4.0  # tracks err together: a probability of n tracks is worth one of n / _COMMON
+_FLOOR = 0.01  # error that is there even where all parts agree: the spline is no hand
+_TOO_UNSURE = 0.08
+STILL_PX = 0.25  # px of ROWS rows a frame: what a readout shears by less is left as it is
+_FASTEST = 0.4  # cycles a frame: what is faster is hidden between the frames
+_EVEN_PX = 0.1  # px of ROWS rows a frame: a speed that varies by less is even
+WHAT_TO_DO = "say --readout-ratio"
+
+
+@dataclass(frozen=True)
+class ReadoutRatio:
+    """A readout ratio and how sure it is.
+
+    Attributes:
+        value: readout time in frame intervals, 0 ... 1.
+        error: its standard deviation.
+        source: what it was found from.
+    """
+
+    value: float
+    error: float
+    source: str
+
+    def __str__(self) -> str:
+        return f"{self.value:.3f} +- {self.error:.3f} (from {self.source})"
+
+
+def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
+    """The readout ratio of a sequence, from how smoothly its camera moved.
+
+    Args:
+        pairs: tracks of the background from each frame to the next; two seconds of them are enough as a rule.
+        focal_px: focal length [px of ROWS rows].
+
+    Raises:
+        UnshutterError: these frames do not say it: the camera stood still, moved evenly, or shook faster than frames
+            were taken.
+    """
+    pairs = [_fewer(pair) for pair in pairs if len(pair)]
+    if not pairs or max(flow(pair) for pair in pairs) < STILL_PX:
+        raise UnshutterError(_cannot_tell("the camera stood still"))
+    parts = [Problem(pairs[k : k + _PART], focal_px) for k in range(0, max(len(pairs) - _PART // 2, 1), _PART)]
+    profiles = [_Profile(part) for part in parts]
+    coarse = np.sum([[profile.at(ratio) for ratio in _COARSE] for profile in profiles], axis=0)
+    best = float(_COARSE[coarse.argmax()])
+    for step in _FINE:
+        at = np.clip(best, step, _LARGEST) + step * np.array([-1.0, 0.0, 1.0])
+        curves = np.array([[profile.at(float(ratio)) for ratio in at] for profile in profiles])  # [parts, 3]
+        best, width = _top(at, curves.sum(axis=0))
+        best = float(np.clip(best, at[0], at[2]))
+    if max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
+        raise UnshutterError(_cannot_tell("the camera shook faster than frames were taken"))
+    error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
+    if error > _TOO_UNSURE or best > _LARGEST:
+        raise UnshutterError(_cannot_tell("the camera moved too evenly, or too little could be followed"))
+    return ReadoutRatio(min(max(best, 0.0), 1.0), error, "motion")
+
+
+class _Profile:
+    """The evidence of a part of a sequence for each ratio that is asked for."""
+
+    def __init__(self, problem: Problem):
+        self._problem = problem
+        self._fits: dict[float, Fit] = {}
+
+    def at(self, ratio: float) -> float:
+        return self.fit_at(ratio).log_evidence / _COMMON
+
+    def fit_at(self, ratio: float) -> Fit:
+        if ratio not in self._fits:
+            near = min(self._fits, key=lambda known: abs(known - ratio), default=None)
+            self._fits[ratio] = self._problem.fit(ratio, near=self._fits[near] if near is not None else None)
+        return self._fits[ratio]
+
+
+def _top(at: Float64[np.ndarray, "3"], heights: Float64[np.ndarray, "3"]) -> tuple[float, float]:
+    """Where the parabola through three evenly spaced points is highest, and the standard deviation it says."""
+    step, middle = at[1] - at[0], at[1]
+    slope, bend = (heights[2] - heights[0]) / (2 * step), (heights[2] - 2 * heights[1] + heights[0]) / step**2
+    if bend >= 0:  # no maximum here: nothing is known
+        return float(at[heights.argmax()]), 1.0
+    return float(middle - slope / bend), float(1 / np.sqrt(-bend))
+
+
+def _disagreement(at: np.ndarray, curves: np.ndarray, best: float) -> float:
+    """By how much parts of the sequence differ, as a multiple of what their own widths allow; at least 1."""
+    if len(curves) < 2:
+        return 2.0
+    tops = [_top(at, curve) for curve in curves]
+    return max(1.0, np.sqrt(sum(((top - best) / width) ** 2 for top, width in tops) / (len(tops) - 1)))
+
+
+def _cycles(fit: Fit) -> float:
+    """How fast the camera's speed changed, as the frequency of an oscillation that does so [cycles a frame]."""
+    speed = np.diff(fit.coefficients[:, :3], axis=0) * fit.knots_per_frame  # [knots - 1, 3], px a frame
+    varying = np.sqrt(((speed - speed.mean(axis=0)) ** 2).sum(axis=1).mean())
+    change = np.sqrt((np.diff(speed, axis=0) ** 2).sum(axis=1).mean()) * fit.knots_per_frame
+    return float(change / varying / (2 * np.pi)) if varying > _EVEN_PX else 0.0
+
+
+def flow(pair: Tracks) -> float:
+    """By how much tracks move, their median [px of ROWS rows]."""
+    return float(np.median(np.hypot(*(pair.end - pair.start).T))) * ROWS / pair.height
+
+
+def _fewer(pair: Tracks) -> Tracks:
+    if len(pair) <= _MOST_TRACKS:
+        return pair
+    kept = np.zeros(len(pair), bool)
+    kept[np.linspace(0, len(pair) - 1, _MOST_TRACKS).astype(int)] = True  # strong corners and weak ones
+    return pair.only(kept)
+
+
+def _cannot_tell(reason: str) -> str:
+    return f"the readout ratio cannot be told from these frames ({reason}): {WHAT_TO_DO}"

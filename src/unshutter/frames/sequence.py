@@ -1,0 +1,236 @@
+"""From frames in the order in which they were taken to the motion of each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.camera import ROWS, Fit, Problem
+from unshutter.frames.focal import focal_from_motion
+from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
+from unshutter.frames.shots import APART, Seen, Shot
+from unshutter.frames.tracks import TRACKED_SIDE
+from unshutter.geometry.readout import Readout
+from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.options import Camera, Clock, Reference, Undo
+from unshutter.photo import Photo
+
+NAME = "frames-camera"
+_CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
+_SEARCHED = 60  # frames from which the readout ratio is found
+_PATIENCE = 240  # frames after which it is given up
+_NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
+_TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
+_FEW_PAIRS, _EVEN = 3, 100.0  # pairs that do not say how speed changes, and the stiffness that keeps it even
+_GUESSED_RATIO = 0.5  # to look for a focal length with
+_FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
+
+
+@dataclass(frozen=True)
+class FrameMotion:
+    """What is known of one frame's motion; small, as long as it is not asked for every row's.
+
+    Attributes:
+        height, width: of the frame's readout frame [px].
+        readout: direction in which its stored pixels were read.
+        fit: the camera's motion about that time; None: unknown.
+        index: of the frame in that fit.
+        ratio: readout time in frame intervals.
+        reason: why there is no motion; empty otherwise.
+    """
+
+    height: int
+    width: int
+    readout: Readout
+    fit: Fit | None = None
+    index: int = 0
+    ratio: float = 0.0
+    reason: str = ""
+
+    def motion(self, reference: Reference = "first") -> Motion:
+        """The frame's motion; zero, with the reason, where none was found."""
+        if self.fit is None:
+            return self._none(self.reason)
+        times = self.index + self.ratio * (np.arange(self.height) + 0.5) / self.height
+        turn = self.fit.turn(times)
+        rotations = turn - turn[0]
+        reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
+        if reach.max() < _NOTHING_PX:
+            return self._none("the camera stood still")
+        common = {"readout": self.readout, "estimator": NAME}
+        focal = self.fit.focal_px * self.height / ROWS
+        try:
+            motion = RotationMotion(width=self.width, rotations=rotations, focal_px=focal, **common)
+            motion.check_unfolded()
+        except UnshutterError as error:
+            return self._none(f"what fits the tracks is no motion of a camera: {error}")
+        return motion.rereferenced(reference)
+
+    def _none(self, reason: str) -> Motion:
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)
+
+
+@dataclass(eq=False)
+class CameraMotion:
+    """Finds the motion of each frame of a sequence. For one camera; it remembers what it has found out about it.
+
+    Attributes:
+        ratio: readout time in frame intervals; None: found from the frames.
+        focal_px: focal length [px of the frames]; None: EXIF's, else found from the frames.
+        readout: direction in which stored pixels were read.
+    """
+
+    ratio: ReadoutRatio | None = None
+    focal_px: float | None = None
+    readout: Readout = Readout.TOP_TO_BOTTOM
+    _focal: float | None = field(default=None, init=False)  # px of ROWS rows
+
+    def frames(self, frames: Iterable[_FRAME]) -> Iterator[FrameMotion]:
+        """What is known of each frame's motion, in order, some frames later than they come; memory stays flat."""
+        return self.motions(self.look(frame) for frame in frames)
+
+    def motions(self, frames: Iterable[Seen | None]) -> Iterator[FrameMotion]:
+        """As :meth:`frames`, of frames that were looked at.
+
+        Args:
+            frames: in order; None where some are missing, which parts the sequence.
+        """
+        shot = Shot()
+        for seen in frames:
+            if seen is None:
+                yield from self._ready(shot, ended=True)
+                shot = Shot()
+                continue
+            if not shot.joins(seen, self.ratio):
+                yield from self._ready(shot, ended=True)
+                shot = Shot(broken_by=shot.broken_by)
+            shot.add(seen)
+            yield from self._ready(shot, ended=False)
+        yield from self._ready(shot, ended=True)
+
+    def look(self, frame: _FRAME) -> Seen:
+        """What is kept of a frame.
+
+        Raises:
+            UnshutterError: it cannot be read.
+        """
+        photo = frame if isinstance(frame, Photo) else _opened(frame)
+        height, width = self.readout.frame_size(photo.height, photo.width)
+        if self._focal is None and (known := self.focal_px or photo.focal_px()):
+            self._focal = known * ROWS / height
+        return Seen(height, width, np.ascontiguousarray(self.readout.turn(photo.grey(TRACKED_SIDE))))
+
+    def _ready(self, shot: Shot, ended: bool) -> Iterator[FrameMotion]:
+        """The frames of a shot that are ready."""
+        waiting = len(shot.waiting)
+        if self.ratio is None and waiting and (ended or waiting in (_SEARCHED, _PATIENCE)):
+            self._find_ratio(shot)
+        if self.ratio is None and not ended and waiting < (_SEARCHED if shot.still else _PATIENCE):
+            return
+        while shot.waiting and (ended or len(shot.waiting) >= _CORE + _MARGIN):
+            many = len(shot.waiting) if len(shot.waiting) <= _CORE + _MARGIN and ended else _CORE
+            fit, reason = self._fit(shot, many)
+            for seen in shot.waiting[:many]:
+                index = seen.number - shot.first
+                ratio = self.ratio.value if self.ratio else 0.0
+                yield FrameMotion(seen.height, seen.width, self.readout, fit, index, ratio, reason)
+            shot.drop(many, _MARGIN)
+
+    def _find_ratio(self, shot: Shot) -> None:
+        shot.why_unknown = ""
+        pairs = [pair for pair in shot.pairs if len(pair)]
+        if not pairs:
+            return
+        try:
+            focal = self._focal or focal_from_motion(pairs[: _SEARCHED // 2], _GUESSED_RATIO)
+            self.ratio = ratio_from_motion(pairs, focal)
+        except UnshutterError as error:
+            shot.why_unknown = str(error)
+
+    def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, str]:
+        """The motion about the next frames of a shot; or why there is none."""
+        pairs = shot.pairs[: shot.before + many + _MARGIN - 1]
+        if not pairs:
+            return None, shot.broken_by or "there is no frame before or after it"
+        if shot.still:
+            return None, "the camera stood still"
+        if self.ratio is None:
+            return None, shot.why_unknown
+        if self._focal is None:
+            long_enough = len(pairs) >= _CORE // 2
+            focal = focal_from_motion(pairs, self.ratio.value)
+            self._focal = focal if long_enough else None
+        else:
+            focal = self._focal
+        even = _EVEN if len(pairs) < _FEW_PAIRS else None
+        fit = Problem(pairs, focal).fit(self.ratio.value, even)
+        if fit.noise_px > _TOO_NOISY_PX:
+            return None, APART
+        return fit, ""
+
+
+# ---- for users ---------------------------------------------------------------------------------------------------
+
+
+def estimate_frames(
+    frames: Iterable[_FRAME],
+    *,
+    readout_ratio: float | None = None,
+    readout_ms: float | None = None,
+    fps: float | None = None,
+    focal_px: float | None = None,
+    readout: str = "auto",
+    reference: Reference = "first",
+) -> Iterator[Motion]:
+    """Finds how the camera moved while each frame of a sequence was read out, from the frames beside it.
+
+    Exact where one photo cannot be: what moves from frame to frame by v is sheared by ratio * v over a frame's height.
+    Cuts, and frames of another size, begin a sequence of their own.
+
+    Args:
+        frames: in the order in which they were taken, at even intervals: paths, encoded files as bytes, pixels
+            [H, W] or [H, W, 1..4] (uint8 or uint16), or Photos. They are taken one by one and not kept.
+        readout_ratio: time in which a frame is read out, in frame intervals (above 0, at most 1).
+        readout_ms, fps: the same as a time [ms] and the frames per second. Without either, the ratio is found from the
+            frames: how smoothly the camera moved says it, unless it stood still, moved evenly or shook.
+        focal_px: focal length [px of the frames]; by default EXIF's, else it is found, too.
+        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        reference: row at whose moment the global-shutter pictures are taken: first, middle or last.
+
+    Yields:
+        The motion of each frame, up to some 60 frames (while a ratio is looked for, 240) after it was taken from
+        ``frames``. It is zero, with a ``reason``, where the frames do not say enough.
+
+    Raises:
+        UsageError: a ratio or another option that cannot be. UnshutterError: a frame cannot be read.
+    """
+    camera, how = Camera(readout, focal_px), Undo(reference)
+    ratio = known_ratio(readout_ratio, readout_ms, fps)
+    found = CameraMotion(ratio, focal_px, camera.direction)
+    return (frame.motion(how.reference or "first") for frame in found.frames(frames))
+
+
+def known_ratio(
+    readout_ratio: float | None = None, readout_ms: float | None = None, fps: float | None = None
+) -> ReadoutRatio | None:
+    """The readout ratio that a user gives; None where they give none.
+
+    Raises:
+        UsageError: it is not above 0 and at most 1, or only a part of it is given.
+    """
+    clock = Clock(readout_ratio, fps, readout_ms)
+    if (readout_ms is None) != (fps is None):
+        raise UsageError("readout_ms and fps (--readout-ms and --fps) go together: what counts is their product")
+    return ReadoutRatio(clock.ratio, 0.0, "what was given") if clock.is_known else None
+
+
+def _opened(frame: str | os.PathLike[str] | bytes | np.ndarray) -> Photo:
+    if isinstance(frame, bytes):
+        return Photo.from_bytes(frame)
+    if isinstance(frame, np.ndarray):
+        return Photo.from_array(frame)
+    return Photo.open(frame)

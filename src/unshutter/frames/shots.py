@@ -1,0 +1,90 @@
+"""Shots: consecutive frames that show one scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from unshutter.frames.ratio import STILL_PX, ReadoutRatio, flow
+from unshutter.frames.tracks import Background, Tracks, background, follow
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from unshutter.geometry.shapes import UInt8
+
+APART = "the frames beside it show another scene, or near and far move too differently in them"
+_LEAST_CORNERS = 24  # that a picture has which says something
+
+
+@dataclass(eq=False)
+class Seen:
+    """A frame as it is looked at: its full size and a small grey copy."""
+
+    height: int
+    width: int
+    grey: UInt8[np.ndarray, "rows columns"]
+    number: int = 0
+
+
+@dataclass(eq=False)
+class Shot:
+    """Frames that show one scene, those that wait for their motion and a few before them.
+
+    Attributes:
+        broken_by: why the shot began here.
+        pairs: tracks of the background from each kept frame to the next.
+        waiting: frames that wait.
+        first: number of the frame at which ``pairs`` begin.
+        before: how many of the kept frames wait no more.
+        why_unknown: why the readout ratio could not be found from them.
+    """
+
+    broken_by: str = ""
+    pairs: list[Tracks] = field(default_factory=list)
+    waiting: list[Seen] = field(default_factory=list)
+    first: int = 0
+    before: int = 0
+    why_unknown: str = ""
+    _last: Seen | None = None
+    _next: Background | None = None
+    _moving: list[bool] = field(default_factory=list)
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing says that the camera moved."""
+        return not any(self._moving)
+
+    def joins(self, seen: Seen, ratio: ReadoutRatio | None) -> bool:
+        """Whether a frame shows the same scene as the one before it."""
+        self._next = None
+        if self._last is None:
+            return True
+        if (seen.height, seen.width) != (self._last.height, self._last.width):
+            self.broken_by = "the frames before and after it have another size"
+            return False
+        tracks = follow(self._last.grey, seen.grey)
+        self._next = background(tracks, ratio.value if ratio else None)
+        if not self._next.joined:
+            few = tracks.looked_for < _LEAST_CORNERS
+            self.broken_by = "there is too little to follow" if few else APART
+        return self._next.joined
+
+    def add(self, seen: Seen) -> None:
+        """The next frame, after :meth:`joins`."""
+        if self._last is not None and self._next is not None:
+            self.pairs.append(self._next.tracks)
+            self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
+            seen.number = self._last.number + 1
+            self._last.grey = seen.grey[:0]  # no longer needed
+        self.waiting.append(seen)
+        self._last = seen
+
+    def drop(self, many: int, margin: int) -> None:
+        """Frames wait no more; a few of them are kept."""
+        del self.waiting[:many]
+        self.before += many
+        surplus = max(self.before - margin, 0)
+        del self.pairs[:surplus], self._moving[:surplus]
+        self.first += surplus
+        self.before -= surplus

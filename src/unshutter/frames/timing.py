@@ -1,0 +1,66 @@
+"""When each row of each frame was exposed.
+
+Time is counted in frame intervals. The readout ratio is the time in which one frame is read out, divided by the frame
+interval: row y of frame k, of H rows, is exposed at k + ratio * y / H. Frames are those of the readout frame: row 0 is
+read first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from unshutter.errors import UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from unshutter.options import Reference
+
+_SHARE = {"first": 0.0, "middle": 0.5, "last": 1.0}
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The clock of a sequence of frames.
+
+    Attributes:
+        readout_ratio: readout time / frame interval, above 0 and at most 1.
+        height: rows of a frame, or of a smaller copy in which rows are counted.
+        first_row: where row 0 of that copy lies, in its own rows from the frame's first row; 0 for the frame itself.
+
+    Raises:
+        UsageError: a readout ratio that cannot be.
+    """
+
+    readout_ratio: float
+    height: int
+    first_row: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.readout_ratio <= 1:
+            raise UsageError(
+                "the readout ratio (readout time / frame interval) must be above 0 and at most 1, "
+                f"got {self.readout_ratio:g}"
+            )
+
+    @property
+    def per_row(self) -> float:
+        """Time from one row to the next."""
+        return self.readout_ratio / self.height
+
+    def start(self, frame: float) -> float:
+        """Moment at which row 0 of a frame is exposed."""
+        return frame + self.per_row * self.first_row
+
+    def exposed(self, frame: float, row: np.ndarray) -> np.ndarray:
+        """Moments at which rows of a frame are exposed."""
+        return self.start(frame) + self.per_row * row
+
+    def moment(self, reference: Reference, frame: float = 0) -> float:
+        """Moment of a frame's first, middle or last row."""
+        return frame + self.readout_ratio * _SHARE[reference]
+
+    def of_copy(self, height: int) -> Timing:
+        """The same clock for a copy of the frames with so many rows."""
+        return replace(self, height=height, first_row=0.5 - 0.5 * height / self.height)

@@ -1,0 +1,170 @@
+"""Corners followed from one frame to the next, and which of them move with the camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Bool, Float64, UInt8
+
+TRACKED_SIDE = 360  # px, short side of the copies in which corners are followed
+_MOST_CORNERS = 300
+_QUALITY = 0.005  # of a corner, as a share of the best one's
+_APART = 1 / 45  # distance of corners, as a share of the diagonal
+_WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade
+_RETURNS = 0.3  # px; a corner followed there and back must end this close to where it began
+_COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is found
+_FEWEST = 12  # tracks without which nothing can be told
+_FOUND, _AGREE = 0.15, 0.35  # shares of corners found again, and of those that agree, without which there is a cut
+_NEAR_PLANE = 0.004  # of the diagonal: how far from the picture's homography a track of the background may end
+_SHARP = 0.4  # share of those tracks that must end within a third of that distance; by chance 0.1 to 0.35 do
+_SPREAD = 4.0  # times the usual distance from the homography: tracks farther away are left out
+_LEAST = 0.0005  # of the diagonal (0.4 px of 640 x 360): as far away every track may be
+_STILL = 0.0003  # of the diagonal: what has moved less stands still
+_CELLS = (6, 8)  # rows and columns of the cells in which tracks are counted
+_GUESSED_RATIO = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Where corners of one frame are found in the next one.
+
+    Attributes:
+        start: [N, 2] (col, row) in the earlier frame [px of the tracked copy].
+        end: [N, 2] (col, row) in the later one.
+        height, width: of the tracked copies [px].
+        looked_for: number of corners that were to be followed.
+    """
+
+    start: Float64[np.ndarray, "tracks 2"]
+    end: Float64[np.ndarray, "tracks 2"]
+    height: int
+    width: int
+    looked_for: int
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def only(self, kept: Bool[np.ndarray, "tracks"]) -> Tracks:
+        """Some of the tracks."""
+        return Tracks(self.start[kept], self.end[kept], self.height, self.width, self.looked_for)
+
+
+def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, "rows columns"]) -> Tracks:
+    """Corners of a frame found again in the next, by pyramidal Lucas-Kanade, forward and backward.
+
+    Frames may be shifted by a third of their width: phase correlation of small copies says where to begin.
+
+    Args:
+        earlier, later: grey copies of both frames in their readout frame, of one size, about ``TRACKED_SIDE`` px.
+    """
+    import cv2
+
+    height, width = earlier.shape
+    apart = max(3.0, _APART * np.hypot(height, width))
+    corners = cv2.goodFeaturesToTrack(earlier, _MOST_CORNERS, _QUALITY, apart)
+    if corners is None:
+        return Tracks(np.zeros((0, 2)), np.zeros((0, 2)), height, width, 0)
+    guess = corners + _shift(earlier, later).astype(np.float32)
+    settings = {
+        "winSize": (_WINDOW, _WINDOW),
+        "maxLevel": _LEVELS,
+        "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
+        "criteria": (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01),
+    }
+    there, found, _ = cv2.calcOpticalFlowPyrLK(earlier, later, corners, guess, **settings)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(later, earlier, there, corners + (there - guess), **settings)
+    start, end = corners[:, 0].astype(np.float64), there[:, 0].astype(np.float64)
+    good = (found[:, 0] > 0) & (returned[:, 0] > 0) & (np.hypot(*(back - corners)[:, 0].T) < _RETURNS)
+    good &= (end >= 0).all(axis=1) & (end <= [width - 1, height - 1]).all(axis=1)
+    return Tracks(start[good], end[good], height, width, len(corners))
+
+
+def _shift(earlier: np.ndarray, later: np.ndarray) -> np.ndarray:
+    """(col, row) by which the whole picture moved [px], roughly; zero where it cannot be told."""
+    import cv2
+
+    scale = max(1.0, max(earlier.shape) / _COARSE_SIDE)
+    size = (round(earlier.shape[1] / scale), round(earlier.shape[0] / scale))
+    before, after = (cv2.resize(a, size, interpolation=cv2.INTER_AREA).astype(np.float32) for a in (earlier, later))
+    shift, response = cv2.phaseCorrelate(before, after, cv2.createHanningWindow(size, cv2.CV_32F))
+    return np.array(shift) * scale if response > 0.05 else np.zeros(2)
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """What of two frames' tracks moves with the camera.
+
+    Attributes:
+        tracks: those of the background.
+        joined: whether both are frames of one scene; else there is a cut between them.
+        still: whether the camera stood still, whatever moved before it.
+    """
+
+    tracks: Tracks
+    joined: bool
+    still: bool = False
+
+
+def background(tracks: Tracks, readout_ratio: float | None = None) -> Background:
+    """The tracks that one homography explains, seen at one moment: near things and moving ones are left out.
+
+    Rows are exposed at times of their own, so tracks of one homography do not agree with it as they are. Each is first
+    carried to the middle row's moment at its own speed.
+
+    A camera that stands still leaves part of the picture exactly where it was. Where that part is spread over the
+    picture, the rest may be as large as it likes: people who walk by do not make a motion of the camera.
+
+    Args:
+        tracks: of two frames.
+        readout_ratio: of the camera; None: half a frame's time, which is near enough for this.
+    """
+    if len(tracks) < max(_FEWEST, _FOUND * tracks.looked_for):
+        return Background(tracks.only(np.zeros(len(tracks), bool)), joined=False)
+    ratio = _GUESSED_RATIO if readout_ratio is None else readout_ratio
+    diagonal = float(np.hypot(tracks.height, tracks.width))
+    moved = tracks.end - tracks.start
+    still = np.hypot(*moved.T) < _STILL * diagonal
+    speed = moved / (1 + ratio * moved[:, 1:] / tracks.height)
+    at_once = tracks.start - speed * ratio * (tracks.start[:, 1:] / tracks.height - 0.5)
+    plane = _of_one_plane(at_once, at_once + speed, diagonal)
+    elsewhere = (plane & still).sum() < still.sum() / 2
+    if elsewhere and _spread(tracks.start[still], tracks):
+        return Background(tracks.only(still), joined=True, still=True)
+    joined = plane.sum() >= max(_FEWEST, _AGREE * len(tracks))
+    return Background(tracks.only(plane), joined=bool(joined))
+
+
+def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.ndarray:
+    """[N] bool: the points that the homography of most of them takes from start to end.
+
+    Where the speed changes within a frame, rows differ from it smoothly; that is allowed for.
+    """
+    import cv2
+
+    near = _NEAR_PLANE * diagonal
+    homography, agreeing = cv2.findHomography(start, end, cv2.USAC_ACCURATE, 2 * near)
+    if homography is None or agreeing.sum() < _FEWEST:
+        return np.zeros(len(start), bool)
+    off = end - cv2.perspectiveTransform(start[None], homography)[0]
+    chosen = agreeing[:, 0] > 0
+    for _ in range(3):
+        by_row = np.polynomial.polynomial.polyfit(start[chosen, 1] / diagonal, off[chosen], 3)
+        away = np.hypot(*(off - np.polynomial.polynomial.polyval(start[:, 1] / diagonal, by_row).T).T)
+        if np.count_nonzero(away < near) < _FEWEST:
+            return np.zeros(len(start), bool)
+        chosen = away < near
+    if np.count_nonzero(away < near / 3) < _SHARP * np.count_nonzero(chosen):  # as close as chance brings them: noise
+        return np.zeros(len(start), bool)
+    return away < np.clip(_SPREAD * np.median(away[chosen]), _LEAST * diagonal, near)
+
+
+def _spread(points: np.ndarray, tracks: Tracks) -> bool:
+    """Whether points lie in a quarter of the picture's cells, and in at least three of its quarters."""
+    cell = (points[:, ::-1] / [tracks.height, tracks.width] * _CELLS).astype(int)
+    cells = {(int(row), int(col)) for row, col in cell}
+    quarters = {(2 * row // _CELLS[0], 2 * col // _CELLS[1]) for row, col in cells}
+    return 4 * len(cells) >= _CELLS[0] * _CELLS[1] and len(quarters) >= 3

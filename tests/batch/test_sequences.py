@@ -1,0 +1,89 @@
+"""``rectify --sequence``: each photo is undone by what its neighbours say, and gets its own motion file."""
+
+import pytest
+
+from support.batches import rectify, results
+from support.hand_held import clip, hand, pan
+from unshutter import Motion, Photo
+from unshutter.evaluation.metrics import motion_error
+
+RATIO = ("--readout-ratio", "0.9")
+
+
+@pytest.fixture
+def moving(tmp_path):
+    """(camera, folder of its frames)."""
+    camera, frames = clip(hand(4), 0.9, frames=6)
+    (tmp_path / "frames").mkdir()
+    for k, frame in enumerate(frames):
+        Photo.from_array(frame).save(tmp_path / "frames" / f"{k}.png")
+    return camera, tmp_path / "frames"
+
+
+def errors(camera, folder):
+    motions = [Motion.load(file) for file in sorted(folder.glob("*.json"))]
+    return [motion_error(motion, camera.motion(k)).epe for k, motion in enumerate(motions)]
+
+
+@pytest.mark.parametrize("how", [(), ("--jobs", 2)])
+def test_each_photo_gets_its_own_motion(moving, tmp_path, how):
+    camera, folder = moving
+    focal = ("--focal-px", camera.focal_px)
+    assert rectify(folder, "--sequence", *RATIO, *focal, "-o", tmp_path / "out", "--save-motion", tmp_path, *how) == 0
+    assert len(results(tmp_path / "out")) == 6
+    found = errors(camera, tmp_path)
+    assert len(found) == 6 and max(found) < 0.5
+
+
+def test_finished_frames_are_still_neighbours(moving, tmp_path):
+    camera, folder = moving
+    words = (folder, "--sequence", *RATIO, "--focal-px", camera.focal_px, "-o", tmp_path / "out")
+    assert rectify(*words) == 0
+    before = results(tmp_path / "out")
+    (tmp_path / "out" / "3.rectified.png").unlink()
+    assert rectify(*words) == 0
+    assert results(tmp_path / "out") == before
+
+
+def test_other_ratios_are_other_results(moving, tmp_path, capsys):
+    _, folder = moving
+    assert rectify(folder, "--sequence", *RATIO, "-o", tmp_path / "out") == 0
+    before = results(tmp_path / "out")
+    assert rectify(folder, "--sequence", "--readout-ratio", "0.3", "-o", tmp_path / "out") == 0
+    assert "finished already" not in capsys.readouterr().err
+    assert results(tmp_path / "out") != before
+
+
+def test_a_photo_that_cannot_be_read_parts_the_sequence_and_is_reported(moving, tmp_path, capsys):
+    _, folder = moving
+    (folder / "2.png").write_bytes(b"no picture")
+    assert rectify(folder, "--sequence", *RATIO, "-o", tmp_path / "out") == 1
+    assert len(results(tmp_path / "out")) == 5
+    assert capsys.readouterr().err.count("2.png") == 1
+
+
+def test_where_the_ratio_cannot_be_told_nothing_is_written(tmp_path, capsys):
+    (tmp_path / "in").mkdir()
+    for k, frame in enumerate(clip(pan(), 0.8, frames=8)[1]):
+        Photo.from_array(frame).save(tmp_path / "in" / f"{k}.png")
+    assert rectify(tmp_path / "in", "--sequence", "-o", tmp_path / "out") == 1
+    error = capsys.readouterr().err
+    assert "say --readout-ratio" in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--sequence",), "several photos"),
+        (("--sequence", "--before", "b.png"), "leave out --before"),
+        (("--sequence", "--motion", "m.json"), "leave out --motion"),
+        (("--sequence", "--roll-deg", "1"), "roll and tilt"),
+        (("--readout-ratio", "0.5"), "--sequence"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(moving, words, says, capsys):
+    _, folder = moving
+    assert rectify(folder / "0.png", *words) == 2
+    error = capsys.readouterr().err
+    assert says in error and error.count("\n") == 1

@@ -1,0 +1,67 @@
+"""The camera's turn over time, from tracks whose truth is known."""
+
+import numpy as np
+import pytest
+
+from support.hand_held import FOCAL, HEIGHT, WIDTH, camera, exact_tracks, hand, pan
+from unshutter.frames.camera import ROWS, Problem
+from unshutter.frames.focal import focal_from_motion
+from unshutter.frames.tracks import Tracks
+
+UNIT = ROWS / HEIGHT
+
+
+def error_px(fit, moving):
+    """Largest error of a row's turn against its frame's first row, over all frames but the outermost [px]."""
+    rows, worst = np.arange(HEIGHT), 0.0
+    for k in range(2, moving.frames - 2):
+        turn = fit.turn(k + moving.readout_ratio * (rows + 0.5) / HEIGHT)
+        off = (turn - turn[0]) - moving.motion(k).rotations
+        worst = max(worst, float(np.abs(off).max()) * moving.focal_px)
+    return worst
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.9])
+def test_exact_tracks_give_the_exact_motion(ratio):
+    moving = camera(hand(), ratio, frames=16)
+    fit = Problem(exact_tracks(moving), FOCAL * UNIT).fit(ratio)
+    assert error_px(fit, moving) < 0.08
+    assert fit.noise_px < 0.05
+
+
+def test_noise_and_strays_hardly_matter():
+    moving = camera(hand(1), 0.6, frames=16)
+    fit = Problem(exact_tracks(moving, noise=0.1, strays=0.15), FOCAL * UNIT).fit(0.6)
+    assert error_px(fit, moving) < 0.25
+    assert fit.noise_px == pytest.approx(0.1 * UNIT, rel=0.35)
+
+
+def test_a_picture_that_grows_is_not_taken_for_a_turn():
+    """As of a camera that drives ahead: the middle stays, the corners move outwards."""
+    rng = np.random.default_rng(0)
+    start = rng.uniform((20, 20), (WIDTH - 20, HEIGHT - 20), (80, 2))
+    end = start + 0.02 * (start - [(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+    fit = Problem([Tracks(start, end, HEIGHT, WIDTH, 80)] * 8, FOCAL * UNIT).fit(0.5)
+    turn = fit.turn(np.linspace(0, 8, 30))
+    assert np.abs(turn - turn[0]).max() * FOCAL < 0.05
+
+
+def test_the_evidence_is_highest_at_the_true_ratio():
+    moving = camera(hand(2), 0.6, frames=20)
+    problem = Problem(exact_tracks(moving, noise=0.1), FOCAL * UNIT)
+    heights = [problem.fit(ratio).log_evidence for ratio in (0.4, 0.6, 0.8)]
+    assert heights[1] > max(heights[0], heights[2]) + 10
+
+
+def test_two_frames_are_enough_for_an_even_motion():
+    moving = camera(pan(15.0), 0.8, frames=2)
+    fit = Problem(exact_tracks(moving), FOCAL * UNIT).fit(0.8)
+    turn = fit.turn(0.8 * np.array([0.0, 1.0]))
+    assert (turn[1] - turn[0]) == pytest.approx([0, np.radians(15) * 0.8 / 30, 0], abs=2e-5)
+
+
+@pytest.mark.parametrize("focal", [200.0, 500.0])
+def test_the_focal_length_is_found(focal):
+    moving = camera(hand(3), 0.5, frames=16, focal_px=focal)
+    found = focal_from_motion(exact_tracks(moving, noise=0.05), 0.5) / UNIT
+    assert found == pytest.approx(focal, rel=0.08)

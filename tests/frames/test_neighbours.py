@@ -1,0 +1,119 @@
+import cv2
+import numpy as np
+import pytest
+
+from support.frame_pairs import HEIGHT, WIDTH, Scene, off
+from unshutter.errors import UnshutterError
+from unshutter.frames.neighbours import link, render
+from unshutter.frames.timing import Timing
+
+
+def small(picture):
+    eight = (picture >> 8).astype(np.uint8) if picture.dtype == np.uint16 else picture
+    return cv2.cvtColor(eight, cv2.COLOR_RGB2GRAY)
+
+
+def rectified(scene, ratio, moment, numbers=(0, 1), **how):
+    frames = {number: scene.frame(number, ratio) for number in numbers}
+    sides = [number for number in numbers if number]
+    links = {side: link(small(frames[min(side, 0)]), small(frames[max(side, 0)])) for side in sides}
+    return frames[0], render(frames, links, Timing(ratio, HEIGHT), moment, **how)
+
+
+@pytest.mark.parametrize("numbers", [(0, 1), (-1, 0), (-1, 0, 1)])
+@pytest.mark.parametrize("moment", [0.0, 0.4])
+def test_a_wall(numbers, moment) -> None:
+    scene = Scene(speed=(20, 4))
+    taken, made = rectified(scene, 0.8, moment, numbers)
+    truth = scene.at(moment)
+    assert made.valid.mean() > 0.9
+    assert off(taken, truth, made.valid) > 8
+    assert off(made.pixels, truth, made.valid) < 1.5
+
+
+def test_near_and_far_move_differently() -> None:
+    scene = Scene(speed=(16, 2), board_speed=(9, 0))
+    taken, made = rectified(scene, 0.9, 0.45)
+    truth, board = scene.at(0.45), np.zeros((HEIGHT, WIDTH), bool)
+    board[40:110, 95:140] = True  # well inside it
+    assert off(taken, truth, board) > 8
+    assert off(made.pixels, truth, board) < 3
+    assert off(made.pixels, truth, made.valid) < off(taken, truth, made.valid) / 2
+
+
+def test_three_frames_know_that_the_speed_changes() -> None:
+    scene = Scene(speed=(15, 0), gain=(12, 0))
+    _, two = rectified(scene, 0.8, 0.0)
+    _, three = rectified(scene, 0.8, 0.0, (-1, 0, 1))
+    truth = scene.at(0.0)
+    both = two.valid & three.valid
+    assert off(three.pixels, truth, both) < off(two.pixels, truth, both) / 2
+
+
+def test_what_one_frame_did_not_see_is_borrowed() -> None:
+    scene = Scene(speed=(24, 0))
+    _, kept = rectified(scene, 0.9, 0.9, (-1, 0, 1))
+    _, borrowed = rectified(scene, 0.9, 0.9, (-1, 0, 1), borrow=True)
+    gained = borrowed.valid & ~kept.valid
+    assert gained.sum() > 200
+    assert (kept.pixels[~kept.valid] == 0).all()
+    assert off(borrowed.pixels, scene.at(0.9), gained) < 8
+
+
+def test_16_bits() -> None:
+    scene = Scene(dtype=np.uint16)
+    _, made = rectified(scene, 0.8, 0.4)
+    assert made.pixels.dtype == np.uint16
+    assert off(made.pixels, scene.at(0.4), made.valid) < 1.5
+    assert (made.pixels % 257 != 0).any()
+
+
+# ---- do no harm ---------------------------------------------------------------------------------------------
+
+
+def noisy(picture, seed, sigma=4.0):
+    noise = np.random.default_rng(seed).normal(0, sigma, picture.shape)
+    return np.clip(picture + noise, 0, 255).astype(np.uint8)
+
+
+def of_two(first, second, moment=0.4):
+    return render({0: first, 1: second}, {1: link(small(first), small(second))}, Timing(0.8, HEIGHT), moment)
+
+
+def test_identical_frames() -> None:
+    picture = Scene().at(0)
+    made = of_two(picture, picture)
+    assert made.reason == "nothing moved between the frames"
+    np.testing.assert_array_equal(made.pixels, picture)
+
+
+def test_a_still_camera_with_noise() -> None:
+    picture = Scene().at(0)
+    made = of_two(noisy(picture, 1), noisy(picture, 2))
+    np.testing.assert_array_equal(made.pixels, noisy(picture, 1))
+
+
+@pytest.mark.parametrize("sigma", [0, 6])
+def test_night_without_texture(sigma) -> None:
+    dark = np.full((HEIGHT, WIDTH, 3), 12, np.uint8)
+    try:
+        made = of_two(noisy(dark, 1, sigma), noisy(dark, 2, sigma))
+    except UnshutterError as error:
+        assert "too little in common" in str(error)
+    else:
+        np.testing.assert_array_equal(made.pixels, noisy(dark, 1, sigma))
+
+
+def test_what_moves_before_a_still_camera_leaves_the_rest_alone() -> None:
+    scene = Scene(speed=(0, 0), board_speed=(8, 0))
+    taken, made = rectified(scene, 0.8, 0.4)
+    away = np.ones((HEIGHT, WIDTH), bool)
+    away[15:135, 55:185] = False
+    assert off(made.pixels, taken, away) < 0.5
+
+
+def test_a_cut_is_refused() -> None:
+    scene = Scene()
+    other = scene.wall[::-1, ::-1][:HEIGHT, :WIDTH].copy()
+    with pytest.raises(UnshutterError, match="too little in common"):
+        of_two(scene.at(0), other)

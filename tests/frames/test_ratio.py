@@ -1,0 +1,40 @@
+"""The readout ratio: found where the motion says it, and refused where it does not."""
+
+import numpy as np
+import pytest
+
+from support.drawn_photos import one_line
+from support.hand_held import FOCAL, HEIGHT, camera, exact_tracks, hand, pan, shaking, still
+from unshutter import UnshutterError
+from unshutter.frames.camera import ROWS
+from unshutter.frames.ratio import ratio_from_motion
+
+
+def found(log, ratio, frames=45, noise=0.1):
+    return ratio_from_motion(exact_tracks(camera(log, ratio, frames), noise=noise), FOCAL * ROWS / HEIGHT)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.6, 0.9])
+def test_a_hand_says_it(ratio):
+    answer = found(hand(seed=int(10 * ratio)), ratio)
+    assert answer.value == pytest.approx(ratio, abs=0.03)
+    assert abs(answer.value - ratio) < 3 * answer.error
+    assert 0 < answer.error < 0.05
+
+
+@pytest.mark.parametrize(("log", "why"), [(still(), "stood still"), (pan(), "too evenly"), (shaking(52), "shook")])
+def test_where_it_cannot_be_told_it_is_not_guessed(log, why):
+    with pytest.raises(UnshutterError, match=why) as error:
+        found(log, 0.6)
+    assert "say --readout-ratio" in one_line(error)
+
+
+def test_no_tracks_are_no_answer():
+    with pytest.raises(UnshutterError, match="say --readout-ratio"):
+        ratio_from_motion([], 300.0)
+
+
+def test_more_noise_is_less_sure():
+    sure, unsure = found(hand(5), 0.6), found(hand(5), 0.6, noise=0.4)
+    assert unsure.error > sure.error
+    assert np.abs([sure.value - 0.6, unsure.value - 0.6]).max() < 0.1
