@@ -40,7 +40,7 @@ def made(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> 
     limits = Middleware(Limits, desk.settings.max_bytes, patience_s, _LEAST_RATE)
     kinds = (HTTPException, UnshutterError, OSError, Exception)
     app = Starlette(routes=routes(), middleware=[limits], exception_handlers=dict.fromkeys(kinds, refused))
-    app.state.desk = desk
+    app.state.desk, app.state.savings = desk, {}
     return Guard(app, token, port, desk.settings.host)
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from starlette.requests import Request
 
@@ -13,9 +12,6 @@ from unshutter.serve.lanes import Lanes
 from unshutter.serve.settings import Settings
 from unshutter.serve.store import Store, Stored
 from unshutter.serve.work import Held
-
-if TYPE_CHECKING:
-    from unshutter.serve.saving import Saving
 
 LANES = min(max(os.cpu_count() or 1, 2), 4)
 _MOST_PHOTOS, _ROOM = 1000, 10  # photos that may be open; their bytes, in times of the largest allowed
@@ -30,13 +26,11 @@ class Desk:
         settings: of the user.
         store: the open photos.
         lanes: who works on them.
-        savings: what is being saved, or was.
     """
 
     settings: Settings
     store: Store
     lanes: Lanes
-    savings: dict[str, Saving] = field(default_factory=dict)
 
     @classmethod
     def made(cls, settings: Settings, folder: Path) -> Desk:

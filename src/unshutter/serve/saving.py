@@ -102,13 +102,14 @@ async def start(request: Request) -> Response:
     """``POST /api/saves``: photos with their options -> the id of the saving."""
     desk = desk_of(request)
     to, photos = _parsed(desk, await _body(request))
-    _make_room(desk)
+    savings = _savings(request)
+    _make_room(savings)
     id = secrets.token_urlsafe(9)
     folder = desk.settings.folder
     if to == "zip" or folder is None:
         folder = desk.store.folder / f"saving-{id}"
         folder.mkdir()
-    saving = desk.savings[id] = Saving(id, to, folder, photos)
+    saving = savings[id] = Saving(id, to, folder, photos)
     saving.task = asyncio.create_task(saving.run(desk))
     return JSONResponse(saving.told(), 202)
 
@@ -206,23 +207,28 @@ def _one_of(desk: Desk, each: Any) -> tuple[Stored, Wanted]:
     return desk.store.get(str(each.get("id"))), read(options)
 
 
-def _make_room(desk: Desk) -> None:
+def _make_room(savings: dict[str, Saving]) -> None:
     """Forgets the oldest savings that are over.
 
     Raises:
         Busy: too many are at work.
     """
-    over = [saving for saving in desk.savings.values() if saving.state != "working"]
-    for saving in over[: max(len(desk.savings) - _MOST_KEPT + 1, 0)]:
-        del desk.savings[saving.id]
+    over = [saving for saving in savings.values() if saving.state != "working"]
+    for saving in over[: max(len(savings) - _MOST_KEPT + 1, 0)]:
+        del savings[saving.id]
         if saving.to == "zip":
             shutil.rmtree(saving.folder, ignore_errors=True)
-    if len(desk.savings) >= _MOST_KEPT:
+    if len(savings) >= _MOST_KEPT:
         raise Busy("too many photos are being saved at once: wait for one of these to end")
 
 
+def _savings(request: Request) -> dict[str, Saving]:
+    """All that are known, by their ids."""
+    return request.app.state.savings
+
+
 def _saving(request: Request) -> Saving:
-    saving = desk_of(request).savings.get(request.path_params["id"])
+    saving = _savings(request).get(request.path_params["id"])
     if saving is None:
         raise Missing("nothing is known of this: the program may have been started anew")
     return saving
