@@ -5,7 +5,7 @@ import pytest
 from PIL import Image, ImageOps
 
 from unshutter.geometry.readout import Readout
-from unshutter.serve.upright import arrows, corner_to_corner, is_sideways, shares, upright
+from unshutter.serve.upright import arrows, corners_of, is_sideways, shares, upright
 
 ORIENTATIONS = range(1, 9)
 
@@ -42,7 +42,7 @@ def test_windows_go_with_their_pixels(orientation: int) -> None:
     rows, cols, _ = np.nonzero(turned)
     height, width = turned.shape[:2]
     expected = [cols.min() / width, rows.min() / height, (cols.max() + 1) / width, (rows.max() + 1) / height]
-    assert corner_to_corner((10, 3), (45, 20), (50, 30), orientation) == pytest.approx(expected)
+    assert corners_of((10 / 50, 3 / 30, 45 / 50, 20 / 30), orientation) == pytest.approx(expected)
 
 
 def test_arrows() -> None:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from starlette.requests import Request
 
+from unshutter.serve.held import Held
 from unshutter.serve.lanes import Lanes
 from unshutter.serve.settings import Settings
 from unshutter.serve.store import Store, Stored
-from unshutter.serve.work import Held
 
 LANES = min(max(os.cpu_count() or 1, 2), 4)
 _MOST_PHOTOS, _ROOM = 1000, 10  # photos that may be open; their bytes, in times of the largest allowed
@@ -37,6 +37,10 @@ class Desk:
         """A desk with nothing on it; ``folder`` is for its photos."""
         store = Store(folder, _MOST_PHOTOS, _ROOM * settings.max_bytes)
         return cls(settings, store, Lanes(LANES, _TIMEOUT_S, _MOST_WAITING, _REST_S))
+
+    def path(self, id: str) -> Path:
+        """The file of an open photo; Missing where it is not open."""
+        return self.store.get(id).path
 
     def held(self, stored: Stored) -> Held:
         """A photo as lanes take it."""

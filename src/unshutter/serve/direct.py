@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import PurePosixPath
 
@@ -21,59 +21,50 @@ from unshutter.serve import work
 from unshutter.serve.answers import told_header
 from unshutter.serve.desk import Desk, desk_of
 from unshutter.serve.fields import Wanted, read
+from unshutter.serve.held import without_path
 from unshutter.serve.lanes import Urgency
 from unshutter.serve.store import Stored
 
-_MOST_FIELDS, _MOST_TEXT = 40, 10_000
+_MOST_FILES, _MOST_FIELDS, _MOST_TEXT = 4, 40, 10_000
 _PIECE = 1 << 18
 
 
 async def rectify(request: Request) -> Response:
     """``POST /api/rectify``: multipart form -> the picture."""
     desk = desk_of(request)
-    async with _form(request) as form:
-        wanted = read(_texts(form)).rectify
-        stored = await _stored(desk, form)
+    async with _form(request) as form, _stored(desk, form, "before", "after", keep=True) as stored:
+        wanted = read(_texts(form, stored), desk.path).rectify
         given = form.get("motion")
-        try:
-            if isinstance(given, UploadFile):
-                file = stored.path.with_name("given.json")
-                file.write_bytes(await given.read())
-                wanted = Rectify(wanted.find, file, wanted.undo, wanted.save)
-            return await picture(desk, stored, wanted, remove=True)
-        except BaseException:
-            desk.store.remove(stored)
-            raise
+        if isinstance(given, UploadFile):
+            file = stored["photo"].path.with_name("given.json")
+            file.write_bytes(await given.read())
+            wanted = Rectify(wanted.find, file, wanted.undo, wanted.save, wanted.neighbours)
+        return await picture(desk, stored["photo"], wanted, tuple(stored.values()))
 
 
 async def estimate(request: Request) -> Response:
     """``POST /api/estimate``: multipart form -> the motion as JSON."""
     desk = desk_of(request)
-    async with _form(request) as form:
-        wanted = read(_texts(form))
-        stored = await _stored(desk, form)
-    try:
-        return await motion(desk, stored, wanted)
-    finally:
-        desk.store.remove(stored)
+    async with _form(request) as form, _stored(desk, form) as stored:
+        return await motion(desk, stored["photo"], read(_texts(form, stored), desk.path))
 
 
-async def picture(desk: Desk, stored: Stored, wanted: Rectify, remove: bool) -> Response:
+async def picture(desk: Desk, stored: Stored, wanted: Rectify, closing: Sequence[Stored] = ()) -> Response:
     """The rectified photo as a file, as the command line would write it.
 
     Args:
         desk: of the server.
         stored: the photo.
         wanted: what is to be done to it.
-        remove: whether the photo is closed when its answer was sent.
+        closing: photos that are closed when the answer was sent.
     """
     name = result_name(stored, wanted.save.format)
     target = stored.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
 
     def sent() -> None:
         target.unlink(missing_ok=True)
-        if remove:
-            desk.store.remove(stored)
+        for each in closing:
+            desk.store.remove(each)
 
     outcome = await desk.lanes.do(Urgency.NOW, work.saved, desk.held(stored), target, wanted)
     raise_if_failed(outcome, stored)
@@ -83,6 +74,8 @@ async def picture(desk: Desk, stored: Stored, wanted: Rectify, remove: bool) -> 
 
 async def motion(desk: Desk, stored: Stored, wanted: Wanted) -> Response:
     """The photo's motion as JSON, as ``unshutter estimate`` writes it."""
+    if wanted.rectify.neighbours:
+        raise UsageError("what is found from neighbours is no motion of the camera alone: leave them out")
     reference = wanted.undo.reference or "first"
     text = await desk.lanes.do(Urgency.NOW, work.estimated, desk.held(stored), wanted.find, reference)
     name = f"{PurePosixPath(stored.name).stem}.json"
@@ -104,7 +97,7 @@ def result_name(stored: Stored, format: str | None) -> str:
 def raise_if_failed(outcome: Outcome, stored: Stored) -> None:
     """Raises UsageError or UnshutterError for an outcome with an error."""
     if outcome.error:
-        line = work.without_path(outcome.error, stored.path)
+        line = without_path(outcome.error, stored.path)
         raise (UsageError if outcome.usage else UnshutterError)(line)
 
 
@@ -118,21 +111,35 @@ def outcome_told(outcome: Outcome) -> dict:
 async def _form(request: Request) -> AsyncIterator[FormData]:
     if not request.headers.get("content-type", "").startswith("multipart/form-data"):
         raise UsageError("send a form (multipart/form-data) with the photo as the part 'photo'")
-    async with request.form(max_files=2, max_fields=_MOST_FIELDS, max_part_size=_MOST_TEXT) as form:
+    async with request.form(max_files=_MOST_FILES, max_fields=_MOST_FIELDS, max_part_size=_MOST_TEXT) as form:
         yield form
 
 
-def _texts(form: FormData) -> dict[str, str]:
-    return {name: value for name, value in form.items() if isinstance(value, str)}
+def _texts(form: FormData, stored: dict[str, Stored]) -> dict[str, str]:
+    """The fields that are no files; photos of this form go by their ids."""
+    given = {name: value for name, value in form.items() if isinstance(value, str)}
+    return given | {name: one.id for name, one in stored.items() if name != "photo"}
 
 
-async def _stored(desk: Desk, form: FormData) -> Stored:
-    given = form.get("photo")
-    if not isinstance(given, UploadFile):
-        raise UsageError("the photo is missing: send it as the part 'photo', with a file name")
+@asynccontextmanager
+async def _stored(desk: Desk, form: FormData, *others: str, keep: bool = False) -> AsyncIterator[dict[str, Stored]]:
+    """The form's photos, by the names of their parts, open meanwhile; with ``keep`` longer, if all goes well."""
+    stored: dict[str, Stored] = {}
+    done = False
+    try:
+        if not isinstance(form.get("photo"), UploadFile):
+            raise UsageError("the photo is missing: send it as the part 'photo', with a file name")
+        for name in ("photo", *others):
+            given = form.get(name)
+            if isinstance(given, UploadFile):
+                stored[name] = await desk.store.add(given.filename or "photo", _pieces(given))
+        yield stored
+        done = True
+    finally:
+        for each in () if done and keep else stored.values():
+            desk.store.remove(each)
 
-    async def pieces() -> AsyncIterator[bytes]:
-        while piece := await given.read(_PIECE):
-            yield piece
 
-    return await desk.store.add(given.filename or "photo", pieces())
+async def _pieces(given: UploadFile) -> AsyncIterator[bytes]:
+    while piece := await given.read(_PIECE):
+        yield piece

@@ -5,14 +5,16 @@ from __future__ import annotations
 import dataclasses
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
 from unshutter.errors import UsageError
-from unshutter.options import Find, Rectify, Save, Undo
+from unshutter.options import Find, Neighbours, Rectify, Save, Undo
 
-_NOT_HERE = ("keep_times", "only_changed", "motion")  # files have no times here; the last is a part of its own
+# Files have no times here, motion is a part of its own, and a sequence is more than a photo.
+_NOT_HERE = ("keep_times", "only_changed", "motion", "sequence")
 _YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
 
 
@@ -40,17 +42,22 @@ class Wanted:
     """What is wanted of a photo, as far as the page can ask for it."""
 
     find: Find = field(default_factory=Find)
+    neighbours: Neighbours = field(default_factory=Neighbours)
     undo: Undo = field(default_factory=Undo)
     save: Save = field(default_factory=Save)
 
     @property
     def rectify(self) -> Rectify:
         """The same as the command line has it."""
-        return Rectify(find=self.find, undo=self.undo, save=self.save)
+        return Rectify(find=self.find, undo=self.undo, save=self.save, neighbours=self.neighbours)
 
 
-def read(given: Mapping[str, str]) -> Wanted:
+def read(given: Mapping[str, str], photo: Callable[[str], Path]) -> Wanted:
     """The options in a form or query.
+
+    Args:
+        given: field -> text.
+        photo: where the open photo of an id lies; fields that name a file on the command line name one here.
 
     Raises:
         UsageError: a field that is not known, or a value that it does not take.
@@ -59,7 +66,7 @@ def read(given: Mapping[str, str]) -> Wanted:
     for name in given:
         if name not in known:
             raise UsageError(f"unknown field '{name:.40}': choose one of {', '.join(sorted(known))}")
-    wanted = _made(Wanted, given)
+    wanted = _made(Wanted, given, photo)
     if "@" in wanted.find.estimator:
         raise UsageError("weights of your own are for the command line: name a method alone")
     return wanted
@@ -82,14 +89,15 @@ def _field(each: dataclasses.Field, type_: Any) -> Field:
     return Field(each.name.replace("_", "-"), inner, each.default, choices, each.metadata["help"])
 
 
-def _made(kind: type, given: Mapping[str, str]) -> Any:
+def _made(kind: type, given: Mapping[str, str], photo: Callable[[str], Path]) -> Any:
     values = {}
     for each, type_ in _parts(kind):
         name = each.name.replace("_", "-")
         if dataclasses.is_dataclass(type_):
-            values[each.name] = _made(typing.cast(type, type_), given)
+            values[each.name] = _made(typing.cast(type, type_), given, photo)
         elif given.get(name, "") != "":
-            values[each.name] = _value(_field(each, type_), given[name])
+            of = _field(each, type_)
+            values[each.name] = photo(given[name]) if of.type is Path else _value(of, given[name])
     return kind(**values)
 
 

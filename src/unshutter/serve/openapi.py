@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from unshutter.serve.fields import fields
 from unshutter.version import __version__
 
-_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string"}
+_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", Path: "string"}
 _BINARY = {"type": "string", "format": "binary"}
 
 
@@ -34,7 +35,9 @@ def description() -> dict[str, Any]:
 
 def _for_programs() -> dict[str, Any]:
     motion = {**_BINARY, "description": "Undo the motion in this JSON file instead of finding it."}
-    picture = _from_form("A photo with its motion undone, whole, with its metadata.", {"motion": motion}, "image/*")
+    files = {name: {**_BINARY, "description": _options()[name]["description"]} for name in ("before", "after")}
+    whole = "A photo with its motion undone, whole, with its metadata."
+    picture = _from_form(whole, {"motion": motion, **files}, "image/*")
     found = _from_form("A photo's motion as JSON, format unshutter-motion/1.", {}, "application/json")
     return {
         "/api/rectify": {"post": picture},
@@ -99,7 +102,7 @@ def _options() -> dict[str, dict[str, Any]]:
 
 
 def _from_form(summary: str, more: dict[str, Any], answer: str) -> dict[str, Any]:
-    schema = {"type": "object", "required": ["photo"], "properties": {"photo": _BINARY, **more, **_options()}}
+    schema = {"type": "object", "required": ["photo"], "properties": {"photo": _BINARY, **_options(), **more}}
     operation = _one(summary)
     operation["responses"]["200"]["content"] = {answer: {}}
     return {**operation, "requestBody": {"required": True, "content": {"multipart/form-data": {"schema": schema}}}}

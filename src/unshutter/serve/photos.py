@@ -9,7 +9,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
 from unshutter.errors import UsageError
-from unshutter.serve import direct, work
+from unshutter.serve import direct, screen
 from unshutter.serve.answers import told_header
 from unshutter.serve.desk import desk_of
 from unshutter.serve.fields import Wanted, read
@@ -41,7 +41,7 @@ async def before(request: Request) -> Response:
     """``GET /api/photos/{id}/before``: a JPEG for the screen, and in a header what the photo's file says."""
     desk = desk_of(request)
     held = desk.held(desk.store.get(request.path_params["id"]))
-    data, told = await desk.lanes.do(_urgency(request), work.before, held, _longest(request))
+    data, told = await desk.lanes.do(_urgency(request), screen.before, held, _longest(request))
     return _jpeg(data, told)
 
 
@@ -49,7 +49,7 @@ async def after(request: Request) -> Response:
     """``GET /api/photos/{id}/after``: a JPEG for the screen, and in a header what was found and done."""
     desk = desk_of(request)
     held, wanted = desk.held(desk.store.get(request.path_params["id"])), _wanted(request)
-    data, told = await desk.lanes.do(_urgency(request), work.after, held, wanted.rectify, _longest(request))
+    data, told = await desk.lanes.do(_urgency(request), screen.after, held, wanted.rectify, _longest(request))
     return _jpeg(data, told)
 
 
@@ -57,14 +57,14 @@ async def segments(request: Request) -> Response:
     """``GET /api/photos/{id}/segments``: the lines that methods look at."""
     desk = desk_of(request)
     held, wanted = desk.held(desk.store.get(request.path_params["id"])), _wanted(request)
-    return JSONResponse(await desk.lanes.do(Urgency.NOW, work.segments, held, wanted.rectify))
+    return JSONResponse(await desk.lanes.do(Urgency.NOW, screen.segments, held, wanted.rectify))
 
 
 async def picture(request: Request) -> Response:
     """``GET /api/photos/{id}/picture``: the rectified photo, whole."""
     desk = desk_of(request)
     stored = desk.store.get(request.path_params["id"])
-    return await direct.picture(desk, stored, _wanted(request).rectify, remove=False)
+    return await direct.picture(desk, stored, _wanted(request).rectify)
 
 
 async def motion(request: Request) -> Response:
@@ -74,7 +74,8 @@ async def motion(request: Request) -> Response:
 
 
 def _wanted(request: Request) -> Wanted:
-    return read({name: value for name, value in request.query_params.items() if name not in _OWN})
+    given = {name: value for name, value in request.query_params.items() if name not in _OWN}
+    return read(given, desk_of(request).path)
 
 
 def _urgency(request: Request) -> Urgency:

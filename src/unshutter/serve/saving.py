@@ -204,7 +204,7 @@ def _one_of(desk: Desk, each: Any) -> tuple[Stored, Wanted]:
     options = each.get("options", {}) if isinstance(each, dict) else None
     if not isinstance(options, dict) or not all(isinstance(value, str) for value in options.values()):
         raise UsageError('each photo is {"id": ..., "options": {name: text}}')
-    return desk.store.get(str(each.get("id"))), read(options)
+    return desk.store.get(str(each.get("id"))), read(options, desk.path)
 
 
 def _make_room(savings: dict[str, Saving]) -> None:

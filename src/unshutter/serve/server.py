@@ -5,9 +5,12 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
+import signal
 import socket
 import threading
 import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from unshutter.errors import UnshutterError
@@ -51,7 +54,8 @@ def serve(settings: Settings) -> int:
         server = uvicorn.Server(uvicorn.Config(made(desk, token, port), **options))
         _announce(settings, port, token)
         try:
-            asyncio.run(server.serve(sockets=[listener]))
+            with _ended_by_hangup(server.handle_exit):
+                asyncio.run(server.serve(sockets=[listener]))
         finally:
             desk.lanes.close()
     return 0
@@ -69,6 +73,29 @@ def _listening(host: str, port: int) -> socket.socket:
         raise UnshutterError(f"cannot listen on {host}, port {port}: {reason}; --port 0 takes a free port") from None
     listener.listen(_MOST_CONNECTIONS)
     return listener
+
+
+@contextmanager
+def _ended_by_hangup(end: Callable[[int, Any], None]) -> Iterator[None]:
+    """SIGHUP, which uvicorn leaves to others, ends the server as SIGTERM does, and only then the program."""
+    number = getattr(signal, "SIGHUP", None)  # Windows has none
+    before = None if number is None else signal.getsignal(number)
+    if number is None or before in (None, signal.SIG_IGN):
+        yield
+        return
+    came: list[int] = []
+
+    def handle(number: int, frame: Any) -> None:
+        came.append(number)
+        end(number, frame)
+
+    signal.signal(number, handle)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+    if came:
+        signal.raise_signal(number)
 
 
 def _announce(settings: Settings, port: int, token: str) -> None:

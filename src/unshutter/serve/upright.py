@@ -53,12 +53,10 @@ def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.nd
     return _turned((np.asarray(col) + 0.5) / size[0], (np.asarray(row) + 0.5) / size[1], orientation)
 
 
-def corner_to_corner(
-    first: tuple[int, int], last: tuple[int, int], size: tuple[int, int], orientation: int
-) -> list[float]:
-    """(left, top, right, bottom) as shares of the upright picture, of a window between two corners of stored pixels."""
-    ends = np.array([first, last]) / size
-    turned = _turned(ends[:, 0], ends[:, 1], orientation)
+def corners_of(window: tuple[float, float, float, float], orientation: int) -> list[float]:
+    """(left, top, right, bottom) as shares of the upright picture, of a window in shares of the stored one."""
+    left, top, right, bottom = window
+    turned = _turned(np.array([left, right]), np.array([top, bottom]), orientation)
     return [*turned.min(axis=0).tolist(), *turned.max(axis=0).tolist()]
 
 
