@@ -12,7 +12,9 @@ from playwright.sync_api import Browser, Page, expect
 
 from support.batches import rectify
 from support.browser import browser
+from support.frame_pairs import Scene
 from support.page_server import TOKEN, Server, served
+from unshutter.photo import Photo
 
 DONE = re.compile("changed|alone|failed")
 SLOW_MS = 20_000  # others may work beside the tests
@@ -223,3 +225,24 @@ def test_without_the_token_nothing_is_to_be_had(page: Page, server: Server) -> N
     other.goto(f"{server.url}/")
     expect(other.locator("#notice")).to_contain_text("This link is not valid")
     other.close()
+
+
+def test_a_frame_taken_after(page: Page, tmp_path: Path) -> None:
+    scene = Scene()
+    frames = [tmp_path / f"frame{number}.png" for number in range(2)]
+    for number, frame in enumerate(frames):
+        Photo.from_array(scene.frame(number, 0.8)).save(frame)
+    _drop(page, frames[0])
+    _wait(page, "changed|alone")
+    page.set_input_files("#choose-after", frames[1])
+    page.locator("#ratio").fill("0.8")
+    page.locator("#ratio").press("Enter")
+    expect(page.locator(".said")).to_contain_text("with the help of its neighbours")
+    page.locator("#edges").select_option("keep")
+    expect(page.locator(".said")).to_contain_text("stay empty")
+    _wait(page)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    flags = ["--after", frames[1], "--readout-ratio", "0.8", "--edges", "keep"]
+    assert rectify(frames[0], "-o", tmp_path / "expected.png", *flags) == 0
+    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()

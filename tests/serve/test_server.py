@@ -17,8 +17,10 @@ import uvicorn
 from starlette.types import Receive, Send
 
 from support.batches import rectify
+from support.frame_pairs import Scene
 from support.page_server import Server, served, start, temporary_folders
 from unshutter.cli import main
+from unshutter.photo import Photo
 from unshutter.serve import connections, openapi
 
 MB = 1_000_000
@@ -85,6 +87,22 @@ def test_a_motion_can_be_given(client: httpx.Client, photo: Path, facade_motion,
     assert client.post("/api/rectify", files=given).content == (tmp_path / "expected.jpg").read_bytes()
     damaged = client.post("/api/rectify", files=_part(photo) | {"motion": ("m.json", b"{}")})
     assert damaged.status_code == 422 and "the motion" in damaged.json()["error"]
+
+
+def test_neighbours_are_parts_of_the_form(client: httpx.Client, tmp_path: Path) -> None:
+    frames = [tmp_path / f"frame{number}.png" for number in range(2)]
+    for number, frame in enumerate(frames):
+        Photo.from_array(Scene().frame(number, 0.8)).save(frame)
+    given = _part(frames[0]) | {"after": (frames[1].name, frames[1].read_bytes())}
+    answer = client.post("/api/rectify", files=given, data={"readout-ratio": "0.8"})
+    assert rectify(frames[0], "-o", tmp_path / "out.png", "--after", frames[1], "--readout-ratio", "0.8") == 0
+    assert answer.content == (tmp_path / "out.png").read_bytes()
+    Photo.from_array(Scene().frame(1, 0.8)[:100]).save(tmp_path / "smaller.png")
+    given["after"] = ("smaller.png", (tmp_path / "smaller.png").read_bytes())
+    refused = client.post("/api/rectify", files=given, data={"readout-ratio": "0.8"})
+    assert refused.status_code == 422 and "its neighbour has 240x100 px" in refused.json()["error"]
+    id = _opened(client, frames[0])
+    assert client.get(f"/api/photos/{id}/after", params={"before": "x", "readout-ratio": "0.8"}).status_code == 404
 
 
 def test_what_the_page_is_told(client: httpx.Client, photo: Path) -> None:

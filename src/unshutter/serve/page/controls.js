@@ -1,10 +1,12 @@
 // The panel beside the photo: what was done, in words; what the user can say; saving.
 
 import { curves } from "./curves.js";
+import { Neighbours } from "./neighbours.js";
 import { make } from "./nodes.js";
 import { words } from "./words.js";
 
-const EDGES = ["auto", "keep", "crop", "fill"];
+const EDGES = ["auto", "keep", "crop", "fill", "borrow"];
+const ALONE = ["strength", "moving", "anyway", "horizonTrue", "roll-deg", "tilt-deg"]; // controls of a photo without neighbours
 const REFERENCES = ["first", "middle", "last"];
 const ARROWS = { down: "↓", up: "↑", right: "→", left: "←" };
 const ABOUT_CAMERA = ["roll-deg", "tilt-deg"]; // true of one photo alone
@@ -17,10 +19,12 @@ export class Controls {
     this.said = make("div", { class: "said", role: "status" });
     this.motion = make("div", {});
     this.fields = {};
+    this.neighbours = new Neighbours(() => on.change());
+    this.saveMotion = this.#button("saveMotion", () => on.saveMotion());
     panel.replaceChildren(
       make("h2", {}, words.done), this.said,
-      make("div", { class: "row" }, this.#button("saveOne", () => on.save(), "main"), this.#button("saveMotion", () => on.saveMotion())),
-      make("h2", {}, words.settings), ...this.#undoing(), ...this.#camera(), ...this.#attitude(),
+      make("div", { class: "row" }, this.#button("saveOne", () => on.save(), "main"), this.saveMotion),
+      make("h2", {}, words.settings), ...this.#undoing(), ...this.#camera(), ...this.#attitude(), this.neighbours.node,
       this.#select("format", "format", Object.keys(words.formatOf), words.formatOf, ""),
       make("div", { class: "row" }, this.#button("toAll", () => on.toAll()), this.#button("reset", () => this.#reset())),
       make("h2", {}, words.curves), this.motion, keys(),
@@ -45,9 +49,13 @@ export class Controls {
       radio.checked = radio.value === (readout === "auto" ? "auto" : facts?.arrows[readout]);
     }
     for (const name of ABOUT_CAMERA) if (document.activeElement !== this.fields[name]) this.fields[name].value = options[name] ?? "";
-    this.horizon.disabled = !facts;
+    for (const name of ALONE) if (this.fields[name]) this.fields[name].disabled = photo.between;
+    this.horizon.disabled = !facts || photo.between;
+    this.saveMotion.disabled = photo.between; // no motion of the camera alone
+    this.fields.edges.querySelector("[value=borrow]").hidden = !photo.between;
+    this.neighbours.show(photo);
     this.said.replaceChildren(...(result ? sentences(photo) : []).map((line) => make("p", {}, line)));
-    this.motion.replaceChildren(...(result ? [curves(result)] : []));
+    this.motion.replaceChildren(...(result?.tx_px ? [curves(result)] : []));
   }
 
   set horizonShown(shown) {
@@ -140,6 +148,8 @@ export class Controls {
 
   #reset() {
     this.photo.options = {};
+    for (const each of Object.values(this.photo.neighbours)) each.forget();
+    this.photo.neighbours = {};
     this.photo.level = null;
     this.on.change();
   }
@@ -154,16 +164,17 @@ export function shareable(options) {
 function sentences({ result, options }) {
   const said = [];
   if (result.changed) {
-    said.push(words.moved(result.largest_px, result.confidence));
+    said.push(result.neighbours ? words.moment(result.largest_px) : words.moved(result.largest_px, result.confidence));
     if (result.edges === "crop" && result.whole < 1) said.push(words.edgesCrop(result.whole));
     if (result.edges === "keep") said.push(words.edgesKeep(result.whole));
+    if (result.edges === "borrow") said.push(words.edgesBorrow);
     if (result.edges === "fill") said.push(words.edgesFill);
   } else if (options.strength === "0") said.push(words.youLeftAlone);
   else {
     said.push(words.leftAlone(result.reason));
     if (result.cause === "not sure") said.push(words.notSureHint);
   }
-  const { roll_deg: roll, tilt_deg: tilt, from } = result.attitude;
+  const { roll_deg: roll, tilt_deg: tilt, from } = result.attitude ?? { roll_deg: null, tilt_deg: null };
   if (roll !== null || tilt !== null) said.push(words.heldSo(roll, tilt, from));
   if (result.exposure_s) said.push(words.exposed(result.exposure_s));
   return said;

@@ -3,6 +3,7 @@
 import { ask, close, query, Refused, send, told } from "./api.js";
 
 const SMALL = 320;
+const WITH_NEIGHBOURS = ["edges", "reference", "format", "readout"]; // options that go with them
 const TRIES_AGAIN_MS = 1000;
 
 export class Photo extends EventTarget {
@@ -15,6 +16,9 @@ export class Photo extends EventTarget {
   result = null; // what was found and done
   pictures = {}; // before, after -> {blob, longest}
   level = null; // the level line: [[x, y], [x, y]], shares of width and height
+
+  neighbours = {}; // before, after -> another Photo, taken just then
+  ratio = ""; // of the neighbours: readout time / time from frame to frame
 
   constructor(file) {
     super();
@@ -36,7 +40,7 @@ export class Photo extends EventTarget {
       if (part === "both") this.#become("finding");
       await Promise.all([
         part === "both" ? this.#fetch("before", asked) : null,
-        this.#fetch("after", { ...this.options, ...asked }),
+        this.#fetch("after", asked),
       ]);
       this.#become("done");
     } catch (error) {
@@ -46,17 +50,40 @@ export class Photo extends EventTarget {
     }
   }
 
+  // Whether the neighbours say how the camera moved.
+  get between() {
+    return Object.keys(this.neighbours).length > 0 && this.ratio !== "" && this.options.strength !== "0";
+  }
+
+  // The options as they are asked for: what does not go with neighbours is left out where they count, and the reverse.
+  async asked() {
+    if (!this.between) {
+      const { edges, ...others } = this.options;
+      return edges === undefined || edges === "borrow" ? others : { ...others, edges };
+    }
+    const kept = Object.entries(this.options).filter(([name]) => WITH_NEIGHBOURS.includes(name));
+    const ids = Object.entries(this.neighbours).map(async ([which, photo]) => [which, await photo.sent()]);
+    return Object.fromEntries([...kept, ["readout-ratio", this.ratio], ...(await Promise.all(ids))]);
+  }
+
+  // Its id, once the program has it.
+  async sent() {
+    await this.#send();
+    return this.id;
+  }
+
   small = (later) => this.show(SMALL, later);
 
   // The answer to a question about this photo; sends it anew if the program has forgotten it.
-  async ask(what, options = this.options) {
+  async ask(what, more = {}) {
     for (;;) {
       await this.#send();
+      const options = what === "before" ? {} : await this.asked();
       try {
-        return await ask(`/api/photos/${this.id}/${what}?${query(options)}`);
+        return await ask(`/api/photos/${this.id}/${what}?${query({ ...options, ...more })}`);
       } catch (error) {
         if (!(error instanceof Refused) || error.status !== 404) throw error;
-        this.id = null;
+        for (const photo of [this, ...Object.values(this.neighbours)]) photo.id = null;
       }
     }
   }
@@ -94,6 +121,7 @@ export class Photo extends EventTarget {
   }
 
   forget() {
+    for (const photo of Object.values(this.neighbours)) photo.forget();
     if (this.id !== null) close(this.id);
     this.id = null;
   }

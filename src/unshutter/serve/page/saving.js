@@ -26,7 +26,8 @@ export async function saveMany(photos, to, folder, notice) {
   if (!wanted.length) return notice(words.nothingToSave);
   const [box, bar, stop] = [by("saving"), by("saving-bar"), by("saving-stop")];
   try {
-    const body = JSON.stringify({ to, photos: wanted.map(({ id, options }) => ({ id, options })) });
+    const asked = await Promise.all(wanted.map(async (photo) => ({ id: photo.id, options: await photo.asked() })));
+    const body = JSON.stringify({ to, photos: asked });
     let saving = await (await ask("/api/saves", { method: "POST", body })).json();
     stop.onclick = () => ask(`/api/saves/${saving.id}`, { method: "DELETE" });
     box.hidden = false;

@@ -49,6 +49,7 @@ export const words = {
   edgesKeep: (whole) => "Corners that the photo did not see stay empty"
     + (whole === null ? "." : `: cutting them off would leave ${percent(whole)} of it.`),
   edgesFill: "Corners that the photo did not see are filled with the nearest colour.",
+  edgesBorrow: "Corners that the photo did not see are borrowed from its neighbours.",
   heldSo: (roll, tilt, from) => {
     const parts = [];
     if (roll !== null) parts.push(`turned ${Math.abs(roll).toFixed(1)}° ${roll < 0 ? "anticlockwise" : "clockwise"}`);
@@ -61,7 +62,7 @@ export const words = {
   settings: "Corrections",
   strength: "Strength",
   edges: "Empty corners",
-  edgesOf: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill" },
+  edgesOf: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill", borrow: "borrow from neighbours" },
   reference: "As it was when this row was read",
   referenceOf: { first: "first", middle: "middle", last: "last" },
   moving: "The camera was moving",
@@ -82,6 +83,14 @@ export const words = {
   horizonEnd: (which) => `${which === 0 ? "Left" : "Right"} end of the level line`,
   horizonSteep: "This line is too steep to be level.",
   forget: "Forget",
+  neighbours: "Taken just before or after",
+  neighboursHelp: "A frame of the same burst or clip tells more than the photo alone: near and far may move differently.",
+  neighbourOf: { before: "Taken before…", after: "Taken after…" },
+  neighbourIs: { before: (name) => `Before: ${name}`, after: (name) => `After: ${name}` },
+  neighbourForget: "Leave it out",
+  ratio: "Readout time / time from frame to frame",
+  ratioHelp: "Between 0 and 1. It counts once this is known.",
+  moment: (px) => `Straightened with the help of its neighbours: some places moved by up to ${pixels(px)}.`,
   curves: "Motion",
   curvesHelp: "How the scene moved while the rows were read, from the first row (top) to the last",
   curveTx: "sideways [px]",
