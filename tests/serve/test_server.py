@@ -5,8 +5,10 @@ import io
 import json
 import os
 import signal
+import struct
 import time
 import zipfile
+import zlib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -227,6 +229,17 @@ def test_forms_that_are_refused(client: httpx.Client, photo: Path) -> None:
     boundary = {"Content-Type": "multipart/form-data; boundary=x"}
     damaged = client.post("/api/rectify", content=b"--x\r\nnonsense", headers=boundary)
     assert damaged.status_code in (400, 422)
+
+
+def test_bombs_are_refused_as_on_the_command_line(client: httpx.Client) -> None:
+    head = b"IHDR" + struct.pack(">IIBBBBB", 40_000, 40_000, 8, 2, 0, 0, 0)
+    chunks = (head, b"IDAT" + zlib.compress(bytes(1000)), b"IEND")
+    bomb = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks
+    )
+    answer = client.post("/api/rectify", files={"photo": ("bomb.png", bomb)})
+    assert answer.status_code == 422
+    assert "1600 megapixels), more than the limit of 1000 megapixels" in answer.json()["error"]
 
 
 def test_a_crash_is_survived(client: httpx.Client, photo: Path) -> None:

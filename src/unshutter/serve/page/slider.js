@@ -31,6 +31,7 @@ export class Slider {
   // Shows one of the pictures, of a photo of that size [px].
   picture(which, blob, size, alt) {
     this.#size = size;
+    this.frame.hidden = false;
     if (this.#addresses[which]) URL.revokeObjectURL(this.#addresses[which]);
     this.#addresses[which] = URL.createObjectURL(blob);
     this.images[which].src = this.#addresses[which];
@@ -39,6 +40,7 @@ export class Slider {
   }
 
   clear() {
+    this.frame.hidden = true;
     for (const image of Object.values(this.images)) image.removeAttribute("src");
     this.crop(null);
     this.segments(null);
@@ -79,9 +81,9 @@ export class Slider {
     }
   }
 
-  // Longer side of the frame on the screen [device px].
+  // Longer side of what a picture may take on the screen [device px].
   get longest() {
-    return Math.max(this.frame.clientWidth, this.frame.clientHeight, 1) * devicePixelRatio;
+    return Math.max(this.stage.clientWidth, this.stage.clientHeight) * devicePixelRatio;
   }
 
   #fit() {
