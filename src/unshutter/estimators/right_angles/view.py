@@ -19,7 +19,7 @@ from unshutter.motion import Motion
 SHORT_SIDE = 768  # of the grey copy in which segments are found [px]
 MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better, and finds more of them
 MOST_SEGMENTS = 320  # the longest are kept
-LEAST_GAIN = -0.2  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
+LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
 _DOUBT = 1.5  # standard deviation of a speed, in speed limits
 _LEAST_SPEED, _ANY_SPEED = 1e-4, 10.0  # rows, and rad, over a readout
 LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring
