@@ -26,6 +26,8 @@ from unshutter.photo.tags import exif
 from unshutter.storage.files import Times, check_target, times_of, written_whole
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     import numpy as np
     import pyvips
 
@@ -198,6 +200,12 @@ class Photo:
         from unshutter.photo.tags import exposure  # here, as below: not before the photo is being decoded
 
         return exposure.time_s(self._metadata.exif)
+
+    def taken(self) -> datetime | None:
+        """When it was taken, by EXIF, in the camera's time zone; None where it is not known."""
+        from unshutter.photo.tags import taken
+
+        return taken.taken(self._metadata.exif)
 
     def is_merged(self) -> bool:
         """Whether it was put together from several exposures (HDR), by EXIF: its exposure time is that of one."""
