@@ -384,7 +384,7 @@ class Rectify:
             raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
         if replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout) and not given.fallback:
             raise UsageError(
-                "roll, tilt, exposure and --moving are for single photos: leave them out, or add --fallback"
+                "roll, tilt, exposure and --moving are for single photos: leave them out"
             )
         if given.at is not None and self.undo.reference is not None:
             raise UsageError("--at and --reference both say the moment of the picture: choose one of them")
