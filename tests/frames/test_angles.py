@@ -50,7 +50,7 @@ def test_speed_of_tracks():
     start = rng.uniform(20, 300, (40, 2))
     about = start + 0.5 - [WIDTH / 4, HEIGHT / 4]
     turned = about[:, ::-1] * [-0.01, 0.01]  # clockwise
-    tracks = Tracks(start, start + [12.0, 0.0] + turned, HEIGHT // 2, WIDTH // 2, 40)
+    tracks = Tracks(start, start + turned + np.array([12.0, 0.0]), HEIGHT // 2, WIDTH // 2, 40)
     np.testing.assert_allclose(speed_of(tracks), [12 / 240, 0.0, 0.01], atol=5e-4)
 
 
