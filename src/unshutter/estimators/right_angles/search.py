@@ -33,6 +33,7 @@ class Posterior:
             overstated, see odds.py.
         lines_gain: log-likelihood ratio of the segments at the best optimum against chance [nats per unit of weight].
         weight: of all segments together: how many tell something new.
+        gain_at_rest: as lines_gain, of no motion with the camera that suits it best.
     """
 
     motion: np.ndarray
@@ -40,6 +41,7 @@ class Posterior:
     evidence: float
     lines_gain: float
     weight: float
+    gain_at_rest: float
 
     @property
     def expected_error(self) -> float:
@@ -78,21 +80,21 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
     best = found[np.argmax(moving)]
     gain = float(likelihood.lines_gain(best[None])[0])
-    return Posterior(
-        mean, covariance, evidence - _at_rest(likelihood, begin[:poses]), gain, float(likelihood.weight.sum())
-    )
+    at_rest, gain_at_rest = _at_rest(likelihood, begin[:poses])
+    return Posterior(mean, covariance, evidence - at_rest, gain, float(likelihood.weight.sum()), gain_at_rest)
 
 
-def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> float:
-    """The logarithm of the evidence for no motion at all, with the camera that suits it best [nats].
+def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, float]:
+    """No motion at all, with the camera that suits it best: logarithm of its evidence [nats], and its lines' gain.
 
     Args:
         likelihood: of one photo.
         begin: [S, 10] cameras to start from.
     """
-    _, energy, hessian = descend(likelihood, begin, CAMERA)
+    cameras, energy, hessian = descend(likelihood, begin, CAMERA)
     best = int(np.argmin(energy))
-    return float(-energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1])
+    evidence = -energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1]
+    return float(evidence), float(likelihood.lines_gain(cameras[best : best + 1])[0])
 
 
 def descend(
