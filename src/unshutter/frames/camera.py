@@ -115,11 +115,7 @@ class Problem:
     @cached_property
     def _jacobian(self) -> np.ndarray:
         """[pairs, most, 2, 4] by how much each track moves for a turn of 1 / focal length."""
-        width = self.pairs[0].width * self._unit
-        x, y = np.moveaxis((self._ends.mean(axis=0) - [width / 2, ROWS / 2]) / self.focal_px, -1, 0)
-        columns = np.stack([-x * y, 1 + x * x, -y, x], axis=-1)
-        rows = np.stack([-(1 + y * y), x * y, x, y], axis=-1)
-        return np.stack([columns, rows], axis=-2)
+        return turn_jacobian(self._ends.mean(axis=0), self.pairs[0].width * self._unit, self.focal_px)
 
     def _design(self, ratio: float) -> np.ndarray:
         """[pairs, 2 most, 4 _LOCAL]: moved = design @ the coefficients that a pair's times reach."""
@@ -210,3 +206,19 @@ class Problem:
             noise = np.sqrt((share * known).mean() / 2)
         noise = max(noise, _FINEST)
         return self._used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2, noise
+
+
+def turn_jacobian(
+    at: Float64[np.ndarray, "*points 2"], width: float, focal_px: float
+) -> Float64[np.ndarray, "*points 2 4"]:
+    """By how much points (col, row) [px of ROWS rows] move for a turn of 1 / focal length about each axis, and growth.
+
+    Args:
+        at: the points.
+        width: of the picture [px of ROWS rows].
+        focal_px: focal length [px of ROWS rows].
+    """
+    x, y = np.moveaxis((at - [width / 2, ROWS / 2]) / focal_px, -1, 0)
+    columns = np.stack([-x * y, 1 + x * x, -y, x], axis=-1)
+    rows = np.stack([-(1 + y * y), x * y, x, y], axis=-1)
+    return np.stack([columns, rows], axis=-2)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from unshutter.geometry.shapes import UInt8
+    from unshutter.photo import Photo
 
 APART = "the frames beside it show another scene, or near and far move too differently in them"
 _LEAST_CORNERS = 24  # that a picture has which says something
@@ -19,12 +20,13 @@ _LEAST_CORNERS = 24  # that a picture has which says something
 
 @dataclass(eq=False)
 class Seen:
-    """A frame as it is looked at: its full size and a small grey copy."""
+    """A frame as it is looked at: its full size, a small grey copy, and the photo where it may be looked at closely."""
 
     height: int
     width: int
     grey: UInt8[np.ndarray, "rows columns"]
     number: int = 0
+    photo: Photo | None = None
 
 
 @dataclass(eq=False)
@@ -79,6 +81,11 @@ class Shot:
             self._last.grey = seen.grey[:0]  # no longer needed
         self.waiting.append(seen)
         self._last = seen
+
+    def pair_beside(self, seen: Seen) -> Tracks:
+        """The tracks from a frame to the next; of the last one, from the one before."""
+        at = min(seen.number - self.first, len(self.pairs) - 1)
+        return self.pairs[at]
 
     def drop(self, many: int, margin: int) -> None:
         """Frames wait no more; a few of them are kept."""
