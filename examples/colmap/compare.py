@@ -104,7 +104,10 @@ class Walk:
         return photograph(self.scene, self.camera, self.frames[k], rolling=True, later=later / RATIO)
 
     def _alone(self, k: int, told: bool) -> unshutter.Rectified:
-        known = {"focal_px": self.camera.focal_px, **attitude(self, k)} if told else {}
+        known = {}
+        if told:
+            held = attitude(self.frames[k], self.camera, self.seed + k)
+            known = {"focal_px": self.camera.focal_px, **held}
         return unshutter.rectified(self.seen(k), estimator=self.estimator, reference="middle", **known)
 
     def _with_neighbours(self, k: int, found: bool) -> unshutter.Rectified:
@@ -151,11 +154,10 @@ class Walk:
             cv2.imwrite(str(folder / kind / "masks" / f"{name}.png"), valid)
 
 
-def attitude(walked: Walk, k: int) -> dict[str, float]:
+def attitude(frame: Frame, camera: Camera, seed: int) -> dict[str, float]:
     """What a sensor says of the camera at its first row: roll (clockwise) and tilt (upwards), off by about 0.3 deg."""
-    frame = walked.frames[k]
-    x, y, z = rotation_matrix(frame.motion(walked.camera).rotations[0]) @ frame.rotation @ [0, -1, 0]  # the world's up
-    off = np.random.default_rng(walked.seed + k).normal(0, _SENSOR_DEG, 2)
+    x, y, z = rotation_matrix(frame.motion(camera).rotations[0]) @ frame.rotation @ [0, -1, 0]  # the world's up
+    off = np.random.default_rng(seed).normal(0, _SENSOR_DEG, 2)
     found = np.degrees([np.arctan2(-x, -y), np.arcsin(z)]) + off
     return {"roll_deg": float(found[0]), "tilt_deg": float(found[1])}
 
@@ -244,7 +246,7 @@ def main() -> None:
         help="largest turn during the readout: up and down, left and right, roll [deg]",
     )
     parser.add_argument("--speed", type=float, default=0.0, metavar="M/S", help="how fast the camera walks meanwhile")
-    parser.add_argument("--around", type=int, default=3, help="frames before each picture, and as many after it")
+    parser.add_argument("--around", type=int, default=2, help="frames before each picture, and as many after it")
     parser.add_argument("--kinds", nargs="+", help="only these kinds of pictures")
     parser.add_argument("--only-changed", action="store_true", help="leave out pictures of which no motion is found")
     parser.add_argument("--seed", type=int, default=1)
