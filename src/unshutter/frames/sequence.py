@@ -84,7 +84,7 @@ class FrameMotion:
     def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
         """The camera's turn [rad] so long after the frame's first row [frame intervals], where it is known."""
         assert self.fit is not None
-        return self.fit.turn(self.index + after)
+        return self.fit.turn(self.at + after)
 
     def _none(self, reason: str) -> Motion:
         return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)
