@@ -20,7 +20,7 @@ from unshutter.geometry.readout import Readout
 DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
 _LONGEST_TIMEOUT_S = 86_400  # a day
-MIN_CONFIDENCE = 0.04  # of a motion that is undone, unless a user says otherwise
+MIN_CONFIDENCE = 0.02  # of a motion that is undone, unless a user says otherwise
 LEAST_AUTO_CROP = 0.8  # of a photo's area: automatic edges do not crop away more than a fifth
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 

@@ -48,7 +48,7 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
     assert told[1] == f"{folder}/dark.png left as it is (too dark)"
     hint = "--min-confidence 0.3 would move it by up to 9.0 px"
     assert told[3] == f"{folder}/unsure.jpg left as it is (not sure: confidence 0.36; {hint})"
-    counted = "1 changed, 3 left as they are (1 nothing to go by, 1 less than half a pixel, 1 not sure)"
+    counted = "1 changed, 3 left as they are (1 nothing to go by, 1 no motion, 1 not sure)"
     assert told[-1] == f"unshutter: {counted}"
     for name in PHOTOS:
         copied = out / f"{Path(name).stem}.rectified{Path(name).suffix}"
@@ -59,7 +59,7 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
     assert (events["unsure"]["changed"], events["unsure"]["cause"]) == (False, "not sure")
     assert events["unsure"]["largest_px"] == 9
     assert events["end"]["changed"] == 1
-    assert events["end"]["left_as_they_are"] == {"nothing to go by": 1, "less than half a pixel": 1, "not sure": 1}
+    assert events["end"]["left_as_they_are"] == {"nothing to go by": 1, "no motion": 1, "not sure": 1}
     records = [json.loads(line) for line in (out / "unshutter-manifest.jsonl").read_text().splitlines()]
     done = {record["target"]: record for record in records if record["state"] == "done"}
     assert done["unsure.rectified.jpg"]["reason"] == "not sure: confidence 0.36"

@@ -81,6 +81,13 @@ def test_16_bits_and_grey_say_the_same() -> None:
     np.testing.assert_allclose(limit_of(grey.astype(np.uint16) * 257).tx_px, limit_of(grey).tx_px)
 
 
+def test_edges_smeared_to_one_side_show_that_the_camera_moved() -> None:
+    assert limit_of(stripes(8)).smeared
+    assert not limit_of(stripes(8, 8)).smeared  # out of focus
+    assert not limit_of(stripes(1, 8)).smeared  # up or down
+    assert not limit_of(stripes(3)).smeared
+
+
 def sheared(px: float) -> RowMotion:
     return RowMotion.from_polynomials([0, px], [0], 480, 480)
 

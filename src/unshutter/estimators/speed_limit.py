@@ -22,12 +22,15 @@ if TYPE_CHECKING:
     from unshutter.photo.tags.readout_time import ReadoutTime
 
 BANDS = 4  # of rows: the camera need not have moved evenly
-_LINES = 192  # rows, and columns, that are looked at
+_LINES = 128  # rows, and columns, that are looked at
 _CONTRAST = 60  # levels of 255 that an edge rises or falls: noise does less, and so do the blocks of JPEG
 _SHARPEST = 10  # per cent of the edges count as the sharpest: noise and retouched places may be sharper still
 _FEWEST = 30  # edges; fewer of them say nothing
 _OUTER = 0.25  # columns further than this from the middle [widths] show turning
-_LEEWAY = 1.5  # a motion this many times the limit is refuted
+_LEEWAY = (
+    2.5  # a motion this many times the limit is refuted: nine of ten blurred pictures stay below (docs/own-model.md)
+)
+_SMEARED, _SMEARED_PX = 2.0, 4.0  # times as wide as the others, and px: more than lenses and focus do
 _MERGED = 3.0  # times as fast: of several exposures, the sharp parts may be from those that were shorter than EXIF says
 
 
@@ -41,6 +44,8 @@ class SpeedLimit:
         rz_rad: the same of r_z, over all rows [rad].
         exposure_s: how long each row was exposed.
         readout_s: how long the readout may well have taken.
+        smeared: whether edges across the rows are so much wider than those along them that the camera must have moved
+            sideways while each row was exposed.
     """
 
     tx_px: Float64[np.ndarray, "bands"]
@@ -48,6 +53,7 @@ class SpeedLimit:
     rz_rad: float
     exposure_s: float
     readout_s: float
+    smeared: bool = False
 
     @property
     def reason(self) -> str:
@@ -95,7 +101,8 @@ def speed_limit(
     turning = _sharpest(along_columns.width[outer] / (off_centre[outer] * width))
     if not np.isfinite([*across, *upright, turning]).any():
         return None
-    return SpeedLimit(across * factor, upright * factor, turning * factor, exposure_s, readout_s)
+    smeared = np.median(across) > max(_SMEARED * np.median(upright), _SMEARED_PX)
+    return SpeedLimit(across * factor, upright * factor, turning * factor, exposure_s, readout_s, bool(smeared))
 
 
 def _seconds(exposure_s: float) -> str:
@@ -114,7 +121,8 @@ class _Edges:
     def of(cls, lines: np.ndarray) -> _Edges:
         """Runs of rising or falling brightness in uint8 [lines, px] of more than _CONTRAST levels.
 
-        An edge's width is its contrast over its steepest step: of a straight ramp, as motion makes it, its length.
+        Motion over L px makes a step of each pixel the difference of two that lay L apart, divided by L. So no edge is
+        wider than the brightness range of the photo over its steepest step.
         """
         values = lines.astype(np.int16)
         steps = np.diff(values, axis=1)
@@ -135,7 +143,8 @@ class _Edges:
             return cls(line, begin.astype(float), contrast.astype(float))
         heights = np.append(np.abs(steps).ravel(), 0)  # so that a last run may end there
         steepest = np.maximum.reduceat(heights, np.stack([begin, end], axis=1).ravel())[::2]
-        return cls(line, (begin + end) / 2 - line * count, contrast / steepest)
+        darkest, brightest = np.percentile(lines[:, ::4], [1, 99])
+        return cls(line, (begin + end) / 2 - line * count, np.maximum(brightest - darkest, contrast) / steepest)
 
 
 def _lines(pixels: np.ndarray) -> np.ndarray:

@@ -10,12 +10,11 @@ from unshutter.motion.motion import Motion
 from unshutter.options import Undo
 
 _SMALLEST = 256  # motions that were found and move nothing by a row in so many are no larger than their errors
+_PROBABLY = 0.5  # confidence that nothing moved
 LEAST_PX = 0.5  # below, a photo loses more by being resampled than it gains
 
 # Why a photo is left as it is, as it is counted.
-Cause = Literal[
-    "", "no motion", "nothing to go by", "not sure", "less than half a pixel", "too small to tell", "strength 0"
-]
+Cause = Literal["", "no motion", "nothing to go by", "not sure", "less than half a pixel", "strength 0"]
 
 
 @dataclass(frozen=True)
@@ -27,12 +26,14 @@ class Verdict:
         confidence: the motion's.
         cause: why the photo is left as it is, in a few fixed words; empty where the motion is undone.
         reason: the same in a sentence, with its figures.
+        hint: what a user can say to have it moved, where something can be said.
     """
 
     largest_px: float
     confidence: float | None = None
     cause: Cause = ""
     reason: str = ""
+    hint: str = ""
 
     @classmethod
     def of(cls, motion: Motion, how: Undo) -> Verdict:
@@ -49,13 +50,23 @@ class Verdict:
             return cls(largest, sure, "strength 0", "a strength of 0 undoes nothing")
         if motion.is_zero:
             return cls(largest, sure, "no motion", f"no motion{_at(sure)}")
+        if sure is not None and how.min_confidence > 0:
+            if largest < max(LEAST_PX, motion.height / _SMALLEST):
+                return cls._of_next_to_nothing(largest, sure)
+            if sure < how.min_confidence:
+                hint = f"--min-confidence {_one_digit(sure):g} would move it by up to {_pixels(largest)}"
+                return cls(largest, sure, "not sure", f"not sure: confidence {_two_decimals(sure)}", hint)
         if largest < LEAST_PX:
             return cls(largest, sure, "less than half a pixel", f"it would move by less than half a pixel{_at(sure)}")
-        if sure is not None and largest < motion.height / _SMALLEST and how.min_confidence > 0:
-            return cls(largest, sure, "too small to tell", f"no motion that a photo could tell{_at(sure)}")
-        if sure is not None and sure < how.min_confidence:
-            return cls(largest, sure, "not sure", f"not sure: confidence {_two_decimals(sure)}")
         return cls(largest, sure)
+
+    @classmethod
+    def _of_next_to_nothing(cls, largest: float, sure: float) -> Verdict:
+        """Of a motion that was found, no larger than what one photo can tell."""
+        if sure >= _PROBABLY:
+            return cls(largest, sure, "no motion", f"no motion that a photo could tell{_at(sure)}")
+        reason = f"not sure whether the camera moved: confidence {_two_decimals(sure)}"
+        return cls(largest, sure, "not sure", reason, "--moving says that it did")
 
     @property
     def changes(self) -> bool:
@@ -70,10 +81,7 @@ class Verdict:
         """What a user of the command line should know: ``up to 41 px, confidence 0.93``."""
         if self.changes:
             return f"up to {_pixels(self.largest_px)}" + _at(self.confidence)
-        if self.cause != "not sure" or self.confidence is None:
-            return self.reason
-        enough = _one_digit(self.confidence)
-        return f"{self.reason}; --min-confidence {enough:g} would move it by up to {_pixels(self.largest_px)}"
+        return "; ".join(filter(None, (self.reason, self.hint)))
 
     def as_json(self) -> dict[str, Any]:
         """The same for programs, as logs and manifests have it."""

@@ -2,22 +2,26 @@
 
 Segments of one desk or facade repeat each other's errors, so that the evidence of the likelihood is overstated: where
 the optimum lies is right more often than whether there is one. How much such evidence is worth was learned from photos
-with known motions and without any (docs/own-model.md): logistic regressions on a handful of figures that the search
-has anyway. They stand here with their numbers.
+with known motions and without any (docs/own-model.md): a forest of small decision trees on ten figures that the search
+has anyway (weights/odds.json), and logistic regressions for the confidence, which stand here with their numbers.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from unshutter.estimators.right_angles.search import Posterior, bend, displacement
 
+_FOREST = Path(__file__).parents[2] / "weights" / "odds.json"
 _STEEPNESS = 8.0  # of the way from no motion to all of it
-_CAUTION = math.log(1.9)  # how much better than even the odds must be: most photos have no motion to speak of
-_MOVING = math.log(0.4)  # and where the user says that the camera was
+_CAUTION = math.log(0.65)  # odds at which half of a motion is undone; those of photos in general count losses in full
+_MOVING = math.log(0.2)  # and where the camera is known to have moved
 _PX = 256.0  # rows of the picture in which displacements are weighed
 
 
@@ -48,58 +52,95 @@ def judge(
     if roll_known:
         odds = _odds_upright(posterior)
     else:
-        odds = _odds_alone(posterior) if opinion is None else _odds_beside(posterior, opinion)
-    if opinion is not None or roll_known:
-        odds -= _MOVING if moving else _CAUTION
+        odds = _odds_alone(posterior) if opinion is None else _forest().odds(_figures(posterior, opinion)) - _CAUTION
+    odds += _CAUTION - _MOVING if moving else 0.0
     motion = posterior.motion / (1 + math.exp(-np.clip(_STEEPNESS * odds, -50, 50)))
     return Judgement(motion, _probability(_right(posterior, opinion, odds)))
 
 
-def _odds_beside(posterior: Posterior, opinion: np.ndarray) -> float:
-    """Logarithm of the odds that undoing the motion is better than leaving it, with a network's answer beside it."""
-    return (
-        -1.2179
-        + 0.0094 * posterior.evidence
-        + 0.4396 * _log(posterior.evidence)
-        + 0.4161 * posterior.lines_gain
-        + 0.2150 * _log(_PX * bend(opinion))
-        + 0.2404 * _log(_PX * displacement(opinion))
-        - 0.8728 * _log(_PX * displacement(opinion - posterior.motion))
-    )
+def _figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
+    """What the forest looks at; displacements in px of 256 rows."""
+    return {
+        "evidence": posterior.evidence,
+        "lines_gain": posterior.lines_gain,
+        "gain_at_rest": posterior.gain_at_rest,
+        "weight": posterior.weight,
+        "answer_bend": _PX * bend(opinion),
+        "answer_size": _PX * displacement(opinion),
+        "disagreement": _PX * displacement(opinion - posterior.motion),
+        "error": _PX * posterior.expected_error,
+        "size": _PX * posterior.size,
+        "bend": _PX * bend(posterior.motion),
+    }
+
+
+@dataclass(frozen=True)
+class Forest:
+    """Gradient-boosted decision trees, all of the same size: their leaves' values add up to the logarithm of odds.
+
+    Attributes:
+        features: names of the figures that nodes ask for.
+        baseline: what the leaves' values are added to.
+        depth: steps from a root to its farthest leaf.
+        feature, threshold, left, right, value: [trees, nodes]: a node leads to ``left`` where its figure is at most the
+            threshold, else to ``right``; a leaf leads to itself and has a value.
+    """
+
+    features: tuple[str, ...]
+    baseline: float
+    depth: int
+    feature: np.ndarray
+    threshold: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    value: np.ndarray
+
+    def odds(self, figures: dict[str, float]) -> float:
+        """Logarithm of the odds that undoing the motion is better than leaving it."""
+        given = np.array([figures[name] for name in self.features])
+        tree, node = np.arange(len(self.value)), np.zeros(len(self.value), int)
+        for _ in range(self.depth):
+            below = given[self.feature[tree, node]] <= self.threshold[tree, node]
+            node = np.where(below, self.left[tree, node], self.right[tree, node])
+        return self.baseline + float(self.value[tree, node].sum())
+
+
+@cache
+def _forest() -> Forest:
+    data = json.loads(_FOREST.read_text(encoding="utf-8"))
+    arrays = {name: np.array(data[name]) for name in ("feature", "threshold", "left", "right", "value")}
+    return Forest(tuple(data["features"]), data["baseline"], data["depth"], **arrays)
 
 
 def _odds_alone(posterior: Posterior) -> float:
-    """The same without one: the evidence at a quarter of what it says, less two nats, which is caution enough."""
+    """The same without a network: the evidence at a quarter of what it says, less two nats."""
     return (0.25 * posterior.evidence - 2) / _STEEPNESS
 
 
 def _odds_upright(posterior: Posterior) -> float:
     """The same where the camera's roll is known: the evidence of photos without motion hardly ever exceeds 8 nats."""
-    return 0.12 * posterior.evidence - 0.06
+    return 0.12 * posterior.evidence - 0.7
 
 
 def _right(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> float:
     """Logarithm of the odds that the answer is right to 1 px of 256 rows."""
     odds = min(max(odds, -4.0), 6.0)
+    error = _PX * posterior.expected_error
     if opinion is None:
-        error = math.log(_PX * posterior.expected_error + 0.1)
+        error = math.log(error + 0.1)
         return -1.626 - 1.512 * error + 0.266 * odds if odds > 0 else -0.845 - 0.835 * error - 9.461 * odds
     answer = _PX * displacement(opinion)
     if odds <= 0:
-        return -0.216 - 0.376 * math.log(answer + 0.3) - 0.714 * odds
+        return 0.548 - 0.409 * math.log(answer + 0.3) - 0.174 * math.log(error + 0.1) - 0.762 * odds
     apart = _PX * displacement(opinion - posterior.motion)
     return (
-        -6.961
-        - 0.696 * math.log(apart / math.hypot(1, answer / 25) + 0.3)  # the larger its answer, the more it errs
-        - 0.498 * math.log(_PX * posterior.size + 0.3)
-        + 0.146 * posterior.lines_gain
-        + 1.557 * math.log(posterior.weight)
+        -2.546
+        - 1.010 * math.log(apart / math.hypot(1, answer / 25) + 0.3)  # the larger its answer, the more it errs
+        - 0.879 * math.log(_PX * posterior.size + 0.3)
+        + 0.357 * posterior.lines_gain
+        + 0.510 * math.log(posterior.weight)
+        + 0.217 * odds
     )
-
-
-def _log(figure: float) -> float:
-    """Grows with a figure and keeps its sign, but slowly."""
-    return math.copysign(math.log1p(abs(figure)), figure)
 
 
 def _probability(log_odds: float) -> float:

@@ -38,6 +38,7 @@ class Posterior:
             overstated, see odds.py.
         lines_gain: log-likelihood ratio of the segments at the best optimum against chance [nats per unit of weight].
         weight: of all segments together: how many tell something new.
+        gain_at_rest: as lines_gain, of no motion with the camera that suits it best.
     """
 
     motion: np.ndarray
@@ -45,6 +46,7 @@ class Posterior:
     evidence: float
     lines_gain: float
     weight: float
+    gain_at_rest: float
 
     @property
     def expected_error(self) -> float:
@@ -83,9 +85,8 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
     best = found[np.argmax(moving)]
     gain = float(likelihood.lines_gain(best[None])[0])
-    return Posterior(
-        mean, covariance, evidence - _at_rest(likelihood, begin[:poses]), gain, float(likelihood.weight.sum())
-    )
+    at_rest, gain_at_rest = _at_rest(likelihood, begin[:poses])
+    return Posterior(mean, covariance, evidence - at_rest, gain, float(likelihood.weight.sum()), gain_at_rest)
 
 
 def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int = 2) -> Float64[np.ndarray, "motions"]:
@@ -104,16 +105,17 @@ def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int
     return best + 0.5 * ((motions / likelihood.prior.sigma[MOTION]) ** 2).sum(axis=1)
 
 
-def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> float:
-    """The logarithm of the evidence for no motion at all, with the camera that suits it best [nats].
+def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, float]:
+    """No motion at all, with the camera that suits it best: logarithm of its evidence [nats], and its lines' gain.
 
     Args:
         likelihood: of one photo.
         begin: [S, 10] cameras to start from.
     """
-    _, energy, hessian = descend(likelihood, begin, CAMERA)
+    cameras, energy, hessian = descend(likelihood, begin, CAMERA)
     best = int(np.argmin(energy))
-    return float(-energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1])
+    evidence = -energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1]
+    return float(evidence), float(likelihood.lines_gain(cameras[best : best + 1])[0])
 
 
 def descend(

@@ -19,7 +19,8 @@ from unshutter.motion import Motion
 SHORT_SIDE = 768  # of the grey copy in which segments are found [px]
 MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better, and finds more of them
 MOST_SEGMENTS = 320  # the longest are kept
-LEAST_GAIN = -0.2  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
+LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
+_DOUBT = 1.5  # standard deviation of a speed, in speed limits
 _LEAST_SPEED, _ANY_SPEED = 1e-4, 10.0  # rows, and rad, over a readout
 LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring
 
@@ -75,7 +76,9 @@ def motion_of(posterior: Posterior, view: View, estimator: str, opinion: np.ndar
     """
     if posterior.lines_gain < LEAST_GAIN:
         return view.no_motion(estimator, "the photo shows no right angles")
-    judgement = judge(posterior, opinion, view.attitude_deg()[0] is not None, view.camera.moving)
+    limit = view.speed_limit
+    moving = view.camera.moving or (limit is not None and limit.smeared)
+    judgement = judge(posterior, opinion, view.attitude_deg()[0] is not None, moving)
     if displacement(judgement.motion) > LARGEST:
         return view.no_motion(estimator, "what fits the lines is more motion than hands can do")
     return view.cubic_motion(judgement.motion.reshape(2, 3), estimator, judgement.confidence)
@@ -85,5 +88,5 @@ def _known_speed(limit: SpeedLimit | None, rows: int) -> KnownSpeed | None:
     """What a speed limit says to the prior: never quite nothing, so that it has a density."""
     if limit is None:
         return None
-    tx = np.clip(limit.tx_px / rows, _LEAST_SPEED, _ANY_SPEED)
-    return KnownSpeed(tx, float(np.clip(limit.rz_rad, _LEAST_SPEED, _ANY_SPEED)))
+    tx = np.clip(_DOUBT * limit.tx_px / rows, _LEAST_SPEED, _ANY_SPEED)
+    return KnownSpeed(tx, float(np.clip(_DOUBT * limit.rz_rad, _LEAST_SPEED, _ANY_SPEED)))
