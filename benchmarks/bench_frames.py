@@ -3,7 +3,8 @@
     python benchmarks/bench_frames.py [--rounds 7]
 
 A drawn wall that moves; 640x480 and 4000x3000 px, pixels in memory to pixels in memory, the least and the median of
-several rounds, and the least processor time, which says more where other work runs beside it. The second picture of a pair costs less where the flow is known: frames of a sequence share it.
+several rounds, and the least processor time, which says more where other work runs beside it. The second picture of a
+pair costs less, since the flow is known.
 """
 
 import argparse

@@ -68,7 +68,7 @@ def test_errors_of_both_are_in_pixels_of_256_rows():
     picture = textured(HEIGHT + 20, WIDTH + 20, bands=1)[..., 0]
     first, second = picture[10:-10, 10:-10], picture[9:-11, 7:-13]  # everything moves by SHIFT
     tracks = follow(np.ascontiguousarray(first), np.ascontiguousarray(second))
-    wrong = np.broadcast_to((SHIFT + [2, 0]).astype(np.float32), (HEIGHT, WIDTH, 2))
+    wrong = np.broadcast_to((SHIFT + np.array([2, 0])).astype(np.float32), (HEIGHT, WIDTH, 2))
     assert flow_misses(Flow(wrong, -wrong, np.eye(3), 1.0), tracks) == pytest.approx(2 * 256 / HEIGHT, abs=0.1)
     camera = next(CameraMotion(known_ratio(0.5), 20 * FOCAL).frames([first.copy(), second.copy()]))
     assert camera_misses(camera, tracks, 0) < 0.15

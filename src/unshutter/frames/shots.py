@@ -45,6 +45,7 @@ class Shot:
         pairs: tracks of the background from each kept frame to the next.
         times: when the frames of ``pairs`` were taken, one more than those [frame intervals].
         waiting: frames that wait.
+        first: number of the frame at which ``pairs`` begin.
         before: how many of the kept frames wait no more.
         why_unknown: why the readout ratio could not be found from them.
     """
@@ -54,6 +55,7 @@ class Shot:
     pairs: list[Tracks] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     waiting: list[Seen] = field(default_factory=list)
+    first: int = 0
     before: int = 0
     why_unknown: str = ""
     _last: Seen | None = None
@@ -86,6 +88,7 @@ class Shot:
             self.pairs.append(self._next.tracks)
             self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
             seen.at = self._last.at + seen.after
+            seen.number = self._last.number + 1
             self._last.grey = seen.grey[:0]  # no longer needed
         self.times.append(seen.at)
         self.waiting.append(seen)
@@ -102,4 +105,5 @@ class Shot:
         self.before += many
         surplus = max(self.before - margin, 0)
         del self.pairs[:surplus], self._moving[:surplus], self.times[:surplus]
+        self.first += surplus
         self.before -= surplus

@@ -16,7 +16,7 @@ from unshutter.video.moving import Moved
 from unshutter.video.options import UndoFrames
 from unshutter.video.warping import FrameMap, Scratch, warp_plane
 from unshutter.warp.grid import Tile
-from unshutter.warp.pixels import crop_window
+from unshutter.warp.crop import largest_valid_rectangle
 
 if TYPE_CHECKING:
     from av import VideoFrame
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _PASSED_ON = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 _FULL_RANGE = 2  # as FFmpeg counts
+_LEAST_LEFT = 0.1  # of a frame, when it is cropped
 _COARSE = 8  # px between places that are looked at for a crop
 _EVEN = 4  # px: windows begin and end at multiples, so that chroma does too
 
@@ -132,12 +133,11 @@ class Seen:
         """
         if self.mask.all():
             return None
-        try:
-            small = crop_window(self.mask)
-        except UnshutterError:
-            raise UnshutterError("cropping would leave less than a tenth of the frame: choose --edges fill") from None
-        top, left = (-(-v * _COARSE // _EVEN) * _EVEN for v in (small.top, small.left))
-        bottom, right = (v * _COARSE // _EVEN * _EVEN for v in (small.bottom, small.right))
+        left, top, width, height = largest_valid_rectangle(self.mask)
+        if width * height < _LEAST_LEFT * self.mask.size:
+            raise UnshutterError("cropping would leave less than a tenth of the frame: choose --edges fill")
+        bottom, right = (v * _COARSE // _EVEN * _EVEN for v in (top + height, left + width))
+        top, left = (-(-v * _COARSE // _EVEN) * _EVEN for v in (top, left))
         return Tile(top, bottom, left, right)
 
 
