@@ -13,6 +13,7 @@ from a folder for each kind of picture:
     sequence          each with the frames that the camera took just before and after it, the readout ratio given
     ratio_found       the same, the readout ratio found from 60 frames of the camera
     dense             as near and far move, from the frame before and the frame after
+    chosen            the camera's motion or the dense one, as the frames bear out
     true_motion       with the turning that was put in: what a perfect estimate would give
 """
 
@@ -31,9 +32,12 @@ import pycolmap
 from scene import Camera, Frame, Plane, draw_scene, photograph, walk
 
 import unshutter
-from unshutter.frames.sequence import CameraMotion
+from unshutter.frames.rectifying import rectify_between
+from unshutter.frames.sequence import CameraMotion, known_ratio
+from unshutter.frames.wanted import Wanted
+from unshutter.geometry.readout import Readout
 from unshutter.geometry.rotations import rotation_matrix
-from unshutter.options import DEFAULT_ESTIMATOR
+from unshutter.options import DEFAULT_ESTIMATOR, Clock, FrameModel, Undo
 from unshutter.photo import Photo
 
 RATIO = 0.9  # readout time / frame interval: 30 ms at 30 frames/s
@@ -95,7 +99,8 @@ class Walk:
             "known_attitude": partial(self._alone, told=True),
             "sequence": partial(self._with_neighbours, found=False),
             "ratio_found": partial(self._with_neighbours, found=True),
-            "dense": self._densely,
+            "dense": partial(self._picture, model="dense"),
+            "chosen": partial(self._picture, model=None),
             "true_motion": lambda k: unshutter.rectified(self.seen(k), motion=self.frames[k].motion(self.camera)),
         }
 
@@ -118,9 +123,14 @@ class Walk:
         )
         return unshutter.rectified(self.seen(k), motion=list(motions)[self.around])
 
-    def _densely(self, k: int) -> unshutter.RectifiedFrame:
-        clip = [Photo.from_array(self.seen(k, later)) for later in (-1, 0, 1)]
-        return list(unshutter.rectify_frames(clip, readout_ratio=RATIO, reference="middle"))[1]
+    def _picture(self, k: int, model: FrameModel | None) -> unshutter.RectifiedFrame:
+        """As ``rectify --sequence`` makes it: what is known of the camera comes from all frames of the clip."""
+        clip = [Photo.from_array(self.seen(k, later)) for later in range(-self.around, self.around + 1)]
+        finder = CameraMotion(known_ratio(RATIO), self.camera.focal_px)
+        found = list(finder.frames(clip))[self.around]
+        before, photo, after = clip[self.around - 1 : self.around + 2]
+        how = Wanted(Clock(RATIO), Undo("middle", edges="keep"), Readout.TOP_TO_BOTTOM, None, model, self.camera.focal_px)
+        return rectify_between(photo, before, after, how, found)
 
     @cached_property
     def found_ratio(self) -> float:
