@@ -15,8 +15,8 @@ from unshutter.video.library import av
 from unshutter.video.moving import Moved
 from unshutter.video.options import UndoFrames
 from unshutter.video.warping import FrameMap, Scratch, warp_plane
-from unshutter.warp.grid import Tile
 from unshutter.warp.crop import largest_valid_rectangle
+from unshutter.warp.grid import Tile
 
 if TYPE_CHECKING:
     from av import VideoFrame
