@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 _PASSED_ON = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 _FULL_RANGE = 2  # as FFmpeg counts
-_LEAST_LEFT = 0.1  # of a frame, when it is cropped
-_COARSE = 8  # px between places that are looked at for a crop
-_EVEN = 4  # px: windows begin and end at multiples, so that chroma does too
+_COARSE = 8  # px between places that are looked at for a crop, whose multiples are whole pixels of chroma
+_LEAST_CROP = 0.1  # of a frame's area
 
 
 @dataclass(frozen=True)
@@ -134,10 +133,9 @@ class Seen:
         if self.mask.all():
             return None
         left, top, width, height = largest_valid_rectangle(self.mask)
-        if width * height < _LEAST_LEFT * self.mask.size:
+        if width * height < _LEAST_CROP * self.mask.size:
             raise UnshutterError("cropping would leave less than a tenth of the frame: choose --edges fill")
-        bottom, right = (v * _COARSE // _EVEN * _EVEN for v in (top + height, left + width))
-        top, left = (-(-v * _COARSE // _EVEN) * _EVEN for v in (top, left))
+        top, left, bottom, right = (v * _COARSE for v in (top, left, top + height, left + width))
         return Tile(top, bottom, left, right)
 
 

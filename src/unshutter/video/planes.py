@@ -96,4 +96,4 @@ class PixelFormat:
         size = (max(1, round(luma.shape[1] * scale)), max(1, round(luma.shape[0] * scale)))
         luma = luma if luma.strides[1] == luma.itemsize else np.ascontiguousarray(luma)
         small = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA))
-        return small if self.depth == 8 else (small >> (self.depth - 8)).astype(np.uint8)
+        return np.right_shift(small, self.depth - 8, dtype=small.dtype, casting="unsafe").astype(np.uint8)
