@@ -283,9 +283,8 @@ def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameMo
         raise UsageError(f"unknown model '{model}': choose camera or dense")
     dense, camera = at is not None or undo.edges == "borrow", undo.strength != 1
     if dense and (camera or model == "camera"):
-        raise UsageError(
-            "--at and --edges borrow need --model dense, which undoes the whole motion: leave out the rest"
-        )
+        wrong = "--model camera" if model == "camera" else "--strength"
+        raise UsageError(f"--at and --edges borrow are for --model dense: leave out {wrong}")
     if camera and model == "dense":
         raise UsageError("--model dense undoes the whole motion: leave out --strength")
     return "dense" if dense else "camera" if camera else model
@@ -383,9 +382,7 @@ class Rectify:
         if self.motion is not None:
             raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
         if replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout) and not given.fallback:
-            raise UsageError(
-                "roll, tilt, exposure and --moving are for single photos: leave them out, or add --fallback"
-            )
+            raise UsageError("roll, tilt, exposure and --moving are for single photos: leave them out")
         if given.at is not None and self.undo.reference is not None:
             raise UsageError("--at and --reference both say the moment of the picture: choose one of them")
         if (camera.readout_ms is None) != (given.clock.fps is None) and not given.fallback:

@@ -48,7 +48,7 @@ def test_nothing_given_is_the_default() -> None:
         ({"motion": "/etc/passwd"}, "unknown field 'motion'"),
         ({"sequence": "true"}, "unknown field 'sequence'"),
         ({"edges": "borrow"}, "borrow takes from neighbours"),
-        ({"before": "x"}, "say how long a frame is read out"),
+        ({"before": "x", "roll-deg": "1"}, "are for single photos"),
         ({"keep-times": "true"}, "unknown field 'keep-times'"),
         ({"estimator": "segment-transformer@/etc/passwd"}, "weights of your own are for the command line"),
     ],

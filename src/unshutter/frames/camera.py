@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 ROWS = 256  # errors and curvatures are counted in pixels of a picture of so many rows
 _PER_FRAME = 4  # knots
 _UNKNOWNS = 4  # of a moment: three turns and the growth of the picture
-_LOCAL = 2 * _PER_FRAME + 4  # splines that two frames' times reach
 _DEGREES = 3.0  # of freedom of Student's t
 _FINEST = 0.02  # px; tracks are not taken to be better than this
 _RIDGE = 1e-6  # px^-2; T is counted from anywhere: this ties it
@@ -82,16 +81,31 @@ class Problem:
     Attributes:
         pairs: tracks from each frame to the next.
         focal_px: focal length [px of ROWS rows].
+        starts: times of the first frame and of each later one [usual frame intervals], the first below 1; None: frames
+            were taken at even intervals.
     """
 
     pairs: Sequence[Tracks]
     focal_px: float
+    starts: Sequence[float] | None = None
     _unit: float = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_unit", ROWS / self.pairs[0].height)
 
     # ---- the equations ---------------------------------------------------------------------------------
+
+    @cached_property
+    def _taken(self) -> np.ndarray:
+        """[pairs, 2] when each pair's frames were taken [usual frame intervals]."""
+        starts = np.arange(len(self.pairs) + 1.0) if self.starts is None else np.asarray(self.starts, np.float64)
+        return np.stack([starts[:-1], starts[1:]], axis=-1)
+
+    @cached_property
+    def _local(self) -> int:
+        """Splines that the times of two frames reach, counted from the last whole interval before them."""
+        spans = np.ceil(self._taken[:, 1] - np.floor(self._taken[:, 0]) - 1e-9)
+        return _PER_FRAME * (int(spans.max()) + 1) + 4
 
     @cached_property
     def _used(self) -> np.ndarray:
@@ -118,21 +132,23 @@ class Problem:
         return turn_jacobian(self._ends.mean(axis=0), self.pairs[0].width * self._unit, self.focal_px)
 
     def _design(self, ratio: float) -> np.ndarray:
-        """[pairs, 2 most, 4 _LOCAL]: moved = design @ the coefficients that a pair's times reach."""
-        times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + np.array([0, 1])[:, None, None]
-        spline = basis(np.minimum(times, 2.24) * _PER_FRAME, _LOCAL)
+        """[pairs, 2 most, 4 local]: moved = design @ the coefficients that a pair's times reach."""
+        since = self._taken - np.floor(self._taken[:, :1])
+        times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + since.T[:, :, None]
+        spline = basis(np.minimum(times, self._local / _PER_FRAME - 0.76) * _PER_FRAME, self._local)
         change = spline[1] - spline[0]
         design = change[:, :, None, :, None] * self._jacobian[:, :, :, None, :]
-        return design.reshape(len(self.pairs), -1, _UNKNOWNS * _LOCAL)
+        return design.reshape(len(self.pairs), -1, _UNKNOWNS * self._local)
 
     @property
     def _knots(self) -> int:
-        return _PER_FRAME * (len(self.pairs) + 1) + 4
+        return int(np.floor(self._taken[:, 0]).max()) * _PER_FRAME + self._local
 
     @cached_property
     def _places(self) -> np.ndarray:
-        """[pairs, 4 _LOCAL] which unknowns each pair's times reach."""
-        return _UNKNOWNS * _PER_FRAME * np.arange(len(self.pairs))[:, None] + np.arange(_UNKNOWNS * _LOCAL)
+        """[pairs, 4 local] which unknowns each pair's times reach."""
+        first = np.floor(self._taken[:, :1]).astype(int)
+        return _UNKNOWNS * _PER_FRAME * first + np.arange(_UNKNOWNS * self._local)
 
     @cached_property
     def _prior(self) -> np.ndarray:
@@ -182,7 +198,7 @@ class Problem:
                 span = slice(place[0], place[-1] + 1)
                 matrix[span, span] += normal[k]
                 right[span] += moments[k]
-            unknowns, determinant = solve_banded(matrix, right, _UNKNOWNS * _LOCAL)
+            unknowns, determinant = solve_banded(matrix, right, _UNKNOWNS * self._local)
         assert unknowns is not None
         squared = self._squared(design, unknowns)[self._used]
         likelihood = -2 * len(squared) * np.log(noise)

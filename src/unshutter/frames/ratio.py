@@ -67,7 +67,7 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
         UnshutterError: these frames do not say it: the camera stood still, moved evenly, or shook faster than frames
             were taken.
     """
-    pairs = [_fewer(pair) for pair in pairs if len(pair)]
+    pairs = [fewer(pair) for pair in pairs if len(pair)]
     if not pairs or max(flow(pair) for pair in pairs) < STILL_PX:
         raise UnshutterError(cannot_tell("the camera stood still"))
     parts = [Problem(pairs[k : k + _PART], focal_px) for k in range(0, max(len(pairs) - _PART // 2, 1), _PART)]
@@ -134,11 +134,12 @@ def flow(pair: Tracks) -> float:
     return float(np.median(np.hypot(*(pair.end - pair.start).T))) * ROWS / pair.height
 
 
-def _fewer(pair: Tracks) -> Tracks:
+def fewer(pair: Tracks) -> Tracks:
+    """Enough of the tracks of a pair, strong corners and weak ones: more only take longer."""
     if len(pair) <= _MOST_TRACKS:
         return pair
     kept = np.zeros(len(pair), bool)
-    kept[np.linspace(0, len(pair) - 1, _MOST_TRACKS).astype(int)] = True  # strong corners and weak ones
+    kept[np.linspace(0, len(pair) - 1, _MOST_TRACKS).astype(int)] = True
     return pair.only(kept)
 
 

@@ -68,6 +68,7 @@ def rectify_frames(
         UsageError: fewer than two frames, frames of different sizes, or an option that is none of its choices.
     """
     clock, undoing = Clock(readout_ratio, fps=fps, readout_ms=readout_ms), Undo(reference, strength, edges)
+    known_ratio(readout_ratio, readout_ms, fps)  # raises where only a part of it is given
     alone = Find() if fallback else None
     how = Wanted(clock, undoing, Readout.parse(readout), at, model, focal_px, alone)
     return _each(iter(frames), how)

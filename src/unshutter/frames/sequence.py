@@ -14,7 +14,7 @@ from unshutter.estimators.base import View
 from unshutter.frames.angles import SURE_ENOUGH, Leaning, combined, ratio_from_angles, speed_of
 from unshutter.frames.camera import ROWS, Fit, Problem
 from unshutter.frames.focal import focal_from_motion
-from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
+from unshutter.frames.ratio import ReadoutRatio, fewer, ratio_from_motion
 from unshutter.frames.shots import APART, Seen, Shot
 from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.geometry.readout import Readout
@@ -30,9 +30,10 @@ STOOD_STILL = "the camera stood still"
 _CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
 SEARCHED = 60  # frames from which the readout ratio is found
 _PATIENCE = 240  # frames after which it is given up
+_STIFFNESS_EVERY = 4  # windows
 _NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
-_FEW_PAIRS, _EVEN = 3, 100.0  # pairs that do not say how speed changes, and the stiffness that keeps it even
+_FEW_PAIRS, _EVEN = 2, 100.0  # pairs that do not say how speed changes, and the stiffness that keeps it even
 _LEAST_TRACKS = 12  # that say a speed
 _GUESSED_RATIO = 0.5  # to look for a focal length with
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
@@ -46,24 +47,26 @@ class FrameMotion:
         height, width: of the frame's readout frame [px].
         readout: direction in which its stored pixels were read.
         fit: the camera's motion about that time; None: unknown.
-        index: of the frame in that fit.
+        at: time of the frame in that fit [frame intervals].
         ratio: readout time in frame intervals.
         reason: why there is no motion; empty otherwise.
+        shot: number of the shot that it belongs to.
     """
 
     height: int
     width: int
     readout: Readout
     fit: Fit | None = None
-    index: int = 0
+    at: float = 0.0
     ratio: float = 0.0
     reason: str = ""
+    shot: int = 0
 
     def motion(self, reference: Reference = "first") -> Motion:
         """The frame's motion; zero, with the reason, where none was found."""
         if self.fit is None:
             return self._none(self.reason)
-        times = self.index + self.ratio * (np.arange(self.height) + 0.5) / self.height
+        times = self.at + self.ratio * (np.arange(self.height) + 0.5) / self.height
         turn = self.fit.turn(times)
         rotations = turn - turn[0]
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
@@ -81,7 +84,7 @@ class FrameMotion:
     def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
         """The camera's turn [rad] so long after the frame's first row [frame intervals], where it is known."""
         assert self.fit is not None
-        return self.fit.turn(self.index + after)
+        return self.fit.turn(self.at + after)
 
     def _none(self, reason: str) -> Motion:
         return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)
@@ -96,14 +99,18 @@ class CameraMotion:
         focal_px: focal length [px of the frames]; None: EXIF's, else found from the frames.
         readout: direction in which stored pixels were read.
         every_angle: of so many photos, right angles are looked for in one where motion does not say the ratio.
+        window: frames whose motion is found together, and more on both sides that only steady it.
     """
 
     ratio: ReadoutRatio | None = None
     focal_px: float | None = None
     readout: Readout = Readout.TOP_TO_BOTTOM
     every_angle: int = 6
+    window: tuple[int, int] = (_CORE, _MARGIN)
     _looked: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
+    _stiffness: float | None = field(default=None, init=False)
+    _asked: int = field(default=0, init=False)
 
     def frames(self, frames: Iterable[_FRAME]) -> Iterator[FrameMotion]:
         """What is known of each frame's motion, in order, some frames later than they come; memory stays flat."""
@@ -119,11 +126,11 @@ class CameraMotion:
         for seen in frames:
             if seen is None:
                 yield from self._ready(shot, ended=True)
-                shot = Shot()
+                shot = Shot(number=shot.number + 1)
                 continue
             if not shot.joins(seen, self.ratio):
                 yield from self._ready(shot, ended=True)
-                shot = Shot(broken_by=shot.broken_by)
+                shot = Shot(broken_by=shot.broken_by, number=shot.number + 1)
             shot.add(seen)
             yield from self._ready(shot, ended=False)
         yield from self._ready(shot, ended=True)
@@ -150,14 +157,16 @@ class CameraMotion:
             self._find_ratio(shot)
         if self.ratio is None and not ended and waiting < (SEARCHED if shot.still else _PATIENCE):
             return
-        while shot.waiting and (ended or len(shot.waiting) >= _CORE + _MARGIN):
-            many = len(shot.waiting) if len(shot.waiting) <= _CORE + _MARGIN and ended else _CORE
+        core, margin = self.window
+        while shot.waiting and (ended or len(shot.waiting) >= core + margin):
+            many = len(shot.waiting) if len(shot.waiting) <= core + margin and ended else core
             fit, reason = self._fit(shot, many)
+            begun = np.floor(shot.times[0])
             for seen in shot.waiting[:many]:
-                index = seen.number - shot.first
+                index = seen.at - begun
                 ratio = self.ratio.value if self.ratio else 0.0
-                yield FrameMotion(seen.height, seen.width, self.readout, fit, index, ratio, reason)
-            shot.drop(many, _MARGIN)
+                yield FrameMotion(seen.height, seen.width, self.readout, fit, index, ratio, reason, shot.number)
+            shot.drop(many, margin)
 
     def _find_ratio(self, shot: Shot) -> None:
         shot.why_unknown = ""
@@ -189,7 +198,7 @@ class CameraMotion:
 
     def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, str]:
         """The motion about the next frames of a shot; or why there is none."""
-        pairs = shot.pairs[: shot.before + many + _MARGIN - 1]
+        pairs = [fewer(pair) for pair in shot.pairs[: shot.before + many + self.window[1] - 1]]
         if not pairs:
             return None, shot.broken_by or "there is no frame before or after it"
         if shot.still:
@@ -202,11 +211,18 @@ class CameraMotion:
             self._focal = focal if long_enough else None
         else:
             focal = self._focal
-        even = _EVEN if len(pairs) < _FEW_PAIRS else None
-        fit = Problem(pairs, focal).fit(self.ratio.value, even)
+        starts = np.array(shot.times[: len(pairs) + 1]) - np.floor(shot.times[0])
+        fit = Problem(pairs, focal, starts).fit(self.ratio.value, self._stiffness_for(len(pairs)))
+        self._stiffness, self._asked = fit.stiffness, self._asked + 1
         if fit.noise_px > _TOO_NOISY_PX:
             return None, APART
         return fit, ""
+
+    def _stiffness_for(self, pairs: int) -> float | None:
+        """Looked for in every few windows only: it takes most of the time, and the hand stays the same."""
+        if pairs < _FEW_PAIRS:
+            return _EVEN
+        return None if self._asked % _STIFFNESS_EVERY == 0 else self._stiffness
 
 
 # ---- for users ---------------------------------------------------------------------------------------------------

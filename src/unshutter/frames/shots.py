@@ -20,13 +20,19 @@ _LEAST_CORNERS = 24  # that a picture has which says something
 
 @dataclass(eq=False)
 class Seen:
-    """A frame as it is looked at: its full size, a small grey copy, and the photo where it may be looked at closely."""
+    """A frame as it is looked at.
+
+    Its full size, a small grey copy, the photo where it may be looked at closely, and how long after the frame before
+    it was taken: ``after`` is counted in the usual frame intervals, and so is ``at``, the time since the shot began.
+    """
 
     height: int
     width: int
     grey: UInt8[np.ndarray, "rows columns"]
     number: int = 0
     photo: Photo | None = None
+    after: float = 1.0
+    at: float = 0.0
 
 
 @dataclass(eq=False)
@@ -35,7 +41,9 @@ class Shot:
 
     Attributes:
         broken_by: why the shot began here.
+        number: of the shot in its sequence.
         pairs: tracks of the background from each kept frame to the next.
+        times: when the frames of ``pairs`` were taken, one more than those [frame intervals].
         waiting: frames that wait.
         first: number of the frame at which ``pairs`` begin.
         before: how many of the kept frames wait no more.
@@ -43,7 +51,9 @@ class Shot:
     """
 
     broken_by: str = ""
+    number: int = 0
     pairs: list[Tracks] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
     waiting: list[Seen] = field(default_factory=list)
     first: int = 0
     before: int = 0
@@ -77,8 +87,10 @@ class Shot:
         if self._last is not None and self._next is not None:
             self.pairs.append(self._next.tracks)
             self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
+            seen.at = self._last.at + seen.after
             seen.number = self._last.number + 1
             self._last.grey = seen.grey[:0]  # no longer needed
+        self.times.append(seen.at)
         self.waiting.append(seen)
         self._last = seen
 
@@ -92,6 +104,6 @@ class Shot:
         del self.waiting[:many]
         self.before += many
         surplus = max(self.before - margin, 0)
-        del self.pairs[:surplus], self._moving[:surplus]
+        del self.pairs[:surplus], self._moving[:surplus], self.times[:surplus]
         self.first += surplus
         self.before -= surplus

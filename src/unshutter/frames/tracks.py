@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, Float64, UInt8
 
 TRACKED_SIDE = 360  # px, short side of the copies in which corners are followed
-_MOST_CORNERS = 300
+_MOST_CORNERS = 200
 _QUALITY = 0.005  # of a corner, as a share of the best one's
 _APART = 1 / 45  # distance of corners, as a share of the diagonal
 _WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade

@@ -101,20 +101,21 @@ def _shown_alone(held: Held, photo: Photo, wanted: Rectify, longest: int | None)
 
 def _shown_between(held: Held, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
     """By what the photo's neighbours say, all of them as small as they are shown."""
-    from unshutter.frames.rectifying import Wanted, rectify_between
+    from unshutter.frames.rectifying import rectify_between
+    from unshutter.frames.wanted import Wanted
     from unshutter.options import LEAST_AUTO_CROP
     from unshutter.photo import Photo
     from unshutter.warp.crop import largest_valid_rectangle
 
     asked = wanted.undo.edges
     given, cuts = wanted.neighbours, asked in ("auto", "crop")
-    how = Wanted(
-        wanted.clock, replace(wanted.undo, edges="keep" if cuts else asked), wanted.find.camera.direction, given.at
-    )
+    undo = replace(wanted.undo, edges="keep" if cuts else asked)
+    scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
+    focal = wanted.find.camera.focal_px or photo.focal_px()
+    how = Wanted(wanted.clock, undo, wanted.find.camera.direction, given.at, given.model, focal and focal / scale)
     neighbours = [path and Held(path, held.max_pixels) for path in (given.before, given.after)]
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
     result = rectify_between(Photo.from_array(small_copy(held, photo, longest)), copies[0], copies[1], how)
-    scale = max(photo.height, photo.width) / max(result.valid.shape)
     told: dict[str, Any] = {**result.verdict.as_json(), "edges": None, "whole": None, "readout": str(how.readout)}
     told |= {"largest_px": result.verdict.largest_px * scale, "neighbours": True}
     if not result.changed:

@@ -52,7 +52,7 @@ export class Photo extends EventTarget {
 
   // Whether the neighbours say how the camera moved.
   get between() {
-    return Object.keys(this.neighbours).length > 0 && this.ratio !== "" && this.options.strength !== "0";
+    return Object.keys(this.neighbours).length > 0 && this.options.strength !== "0";
   }
 
   // The options as they are asked for: what does not go with neighbours is left out where they count, and the reverse.
@@ -63,7 +63,8 @@ export class Photo extends EventTarget {
     }
     const kept = Object.entries(this.options).filter(([name]) => WITH_NEIGHBOURS.includes(name));
     const ids = Object.entries(this.neighbours).map(async ([which, photo]) => [which, await photo.sent()]);
-    return Object.fromEntries([...kept, ["readout-ratio", this.ratio], ...(await Promise.all(ids))]);
+    const known = this.ratio === "" ? [] : [["readout-ratio", this.ratio]];
+    return Object.fromEntries([...kept, ...known, ...(await Promise.all(ids))]);
   }
 
   // Its id, once the program has it.

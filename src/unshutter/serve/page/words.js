@@ -89,7 +89,7 @@ export const words = {
   neighbourIs: { before: (name) => `Before: ${name}`, after: (name) => `After: ${name}` },
   neighbourForget: "Leave it out",
   ratio: "Readout time / time from frame to frame",
-  ratioHelp: "Between 0 and 1. It counts once this is known.",
+  ratioHelp: "Between 0 and 1, if you know it; else the program looks for it.",
   moment: (px) => `Straightened with the help of its neighbours: some places moved by up to ${pixels(px)}.`,
   curves: "Motion",
   curvesHelp: "How the scene moved while the rows were read, from the first row (top) to the last",

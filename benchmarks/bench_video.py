@@ -1,0 +1,116 @@
+"""Whole-process time and peak memory of ``unshutter video`` beside the least that the same PyAV can do.
+
+    python benchmarks/bench_video.py CLIP [--preset veryfast] [--ratio 0.6] [--runs 5]
+
+The floor is one Python process that decodes the clip's film, warps the three planes of every frame by the identity
+(bicubic remap, maps made once) and encodes it with the same settings: decoding, warping and encoding beside each
+other, as unshutter does it. It copies no sound. Both run in turn after a warm-up; ratios are taken pair by pair, since
+machines are noisy. Processor time (user and system, all threads) stands beside, which other work disturbs less.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+FLOOR = """
+import sys
+import av, cv2, numpy as np
+from unshutter.video.background import ahead, side_by_side
+from unshutter.video.planes import PixelFormat
+
+cv2.setNumThreads(1)
+source, out, preset, threads = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
+reader = av.open(source)
+film = reader.streams.video[0]
+film.thread_type = "AUTO"
+pixels = PixelFormat.of(film.codec_context.format)
+writer = av.open(out, "w")
+name = {"h264": "libx264", "hevc": "libx265"}[film.codec_context.name]
+made = writer.add_stream(name, rate=film.guessed_rate, options={"preset": preset, "crf": "18"})
+made.width, made.height, made.pix_fmt = film.width, film.height, film.pix_fmt
+if name == "libx265":
+    made.options["x265-params"] = "log-level=error"
+made.codec_context.time_base = film.time_base
+maps = {}
+
+def warped(frame):
+    new = av.VideoFrame(frame.width, frame.height, frame.format.name)
+    for old, out in zip(pixels.arrays(frame), pixels.arrays(new)):
+        if old.shape not in maps:
+            identity = np.meshgrid(*map(np.arange, old.shape[::-1]))
+            maps[old.shape] = [np.ascontiguousarray(each, np.float32) for each in identity]
+        cv2.remap(old, *maps[old.shape], cv2.INTER_CUBIC, dst=out, borderMode=cv2.BORDER_REPLICATE)
+    new.pts, new.time_base = frame.pts, frame.time_base
+    return new
+
+for frame in side_by_side(warped, ahead(reader.decode(film), 2), threads):
+    writer.mux(made.encode(frame))
+writer.mux(made.encode(None))
+writer.close()
+"""
+
+
+def run(command: list[str]) -> tuple[float, float, float]:
+    """(seconds, processor seconds, peak MB) of a process."""
+    start = time.perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    _, status, usage = os.wait4(process.pid, 0)
+    seconds = time.perf_counter() - start
+    if status:
+        sys.exit(f"{command} failed: {process.stderr.read().decode() if process.stderr else ''}")
+    if process.stderr:
+        process.stderr.close()
+    process.returncode = 0
+    return seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000
+
+
+def spread(values: list[float]) -> str:
+    return f"{statistics.median(values):.2f} ({min(values):.2f} … {max(values):.2f})"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clip", type=Path)
+    parser.add_argument("--preset", default="veryfast")
+    parser.add_argument("--ratio", default="0.6")
+    parser.add_argument("--runs", type=int, default=5)
+    given = parser.parse_args()
+    threads = str(os.cpu_count() or 1)
+    with tempfile.TemporaryDirectory() as folder:
+        out = str(Path(folder) / f"out{given.clip.suffix}")
+        commands = {
+            "floor": [sys.executable, "-c", FLOOR, str(given.clip), out, given.preset, threads],
+            "unshutter video": [
+                *(sys.executable, "-m", "unshutter", "video", str(given.clip), "-o", out, "--overwrite"),
+                *("--readout-ratio", given.ratio, "--preset", given.preset),
+            ],
+        }
+        for command in commands.values():
+            run(command)
+        measured: dict[str, list[tuple[float, float, float]]] = {name: [] for name in commands}
+        for _ in range(given.runs):
+            for name, command in commands.items():
+                measured[name].append(run(command))
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+    print(f"{given.clip.name}, {given.preset}, {threads} processors, {platform.processor()}, commit {commit}\n")
+    print("| | s | processor s | MB | of the floor | processor time of the floor's |\n|---|---|---|---|---|---|")
+    floor = measured["floor"]
+    for name, runs in measured.items():
+        ratios, work = ([a[k] / b[k] for a, b in zip(runs, floor, strict=True)] for k in (0, 1))
+        times, processor, memory = zip(*runs, strict=True)
+        print(
+            f"| {name} | {spread(list(times))} | {spread(list(processor))} | {max(memory):.0f} "
+            f"| {spread(ratios)} | {spread(work)} |"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,35 @@
+"""``unshutter video``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from unshutter.cli.arguments import Command, positional, required
+from unshutter.video.options import RectifyClip
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What the command takes."""
+
+    clip: str = positional("A film (.mp4, .mov, .mkv ...), a folder of numbered pictures, or frames/%05d.png.")
+    output: str = required("File to write; for pictures a new folder, or a pattern such as out/%05d.png.", short="-o")
+    how: RectifyClip = field(default_factory=RectifyClip)
+
+
+def run(given: Arguments) -> int:
+    """Rectifies the clip; returns the exit code."""
+    from unshutter.video.rectifying import rectify_clip
+
+    rectify_clip(given.clip, given.output, given.how)
+    return 0
+
+
+COMMAND = Command(
+    """Straighten a clip: every frame as a global shutter would have seen it.
+
+How the camera moved is found from the frames, and so is the time in which it reads one out; sound, other tracks, tags
+and times stay as they are. Needs the extra `video`.""",
+    Arguments,
+    run,
+)

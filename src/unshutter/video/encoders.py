@@ -1,0 +1,191 @@
+"""How frames are encoded: like those that came in, unless told otherwise."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.video.clip import Clip
+from unshutter.video.library import av
+from unshutter.video.options import Encode
+
+if TYPE_CHECKING:
+    from av.video.stream import VideoStream
+
+# FFmpeg's name of a codec -> the encoder that writes it
+_ENCODERS = {
+    "h264": "libx264",
+    "hevc": "libx265",
+    "av1": "libsvtav1",
+    "libdav1d": "libsvtav1",
+    "vp9": "libvpx-vp9",
+    "libvpx-vp9": "libvpx-vp9",
+    "prores": "prores_ks",
+}
+_CRF = {"libx264": 18, "libx265": 20, "libsvtav1": 24, "libvpx-vp9": 24}
+_X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", "slow", "slower", "veryslow"))
+_PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
+_QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
+_PRORES = {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"}
+_LAMBDA = 118  # FFmpeg's units of a quality of 1
+_COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
+
+
+@dataclass(frozen=True)
+class Encoder:
+    """An encoder and how it is set.
+
+    Attributes:
+        name: as FFmpeg calls it.
+        options: of it.
+        qscale: quality of encoders that have no CRF; None: CRF.
+        pixel_format: of the frames that it is given; the clip's own, unless that is a sequence of pictures.
+    """
+
+    name: str
+    pixel_format: str
+    options: dict[str, str] = field(default_factory=dict)
+    qscale: int | None = None
+
+    @classmethod
+    def choose(cls, clip: Clip, wanted: Encode) -> Encoder:
+        """The encoder for a clip.
+
+        Args:
+            clip: what comes in.
+            wanted: what was asked for.
+
+        Raises:
+            UsageError: the encoder takes no such preset or quality.
+            UnshutterError: there is no encoder for these frames.
+        """
+        name = wanted.codec or ("libx264" if clip.of_pictures else clip.codec)
+        name = _ENCODERS.get(name, name)
+        format_ = _checked(name, clip)
+        options = _speed(name, wanted.preset)
+        if name in _QSCALE:
+            return cls(name, format_, options, round(wanted.crf) if wanted.crf is not None else _QSCALE[name])
+        if name in _CRF:
+            options["crf"] = f"{wanted.crf if wanted.crf is not None else _CRF[name]:g}"
+        elif wanted.crf is not None:
+            raise UsageError(f"{name} has no such quality: leave out --crf")
+        if name == "libvpx-vp9":
+            options |= {"b": "0", "row-mt": "1"}
+        if name == "libx265":
+            options["x265-params"] = ":".join(["log-level=error", *_hdr(clip, _x265_display, _x265_light)])
+        if name == "libsvtav1" and (told := _hdr(clip, _svt_display, _svt_light)):
+            options["svtav1-params"] = ":".join(told)
+        return cls(name, format_, options)
+
+    def add_to(self, container: Any, like: VideoStream, clip: Clip, size: tuple[int, int]) -> VideoStream:
+        """A stream of a container that this encodes.
+
+        Args:
+            container: PyAV's, being written.
+            like: the stream that came in.
+            clip: what it says.
+            size: height and width of the frames [px].
+
+        Raises:
+            UnshutterError: files of this kind take no such stream.
+        """
+        rate = like.guessed_rate or like.average_rate or 30
+        try:
+            stream = container.add_stream(self.name, rate=rate, options=dict(self.options))
+        except ValueError:
+            raise UnshutterError(f"a file of the kind '{container.format.name}' cannot hold {self.name}") from None
+        context, source = stream.codec_context, like.codec_context
+        stream.height, stream.width, stream.pix_fmt = *size, self.pixel_format
+        context.time_base = like.time_base
+        for name in _COLOURS:
+            setattr(context, name, getattr(source, name))
+        if like.sample_aspect_ratio:
+            context.sample_aspect_ratio = like.sample_aspect_ratio
+        if self.qscale is not None:
+            context.qscale, context.global_quality = True, self.qscale * _LAMBDA
+        if self.name == "mjpeg":
+            stream.options["strict"] = "unofficial"
+        if _ENCODERS.get(clip.codec, clip.codec) == self.name:
+            _follow(stream, source)
+        return stream
+
+
+def _checked(name: str, clip: Clip) -> str:
+    """The pixel format that an encoder is given; refuses one that is not there, or does not write such frames."""
+    try:
+        codec = av().Codec(name, "w")
+    except ValueError:
+        raise UnshutterError(f"this FFmpeg has no encoder '{name}': choose another with --codec") from None
+    if codec.type != "video":
+        raise UsageError(f"'{name}' is no encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
+    takes = [each.name for each in codec.video_formats or []]
+    if not takes or clip.pixels.name in takes:
+        return clip.pixels.name
+    if clip.of_pictures:  # of colours that no film has; all others stay as they are stored
+        odd = "444" if (clip.height | clip.width) & 1 else "420"
+        wanted = [f"yuv{odd}p", f"yuv{odd}p10le"] if clip.pixels.depth == 8 else [f"yuv{odd}p10le", f"yuv{odd}p"]
+        if known := [each for each in [*wanted, "yuv422p10le"] if each in takes]:
+            return known[0]
+    raise UnshutterError(
+        f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
+    )
+
+
+def _speed(name: str, preset: str | None) -> dict[str, str]:
+    """The preset as an encoder's option."""
+    if preset is None:
+        return {}
+    if name not in _PRESETS:
+        raise UsageError(f"{name} has no presets: leave out --preset")
+    if preset not in _PRESETS[name]:
+        raise UsageError(f"{name} has no preset '{preset}': choose one of {', '.join(_PRESETS[name])}")
+    return {"preset": preset}
+
+
+def _follow(stream: Any, source: Any) -> None:
+    """What only an encoder of the same kind can take over."""
+    context = stream.codec_context
+    tag = source.codec_tag
+    if tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4 and tag != "\0\0\0\0":
+        context.codec_tag = tag
+    if context.name == "prores_ks" and source.profile in _PRORES:
+        stream.options["profile"] = _PRORES[source.profile]
+
+
+# ---- the display that a clip was made for --------------------------------------------------------------
+
+
+def _hdr(clip: Clip, display: Callable[[list[float]], str], light: Callable[[int, int], str]) -> list[str]:
+    """What a clip says of its mastering display and its light, as an encoder's settings."""
+    told = clip.side_data
+    settings = []
+    if len(raw := told.get("MASTERING_DISPLAY_METADATA", b"")) >= 88:
+        numbers = struct.unpack("=20i", raw[:80])
+        values = [n / d if d else 0.0 for n, d in zip(numbers[::2], numbers[1::2], strict=True)]
+        if all(struct.unpack("=2i", raw[80:88])):
+            settings.append(display(values))
+    if len(raw := told.get("CONTENT_LIGHT_LEVEL", b"")) >= 8:
+        settings.append(light(*struct.unpack("=2I", raw[:8])))
+    return settings
+
+
+def _x265_display(v: list[float]) -> str:
+    red, green, blue, white = ([round(50_000 * x) for x in v[k : k + 2]] for k in (0, 2, 4, 6))
+    points = "".join(f"{n}({x},{y})" for n, (x, y) in (("G", green), ("B", blue), ("R", red), ("WP", white)))
+    return f"hdr10=1:repeat-headers=1:master-display={points}L({round(1e4 * v[9])},{round(1e4 * v[8])})"
+
+
+def _x265_light(most: int, average: int) -> str:
+    return f"max-cll={most},{average}"
+
+
+def _svt_display(v: list[float]) -> str:
+    points = "".join(f"{n}({v[k]:.5f},{v[k + 1]:.5f})" for n, k in (("G", 2), ("B", 4), ("R", 0), ("WP", 6)))
+    return f"mastering-display={points}L({v[9]:.4f},{v[8]:.4f})"
+
+
+def _svt_light(most: int, average: int) -> str:
+    return f"content-light={most},{average}"

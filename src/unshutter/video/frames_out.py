@@ -1,0 +1,149 @@
+"""From a frame and its motion to the frame that a global shutter would have taken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.motion import Motion
+from unshutter.video.clip import Clip
+from unshutter.video.library import av
+from unshutter.video.moving import Moved
+from unshutter.video.options import UndoFrames
+from unshutter.video.warping import FrameMap, Scratch, warp_plane
+from unshutter.warp.crop import largest_valid_rectangle
+from unshutter.warp.grid import Tile
+
+if TYPE_CHECKING:
+    from av import VideoFrame
+
+_PASSED_ON = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
+_COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
+_FULL_RANGE = 2  # as FFmpeg counts
+_LEAST_LEFT = 0.1  # of a frame, when it is cropped
+_COARSE = 8  # px between places that are looked at for a crop
+_EVEN = 4  # px: windows begin and end at multiples, so that chroma does too
+
+
+@dataclass(frozen=True)
+class Warper:
+    """Makes the frames of a clip.
+
+    Attributes:
+        clip: the clip.
+        undo: how motion is undone.
+        window: the part of each frame that is kept; None: all of it.
+    """
+
+    clip: Clip
+    undo: UndoFrames
+    window: Tile | None = None
+    _scratch: Scratch = field(default_factory=Scratch)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of the frames that come out [px]."""
+        w = self.window
+        return (self.clip.height, self.clip.width) if w is None else (w.bottom - w.top, w.right - w.left)
+
+    def motion(self, moved: Moved) -> Motion:
+        """What is undone."""
+        return moved.motion.rereferenced(self.undo.reference).scaled(self.undo.strength)
+
+    def __call__(self, item: Any) -> tuple[Any, Any]:
+        """(item as it came, the frame to encode); a packet is both."""
+        if not isinstance(item, Moved):
+            return item, item
+        motion, frame = self.motion(item), item.frame
+        if motion.is_zero and self.window is None:
+            return item, frame
+        made = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
+        found = None if motion.is_zero else FrameMap.of(motion, frame.height, frame.width)
+        pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
+        positions = {}
+        full = frame.color_range == _FULL_RANGE or pixels.name.startswith("yuvj")
+        for plane, before, after in zip(pixels.planes, pixels.arrays(frame), pixels.arrays(made), strict=True):
+            if found is None:
+                np.copyto(after, before)
+                continue
+            share = (plane.across, plane.down)
+            if share not in positions:
+                positions[share] = found.positions(*share, self._scratch)
+            black = plane.black_full if full else plane.black
+            warp_plane(before, positions[share], after, black if self.undo.edges == "keep" else None, limit)
+        return item, self._dressed(made, frame)
+
+    def _dressed(self, made: VideoFrame, frame: VideoFrame) -> VideoFrame:
+        """The new pixels as the frame that came in: its time, its colours, what lies beside them."""
+        if self.window is None and _PASSED_ON & self.clip.side_data.keys():
+            frame.make_writable()
+            for new, old in zip(self.clip.pixels.arrays(made), self.clip.pixels.arrays(frame), strict=True):
+                np.copyto(old, new)
+            return frame
+        if self.window is not None:
+            made = self._cut(made)
+        made.pts, made.time_base = frame.pts, frame.time_base
+        for name in _COLOURS:
+            setattr(made, name, getattr(frame, name))
+        return made
+
+    def _cut(self, frame: VideoFrame) -> VideoFrame:
+        """The window of a frame."""
+        height, width = self.size
+        made = av().VideoFrame(width, height, self.clip.pixels.name)
+        assert self.window is not None
+        pixels = self.clip.pixels
+        for plane, old, new in zip(pixels.planes, pixels.arrays(frame), pixels.arrays(made), strict=True):
+            top, left = self.window.top // plane.down, self.window.left // plane.across
+            np.copyto(new, old[top : top + new.shape[0], left : left + new.shape[1]])
+        return made
+
+
+@dataclass
+class Seen:
+    """What all frames of a clip saw: found by looking at each of them once."""
+
+    clip: Clip
+    mask: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.mask = np.ones((self.clip.height // _COARSE, self.clip.width // _COARSE), bool)
+
+    def add(self, motion: Motion) -> None:
+        """One more frame."""
+        if motion.is_zero:
+            return
+        height, width = self.clip.height, self.clip.width
+        col, row = FrameMap.of(motion, height, width).positions(_COARSE, _COARSE)
+        margin = 1.0  # places between those that are looked at
+        seen = (col >= margin) & (col <= width / _COARSE - 1 - margin)
+        seen &= (row >= margin) & (row <= height / _COARSE - 1 - margin)
+        near = min(seen.shape[0], self.mask.shape[0]), min(seen.shape[1], self.mask.shape[1])
+        self.mask[: near[0], : near[1]] &= seen[: near[0], : near[1]]
+
+    def window(self) -> Tile | None:
+        """The largest rectangle of the clip's shape that all frames saw; None: all of them saw all.
+
+        Raises:
+            UnshutterError: hardly anything would be left.
+        """
+        if self.mask.all():
+            return None
+        left, top, width, height = largest_valid_rectangle(self.mask)
+        if width * height < _LEAST_LEFT * self.mask.size:
+            raise UnshutterError("cropping would leave less than a tenth of the frame: choose --edges fill")
+        bottom, right = (v * _COARSE // _EVEN * _EVEN for v in (top + height, left + width))
+        top, left = (-(-v * _COARSE // _EVEN) * _EVEN for v in (top, left))
+        return Tile(top, bottom, left, right)
+
+
+def common_window(warper: Warper, items: Iterable[Moved]) -> Tile | None:
+    """What ``crop`` leaves of a clip."""
+    seen = Seen(warper.clip)
+    for moved in items:
+        seen.add(warper.motion(moved))
+    return seen.window()

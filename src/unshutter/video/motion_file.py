@@ -1,0 +1,171 @@
+"""The file form of a clip's motion: JSON, format ``unshutter-clip-motion/1`` (docs/conventions), a frame a line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.ratio import ReadoutRatio
+from unshutter.geometry.readout import Readout
+from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.storage.files import written_whole
+from unshutter.version import __version__
+from unshutter.video.clip import Clip
+from unshutter.video.moving import ROWS, Moved
+
+FORMAT = "unshutter-clip-motion/1"
+_KEPT = 17  # rows of a frame whose rotation is written; ROWS - 1 is a multiple of one less
+_LARGEST = 1 << 30  # bytes
+
+
+@dataclass(frozen=True)
+class ClipMotion:
+    """What a motion file says.
+
+    Attributes:
+        ratio: readout time in frame intervals.
+        readout: direction in which the stored pixels were read.
+        height, width: of the stored frames [px].
+        times_s: [N] when each frame is shown [s], increasing.
+        motions: [N] of small pictures (``ROWS``), first row as the reference.
+        cuts: [N] whether a frame shows another scene than the one before it.
+    """
+
+    ratio: float
+    readout: Readout
+    height: int
+    width: int
+    times_s: np.ndarray
+    motions: list[Motion]
+    cuts: list[bool]
+
+    def at(self, time_s: float) -> tuple[Motion, bool]:
+        """Motion of the frame that is shown at a moment, and whether it follows a cut.
+
+        Raises:
+            UnshutterError: the file has no such frame.
+        """
+        k = int(np.abs(self.times_s - time_s).argmin())
+        if abs(self.times_s[k] - time_s) > 0.001:
+            raise UnshutterError(f"the motion file has no frame at {time_s:.3f} s: it is of another clip")
+        return self.motions[k], self.cuts[k]
+
+
+class MotionWriter:
+    """Writes frames as they go by."""
+
+    def __init__(self, stream: TextIO, clip: Clip, ratio: ReadoutRatio, readout: Readout):
+        self._stream, self._first = stream, True
+        head = {
+            "format": FORMAT,
+            "unshutter": __version__,
+            "height": clip.height,
+            "width": clip.width,
+            "readout": str(readout),
+            "frame_interval_s": clip.interval_s,
+            "readout_ratio": ratio.value,
+            "readout_ratio_sd": ratio.error or None,
+            "found_by": ratio.source,
+        }
+        stream.write(json.dumps(head)[:-1] + ', "frames": [\n')
+
+    def add(self, moved: Moved) -> None:
+        """The next frame."""
+        motion = moved.motion
+        told: dict[str, Any] = {"time_s": moved.frame.time or 0.0, "cut": moved.cut}
+        if isinstance(motion, RotationMotion):
+            kept = motion.rotations[:: (ROWS - 1) // (_KEPT - 1)]
+            told |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(kept, 9).tolist()}
+        else:
+            told |= {"rotations_rad": None, "reason": motion.reason}
+        self._stream.write(("" if self._first else ",\n") + json.dumps(told))
+        self._first = False
+
+    def end(self) -> None:
+        """After the last frame."""
+        self._stream.write("\n]}\n")
+
+
+@contextmanager
+def motion_written(
+    path: Path | None, overwrite: bool, clip: Clip, ratio: ReadoutRatio, readout: Readout
+) -> Iterator[MotionWriter | None]:
+    """Writes a motion file whole or not at all; None where none is wanted.
+
+    Raises:
+        UnshutterError: it cannot be written.
+    """
+    if path is None:
+        yield None
+        return
+    with written_whole(path, overwrite) as part, part.open("w", encoding="utf-8") as stream:
+        writer = MotionWriter(stream, clip, ratio, readout)
+        yield writer
+        writer.end()
+
+
+def load(path: Path) -> ClipMotion:
+    """Reads a motion file.
+
+    Raises:
+        UnshutterError: it cannot be read, or is none.
+    """
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise UnshutterError(f"{path} is too large for a motion file")
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UnshutterError(f"cannot read motion file {path}: {error.strerror}") from None
+    except (ValueError, RecursionError):
+        raise UnshutterError(f"{path}: not a motion file of a clip") from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        raise UnshutterError(f'{path}: not a motion file of a clip: its "format" is not "{FORMAT}"')
+    try:
+        return _made(data)
+    except (KeyError, TypeError, ValueError, OverflowError, UnshutterError) as error:
+        raise UnshutterError(f"{path}: not a usable motion file: {error}") from None
+
+
+def _made(data: dict[str, Any]) -> ClipMotion:
+    readout = Readout.parse(data["readout"])
+    height, width = int(data["height"]), int(data["width"])
+    ratio = float(data["readout_ratio"])
+    if not 0 < ratio <= 1 or not 0 < height < 1 << 20 or not 0 < width < 1 << 20:
+        raise ValueError("numbers that cannot be")
+    frame_height, frame_width = readout.frame_size(height, width)
+    small = max(1, round(frame_width * ROWS / frame_height))
+    motions: list[Motion] = []
+    for frame in data["frames"]:
+        if frame["rotations_rad"] is None:
+            motions.append(RowMotion.zero(ROWS, small, readout=readout, reason=str(frame.get("reason", ""))))
+            continue
+        kept = np.array(frame["rotations_rad"], np.float64)
+        if kept.shape != (_KEPT, 3):
+            raise ValueError(f"rotations of shape {kept.shape}")
+        rotations = _between() @ kept
+        rotations -= rotations[0]
+        motions.append(RotationMotion(small, rotations, float(frame["focal"]) * ROWS, readout=readout))
+    times = np.array([float(frame["time_s"]) for frame in data["frames"]])
+    if not len(times) or not np.isfinite(times).all():
+        raise ValueError("no frames, or times that are no numbers")
+    return ClipMotion(ratio, readout, height, width, times, motions, [bool(frame["cut"]) for frame in data["frames"]])
+
+
+def _between() -> np.ndarray:
+    """[ROWS, _KEPT] weights of cubics through four rows that were kept, at all rows."""
+    at = np.arange(ROWS) * (_KEPT - 1) / (ROWS - 1)
+    first = np.clip(np.floor(at).astype(int) - 1, 0, _KEPT - 4)
+    weights = np.zeros((ROWS, _KEPT))
+    for j in range(4):
+        factor = np.ones(ROWS)
+        for k in set(range(4)) - {j}:
+            factor *= (at - first - k) / (j - k)
+        weights[np.arange(ROWS), first + j] = factor
+    return weights

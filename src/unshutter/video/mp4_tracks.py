@@ -1,0 +1,247 @@
+"""The tracks of MP4 and QuickTime files: where their samples are, and how a track is put into another file.
+
+Source: ISO/IEC 14496-12; QuickTime File Format Specification. Numbers are big-endian.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from unshutter.photo.containers.boxes import inside
+
+_OWN_ENTRY = {  # of a sample entry: what belongs to one encoder's data, not to the film
+    *(b"avcC", b"hvcC", b"av1C", b"vpcC", b"lhvC", b"dvcC", b"dvvC", b"dvwC", b"hvcE", b"vexu"),
+    *(b"btrt", b"glbl", b"esds", b"fiel", b"clap"),
+}
+_VISUAL = 78  # bytes of a visual sample entry before the boxes in it
+_FULL = 4  # bytes of version and flags
+
+
+class NotPlainError(ValueError):
+    """A file whose tracks cannot be taken apart: in fragments, damaged, or with its samples elsewhere."""
+
+
+def box(name: bytes, content: bytes) -> bytes:
+    """A box with its head."""
+    return struct.pack(">I4s", len(content) + 8, name) + content
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Samples that lie side by side.
+
+    Attributes:
+        at_s: time of the first [s].
+        start, size: where they are in their file [bytes].
+    """
+
+    at_s: float
+    start: int
+    size: int
+
+
+@dataclass(frozen=True)
+class Track:
+    """A track as a file says it is.
+
+    Attributes:
+        content: of its ``trak`` box.
+    """
+
+    content: bytes
+
+    def part(self, *names: bytes) -> bytes:
+        """The content of a box in boxes; KeyError where there is none."""
+        content = self.content
+        for name in names:
+            content = dict(inside(content))[name]
+        return content
+
+    @property
+    def handler(self) -> bytes:
+        """What it is: ``vide``, ``soun`` ..."""
+        return self.part(b"mdia", b"hdlr")[8:12]
+
+    @property
+    def timescale(self) -> int:
+        """Units of its times in a second."""
+        header = self.part(b"mdia", b"mdhd")
+        return struct.unpack_from(">I", header, 20 if header[0] else 12)[0]
+
+    @property
+    def number(self) -> int:
+        """Its ID."""
+        header = self.part(b"tkhd")
+        return struct.unpack_from(">I", header, 20 if header[0] else 12)[0]
+
+    def chunks(self) -> list[Chunk]:
+        """Its chunks in their order.
+
+        Raises:
+            NotPlainError: its tables contradict each other.
+        """
+        sizes, per_chunk, offsets, times = self._tables()
+        first = np.concatenate([[0], np.cumsum(per_chunk)])
+        ends = np.concatenate([[0], np.cumsum(sizes)])
+        return [
+            Chunk(float(times[first[k]]), int(offsets[k]), int(ends[first[k + 1]] - ends[first[k]]))
+            for k in range(len(offsets))
+        ]
+
+    def samples(self) -> list[int]:
+        """Where each of its samples is in its file [bytes]; errors as :meth:`chunks`."""
+        sizes, per_chunk, offsets, _ = self._tables()
+        ends = np.concatenate([[0], np.cumsum(sizes)])
+        before = ends[np.concatenate([[0], np.cumsum(per_chunk)])[:-1]]  # each chunk
+        return (np.repeat(offsets - before, per_chunk) + ends[:-1]).tolist()
+
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Sizes of samples, samples in each chunk, offsets of chunks [bytes], times of samples [s]."""
+        try:
+            table = dict(inside(self.part(b"mdia", b"minf", b"stbl")))
+            wide = b"co64" in table
+            offsets = _numbers(table[b"co64" if wide else b"stco"], ">u8" if wide else ">u4")
+            sizes = _sizes(table).astype(np.int64)
+            per_chunk = _per_chunk(_numbers(table[b"stsc"], ">u4", 3), len(offsets))
+            durations = _numbers(table[b"stts"], ">u4", 2).astype(np.int64)
+            if per_chunk.sum() != len(sizes) or durations[:, 0].sum() != len(sizes):
+                raise NotPlainError("its tables contradict each other")
+        except (KeyError, struct.error, ValueError, IndexError) as error:
+            raise NotPlainError(str(error)) from None
+        times = np.concatenate([[0], np.cumsum(np.repeat(durations[:, 1], durations[:, 0]))])
+        return sizes, per_chunk, offsets.astype(np.int64), times / max(self.timescale, 1)
+
+    def moved(self, starts: list[int]) -> bytes:
+        """Its ``trak`` content with chunks that begin elsewhere."""
+        told = _offsets(starts)
+
+        def change(content: bytes, path: tuple[bytes, ...]) -> bytes:
+            made = b""
+            for name, inner in inside(content):
+                if name in (b"stco", b"co64"):
+                    name, inner = b"co64", told
+                elif path and name == path[0]:
+                    inner = change(inner, path[1:])
+                made += box(name, inner)
+            return made
+
+        return change(self.content, (b"mdia", b"minf", b"stbl"))
+
+    def with_film(self, film: Track, movie_scale: int, film_movie_scale: int) -> Track:
+        """This track with the samples of another, and all else that it says: names, times, turns, tags.
+
+        Args:
+            film: the track whose samples these are.
+            movie_scale: units in a second of the file that this track is in.
+            film_movie_scale: the same of the other file.
+        """
+        header = bytearray(self.part(b"tkhd"))
+        theirs = film.part(b"tkhd")
+        length = _duration(theirs, 20) * movie_scale // film_movie_scale
+        _set_duration(header, 20, length)
+        if theirs[-8:] != bytes(header[-8:]) and _size(film) != _size(self):
+            header[-8:] = theirs[-8:]
+        made = b""
+        for name, content in inside(self.content):
+            if name == b"edts":
+                continue
+            if name == b"tkhd":
+                made += box(name, bytes(header))
+                if edits := dict(inside(film.content)).get(b"edts"):
+                    made += box(b"edts", _rescaled_edits(edits, movie_scale, film_movie_scale))
+            elif name == b"mdia":
+                made += box(name, self._media_with(film))
+            else:
+                made += box(name, content)
+        return Track(made)
+
+    def _media_with(self, film: Track) -> bytes:
+        """The ``mdia`` content: theirs where it is about samples."""
+        header, theirs = bytearray(self.part(b"mdia", b"mdhd")), film.part(b"mdia", b"mdhd")
+        struct.pack_into(">I", header, 20 if header[0] else 12, film.timescale)
+        _set_duration(header, 16, _duration(theirs, 16))
+        table = b""
+        for name, content in inside(film.part(b"mdia", b"minf", b"stbl")):
+            if name == b"stsd":
+                content = _entry_with(content, self.part(b"mdia", b"minf", b"stbl", b"stsd"))
+            elif name == b"stsc":  # every sample by itself, so that sound can lie between them
+                content = struct.pack(">IIIII", 0, 1, 1, 1, 1)
+            elif name in (b"stco", b"co64"):
+                name, content = b"co64", _offsets(film.samples())
+            table += box(name, content)
+        made = b""
+        for name, content in inside(self.part(b"mdia")):
+            if name == b"mdhd":
+                content = bytes(header)
+            elif name == b"minf":
+                content = b"".join(box(n, table if n == b"stbl" else c) for n, c in inside(content))
+            made += box(name, content)
+        return made
+
+
+def _offsets(starts: list[int]) -> bytes:
+    """The content of a ``co64`` box."""
+    return struct.pack(">II", 0, len(starts)) + np.array(starts, ">u8").tobytes()
+
+
+def _numbers(content: bytes, kind: str, columns: int = 1) -> np.ndarray:
+    (count,) = struct.unpack_from(">I", content, _FULL)
+    values = np.frombuffer(content, kind, count * columns, _FULL + 4)
+    return values.reshape(count, columns) if columns > 1 else values
+
+
+def _sizes(table: dict[bytes, bytes]) -> np.ndarray:
+    content = table[b"stsz"]
+    each, count = struct.unpack_from(">II", content, _FULL)
+    return np.full(count, each, ">u4") if each else np.frombuffer(content, ">u4", count, _FULL + 8)
+
+
+def _per_chunk(runs: np.ndarray, chunks: int) -> np.ndarray:
+    """[chunks] samples in each."""
+    first = runs[:, 0].astype(np.int64) - 1
+    return np.repeat(runs[:, 1].astype(np.int64), np.diff(np.append(first, chunks)))
+
+
+def _duration(header: bytes, at: int) -> int:
+    """Of tkhd (at 20) or mdhd (at 16), which are longer in their version 1."""
+    if header[0]:
+        return struct.unpack_from(">Q", header, at + 8)[0]
+    return struct.unpack_from(">I", header, at)[0]
+
+
+def _set_duration(header: bytearray, at: int, value: int) -> None:
+    if header[0]:
+        struct.pack_into(">Q", header, at + 8, value)
+    else:
+        struct.pack_into(">I", header, at, min(value, 0xFFFFFFFF))
+
+
+def _size(track: Track) -> bytes:
+    """Width and height of the first sample entry."""
+    return track.part(b"mdia", b"minf", b"stbl", b"stsd")[8 + 8 + 24 : 8 + 8 + 28]
+
+
+def _rescaled_edits(edits: bytes, scale: int, theirs: int) -> bytes:
+    """The ``edts`` content with its lengths in other units."""
+    content = dict(inside(edits))[b"elst"]
+    (count,) = struct.unpack_from(">I", content, _FULL)
+    kind = ">Qqi" if content[0] else ">Iii"
+    made = content[: _FULL + 4]
+    for k in range(count):
+        length, start, rate = struct.unpack_from(kind, content, _FULL + 4 + k * struct.calcsize(kind))
+        made += struct.pack(kind, length * scale // theirs, start, rate)
+    return box(b"elst", made)
+
+
+def _entry_with(theirs: bytes, ours: bytes) -> bytes:
+    """Their ``stsd`` content, its first entry with what ours says of colours and light beside the encoded data."""
+    entries, own = list(inside(theirs[8:])), list(inside(ours[8:]))
+    name, content = entries[0]
+    known = {n for n, _ in inside(content[_VISUAL:])}
+    for kind, extra in inside(own[0][1][_VISUAL:]):
+        if kind not in known | _OWN_ENTRY:
+            content += box(kind, extra)
+    return theirs[:8] + box(name, content) + b"".join(box(n, c) for n, c in entries[1:])

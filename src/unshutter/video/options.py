@@ -1,0 +1,178 @@
+"""What can be asked for of a clip (see options.py of the package): nothing here imports NumPy or PyAV."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+from unshutter.errors import UsageError
+from unshutter.geometry.readout import Readout
+from unshutter.options import Reference, option
+
+ClipEdges = Literal["keep", "crop", "fill"]
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """What is known of the camera.
+
+    Attributes:
+        readout_ms: time in which a frame is read out [ms].
+        readout_ratio: the same in frame intervals; without either it is found from the clip.
+        camera: name in the table of cameras, for clips that do not say it.
+        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        focal_px: focal length [px of a frame]; None: found.
+
+    Raises:
+        UsageError: numbers that cannot be, or two of them for the same.
+    """
+
+    readout_ms: float | None = option(
+        None, "Time in which a frame is read out, if you know it. Default: found from the clip.", metavar="MS"
+    )
+    readout_ratio: float | None = option(None, "The same, divided by the time from frame to frame: above 0, at most 1.")
+    camera: str | None = option(
+        None, "Camera whose readout time is taken if the clip does not say; `unshutter cameras` lists them."
+    )
+    readout: str = option(
+        "auto",
+        "Direction in which the sensor was read, if an editor has turned the frames. Default: top-to-bottom.",
+        choices=("auto", *Readout),
+    )
+    focal_px: float | None = option(None, "Focal length in px of a frame. Default: found from the clip.")
+
+    def __post_init__(self) -> None:
+        Readout.parse(self.readout)
+        if self.readout_ms is not None and self.readout_ratio is not None:
+            raise UsageError("say either --readout-ms or --readout-ratio")
+        if self.readout_ms is not None and not 0 < self.readout_ms < math.inf:
+            raise UsageError(f"the readout time must be positive, got {self.readout_ms:g} ms")
+        check_ratio(self.readout_ratio)
+        if self.focal_px is not None and not 0 < self.focal_px < math.inf:
+            raise UsageError(f"the focal length must be positive, got {self.focal_px:g} px")
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was said of the readout time and the focal length."""
+        return self.readout_ms is self.readout_ratio is self.camera is self.focal_px is None
+
+    def ratio(self, interval_s: float) -> float | None:
+        """Readout time in frame intervals, where it was given.
+
+        Raises:
+            UsageError: longer than a frame.
+        """
+        if self.readout_ms is None:
+            return self.readout_ratio
+        ratio = self.readout_ms / 1000 / interval_s
+        if ratio > 1.0005:
+            raise UsageError(
+                f"frames are {1000 * interval_s:.2f} ms apart: they cannot take {self.readout_ms:g} ms to be read out"
+            )
+        return min(ratio, 1.0)
+
+
+def check_ratio(ratio: float | None) -> None:
+    """Raises UsageError for a readout ratio that cannot be."""
+    if ratio is not None and not 0 < ratio <= 1:
+        raise UsageError(
+            f"the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, got {ratio:g}"
+        )
+
+
+@dataclass(frozen=True)
+class UndoFrames:
+    """How the motion of frames is undone.
+
+    Attributes:
+        reference: row at whose moment each frame is taken.
+        strength: 0 (nothing) to 1 (the whole motion).
+        edges: ``keep`` leaves places that a frame did not see black, ``crop`` cuts all frames to the largest rectangle
+            of the clip's shape without them, ``fill`` repeats the edge.
+
+    Raises:
+        UsageError: a value that is none of its choices.
+    """
+
+    reference: Reference = option("middle", "Row at whose moment each frame is taken. Default: middle.")
+    strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
+    edges: ClipEdges = option(
+        "fill",
+        "Places that a frame did not see: fill them with the nearest colour, keep them black, or crop all frames "
+        "alike so that there are none. Default: fill.",
+    )
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.strength <= 1:
+            raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
+        if self.edges not in get_args(ClipEdges) or self.reference not in get_args(Reference):
+            raise UsageError("unknown edges or reference row: choose keep, crop or fill, and first, middle or last")
+
+
+@dataclass(frozen=True)
+class Encode:
+    """How frames are encoded.
+
+    Attributes:
+        codec: encoder, as FFmpeg calls it; None: the clip's own.
+        crf: quality, smaller is better; None: one at which no loss is seen.
+        preset: of libx264, libx265 and libsvtav1: fast or small; None: the encoder's own.
+
+    Raises:
+        UsageError: a quality that cannot be.
+    """
+
+    codec: str | None = option(
+        None, "Encoder: libx264, libx265, libsvtav1, prores_ks, ffv1 ... Default: that of the clip."
+    )
+    crf: float | None = option(None, "Quality: smaller is better and larger. Default: 18 (libx264), 20, 24.")
+    preset: str | None = option(None, "Speed of the encoder: veryfast ... slow; of libsvtav1 13 ... 0.")
+
+    def __post_init__(self) -> None:
+        if self.crf is not None and not 0 <= self.crf <= 63:
+            raise UsageError(f"--crf must lie between 0 and 63, got {self.crf:g}")
+
+
+@dataclass(frozen=True)
+class RectifyClip:
+    """What is done to a clip.
+
+    Attributes:
+        shutter: what is known of the camera.
+        undo: how motion is undone.
+        encode: how frames are encoded.
+        fps: frames per second of a sequence of pictures.
+        start, end: what is kept of the clip [s]; None: all.
+        motion: file with the clip's motion; None: it is found.
+        save_motion: file to write it to.
+        preview: picture or film to write that shows moments before and after.
+        overwrite: whether outputs that exist may be replaced.
+        json_log: file to add what happens to.
+
+    Raises:
+        UsageError: options that do not go together.
+    """
+
+    shutter: Shutter = field(default_factory=Shutter)
+    undo: UndoFrames = field(default_factory=UndoFrames)
+    encode: Encode = field(default_factory=Encode)
+    fps: float | None = option(None, "Frames per second of a sequence of pictures. Default: 30.", metavar="N")
+    start: float | None = option(None, "Begin at this second of the clip.", metavar="SECONDS")
+    end: float | None = option(None, "End before this second of the clip.", metavar="SECONDS")
+    motion: Path | None = option(None, "Undo the motion in this file (from --save-motion) instead of finding it.")
+    save_motion: Path | None = option(None, "Also write the clip's motion to this JSON file.", metavar="PATH")
+    preview: Path | None = option(
+        None, "Also write a picture (.jpg, .png) of five moments, or a film (.mp4), before and after side by side."
+    )
+    overwrite: bool = option(False, "Replace outputs that exist already; the clip itself never is.")
+    json_log: Path | None = option(None, "Add what happens to this file, one JSON object a line.")
+
+    def __post_init__(self) -> None:
+        if self.motion is not None and not self.shutter.is_empty:
+            raise UsageError("the motion file says how the camera was read out: leave out the camera's options")
+        if self.fps is not None and not 0 < self.fps < 10_000:
+            raise UsageError(f"--fps must be positive, got {self.fps:g}")
+        if (self.start or 0) < 0 or (self.end is not None and self.end <= (self.start or 0)):
+            raise UsageError("--start must be 0 or later, and --end after it")

@@ -1,0 +1,99 @@
+"""The planes of a decoded frame as arrays, without a copy and without a change of colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from unshutter.errors import UnshutterError
+
+if TYPE_CHECKING:
+    import av
+
+    from unshutter.geometry.shapes import UInt, UInt8
+
+
+@dataclass(frozen=True)
+class Plane:
+    """How one plane of a pixel format is stored.
+
+    Attributes:
+        bands: values of a pixel that lie side by side (3 in packed RGB, 2 in the chroma of NV12).
+        across, down: pixels of the frame per pixel of the plane.
+        black: its value where nothing was seen, in frames of the limited range.
+        black_full: the same in frames of the full range.
+    """
+
+    bands: int
+    across: int
+    down: int
+    black: int
+    black_full: int
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """A pixel format whose planes can be warped.
+
+    Attributes:
+        name: as FFmpeg calls it.
+        depth: bits of a value.
+        planes: in the order of the format.
+    """
+
+    name: str
+    depth: int
+    planes: tuple[Plane, ...]
+
+    @classmethod
+    def of(cls, pixel_format: av.VideoFormat | None) -> PixelFormat:
+        """The planes of an FFmpeg pixel format.
+
+        Raises:
+            UnshutterError: its values are no whole bytes side by side.
+        """
+        if pixel_format is None:
+            raise UnshutterError("the clip does not say how its pixels are stored")
+        name, components = pixel_format.name, pixel_format.components
+        by_plane = [[c for c in components if c.plane == k] for k in range(1 + max(c.plane for c in components))]
+        depth = components[0].bits
+        odd = any(len({(c.bits, c.width) for c in inside}) > 1 for inside in by_plane)
+        packed = max(map(len, by_plane)) > 1
+        if odd or pixel_format.has_palette or pixel_format.is_bit_stream or not 8 <= depth <= 16 or name.endswith("be"):
+            raise UnshutterError(f"cannot work on pixels of the format {name}: convert the clip to yuv420p first")
+        if packed and depth not in (8, 16):  # P010 and its like keep their bits elsewhere
+            raise UnshutterError(f"cannot work on pixels of the format {name}: convert the clip to yuv420p10le first")
+        planes = []
+        for k, inside in enumerate(by_plane):
+            across, down = -(-pixel_format.width // inside[0].width), -(-pixel_format.height // inside[0].height)
+            chroma = not pixel_format.is_rgb and k in (1, 2)
+            luma = not pixel_format.is_rgb and k == 0
+            black = (1 << depth) // 2 if chroma else 0
+            planes.append(Plane(len(inside), across, down, (1 << depth) // 16 if luma else black, black))
+        return cls(name, depth, tuple(planes))
+
+    def arrays(self, frame: av.VideoFrame) -> list[UInt[np.ndarray, "rows columns *bands"]]:
+        """The planes of a frame: views of its memory, valid as long as the frame itself is kept."""
+        dtype = np.dtype(np.uint8 if self.depth == 8 else "<u2")
+        views = []
+        for stored, plane in zip(frame.planes, self.planes, strict=True):
+            shape, size = (-(-frame.height // plane.down), -(-frame.width // plane.across)), dtype.itemsize
+            strides = (stored.line_size, plane.bands * size)
+            if plane.bands > 1:
+                shape, strides = (*shape, plane.bands), (*strides, size)
+            views.append(np.ndarray(shape, dtype, buffer=memoryview(stored), strides=strides))
+        return views
+
+    def grey(self, frame: av.VideoFrame, side: int) -> UInt8[np.ndarray, "rows columns"]:
+        """A small grey copy of a frame, its short side about so many px; never larger than the frame."""
+        luma = self.arrays(frame)[0]
+        if luma.ndim == 3:
+            luma = luma[..., 1] if luma.shape[2] > 2 else luma[..., 0]
+        scale = min(1.0, side / min(luma.shape))
+        size = (max(1, round(luma.shape[1] * scale)), max(1, round(luma.shape[0] * scale)))
+        luma = luma if luma.strides[1] == luma.itemsize else np.ascontiguousarray(luma)
+        small = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA))
+        return small if self.depth == 8 else (small >> (self.depth - 8)).astype(np.uint8)

@@ -1,0 +1,124 @@
+"""The readout time of a clip's camera, found from the clip: parts of it are asked one by one, and have to agree."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.focal import focal_from_motion
+from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
+from unshutter.frames.sequence import CameraMotion
+from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
+from unshutter.geometry.readout import Readout
+from unshutter.progress import Progress
+from unshutter.video.background import ahead
+from unshutter.video.clip import Clip
+from unshutter.video.moving import look
+
+_PART, _FEWEST = 60, 20  # frames that are asked together, and those that are worth asking
+_MOST_PARTS = 12
+_FAR = 3.0  # standard deviations: parts that differ by more do not agree
+_AGREE = 0.6  # share of the parts' weight that has to
+_GUESSED_RATIO = 0.5
+WHAT_TO_DO = "say it with --readout-ms"
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Consecutive frames of one shot, as tracks."""
+
+    pairs: list[Tracks]
+
+
+def find_ratio(clip: Clip, readout: Readout, focal_px: float | None, span: tuple[float, float]) -> ReadoutRatio:
+    """The readout ratio of a clip's camera.
+
+    Args:
+        clip: the clip.
+        readout: direction in which the stored pixels were read.
+        focal_px: focal length [px of a frame]; None: found, too.
+        span: the part of the clip that is looked at [s].
+
+    Raises:
+        UnshutterError: the clip does not say it.
+    """
+    found: list[ReadoutRatio] = []
+    why = "the camera stood still"
+    with Progress(_MOST_PARTS, "readout time") as progress:
+        for part in _parts(clip, readout, span):
+            focal = None if focal_px is None else focal_px * 256 / part.pairs[0].height
+            try:
+                focal = focal or focal_from_motion(part.pairs[: _PART // 2], _GUESSED_RATIO)
+                found.append(ratio_from_motion(part.pairs, focal))
+            except UnshutterError as error:
+                why = _inner(str(error))
+            progress.advance()
+    if not found:
+        raise UnshutterError(f"the readout time cannot be told from this clip ({why}): {WHAT_TO_DO}")
+    return agreed(found)
+
+
+def agreed(found: list[ReadoutRatio]) -> ReadoutRatio:
+    """What parts of a clip say together.
+
+    Raises:
+        UnshutterError: they do not agree.
+    """
+    values, errors = np.array([each.value for each in found]), np.array([each.error for each in found])
+    weights = 1 / errors**2
+    order = np.argsort(values)
+    middle = values[order][np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2)]
+    near = np.abs(values - middle) <= _FAR * np.hypot(errors, errors.min())
+    if weights[near].sum() < _AGREE * weights.sum():
+        told = ", ".join(f"{value:.2f}" for value in values)
+        raise UnshutterError(f"parts of the clip differ about its readout ratio ({told}): {WHAT_TO_DO}")
+    value = float(np.average(values[near], weights=weights[near]))
+    spread = ((values[near] - value) ** 2 * weights[near]).sum() / max(near.sum() - 1, 1)
+    error = float(np.sqrt(max(spread, 1.0) / weights[near].sum()))
+    return ReadoutRatio(value, error, "motion")
+
+
+def _parts(clip: Clip, readout: Readout, span: tuple[float, float]) -> Iterator[_Part]:
+    """Parts of the clip, evenly over it."""
+    length = _PART * clip.interval_s
+    starts = np.linspace(span[0], max(span[1] - 1.1 * length, span[0]), _MOST_PARTS)
+    if (span[1] - span[0]) < _MOST_PARTS * length:
+        starts = span[0] + length * np.arange(max(1, int((span[1] - span[0]) / length)))
+    for start in starts:
+        pairs = _tracked(clip, readout, float(start), float(start) + length * 1.001)
+        if len(pairs) >= _FEWEST:
+            yield _Part(pairs)
+
+
+def _tracked(clip: Clip, readout: Readout, start: float, end: float) -> list[Tracks]:
+    """The longest run of neighbours between two moments, as tracks."""
+    camera = CameraMotion(readout=readout)
+    runs: list[list[Tracks]] = [[]]
+    before = seen = None
+    with suppress(StopIteration):
+        for frame in ahead(clip.items(start, end), 3):
+            since = clip.since(before, frame)
+            now = look(clip, frame, camera, 1.0, TRACKED_SIDE)
+            moved = background(follow(seen.grey, now.grey)) if seen is not None else None
+            if since != 1.0 or (moved is not None and not moved.joined):
+                runs.append([])
+            elif moved is not None:
+                runs[-1].append(moved.tracks)
+            before, seen = frame, now
+    return max(runs, key=len)
+
+
+def _inner(message: str) -> str:
+    """What stands in the brackets of a message."""
+    return message.partition("(")[2].partition(")")[0] or message
+
+
+def tell(ratio: ReadoutRatio, interval_s: float) -> None:
+    """Prints what was found, in a form that can be given back."""
+    ms, error = 1000 * interval_s * ratio.value, 1000 * interval_s * ratio.error
+    print(f"unshutter: readout time {ms:.1f} +- {error:.1f} ms (--readout-ms {ms:.1f})", file=sys.stderr)

@@ -1,0 +1,279 @@
+"""A whole clip: its readout time, its motion, its frames, its file."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.ratio import ReadoutRatio
+from unshutter.frames.sequence import CameraMotion
+from unshutter.geometry.readout import Readout
+from unshutter.progress import Progress
+from unshutter.storage.files import check_target, remove_leftovers, written_whole
+from unshutter.storage.plain_files import open_plain
+from unshutter.video import motion_file, mp4_film, pictures
+from unshutter.video.background import ahead, side_by_side
+from unshutter.video.clip import Clip, opened
+from unshutter.video.encoders import Encoder
+from unshutter.video.frames_out import Warper, common_window
+from unshutter.video.moving import Moved, window, with_motion
+from unshutter.video.options import RectifyClip
+from unshutter.video.preview import check_ending, write_preview
+from unshutter.video.readout_search import find_ratio, tell
+from unshutter.video.writing import Film, writing
+from unshutter.warp.pixels import thread_count
+
+_MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
+_DECODED_AHEAD = 2  # frames; each is in memory
+
+
+@dataclass
+class Done:
+    """What was done to a clip.
+
+    Attributes:
+        frames: how many there are.
+        rectified: how many of them moved.
+        reasons: why others were left as they are, and how many.
+        cuts_s: when the scene changes [s].
+        left_out: what of the file did not find a place.
+    """
+
+    frames: int = 0
+    rectified: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    cuts_s: list[float] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+    def add(self, moved: Moved) -> None:
+        """One more frame."""
+        self.frames += 1
+        self.rectified += not moved.motion.is_zero
+        if moved.motion.is_zero:
+            self.reasons[moved.motion.reason] += 1
+        if moved.cut:
+            self.cuts_s.append(round(moved.frame.time or 0.0, 3))
+
+
+def rectify_clip(source: str, output: str, wanted: RectifyClip) -> Done:
+    """Writes a clip as a global shutter would have taken it.
+
+    Args:
+        source: a film, a folder of pictures, or a pattern of their names.
+        output: a file, or a folder or pattern for pictures.
+        wanted: what is done.
+
+    Raises:
+        UsageError: options that do not fit the clip.
+        UnshutterError: the clip cannot be read, its readout time not be told, or the output not be written.
+    """
+    cv2.setNumThreads(1)  # the threads are in the pipeline
+    target = Path(output)
+    _check_targets(source, target, wanted)
+    clip = Clip.look(source, wanted.fps)
+    if wanted.fps is not None and not clip.of_pictures:
+        raise UsageError("--fps is for sequences of pictures: a film says it itself")
+    known = motion_file.load(wanted.motion) if wanted.motion is not None else None
+    encoder = Encoder.choose(clip, wanted.encode) if not _is_pictures(target) else None
+    ratio, readout = _readout(clip, wanted, known)
+    work = _Work(clip, wanted, ratio, readout, known, encoder)
+    work.warper = Warper(clip, wanted.undo)
+    if wanted.undo.edges == "crop":
+        with closing(work.moved(all_streams=False)) as moved, Progress(clip.frames or 2, "looking") as progress:
+            work.warper = Warper(clip, wanted.undo, common_window(work.warper, _counted(moved, progress)))
+    done = pictures_out(work, target) if _is_pictures(target) else _film_out(work, target)
+    if wanted.preview is not None:
+        write_preview(wanted.preview, clip, output, wanted.start or 0.0, done.frames, wanted.overwrite)
+    _tell(source, output, done, ratio, clip, wanted)
+    return done
+
+
+@dataclass
+class _Work:
+    """What the steps of a run share."""
+
+    clip: Clip
+    wanted: RectifyClip
+    ratio: ReadoutRatio
+    readout: Readout
+    known: motion_file.ClipMotion | None
+    encoder: Encoder | None  # None: pictures
+    warper: Warper = field(init=False)
+
+    def moved(self, all_streams: bool) -> Generator[Any]:
+        """Frames with their motion, and packets of the other streams."""
+        items = ahead(self.clip.items(self.wanted.start, self.wanted.end, all_streams), _DECODED_AHEAD)
+        if self.known is not None:
+            return _with_known(self.known, items)
+        together = window(self.clip)
+        camera = CameraMotion(self.ratio, self.wanted.shutter.focal_px, self.readout, together)
+        return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
+
+    def made(self, all_streams: bool) -> Generator[tuple[Any, Any]]:
+        """(item as it came, frame to encode) in order."""
+        return side_by_side(self.warper, self.moved(all_streams), thread_count())
+
+
+def _with_known(known: motion_file.ClipMotion, items: Iterable[Any]) -> Generator[Any]:
+    from unshutter.video.library import av
+
+    for item in items:
+        if isinstance(item, av().VideoFrame):
+            yield Moved(item, *known.at(item.time or 0.0))
+        else:
+            yield item
+
+
+def _film_out(work: _Work, target: Path) -> Done:
+    """Writes a film: the frames into a file of their own where they are put into a copy of the one that came in."""
+    clip, wanted, done = work.clip, work.wanted, Done()
+    whole = wanted.start is None and wanted.end is None
+    grafted = whole and _same_family(clip.path, target) and mp4_film.can_take(clip.path)
+    with ExitStack() as stack:
+        part = stack.enter_context(written_whole(target, wanted.overwrite))
+        motions = stack.enter_context(
+            motion_file.motion_written(wanted.save_motion, wanted.overwrite, clip, work.ratio, work.readout)
+        )
+        source = stack.enter_context(opened(clip.path, 1 / clip.interval_s if clip.of_pictures else None))
+        frames = stack.enter_context(tempfile.TemporaryFile(dir=target.parent)) if grafted else None
+        place = frames if frames is not None else part
+        container = stack.enter_context(writing(place, target.suffix, clip.ticks))
+        made = stack.enter_context(closing(work.made(all_streams=not grafted)))
+        assert work.encoder is not None
+        film = Film(container, source, clip, work.encoder, not grafted, work.warper.size, wanted.start or 0.0)
+        with Progress(clip.frames or 2, "frames") as progress:
+            for item, frame in made:
+                if not isinstance(item, Moved):
+                    film.add_packet(item)
+                    continue
+                done.add(item)
+                if motions is not None:
+                    motions.add(item)
+                film.add_frame(frame)
+                progress.advance()
+        if not done.frames:
+            raise UnshutterError(f"{clip.path} has no frames there")
+        film.end()
+        done.left_out = film.left_out
+        if frames is not None:
+            with open(clip.path, "rb") as original, part.open("r+b") as out:
+                mp4_film.write_with_film(original, frames, out)
+    return done
+
+
+def pictures_out(work: _Work, target: Path) -> Done:
+    """Writes pictures into a new folder, which gets its name when all of them are there."""
+    clip, wanted, done = work.clip, work.wanted, Done()
+    folder, name = pictures.folder_and_name(target, clip.path if clip.of_pictures else "00001.png")
+    with ExitStack() as stack:
+        part = stack.enter_context(pictures.new_folder(folder))
+        motions = stack.enter_context(
+            motion_file.motion_written(wanted.save_motion, wanted.overwrite, clip, work.ratio, work.readout)
+        )
+        made = stack.enter_context(closing(work.made(all_streams=False)))
+        with Progress(clip.frames or 2, "frames") as progress:
+            for item, frame in made:
+                done.add(item)
+                if motions is not None:
+                    motions.add(item)
+                pictures.write(frame, part / (name % done.frames))
+                progress.advance()
+        if not done.frames:
+            raise UnshutterError(f"{clip.path} has no frames there")
+    return done
+
+
+# ---- before and after -------------------------------------------------------------------------------------
+
+
+def _readout(clip: Clip, wanted: RectifyClip, known: motion_file.ClipMotion | None) -> tuple[ReadoutRatio, Readout]:
+    """The readout ratio and direction: from the motion file, given, or found."""
+    readout = Readout.parse(wanted.shutter.readout)
+    if known is not None:
+        if (known.height, known.width) != (clip.height, clip.width):
+            raise UnshutterError(
+                f"the motion file is of frames of {known.width}x{known.height} px, the clip has "
+                f"{clip.width}x{clip.height}: it is of another clip"
+            )
+        return ReadoutRatio(known.ratio, 0.0, "motion file"), known.readout
+    ratio = wanted.shutter.ratio(clip.interval_s)
+    if ratio is not None:
+        return ReadoutRatio(ratio, 0.0, "given"), readout
+    begin, end = wanted.start or 0.0, wanted.end or clip.duration_s or 60.0
+    found = find_ratio(clip, readout, wanted.shutter.focal_px, (begin, end))
+    tell(found, clip.interval_s)
+    return found, readout
+
+
+def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
+    """Before any work: what is to be written may be written, and is not the clip itself."""
+    original = Path(source)
+    check_ending(wanted.preview)
+    for path in (wanted.save_motion, wanted.preview):
+        if path is not None:
+            check_target(path, wanted.overwrite, original, wanted.motion)
+            if path.absolute() == target.absolute():
+                raise UsageError(f"{path} is to be written twice: choose another name")
+    if _is_pictures(target):
+        return
+    check_target(target, wanted.overwrite, original, wanted.motion)
+    left = remove_leftovers(target.parent)
+    if left:
+        print("unshutter: a run was killed here; what it had not finished is begun anew", file=sys.stderr)
+
+
+def _is_pictures(target: Path) -> bool:
+    return pictures.is_pattern(str(target)) or not target.suffix or target.is_dir()
+
+
+def _same_family(source: str, target: Path) -> bool:
+    return Path(source).suffix.lower() in _MP4 and target.suffix.lower() == Path(source).suffix.lower()
+
+
+def _counted(items: Iterable[Any], progress: Progress) -> Iterator[Any]:
+    for item in items:
+        progress.advance()
+        yield item
+
+
+def _tell(source: str, output: str, done: Done, ratio: ReadoutRatio, clip: Clip, wanted: RectifyClip) -> None:
+    """Says what was done, and adds it to the log."""
+    left = done.frames - done.rectified
+    note = ""
+    if left:
+        reason, count = done.reasons.most_common(1)[0]
+        others = f"; {left - count} for other reasons" if left > count else ""
+        note = f", {left} left as they are ({reason}{others})"
+    print(f"{source} -> {output}: {done.rectified} of {done.frames} frames straightened{note}", file=sys.stderr)
+    if done.left_out:
+        print(f"unshutter: such files have no place for: {', '.join(done.left_out)}", file=sys.stderr)
+    if wanted.json_log is None:
+        return
+    record = {
+        "event": "clip",
+        "source": source,
+        "output": output,
+        "frames": done.frames,
+        "rectified": done.rectified,
+        "left": dict(done.reasons),
+        "cuts_s": done.cuts_s,
+        "left_out": done.left_out,
+        "readout_ratio": ratio.value,
+        "readout_ratio_sd": ratio.error or None,
+        "readout_ms": 1000 * clip.interval_s * ratio.value,
+        "found_by": ratio.source,
+    }
+    descriptor = open_plain(wanted.json_log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    with suppress(OSError), open(descriptor, "a", encoding="utf-8") as log:
+        log.write(json.dumps(record) + "\n")

@@ -1,0 +1,122 @@
+"""A frame's motion undone on its planes as they are stored: no way through RGB, no change of what is not moved.
+
+The map is smooth, so it is worked out exactly at the nodes of a grid and filled in linearly between them. A motion of
+a clip is one of a small picture of the same shape (``moving.py``): its positions are scaled up to each plane's pixels,
+centres to centres.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from unshutter.motion import Motion
+from unshutter.warp.grid import gs_to_rs_map
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float32, UInt
+
+_NODES = 34  # about so many rows of them, and half of that to twice as many columns
+_LEAST_STEP = 8  # px between nodes, a multiple of every subsampling
+
+
+@dataclass(frozen=True)
+class FrameMap:
+    """Where each pixel of the rectified frame looks in the frame as it is.
+
+    Attributes:
+        nodes: [2, N, M] col and row [px of the frame], at the middles of square cells; the first and the last lie
+            outside.
+        step: side of the cells [px].
+        height, width: of the frame [px].
+    """
+
+    nodes: Float32[np.ndarray, "2 node_rows node_cols"]
+    step: int
+    height: int
+    width: int
+
+    @classmethod
+    def of(cls, motion: Motion, height: int, width: int) -> FrameMap:
+        """Of a frame of height x width [px].
+
+        Args:
+            motion: of a picture of the same shape, of any size.
+            height, width: of the stored frame [px].
+
+        Raises:
+            UnshutterError: the motion turns faster than rows are read.
+        """
+        small = motion.readout.frame_size(motion.height, motion.width)
+        step = max(_LEAST_STEP, 1 << round(np.log2(min(height, width) / _NODES)))
+        scale = np.array([small[1] / width, small[0] / height])  # px of the motion per px of the frame
+        rows, cols = (
+            (np.arange(-1, -(-size // step) + 1) + 0.5) * step * s - 0.5
+            for size, s in zip((height, width), scale[::-1], strict=True)
+        )
+        row, col = np.meshgrid(rows, cols, indexing="ij")
+        with np.errstate(all="ignore"):  # far outside, Newton's method may run away
+            found = np.stack(gs_to_rs_map(motion)(col, row))
+        found = (found + 0.5) / scale[:, None, None] - 0.5
+        far = float(height + width)
+        np.nan_to_num(found, copy=False, nan=-far, posinf=2 * far, neginf=-far)
+        return cls(np.clip(found, -far, 2 * far).astype(np.float32), step, height, width)
+
+    def positions(
+        self, across: int, down: int, scratch: Scratch | None = None
+    ) -> tuple[Float32[np.ndarray, "rows cols"], ...]:
+        """(col, row) [px of a plane] at every pixel of a plane with so many pixels of the frame to one of its own.
+
+        Args:
+            across, down: pixels of the frame per pixel of the plane.
+            scratch: where the positions are written to; they are valid until the next of such a plane.
+        """
+        scratch = scratch or Scratch()
+        height, width = -(-self.height // down), -(-self.width // across)
+        step = (self.step // down, self.step // across)
+        size = (self.nodes.shape[1] * step[0], self.nodes.shape[2] * step[1])
+        inside = (slice(step[0], step[0] + height), slice(step[1], step[1] + width))
+        made = scratch.array((2, *size))
+        for nodes, share, out in zip(self.nodes, (across, down), made, strict=True):
+            cv2.resize((nodes + 0.5) / share - 0.5, size[::-1], dst=out, interpolation=cv2.INTER_LINEAR)
+        return made[0][inside], made[1][inside]
+
+
+class Scratch(threading.local):
+    """Arrays that a thread uses again for each frame: giving it fresh memory is a good part of the work."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[tuple[int, ...], np.ndarray] = {}
+
+    def array(self, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
+        """Contents do not matter; valid until the next of that shape."""
+        if shape not in self._arrays:
+            self._arrays[shape] = np.empty(shape, np.float32)
+        return self._arrays[shape]
+
+
+def warp_plane(
+    plane: UInt[np.ndarray, "rows columns *bands"],
+    positions: tuple[Float32[np.ndarray, "rows cols"], ...],
+    out: UInt[np.ndarray, "rows columns *bands"],
+    black: int | None,
+    limit: int,
+) -> None:
+    """Writes what a plane shows at positions into another one, bicubic (a = -0.75).
+
+    Args:
+        plane: values as stored.
+        positions: (col, row) [px of the plane].
+        out: is written to; of the same type.
+        black: what is written where nothing was seen; None: the nearest value.
+        limit: greatest value; a cubic may shoot beyond it.
+    """
+    col, row = positions
+    border = cv2.BORDER_REPLICATE if black is None else cv2.BORDER_CONSTANT
+    cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border, borderValue=[black or 0] * 4)
+    if limit not in (0xFF, 0xFFFF):
+        np.minimum(out, limit, out=out)

@@ -1,0 +1,170 @@
+"""The file that comes out: the frames encoded, everything else as it came in."""
+
+from __future__ import annotations
+
+import errno
+import io
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from unshutter.errors import UnshutterError
+from unshutter.video.clip import Clip, film_of
+from unshutter.video.encoders import Encoder
+from unshutter.video.library import av
+
+if TYPE_CHECKING:
+    from av import Packet, VideoFrame
+
+
+class Film:
+    """A file that is being written: frames and packets in, in their order.
+
+    Args:
+        container: PyAV's, being written.
+        source: the file that came in, open.
+        clip: what that says.
+        encoder: of the frames.
+        copy: whether tags and other streams go in, too.
+        size: height and width of the frames [px].
+        start_s: of the old film, becomes the new one's beginning [s].
+
+    Attributes:
+        left_out: what of the file that came in did not find a place, for the user.
+    """
+
+    def __init__(
+        self,
+        container: Any,
+        source: Any,
+        clip: Clip,
+        encoder: Encoder,
+        copy: bool,
+        size: tuple[int, int],
+        start_s: float = 0.0,
+    ):
+        self._container, self._pixel_format = container, encoder.pixel_format
+        like = film_of(source, clip.path)
+        self._stream = encoder.add_to(container, like, clip, size)
+        self._streams: dict[int, Any] = {}
+        self.left_out: list[str] = []
+        self._stream.metadata.update(_kept(like.metadata))
+        with suppress(ValueError, AttributeError):
+            self._stream.disposition = like.disposition
+        if copy:
+            container.metadata.update(_kept(source.metadata))
+            self._add_others(source, like)
+            if source.chapters():
+                container.set_chapters(source.chapters())
+        self._shift = start_s  # becomes the moment 0
+        if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
+            self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
+
+    def _add_others(self, source: Any, film: Any) -> None:
+        for stream in source.streams:
+            if stream.index == film.index:
+                continue
+            try:
+                if stream.type == "attachment":
+                    copy = self._container.add_attachment(stream.name or "", stream.mimetype or "", stream.data)
+                else:
+                    if not _takes(self._container, stream):
+                        raise ValueError
+                    copy = self._container.add_stream_from_template(stream)
+                    self._streams[stream.index] = copy
+                    with suppress(ValueError, AttributeError):
+                        copy.disposition = stream.disposition
+                copy.metadata.update(_kept(stream.metadata))
+            except (ValueError, av().error.FFmpegError):
+                name = stream.metadata.get("handler_name", "").strip() or stream.type
+                self.left_out.append(f"stream {stream.index} ({name})")
+
+    def add_frame(self, frame: VideoFrame) -> None:
+        """The next frame, rectified; its times as they came in."""
+        if frame.format.name != self._pixel_format:
+            frame = frame.reformat(format=self._pixel_format)
+        frame.pict_type = 0  # the encoder decides which are key frames
+        if self._shift and frame.pts is not None and frame.time_base is not None:
+            frame.pts -= round(self._shift / frame.time_base)
+        self._put(lambda: self._container.mux(self._stream.encode(frame)))
+
+    def add_packet(self, packet: Packet) -> None:
+        """The next packet of another stream."""
+        copy = self._streams.get(packet.stream_index)
+        if copy is None:
+            return
+        if self._shift:
+            by = round(self._shift / packet.time_base)
+            packet.dts = (packet.dts or 0) - by
+            packet.pts = None if packet.pts is None else packet.pts - by
+            if packet.dts < 0:
+                return
+        packet.stream = copy
+        self._put(lambda: self._container.mux(packet))
+
+    def end(self) -> None:
+        """After the last frame."""
+        self._put(lambda: self._container.mux(self._stream.encode(None)))
+        self._put(self._container.close)
+
+    def _put(self, step: Any) -> None:
+        try:
+            step()
+        except av().error.FFmpegError as error:
+            told = "the disc is full" if error.errno == errno.ENOSPC else error.strerror
+            raise UnshutterError(f"cannot encode the clip: {told}") from None
+
+
+@contextmanager
+def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[Any]:
+    """A container that is being written.
+
+    Args:
+        place: a path, or an open file.
+        ending: of the film's name.
+        ticks: units in a second of the times that the file as a whole has, where it has some.
+
+    Raises:
+        UnshutterError: films of this ending are not known.
+    """
+    options = {}
+    if ending.lower() in (".mov", ".mp4", ".m4v"):
+        options = {"movie_timescale": str(ticks)}
+        if isinstance(place, Path):
+            options["movflags"] = "use_metadata_tags+faststart"
+    try:
+        if isinstance(place, Path):
+            container = av().open(str(place), "w", container_options=options)
+        else:
+            container = av().open(place, "w", format="mp4" if ending.lower() != ".mov" else "mov", options=options)
+    except (ValueError, av().error.FFmpegError) as error:
+        told = f"'{ending}' is the ending of no film that can be written" if isinstance(error, ValueError) else error
+        raise UnshutterError(f"cannot write the clip: {told}") from None
+    try:
+        yield container
+    finally:
+        with suppress(Exception):  # what went wrong was said before
+            container.close()
+
+
+def _takes(container: Any, stream: Any) -> bool:
+    """Whether a container has a place for a stream: muxers only say so when a header is written."""
+    trial = av().open(io.BytesIO(), "w", format=container.format.name)
+    try:
+        trial.add_stream_from_template(stream)
+        trial.start_encoding()
+    except (ValueError, av().error.FFmpegError):
+        return False
+    finally:
+        with suppress(Exception):
+            trial.close()
+    return True
+
+
+def _kept(tags: Any) -> dict[str, str]:
+    return {key: value for key, value in dict(tags).items() if key not in _REMADE}
+
+
+_REMADE = {"encoder", "major_brand", "minor_version", "compatible_brands"}

@@ -1,0 +1,196 @@
+"""What is no clip, or cannot be worked on: one clear line, the right exit code, and no half-written file."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import av
+import numpy as np
+import pytest
+
+from support import clips
+from unshutter.cli import main
+
+GREYS = clips.moving(16)[1]
+
+
+def refused(capsys, words, code, *told):
+    assert main(["video", *map(str, words)]) == code
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1 and all(word in lines[0] for word in told), lines
+    return lines[0]
+
+
+def left_behind(folder):
+    return sorted(path.name for path in folder.iterdir() if path.name.startswith((".", "out")))
+
+
+@pytest.fixture
+def clip(tmp_path):
+    return clips.write(tmp_path / "in.mp4", GREYS, sound=True)
+
+
+def test_not_there(tmp_path, capsys):
+    refused(capsys, [tmp_path / "no.mp4", "-o", tmp_path / "out.mp4"], 1, "no.mp4", "No such file")
+
+
+def test_no_film_at_all(tmp_path, capsys):
+    text = tmp_path / "in.mp4"
+    text.write_text("hello, this is a letter" * 100)
+    refused(capsys, [text, "-o", tmp_path / "out.mp4"], 1, "no film that can be read")
+
+
+def test_sound_only(tmp_path, capsys):
+    path = tmp_path / "in.mp4"
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("aac", rate=48000)
+        clips._ring(out, stream, 0)
+        out.mux(stream.encode(None))
+    refused(capsys, [path, "-o", tmp_path / "out.mp4"], 1, "no film in it")
+
+
+@pytest.mark.parametrize("early", [True, False], ids=["tables first", "tables last"])
+def test_cut_off(tmp_path, capsys, early):
+    more = {"container": {"movflags": "faststart"}} if early else {}
+    whole = clips.write(tmp_path / "whole.mp4", GREYS, **more).read_bytes()
+    cut = tmp_path / "in.mp4"
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    refused(capsys, [cut, "-o", tmp_path / "out.mp4", "--readout-ratio", "0.6"], 1, "in.mp4")
+    assert left_behind(tmp_path) == []
+
+
+def test_one_frame_has_no_motion(tmp_path, capsys):
+    path = clips.write(tmp_path / "in.mkv", GREYS[:1], "ffv1")
+    refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "readout time cannot be told")
+    assert main(["video", str(path), "-o", str(tmp_path / "out.mkv"), "--readout-ratio", "0.6"]) == 0
+    assert np.array_equal(clips.luma(tmp_path / "out.mkv"), clips.luma(path))
+
+
+def test_too_small(tmp_path, capsys):
+    path = clips.write(tmp_path / "in.mkv", [grey[:32, :48] for grey in GREYS], "ffv1")
+    refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "48x32", "64 px")
+
+
+def test_interlaced(tmp_path, capsys):
+    flags = {"options": {"flags": "+ildct+ilme", "x264-params": "tff=1"}}
+    path = clips.write(tmp_path / "in.mp4", GREYS, **flags)
+    refused(capsys, [path, "-o", tmp_path / "out.mp4"], 1, "interlaced")
+
+
+def test_a_still_camera_says_nothing_of_its_readout(tmp_path, capsys):
+    path = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1")
+    refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "stood still", "--readout-ms")
+
+
+@pytest.mark.parametrize(
+    ("flags", "code", "told"),
+    [
+        (["--codec", "libnothing"], 1, "no encoder 'libnothing'"),
+        (["--codec", "aac"], 2, "no encoder of films"),
+        (["--preset", "quick"], 2, "veryfast"),
+        (["--crf", "80"], 2, "between 0 and 63"),
+        (["--readout-ms", "40"], 2, "33.33 ms apart"),
+        (["--readout-ms", "20", "--readout-ratio", "0.5"], 2, "either"),
+        (["--start", "5", "--end", "3"], 2, "--end after it"),
+        (["--start", "50", "--readout-ratio", "0.6"], 1, "no frames there"),
+        (["--motion", "none.json"], 1, "none.json"),
+        (["--fps", "25", "--readout-ratio", "0.6"], 2, "pictures"),
+    ],
+)
+def test_options_that_cannot_be(tmp_path, capsys, clip, flags, code, told):
+    words = flags if "ratio" in "".join(flags) or "-ms" in "".join(flags) else [*flags, "--readout-ratio", "0.6"]
+    if "--motion" in flags:
+        words = flags
+    refused(capsys, [clip, "-o", tmp_path / "out.mp4", *words], code, told)
+    assert left_behind(tmp_path) == []
+
+
+def test_the_clip_itself_is_never_written(capsys, clip):
+    before = clip.read_bytes()
+    refused(capsys, [clip, "-o", clip, "--overwrite"], 1, "is the original")
+    assert clip.read_bytes() == before
+
+
+def test_what_is_there_stays(tmp_path, capsys, clip):
+    out = tmp_path / "out.mp4"
+    out.write_bytes(b"mine")
+    refused(capsys, [clip, "-o", out], 1, "--overwrite")
+    assert out.read_bytes() == b"mine"
+
+
+def test_an_ending_that_holds_no_film(tmp_path, capsys, clip):
+    refused(capsys, [clip, "-o", tmp_path / "out.xyz", "--readout-ratio", "0.6"], 1, ".xyz")
+    assert left_behind(tmp_path) == []
+
+
+def test_the_motion_of_another_clip(tmp_path, capsys, clip):
+    saved = tmp_path / "motion.json"
+    other = clips.write(tmp_path / "other.mkv", [grey[:128] for grey in GREYS], "ffv1")
+    flags = ["--readout-ratio", "0.6", "--save-motion", str(saved)]
+    assert main(["video", str(other), "-o", str(tmp_path / "o.mkv"), *flags]) == 0
+    capsys.readouterr()
+    refused(capsys, [clip, "-o", tmp_path / "out.mp4", "--motion", saved], 1, "another clip")
+    saved.write_text(saved.read_text().replace('"readout_ratio": 0.6', '"readout_ratio": -7'))
+    refused(capsys, [clip, "-o", tmp_path / "out.mp4", "--motion", saved], 1, "motion.json")
+
+
+def started(tmp_path, clip, **more):
+    words = ["video", str(clip), "-o", str(tmp_path / "out.mp4"), "--readout-ratio", "0.6", "--preset", "veryslow"]
+    command = [sys.executable, "-m", "unshutter", *words]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **more)
+
+
+def at_work(tmp_path):
+    """Waits until frames are being written."""
+    for _ in range(400):
+        if left_behind(tmp_path):
+            return
+        time.sleep(0.02)
+    raise AssertionError("nothing was begun")
+
+
+@pytest.fixture
+def long_clip(tmp_path):
+    return clips.write(tmp_path / "in.mp4", GREYS * 20, options={"preset": "ultrafast"})
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_stopped(tmp_path, long_clip, number, code):
+    process = started(tmp_path, long_clip)
+    at_work(tmp_path)
+    process.send_signal(number)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert told.strip().splitlines() == ["unshutter: stopped; what was finished is kept"]
+    assert left_behind(tmp_path) == []
+
+
+def test_killed_and_begun_anew(tmp_path, long_clip, capsys):
+    process = started(tmp_path, long_clip)
+    at_work(tmp_path)
+    process.kill()
+    process.communicate(timeout=60)
+    assert not (tmp_path / "out.mp4").exists()
+    words = ["video", str(long_clip), "-o", str(tmp_path / "out.mp4"), "--readout-ratio", "0.6"]
+    assert main([*words, "--preset", "ultrafast"]) == 0
+    assert "begun anew" in capsys.readouterr().err
+    assert left_behind(tmp_path) == ["out.mp4"]
+
+
+def test_no_room_on_the_disc(tmp_path, clip):
+    def small():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000))
+
+    process = started(tmp_path, clip, preexec_fn=small)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert len(told.strip().splitlines()) == 1 and "Traceback" not in told
+    assert left_behind(tmp_path) == []
+
+
+def test_no_folder_for_it(tmp_path, capsys, clip):
+    refused(capsys, [clip, "-o", tmp_path / "no" / "out.mp4", "--readout-ratio", "0.6"], 1, "no folder")
+    assert not os.path.exists(tmp_path / "no")

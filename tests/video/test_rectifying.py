@@ -1,0 +1,226 @@
+"""Clips of many kinds: their frames come out straight, and everything else as it went in."""
+
+import json
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import cv2
+import numpy as np
+import pytest
+
+from support import clips
+from unshutter.cli import main
+
+FRAMES = 16
+CAMERA, GREYS = clips.moving(FRAMES)
+HDR = (
+    "log-level=error:hdr10=1:max-cll=1000,400:"
+    "master-display=G(8500,39850)B(6550,2300)R(35400,14600)WP(15635,16450)L(10000000,1)"
+)
+UNEVEN = np.cumsum([0, *np.random.default_rng(0).choice([1, 1, 1, 2], FRAMES - 1)]) / 30
+
+
+@dataclass
+class Kind:
+    ending: str
+    codec: str = "libx264"
+    pixel_format: str = "yuv420p"
+    more: dict = field(default_factory=dict)
+    flags: tuple = ("--crf", "16")
+
+
+CHAPTERS = [
+    {
+        "id": k,
+        "start": 200 * k,
+        "end": 200 * k + 200,
+        "time_base": Fraction(1, 1000),
+        "metadata": {"title": f"part {k}"},
+    }
+    for k in range(2)
+]
+KINDS = {
+    "h264-sound": Kind(".mp4", more={"sound": True, "tags": {"title": "by the sea"}}),
+    "h264-turned": Kind(".mov", more={"turn": -90, "sound": True, "stream_tags": {"handler_name": "Core Media Video"}}),
+    "h264-422-10": Kind(".mp4", pixel_format="yuv422p10le", more={"aspect": Fraction(4, 3)}),
+    "h264-full-range": Kind(".mp4", pixel_format="yuvj420p", more={"colours": (2, 1, 1, 1)}),
+    "h264-fragments": Kind(".mp4", more={"sound": True, "container": {"movflags": "frag_keyframe+empty_moov"}}),
+    "h264-uneven": Kind(".mp4", more={"times": UNEVEN}),
+    "hevc-hdr": Kind(
+        ".mp4", "libx265", "yuv420p10le",
+        {"options": {"x265-params": HDR}, "colours": (1, 9, 16, 9), "tag": "hvc1"}, ("--crf", "10"),
+    ),
+    "av1": Kind(".mp4", "libsvtav1", "yuv420p10le", {"options": {"preset": "12"}}, ("--crf", "12", "--preset", "12")),
+    "prores": Kind(".mov", "prores_ks", "yuv422p10le", {"options": {"profile": "2"}, "sound": "pcm_s16le"}, ()),
+    "mjpeg-avi": Kind(".avi", "mjpeg", "yuvj422p", {"sound": "pcm_s16le", "options": {"qmin": "1", "qmax": "2"}}, ()),
+    "mkv-chapters": Kind(
+        ".mkv", more={"sound": "flac", "chapters": CHAPTERS, "tags": {"title": "two parts"}, "subtitles": "subrip"}
+    ),
+    "webm": Kind(".webm", "libvpx-vp9", more={"sound": "libopus", "options": {"cpu-used": "8"}}, flags=("--crf", "10")),
+    "ts": Kind(".ts", more={"sound": True}),
+    "mp4-everything": Kind(
+        ".mp4",
+        more={
+            "sound": True, "chapters": CHAPTERS, "subtitles": "mov_text", "turn": 180,
+            "tags": {"creation_time": "2024-05-06T07:08:09.000000Z", "location": "+48.8577+002.295/", "make": "Nemo"},
+            "container": {"movflags": "use_metadata_tags"},
+        },
+    ),
+}  # fmt: skip
+
+
+def make(folder, kind, fine=False):
+    more = dict(kind.more)
+    if fine and kind.codec in ("libx264", "libx265", "libsvtav1"):
+        more["options"] = {**more.get("options", {}), "crf": "2"}
+    if kind.codec == "libx264":
+        more["options"] = {"preset": "veryfast", "crf": "12", **more.get("options", {})}
+    if kind.codec == "libx265" and "options" not in more:
+        more["options"] = {"x265-params": "log-level=error"}
+    return clips.write(folder / f"in{kind.ending}", GREYS, kind.codec, kind.pixel_format, **more)
+
+
+def straighten(path, *flags, ratio=clips.RATIO):
+    out = path.with_name(f"out{path.suffix}")
+    assert main(["video", str(path), "-o", str(out), "--readout-ratio", str(ratio), *flags]) == 0
+    return out
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_all_but_the_frames_stays_as_it_was(tmp_path, name):
+    kind = KINDS[name]
+    before = make(tmp_path, kind)
+    after = straighten(before, *kind.flags)
+    assert clips.times(after) == pytest.approx(clips.times(before), abs=1e-6)
+    was, told = clips.facts(before), clips.facts(after)
+    for one, other in zip(was["streams"], told["streams"], strict=True):
+        one["tags"].pop("encoder", None), other["tags"].pop("encoder", None)
+        one["tags"].pop("DURATION", None), other["tags"].pop("DURATION", None)
+    assert told["streams"] == was["streams"]
+    remade = {"encoder", *(["compatible_brands"] if name == "h264-fragments" else [])}
+    assert {k: v for k, v in told["tags"].items() if k not in remade} == {
+        k: v for k, v in was["tags"].items() if k not in remade
+    }
+    assert told["chapters"] == was["chapters"]
+    assert sorted(clips.packets(after)) == sorted(clips.packets(before))
+    beside = {k: v for k, v in clips.beside(before).items() if k != "SEI_UNREGISTERED"}
+    for key, value in beside.items():
+        assert clips.beside(after)[key] == value, key
+
+
+@pytest.mark.parametrize(
+    "name", ["h264-sound", "h264-turned", "h264-422-10", "hevc-hdr", "av1", "prores", "h264-full-range"]
+)
+def test_frames_come_closer_to_what_a_global_shutter_saw(tmp_path, name):
+    kind = KINDS[name]
+    before = make(tmp_path, kind, fine=True)
+    after = straighten(before, *(["--crf", "2"] if kind.flags else []), *kind.flags[2:])
+    true = clips.write(tmp_path / "true.mkv", clips.truth(CAMERA), "ffv1", kind.pixel_format.replace("yuvj", "yuv"))
+    seen, was, now = (clips.luma(path) for path in (true, before, after))
+    if name == "h264-full-range":
+        was, now = ((a * 219 / 255 + 16) for a in (was, now))
+    assert clips.psnr(now, seen) > clips.psnr(was, seen) + 5
+
+
+def test_a_camera_that_stood_still_leaves_its_frames_alone(tmp_path):
+    before = clips.write(tmp_path / "in.mkv", clips.standing(), "ffv1")
+    after = straighten(before)
+    assert np.array_equal(clips.luma(after), clips.luma(before))
+
+
+def test_strength_0_changes_nothing(tmp_path):
+    before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
+    after = straighten(before, "--strength", "0")
+    assert np.array_equal(clips.luma(after), clips.luma(before))
+
+
+def test_the_motion_can_be_kept_and_given_back(tmp_path):
+    before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
+    saved = tmp_path / "motion.json"
+    after = straighten(before, "--save-motion", str(saved))
+    again = tmp_path / "again.mkv"
+    assert main(["video", str(before), "-o", str(again), "--motion", str(saved)]) == 0
+    assert np.abs(clips.luma(again) - clips.luma(after)).max() <= 1
+    told = json.loads(saved.read_text())
+    assert told["format"] == "unshutter-clip-motion/1"
+    assert told["readout_ratio"] == clips.RATIO and told["readout_ratio_sd"] is None and told["found_by"] == "given"
+    assert [frame["time_s"] for frame in told["frames"]] == pytest.approx(clips.times(before))
+
+
+def test_readout_ms_is_the_ratio_in_another_unit(tmp_path):
+    before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
+    one = straighten(before)
+    other = tmp_path / "other.mkv"
+    assert main(["video", str(before), "-o", str(other), "--readout-ms", "20"]) == 0
+    assert np.array_equal(clips.luma(one), clips.luma(other))
+
+
+def test_cropped_frames_have_no_edges(tmp_path):
+    before = clips.write(tmp_path / "in.mkv", [np.maximum(grey, 60) for grey in GREYS], "ffv1", "gray")
+    kept = clips.luma(straighten(before, "--edges", "keep"))
+    assert (kept < 30).any()
+    (tmp_path / "out.mkv").unlink()
+    cropped = clips.luma(straighten(before, "--edges", "crop"))
+    assert cropped.shape[1] < clips.HEIGHT and cropped.shape[2] < clips.WIDTH
+    assert not (cropped < 45).any()
+
+
+def test_a_part_of_a_clip_begins_at_0(tmp_path):
+    before = clips.write(tmp_path / "in.mp4", GREYS, sound=True)
+    after = straighten(before, "--start", "0.2", "--end", "0.4")
+    assert clips.times(after) == pytest.approx(np.arange(6) / 30, abs=1e-3)
+    sound = [time for _, time, _ in clips.packets(after)]
+    assert sound and min(sound) >= -0.03 and max(sound) < 0.21
+
+
+def test_a_cut_is_told_and_parts_the_motion(tmp_path):
+    other = [255 - np.rot90(grey, 2) for grey in GREYS]
+    before = clips.write(tmp_path / "in.mkv", GREYS + other, "ffv1")
+    log = tmp_path / "log.jsonl"
+    straighten(before, "--json-log", str(log))
+    told = json.loads(log.read_text())
+    assert told["cuts_s"] == [pytest.approx(FRAMES / 30, abs=1e-3)]
+    assert told["frames"] == told["rectified"] == 2 * FRAMES
+
+
+def test_pictures_in_and_out(tmp_path):
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for k, grey in enumerate(GREYS):
+        cv2.imwrite(str(folder / f"{k + 7:05d}.png"), np.repeat(grey[..., None], 3, axis=2))
+    out = tmp_path / "out"
+    assert main(["video", str(folder), "-o", str(out), "--readout-ratio", "0.6"]) == 0
+    names = sorted(path.name for path in out.iterdir())
+    assert len(names) == FRAMES
+    now = np.stack([cv2.imread(str(out / name), 0) for name in names]).astype(float)
+    was, seen = np.stack(GREYS).astype(float), np.stack(clips.truth(CAMERA)).astype(float)
+    assert clips.psnr(now, seen) > clips.psnr(was, seen) + 5
+    film = tmp_path / "film.mkv"
+    flags = ["--codec", "ffv1", "--readout-ratio", "0.6", "--fps", "25"]
+    assert main(["video", str(folder / "%05d.png"), "-o", str(film), *flags]) == 0
+    assert clips.times(film) == pytest.approx(np.arange(FRAMES) / 25, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["moments.jpg", "film.mp4"])
+def test_a_preview_shows_both(tmp_path, name):
+    before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
+    shown = tmp_path / name
+    straighten(before, "--preview", str(shown))
+    picture = cv2.imread(str(shown), 0)[None] if name.endswith("jpg") else clips.luma(shown)
+    half = picture.shape[2] // 2
+    assert half == 640
+    assert picture.shape[:2] == ((1, 5 * 480) if name.endswith("jpg") else (FRAMES, 480))
+    difference = np.abs(picture[..., :half].astype(float) - picture[..., half:])
+    assert 1 < difference.mean() < 30
+
+
+@pytest.mark.parametrize("frames", [60])
+def test_the_readout_time_is_found(tmp_path, frames, capsys):
+    greys = clips.moving(frames, clips.shaken(3.0))[1]
+    before = clips.write(tmp_path / "in.mkv", greys, "ffv1")
+    log = tmp_path / "log.jsonl"
+    assert main(["video", str(before), "-o", str(tmp_path / "out.mkv"), "--json-log", str(log)]) == 0
+    told = json.loads(log.read_text())
+    assert told["readout_ratio"] == pytest.approx(clips.RATIO, abs=0.05)
+    assert 0 < told["readout_ratio_sd"] < 0.08 and told["found_by"] == "motion"
+    assert "readout time" in capsys.readouterr().err
