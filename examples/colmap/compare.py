@@ -129,8 +129,9 @@ class Walk:
         finder = CameraMotion(known_ratio(RATIO), self.camera.focal_px)
         found = list(finder.frames(clip))[self.around]
         before, photo, after = clip[self.around - 1 : self.around + 2]
-        undo = Undo("middle", edges="keep")
-        how = Wanted(Clock(RATIO), undo, Readout.TOP_TO_BOTTOM, None, model, self.camera.focal_px)
+        how = Wanted(
+            Clock(RATIO), Undo("middle", edges="keep"), Readout.TOP_TO_BOTTOM, None, model, self.camera.focal_px
+        )
         return rectify_between(photo, before, after, how, found)
 
     @cached_property
