@@ -224,3 +224,11 @@ def test_the_readout_time_is_found(tmp_path, frames, capsys):
     assert told["readout_ratio"] == pytest.approx(clips.RATIO, abs=0.05)
     assert 0 < told["readout_ratio_sd"] < 0.08 and told["found_by"] == "motion"
     assert "readout time" in capsys.readouterr().err
+
+
+def test_a_shot_of_a_few_frames_is_left_alone(tmp_path):
+    other = [255 - np.rot90(grey, 2) for grey in GREYS[:4]]
+    before = clips.write(tmp_path / "in.mkv", GREYS + other, "ffv1")
+    after = straighten(before)
+    assert np.array_equal(clips.luma(after)[FRAMES:], clips.luma(before)[FRAMES:])
+    assert not np.array_equal(clips.luma(after)[:FRAMES], clips.luma(before)[:FRAMES])

@@ -99,6 +99,7 @@ class CameraMotion:
         focal_px: focal length [px of the frames]; None: EXIF's, else found from the frames.
         readout: direction in which stored pixels were read.
         every_angle: of so many photos, right angles are looked for in one where motion does not say the ratio.
+        fewest: frames without which a shot is left as it is.
         window: frames whose motion is found together, and more on both sides that only steady it.
     """
 
@@ -107,6 +108,7 @@ class CameraMotion:
     readout: Readout = Readout.TOP_TO_BOTTOM
     every_angle: int = 6
     window: tuple[int, int] = (_CORE, _MARGIN)
+    fewest: int = 2
     _looked: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
@@ -201,6 +203,8 @@ class CameraMotion:
         pairs = [fewer(pair) for pair in shot.pairs[: shot.before + many + self.window[1] - 1]]
         if not pairs:
             return None, shot.broken_by or "there is no frame before or after it"
+        if shot.before + len(shot.waiting) < self.fewest:
+            return None, "the shot is too short to say how the camera moved"
         if shot.still:
             return None, STOOD_STILL
         if self.ratio is None:

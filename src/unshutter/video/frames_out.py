@@ -63,17 +63,14 @@ class Warper:
         made = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
         found = None if motion.is_zero else FrameMap.of(motion, frame.height, frame.width)
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
-        positions = {}
         full = frame.color_range == _FULL_RANGE or pixels.name.startswith("yuvj")
         for plane, before, after in zip(pixels.planes, pixels.arrays(frame), pixels.arrays(made), strict=True):
             if found is None:
                 np.copyto(after, before)
                 continue
-            share = (plane.across, plane.down)
-            if share not in positions:
-                positions[share] = found.positions(*share, self._scratch)
-            black = plane.black_full if full else plane.black
-            warp_plane(before, positions[share], after, black if self.undo.edges == "keep" else None, limit)
+            black = (plane.black_full if full else plane.black) if self.undo.edges == "keep" else None
+            for rows, positions in found.positions(plane.across, plane.down, self._scratch):
+                warp_plane(before, positions, after[rows], black, limit)
         return item, self._dressed(made, frame)
 
     def _dressed(self, made: VideoFrame, frame: VideoFrame) -> VideoFrame:
@@ -117,12 +114,12 @@ class Seen:
         if motion.is_zero:
             return
         height, width = self.clip.height, self.clip.width
-        col, row = FrameMap.of(motion, height, width).positions(_COARSE, _COARSE)
         margin = 1.0  # places between those that are looked at
-        seen = (col >= margin) & (col <= width / _COARSE - 1 - margin)
-        seen &= (row >= margin) & (row <= height / _COARSE - 1 - margin)
-        near = min(seen.shape[0], self.mask.shape[0]), min(seen.shape[1], self.mask.shape[1])
-        self.mask[: near[0], : near[1]] &= seen[: near[0], : near[1]]
+        for rows, (col, row) in FrameMap.of(motion, height, width).positions(_COARSE, _COARSE):
+            seen = (col >= margin) & (col <= width / _COARSE - 1 - margin)
+            seen &= (row >= margin) & (row <= height / _COARSE - 1 - margin)
+            mask = self.mask[rows]
+            mask &= seen[: mask.shape[0], : mask.shape[1]]
 
     def window(self) -> Tile | None:
         """The largest rectangle of the clip's shape that all frames saw; None: all of them saw all.

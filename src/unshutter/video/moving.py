@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
 ROWS = 65  # of the small pictures that motions of clips are of
 _SIDE = 270  # px, short side of the copies in which corners are followed
+FEWEST = 8  # frames of a shot: what is shorter is more often a mistake than a cut
 _MARGIN = 4  # frames on both sides that only steady a window
 _CORE = (6, 24)  # fewest and most frames of a window
-_IN_MEMORY = 100_000_000  # bytes: frames that wait for their motion, and as many whose motion is known
+_IN_MEMORY = 60_000_000  # bytes: frames that wait for their motion, and as many whose motion is known
 
 
 @dataclass(frozen=True)

@@ -176,3 +176,38 @@ class RectifyClip:
             raise UsageError(f"--fps must be positive, got {self.fps:g}")
         if (self.start or 0) < 0 or (self.end is not None and self.end <= (self.start or 0)):
             raise UsageError("--start must be 0 or later, and --end after it")
+
+
+@dataclass(frozen=True)
+class SynthesizeClip:
+    """What kind of clip is made from a photo.
+
+    Attributes:
+        video: whether one is made at all.
+        seconds: its length [s].
+        fps: frames per second.
+        frame: width and height, as ``1920x1080`` [px].
+
+    Raises:
+        UsageError: numbers that cannot be.
+    """
+
+    video: bool = option(False, "Make a clip with sound instead of pictures: rs.mp4, and gs.mp4 as it should be.")
+    seconds: float = option(5.0, "Length of the clip in seconds. Default: 5.", metavar="S")
+    fps: float = option(30.0, "Frames per second. Default: 30.", metavar="N")
+    frame: str = option("1920x1080", "Width and height of the clip in px. Default: 1920x1080.", metavar="WxH")
+
+    def __post_init__(self) -> None:
+        width, height = self.size
+        if not (0 < self.seconds <= 3600 and 0 < self.fps <= 1000 and 64 <= min(width, height) <= max(width, height)):
+            raise UsageError("a clip needs a length and a rate above 0, and frames of at least 64x64 px")
+        if width % 2 or height % 2:
+            raise UsageError(f"frames of a clip have an even width and height, got {self.frame}")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height [px]."""
+        parts = self.frame.lower().split("x")
+        if len(parts) != 2 or not all(part.isdigit() and len(part) < 6 for part in parts):
+            raise UsageError(f"say the frame's size as 1920x1080, not '{self.frame}'")
+        return int(parts[0]), int(parts[1])

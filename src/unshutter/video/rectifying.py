@@ -27,7 +27,7 @@ from unshutter.video.background import ahead, side_by_side
 from unshutter.video.clip import Clip, opened
 from unshutter.video.encoders import Encoder
 from unshutter.video.frames_out import Warper, common_window
-from unshutter.video.moving import Moved, window, with_motion
+from unshutter.video.moving import FEWEST, Moved, window, with_motion
 from unshutter.video.options import RectifyClip
 from unshutter.video.preview import check_ending, write_preview
 from unshutter.video.readout_search import find_ratio, tell
@@ -117,7 +117,8 @@ class _Work:
         if self.known is not None:
             return _with_known(self.known, items)
         together = window(self.clip)
-        camera = CameraMotion(self.ratio, self.wanted.shutter.focal_px, self.readout, window=together)
+        focal_px = self.wanted.shutter.focal_px
+        camera = CameraMotion(self.ratio, focal_px, self.readout, window=together, fewest=FEWEST)
         return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
 
     def made(self, all_streams: bool) -> Generator[tuple[Any, Any]]:

@@ -8,6 +8,7 @@ centres to centres.
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float32, UInt
 
 _NODES = 34  # about so many rows of them, and half of that to twice as many columns
+_BAND = 4  # rows of cells that are filled in at a time, so that they stay in the processor's cache
 _LEAST_STEP = 8  # px between nodes, a multiple of every subsampling
 
 
@@ -68,22 +70,25 @@ class FrameMap:
 
     def positions(
         self, across: int, down: int, scratch: Scratch | None = None
-    ) -> tuple[Float32[np.ndarray, "rows cols"], ...]:
-        """(col, row) [px of a plane] at every pixel of a plane with so many pixels of the frame to one of its own.
+    ) -> Iterator[tuple[slice, tuple[Float32[np.ndarray, "rows cols"], ...]]]:
+        """(rows, (col, row) [px of a plane] at their pixels) of a plane, band by band from its top.
 
         Args:
             across, down: pixels of the frame per pixel of the plane.
-            scratch: where the positions are written to; they are valid until the next of such a plane.
+            scratch: where the positions are written to; they are valid until the next band.
         """
         scratch = scratch or Scratch()
         height, width = -(-self.height // down), -(-self.width // across)
         step = (self.step // down, self.step // across)
-        size = (self.nodes.shape[1] * step[0], self.nodes.shape[2] * step[1])
-        inside = (slice(step[0], step[0] + height), slice(step[1], step[1] + width))
-        made = scratch.array((2, *size))
-        for nodes, share, out in zip(self.nodes, (across, down), made, strict=True):
-            cv2.resize((nodes + 0.5) / share - 0.5, size[::-1], dst=out, interpolation=cv2.INTER_LINEAR)
-        return made[0][inside], made[1][inside]
+        columns = slice(step[1], step[1] + width)
+        for first in range(0, self.nodes.shape[1] - 2, _BAND):
+            nodes = self.nodes[:, first : first + _BAND + 2]
+            top, bottom = first * step[0], min((first + nodes.shape[1] - 2) * step[0], height)
+            made = scratch.array((2, nodes.shape[1] * step[0], nodes.shape[2] * step[1]))
+            for each, share, out in zip(nodes, (across, down), made, strict=True):
+                cv2.resize((each + 0.5) / share - 0.5, out.shape[::-1], dst=out, interpolation=cv2.INTER_LINEAR)
+            rows = slice(step[0], step[0] + bottom - top)
+            yield slice(top, bottom), (made[0][rows, columns], made[1][rows, columns])
 
 
 class Scratch(threading.local):

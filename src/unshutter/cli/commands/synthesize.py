@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from unshutter.cli.arguments import Command, positional, required
+from unshutter.errors import UsageError
 from unshutter.options import Synthesize
+from unshutter.video.options import SynthesizeClip
 
 
 @dataclass(frozen=True)
@@ -16,10 +18,18 @@ class Arguments:
     photos: list[Path] = positional("Photos, or folders of photos.")
     output: Path = required("New folder; gets rs/, gs/, motion/ and manifest.json.", short="-o")
     pictures: Synthesize = field(default_factory=Synthesize)
+    clip: SynthesizeClip = field(default_factory=SynthesizeClip)
 
 
 def run(given: Arguments) -> int:
     """Makes the pictures; returns the exit code."""
+    if given.clip.video:
+        from unshutter.video.synthesizing import synthesize_clip
+
+        if len(given.photos) != 1:
+            raise UsageError("--video makes one clip: name one photo")
+        synthesize_clip(given.photos[0], given.output, given.pictures, given.clip)
+        return 0
     from unshutter.batch.synthesizing import synthesize_files
 
     return synthesize_files(given.photos, given.output, given.pictures)
