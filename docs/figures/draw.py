@@ -6,6 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from unshutter import RowMotion
+from unshutter.synthesis.rotation_log import RotationLog
 
 HERE = Path(__file__).parent
 plt.rcParams["svg.hashsalt"] = "unshutter"  # same drawing, same bytes
@@ -74,6 +75,79 @@ def what_goes_wrong() -> None:
     Photo.from_array(sheet).save(HERE / "what_goes_wrong.jpg", overwrite=True, quality=86)
 
 
+def time_against_rows() -> None:
+    """When the rows of two frames are exposed, and what that does to a pole that moves evenly."""
+    ratio, speed = 0.7, 0.3  # of a frame interval; frame widths per frame interval
+    blue, red, grey = "#1565c0", "#c62828", "#777777"
+    figure, (clock, scene) = plt.subplots(1, 2, figsize=(11, 4.2), width_ratios=[1.35, 1])
+    for frame in (0, 1):
+        clock.plot([frame, frame + ratio], [0, 1], color=blue, lw=2.5)
+        clock.text(frame, -0.04, f"frame {frame}", color=blue, fontsize=9, ha="center")
+    clock.plot([ratio, 1], [1, 0], color=grey, lw=0.8, ls=":")
+    rows = np.array([0.45, 0.6])  # of one thing, in both frames
+    times = np.array([0, 1]) + ratio * rows
+    first, second = zip(times, rows, strict=True)
+    clock.annotate("", second, first, arrowprops={"arrowstyle": "->", "color": red, "lw": 1.6})
+    clock.plot(times, rows, "o", color=red, ms=5)
+    clock.text(times.mean(), rows.mean() - 0.05, "one thing, seen twice", color=red, fontsize=9, ha="center")
+    clock.annotate("", (times[1], 0.86), (times[0], 0.86), arrowprops={"arrowstyle": "<->", "color": red})
+    clock.text(times.mean() + 0.06, 0.83, r"$\Delta = 1 + \gamma\,F_y / H$", color=red, fontsize=9, ha="center")
+    clock.axvline(ratio / 2, color="#2e7d32", ls="--", lw=1.2)
+    clock.text(ratio / 2 + 0.02, 1.1, "moment of the picture", color="#2e7d32", fontsize=9)
+    clock.annotate("", (ratio, 0.98), (0, 0.98), arrowprops={"arrowstyle": "<->", "color": "black"})
+    clock.text(0.12, 0.95, r"readout $\gamma$", fontsize=9, ha="center")
+    clock.set(xlim=(-0.15, 1.85), ylim=(1.13, -0.12), xlabel="time in frame intervals →", ylabel="row ↓")
+    clock.set(yticks=[0, 0.5, 1], yticklabels=["0", "H/2", "H"], xticks=[0, 1], title="when each row is exposed")
+    down = np.array([0.0, 1.0])
+    for frame in (0, 1):
+        scene.plot(0.25 + speed * (frame + ratio * down), down, color=blue, lw=4)
+        scene.text(0.25 + speed * frame, -0.03, f"frame {frame}", color=blue, fontsize=9, ha="center")
+    scene.plot([0.25 + speed * ratio / 2] * 2, down, color="#2e7d32", ls="--", lw=1.5)
+    scene.text(0.235 + speed * ratio / 2, 0.8, "as a global\nshutter sees it", color="#2e7d32", fontsize=9, ha="right")
+    scene.annotate("", (0.25 + speed, 0.03), (0.25, 0.03), arrowprops={"arrowstyle": "->", "color": red})
+    scene.text(0.25 + 0.69 * speed, 0.09, "moved by $v$", color=red, fontsize=9, ha="center")
+    scene.annotate("", (0.25 + speed * ratio, 1.04), (0.25, 1.04), arrowprops={"arrowstyle": "->", "color": red})
+    scene.text(0.25 + speed * ratio / 2, 1.1, r"sheared by $\gamma\,v$", color=red, fontsize=9, ha="center")
+    scene.set(xlim=(0, 1), ylim=(1.13, -0.12), xticks=[], yticks=[], title="a pole that moves evenly to the right")
+    figure.tight_layout()
+    figure.savefig(HERE / "time_against_rows.svg", metadata={"Date": None})
+
+
+def two_frames() -> None:
+    """A cup and a basilica, filmed by a camera that swings: a frame, what one frame tells, what two tell, the truth."""
+    import cv2
+    import skimage.data
+
+    import unshutter
+    from unshutter.photo import Photo
+    from unshutter.synthesis.sequences import TurningCamera
+
+    basilica = Photo.open(HERE.parent.parent / "examples" / "original" / "basilica.webp").to_array()
+    rows = []
+    for picture, start in ((basilica, 0.8), (skimage.data.coffee(), 0.8)):
+        camera = TurningCamera(hand(), start, 2, 30.0, 0.75, 360, 480, 480.0)
+        frames = list(camera.rendered(picture, noise=2.0))
+        one = unshutter.rectify(frames[0], reference="middle")
+        two = next(unshutter.rectify_frames(frames, readout_ratio=camera.readout_ratio, reference="middle"))
+        true = unshutter.rectify(frames[0], motion=camera.motion(0, "middle"))
+        shown = [panel[30:330, 60:420] for panel in (frames[0], one, two, true)]  # without the edges
+        panels = [np.pad(panel, ((0, 6), (0, 6), (0, 0)), constant_values=255) for panel in shown]
+        print("PSNR [dB]:", *(round(cv2.PSNR(panel, shown[-1]), 1) for panel in shown[:-1]))
+        rows.append(cv2.hconcat(panels))
+    Photo.from_array(np.ascontiguousarray(cv2.vconcat(rows))).save(HERE / "two_frames.jpg", overwrite=True, quality=86)
+
+
+def hand() -> RotationLog:
+    """Three seconds of a hand that swings a camera about: sums of sines of 0.6 to 2.9 Hz."""
+    rng = np.random.default_rng(7)
+    times = np.arange(0, 3, 0.005)
+    rates = np.zeros((3, len(times)))
+    for hertz in (0.6, 1.3, 2.9):
+        strength, phase = rng.uniform(0.5, 1, (3, 1)) * [[170], [50], [40]], rng.uniform(0, 2 * np.pi, (3, 1))
+        rates += strength * np.sin(2 * np.pi * hertz * times + phase)
+    return RotationLog(times, *np.radians(rates))
+
+
 def askew(picture: np.ndarray, roll_deg: float) -> np.ndarray:
     """What a camera sees that is turned clockwise: the middle of the picture, turned the other way."""
     import cv2
@@ -90,3 +164,5 @@ if __name__ == "__main__":
     conventions()
     before_after()
     what_goes_wrong()
+    time_against_rows()
+    two_frames()

@@ -1,32 +1,48 @@
-"""What rolling shutter does to COLMAP, and what is left of it after `unshutter rectify`: measured where truth is known.
+"""What rolling shutter does to COLMAP, and what is left of it after unshutter: measured where truth is known.
 
     pip install '.[colmap]'
     python examples/colmap/compare.py -o colmap_out
 
 draws a street corner, photographs it with a rolling shutter from an arc (scene.py), and reconstructs the same walk
-from five folders of pictures: global_shutter (what the best could be), rolling_shutter, rectified (motions estimated
-by unshutter), known_attitude (the same, told the focal length and how the camera was held, as an accelerometer or a
-gimbal would say it) and true_motion (rectified with the motions that were put in: what a perfect estimate would give).
+from a folder for each kind of picture:
+
+    global_shutter    what the best could be
+    rolling_shutter   as the camera took them
+    rectified         each by itself, with the motion that the default method finds
+    known_attitude    the same, told the focal length and how the camera was held, as a gimbal would say it
+    sequence          each with the frames that the camera took just before and after it, the readout ratio given
+    ratio_found       the same, the readout ratio found from 60 frames of the camera
+    dense             as near and far move, from the frame before and the frame after
+    chosen            the camera's motion or the dense one, as the frames bear out
+    true_motion       with the turning that was put in: what a perfect estimate would give
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cached_property, partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pycolmap
-from scene import Camera, Frame, draw_scene, photograph, walk
+from scene import Camera, Frame, Plane, draw_scene, photograph, walk
 
 import unshutter
+from unshutter.frames.rectifying import rectify_between
+from unshutter.frames.sequence import CameraMotion, known_ratio
+from unshutter.frames.wanted import Wanted
+from unshutter.geometry.readout import Readout
 from unshutter.geometry.rotations import rotation_matrix
-from unshutter.options import DEFAULT_ESTIMATOR
+from unshutter.options import DEFAULT_ESTIMATOR, Clock, FrameModel, Undo
 from unshutter.photo import Photo
 
+RATIO = 0.9  # readout time / frame interval: 30 ms at 30 frames/s
 _SENSOR_DEG = 0.3  # error of an accelerometer or gimbal
+_SEARCHED = 60  # frames that the readout ratio is found from
 
 
 @dataclass(frozen=True)
@@ -53,40 +69,106 @@ class Outcome:
     direction_deg: float | None
 
 
-def write_pictures(folder: Path, frames: list[Frame], camera: Camera, seed: int, estimator: str) -> list[str]:
-    """Fills one folder per kind of picture, and masks/ beside each where pixels are missing; returns the kinds."""
-    scene = draw_scene(seed)
-    kinds = ["global_shutter", "rolling_shutter", "rectified", "known_attitude", "true_motion"]
-    for k, frame in enumerate(frames):
-        name = f"{k:02d}.png"
-        for kind in ("global_shutter", "rolling_shutter"):
+@dataclass(frozen=True)
+class Walk:
+    """The pictures of a walk, and how each kind of them is made.
+
+    Attributes:
+        scene: what is photographed.
+        camera: by which camera.
+        frames: from where.
+        around: how many frames the camera took before each picture, and as many after it.
+        seed: of the errors of the sensor.
+        estimator: for pictures by themselves.
+        only_changed: whether pictures of which no motion is found are left out.
+    """
+
+    scene: list[Plane]
+    camera: Camera
+    frames: list[Frame]
+    around: int
+    seed: int
+    estimator: str
+    only_changed: bool
+
+    @property
+    def kinds(self) -> dict[str, Callable[[int], unshutter.Rectified | unshutter.RectifiedFrame]]:
+        """What makes each kind from the rolling-shutter picture of a number."""
+        return {
+            "rectified": partial(self._alone, told=False),
+            "known_attitude": partial(self._alone, told=True),
+            "sequence": partial(self._with_neighbours, found=False),
+            "ratio_found": partial(self._with_neighbours, found=True),
+            "dense": partial(self._picture, model="dense"),
+            "chosen": partial(self._picture, model=None),
+            "true_motion": lambda k: unshutter.rectified(self.seen(k), motion=self.frames[k].motion(self.camera)),
+        }
+
+    def seen(self, k: int, later: float = 0) -> np.ndarray:
+        """The rolling-shutter picture of a place, so many frames later."""
+        return photograph(self.scene, self.camera, self.frames[k], rolling=True, later=later / RATIO)
+
+    def _alone(self, k: int, told: bool) -> unshutter.Rectified:
+        known = {}
+        if told:
+            held = attitude(self.frames[k], self.camera, self.seed + k)
+            known = {"focal_px": self.camera.focal_px, **held}
+        return unshutter.rectified(self.seen(k), estimator=self.estimator, reference="middle", **known)
+
+    def _with_neighbours(self, k: int, found: bool) -> unshutter.Rectified:
+        clip = (self.seen(k, later) for later in range(-self.around, self.around + 1))
+        ratio = self.found_ratio if found else RATIO
+        motions = unshutter.estimate_frames(
+            clip, readout_ratio=ratio, focal_px=self.camera.focal_px, reference="middle"
+        )
+        return unshutter.rectified(self.seen(k), motion=list(motions)[self.around])
+
+    def _picture(self, k: int, model: FrameModel | None) -> unshutter.RectifiedFrame:
+        """As ``rectify --sequence`` makes it: what is known of the camera comes from all frames of the clip."""
+        clip = [Photo.from_array(self.seen(k, later)) for later in range(-self.around, self.around + 1)]
+        finder = CameraMotion(known_ratio(RATIO), self.camera.focal_px)
+        found = list(finder.frames(clip))[self.around]
+        before, photo, after = clip[self.around - 1 : self.around + 2]
+        how = Wanted(
+            Clock(RATIO), Undo("middle", edges="keep"), Readout.TOP_TO_BOTTOM, None, model, self.camera.focal_px
+        )
+        return rectify_between(photo, before, after, how, found)
+
+    @cached_property
+    def found_ratio(self) -> float:
+        """The readout ratio, from frames that the camera took at its first place."""
+        camera = CameraMotion(focal_px=self.camera.focal_px)
+        list(camera.frames(self.seen(0, later - _SEARCHED // 2) for later in range(_SEARCHED)))
+        assert camera.ratio is not None
+        print(f"readout ratio {camera.ratio}")
+        return camera.ratio.value
+
+    def write(self, folder: Path, kind: str) -> None:
+        """Fills a folder with the pictures of a kind, and masks/ beside them where pixels are missing."""
+        for part in ("images", "masks") if kind in self.kinds else ("images",):
+            (folder / kind / part).mkdir(parents=True, exist_ok=True)
+        for k, frame in enumerate(self.frames):
+            name = f"{k:02d}.png"
             place = folder / kind / "images" / name
-            place.parent.mkdir(parents=True, exist_ok=True)
-            Photo.from_array(photograph(scene, camera, frame, kind == "rolling_shutter")).save(place, overwrite=True)
-        photo = folder / "rolling_shutter" / "images" / name
-        for kind, how in {
-            "rectified": {"estimator": estimator, "reference": "middle"},
-            "known_attitude": {
-                "estimator": estimator,
-                "reference": "middle",
-                "focal_px": camera.focal_px,
-                **attitude(frame, seed + k),
-            },
-            "true_motion": {"motion": frame.motion},
-        }.items():
-            result = unshutter.rectify(photo, **how)
-            for part in ("images", "masks"):
-                (folder / kind / part).mkdir(parents=True, exist_ok=True)
-            result.save(folder / kind / "images" / name, overwrite=True)
+            if kind not in self.kinds:
+                seen = photograph(self.scene, self.camera, frame, rolling=kind == "rolling_shutter")
+                Photo.from_array(seen).save(place, overwrite=True)
+                continue
+            result = self.kinds[kind](k)
+            if not result.changed:
+                print(f"{kind}: {name} left {'out' if self.only_changed else 'as it is'}: {result.reason}")
+                if self.only_changed:
+                    place.unlink(missing_ok=True)
+                    continue
+            result.save(place, overwrite=True)
             # no features at the border of what the photo did not see: it is not part of the scene
-            seen = cv2.erode(result.valid.astype(np.uint8) * 255, np.ones((9, 9)))
-            cv2.imwrite(str(folder / kind / "masks" / f"{name}.png"), seen)
-    return kinds
+            valid = cv2.erode(result.valid.astype(np.uint8) * 255, np.ones((9, 9)))
+            cv2.imwrite(str(folder / kind / "masks" / f"{name}.png"), valid)
 
 
-def attitude(frame: Frame, seed: int) -> dict[str, float]:
+def attitude(frame: Frame, camera: Camera, seed: int) -> dict[str, float]:
     """What a sensor says of the camera at its first row: roll (clockwise) and tilt (upwards), off by about 0.3 deg."""
-    x, y, z = rotation_matrix(frame.motion.rotations[0]) @ frame.rotation @ [0, -1, 0]  # the world's up
+    x, y, z = rotation_matrix(frame.motion(camera).rotations[0]) @ frame.rotation @ [0, -1, 0]  # the world's up
     off = np.random.default_rng(seed).normal(0, _SENSOR_DEG, 2)
     found = np.degrees([np.arctan2(-x, -y), np.arcsin(z)]) + off
     return {"roll_deg": float(found[0]), "tilt_deg": float(found[1])}
@@ -175,17 +257,24 @@ def main() -> None:
         metavar=("X", "Y", "Z"),
         help="largest turn during the readout: up and down, left and right, roll [deg]",
     )
+    parser.add_argument("--speed", type=float, default=0.0, metavar="M/S", help="how fast the camera walks meanwhile")
+    parser.add_argument("--around", type=int, default=2, help="frames before each picture, and as many after it")
+    parser.add_argument("--kinds", nargs="+", help="only these kinds of pictures")
+    parser.add_argument("--only-changed", action="store_true", help="leave out pictures of which no motion is found")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--estimator", default=DEFAULT_ESTIMATOR)
     chosen = parser.parse_args()
     camera = Camera()
-    frames = walk(camera, chosen.frames, tuple(chosen.turn), chosen.seed)
+    frames = walk(camera, chosen.frames, tuple(chosen.turn), chosen.seed, chosen.speed)
+    scene, how = draw_scene(chosen.seed), (chosen.estimator, chosen.only_changed)
+    walked = Walk(scene, camera, frames, chosen.around, chosen.seed, *how)
     results = {}
     print(
         "| pictures | registered | points | pictures per point | reprojection [px] | places [cm] | directions [deg] |"
     )
     print("|---|---|---|---|---|---|---|")
-    for kind in write_pictures(chosen.output, frames, camera, chosen.seed, chosen.estimator):
+    for kind in chosen.kinds or ("global_shutter", "rolling_shutter", *walked.kinds):
+        walked.write(chosen.output, kind)
         out = measure(reconstruct(chosen.output / kind, camera), frames)
         results[kind] = asdict(out)
         place, direction = ("–" if v is None else f"{v:.2f}" for v in (out.place_cm, out.direction_deg))

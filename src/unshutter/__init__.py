@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator, View
     from unshutter.estimators.method import Method
     from unshutter.estimators.register import load
-    from unshutter.frames.rectifying import RectifiedFrame, rectify_frames
+    from unshutter.frames.rectified_frame import RectifiedFrame
+    from unshutter.frames.rectifying import rectify_frames
     from unshutter.frames.sequence import estimate_frames
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
@@ -53,7 +54,7 @@ _HOMES = {
     "Photo": "photo",
     "Readout": "geometry.readout",
     "Rectified": "result",
-    "RectifiedFrame": "frames.rectifying",
+    "RectifiedFrame": "frames.rectified_frame",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",
     "RowMotion": "motion",

@@ -26,7 +26,7 @@ MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
 
 Reference = Literal["first", "middle", "last"]
 Edges = Literal["auto", "keep", "crop", "fill", "borrow"]
-FrameModel = Literal["dense"]
+FrameModel = Literal["camera", "dense"]
 PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
 Subsampling = Literal["4:4:4", "4:2:0"]
 
@@ -273,6 +273,23 @@ class Clock:
         return self.readout_ms * self.fps / 1000
 
 
+def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameModel | None:
+    """How motion is described: as asked for, else as other options need it; None: as the frames say.
+
+    Raises:
+        UsageError: an unknown model, or options of which no one model can do all.
+    """
+    if model not in (None, *get_args(FrameModel)):
+        raise UsageError(f"unknown model '{model}': choose camera or dense")
+    dense, camera = at is not None or undo.edges == "borrow", undo.strength != 1
+    if dense and (camera or model == "camera"):
+        wrong = "--model camera" if model == "camera" else "--strength"
+        raise UsageError(f"--at and --edges borrow are for --model dense: leave out {wrong}")
+    if camera and model == "dense":
+        raise UsageError("--model dense undoes the whole motion: leave out --strength")
+    return "dense" if dense else "camera" if camera else model
+
+
 @dataclass(frozen=True)
 class Neighbours:
     """Frames that were taken just before and after the photo.
@@ -282,7 +299,8 @@ class Neighbours:
         sequence: whether the photos are frames of one camera, in order, each the neighbour of the next.
         clock: how fast frames were taken and read out.
         at: moment of the picture, in frame intervals from the photo's first row; None: the reference row's.
-        model: how motion is described.
+        model: how motion is described; None: as the frames bear out.
+        fallback: whether the photo alone is asked where its neighbours say nothing.
 
     Raises:
         UsageError: options for neighbours without any.
@@ -301,14 +319,22 @@ class Neighbours:
         "Moment of the picture instead of a reference row, in frame intervals from the photo's first row: with --after,"
         " 0.5 lies halfway to the next frame.",
     )
-    model: FrameModel | None = option(None, "How the motion is described. dense: near and far move differently.")
+    model: FrameModel | None = option(
+        None,
+        "How the motion is described. camera: one motion for the whole picture. dense: near and far move differently. "
+        "Default: the one that the frames bear out.",
+    )
+    fallback: bool = option(
+        False, "Where the neighbours say nothing, use what the photo alone says. Default: leave the photo as it is."
+    )
 
     def __post_init__(self) -> None:
-        if self.sequence and (self or self.at is not None or self.model == "dense"):
-            raise UsageError("--sequence is for the camera's motion: leave out --before, --after, --at and --model")
-        if not (self or self.sequence) and (self.clock != Clock() or self.at is not None or self.model is not None):
+        if self.sequence and self:
+            raise UsageError("with --sequence, each photo's neighbours are known: leave out --before and --after")
+        others = self.clock != Clock() or self.at is not None or self.model is not None or self.fallback
+        if not (self or self.sequence) and others:
             raise UsageError(
-                "--readout-ratio, --fps, --at and --model are for a photo with neighbours: "
+                "--readout-ratio, --fps, --at, --model and --fallback are for a photo with neighbours: "
                 "name one with --before or --after, or several with --sequence"
             )
         if self.at is not None and not -1 <= self.at <= 1:
@@ -344,30 +370,25 @@ class Rectify:
         if self.motion is not None:
             self.find.camera.check_unused()
             object.__setattr__(self, "undo", self.undo.of_given_motion())
-        if self.neighbours.sequence:
-            self._check_sequence()
-        if self.neighbours:
+        if self.neighbours or self.neighbours.sequence:
             self._check_neighbours()
         elif self.undo.edges == "borrow":
             raise UsageError("--edges borrow takes from neighbours: name one with --before or --after")
-
-    def _check_sequence(self) -> None:
-        camera = self.find.camera
-        if not (camera.roll_deg is camera.tilt_deg is None):
-            raise UsageError("roll and tilt are for single photos: leave them out with --sequence")
-        if self.motion is not None:
-            raise UsageError("--sequence is for finding motions: leave out --motion")
-        object.__setattr__(self, "undo", self.undo.keeping_coordinates())
+        if self.neighbours.sequence:
+            object.__setattr__(self, "undo", self.undo.keeping_coordinates())
 
     def _check_neighbours(self) -> None:
-        replace(self.find.camera, readout_ms=None).check_unused()
+        camera, given = self.find.camera, self.neighbours
         if self.motion is not None:
-            raise UsageError("--before and --after are for finding a motion: leave out --motion")
-        if self.neighbours.at is not None and self.undo.reference is not None:
+            raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
+        if replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout) and not given.fallback:
+            raise UsageError("roll, tilt, exposure and --moving are for single photos: leave them out")
+        if given.at is not None and self.undo.reference is not None:
             raise UsageError("--at and --reference both say the moment of the picture: choose one of them")
-        if self.undo.strength != 1:
-            raise UsageError("with neighbours, the whole motion is undone: leave out --strength")
-        _ = self.clock.ratio  # raises where it is not known
+        if (camera.readout_ms is None) != (given.clock.fps is None) and not given.fallback:
+            raise UsageError("--readout-ms and --fps go together: what counts is their product")
+        _ = self.clock  # raises where the numbers cannot be
+        model_for(given.model, given.at, self.undo)
 
     @property
     def clock(self) -> Clock:

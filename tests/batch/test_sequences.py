@@ -1,11 +1,18 @@
 """``rectify --sequence``: each photo is undone by what its neighbours say, and gets its own motion file."""
 
+import json
+from pathlib import Path
+
 import pytest
+from PIL import Image
 
 from support.batches import rectify, results
 from support.hand_held import clip, hand, pan
 from unshutter import Motion, Photo
+from unshutter.batch.job import Job
+from unshutter.batch.sequences import with_motions
 from unshutter.evaluation.metrics import motion_error
+from unshutter.options import Clock, Neighbours, Rectify
 
 RATIO = ("--readout-ratio", "0.9")
 
@@ -72,13 +79,50 @@ def test_where_the_ratio_cannot_be_told_nothing_is_written(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_the_model_may_be_forced_and_the_log_says_it(moving, tmp_path):
+    _, folder = moving
+    for model in ("camera", "dense"):
+        log, words = tmp_path / f"{model}.log", ("--model", model, "-o", tmp_path / model)
+        assert rectify(folder, "--sequence", *RATIO, *words, "--json-log", log) == 0
+        done = [json.loads(line) for line in log.read_text().splitlines()][:-1]
+        assert {event["model"] for event in done} == {model}
+    assert results(tmp_path / "camera") != results(tmp_path / "dense")
+
+
+def tagged(path, time, fraction):
+    """Gives a file the time at which it was taken, as cameras write it."""
+    exif = Image.Exif()
+    exif[0x8769] = {0x9003: time, 0x9291: fraction}
+    Image.open(path).save(path, exif=exif)
+
+
+def test_gaps_in_time_part_a_sequence(moving, tmp_path):
+    """Half a second between photos, but a day between the third and the fourth."""
+    _, folder = moving
+    for k, path in enumerate(sorted(folder.glob("*.png"))):
+        tagged(path, f"2026:01:0{1 if k < 3 else 2} 12:00:0{k // 2}", f"{5 * (k % 2)}")
+    photos = [Path(path) for path in sorted(folder.glob("*.png"))]
+    jobs = [Job(photo, tmp_path / photo.name, None, False, 10**8) for photo in photos]
+    neighbours = Neighbours(sequence=True, clock=Clock(0.9))
+    known = with_motions(jobs, photos, Rectify(neighbours=neighbours), 10**8)
+    assert [(job.before and job.before.stem, job.after and job.after.stem) for job in known] == [
+        (None, "1"),
+        ("0", "2"),
+        ("1", None),
+        (None, "4"),
+        ("3", "5"),
+        ("4", None),
+    ]
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [
         (("--sequence",), "several photos"),
         (("--sequence", "--before", "b.png"), "leave out --before"),
+        (("--readout-ratio", "0.5", "--fallback"), "--sequence"),
         (("--sequence", "--motion", "m.json"), "leave out --motion"),
-        (("--sequence", "--roll-deg", "1"), "roll and tilt"),
+        (("--sequence", "--roll-deg", "1"), "for single photos"),
         (("--readout-ratio", "0.5"), "--sequence"),
     ],
 )

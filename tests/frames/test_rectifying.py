@@ -88,10 +88,13 @@ def test_grey_pixels_stay_grey() -> None:
 @pytest.mark.parametrize(
     ("frames", "options", "message"),
     [
-        (FRAMES, {}, "say how long a frame is read out"),
+        (FRAMES, {"readout_ratio": 0.5, "model": "curved"}, "choose camera or dense"),
+        (FRAMES, {"readout_ratio": 0.5, "model": "dense", "strength": 0.5}, "leave out --strength"),
+        (FRAMES, {"readout_ratio": 0.5, "model": "camera", "edges": "borrow"}, "leave out --model camera"),
+        (FRAMES, {"readout_ratio": 0.5, "at": 0.5, "strength": 0.5}, "leave out --strength"),
         (FRAMES, {"readout_ratio": 1.5}, "above 0 and at most 1"),
         (FRAMES, {"readout_ratio": 0.5, "fps": 30}, "either --readout-ratio, or"),
-        (FRAMES, {"fps": 30}, "say how long a frame is read out"),
+        (FRAMES, {"fps": 30}, "go together"),
         (FRAMES, {"readout_ratio": 0.5, "at": 2}, "between -1 and 1"),
         (FRAMES, {"readout_ratio": 0.5, "edges": "bend"}, "choose auto, keep, crop or fill"),
         (FRAMES[:1], {"readout_ratio": 0.5}, "at least two frames"),
@@ -113,7 +116,7 @@ def test_requests_that_cannot_be(frames, options, message) -> None:
 )
 def test_frames_that_are_not_alike(second, message) -> None:
     with pytest.raises(UnshutterError) as error:
-        list(unshutter.rectify_frames([FRAMES[0], second], readout_ratio=RATIO))
+        list(unshutter.rectify_frames([FRAMES[0], second], readout_ratio=RATIO, model="dense"))
     assert message in one_line(error)
 
 
@@ -143,13 +146,13 @@ def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["--after", "{1}"], 2, "say how long a frame is read out"),
+        (["--after", "{1}"], 1, "say --readout-ratio"),
         (["--after", "{1}", "--readout-ratio", "0"], 2, "above 0 and at most 1"),
         (["--after", "{folder}/none.png", "--readout-ratio", "1"], 1, "No such file"),
         (["--after", "{1}", "--readout-ratio", "1", "--at", "0.5", "--reference", "first"], 2, "choose one of them"),
-        (["--after", "{1}", "--readout-ratio", "1", "--strength", "0.5"], 2, "leave out --strength"),
-        (["--after", "{1}", "--readout-ratio", "1", "--save-motion", "m.json"], 2, "--save-motion needs a motion"),
-        (["--after", "{1}", "--readout-ratio", "1", "--focal-px", "500"], 2, "for finding a motion"),
+        (["--after", "{1}", "--readout-ratio", "1", "--model", "dense", "--strength", "0.5"], 2, "leave out"),
+        (["--after", "{1}", "--readout-ratio", "1", "--at", "0.5", "--save-motion", "m.json"], 2, "needs a motion"),
+        (["--after", "{1}", "--readout-ratio", "1", "--roll-deg", "5"], 2, "for single photos"),
         (["{2}", "--after", "{1}", "--readout-ratio", "1"], 2, "neighbours of one photo, but there are 2"),
         (["--readout-ratio", "1"], 2, "name one with --before or --after"),
         (["--at", "0.5"], 2, "name one with --before or --after"),

@@ -10,7 +10,7 @@ from support.shaken_scenes import drawn_scene, inside, shake
 from unshutter.errors import UnshutterError
 from unshutter.motion import RowMotion
 from unshutter.warp.crop import largest_valid_rectangle
-from unshutter.warp.pixels import rectify_pixels, straighten, validity_mask
+from unshutter.warp.pixels import framed, rectify_pixels, straighten, validity_mask
 
 
 @pytest.mark.parametrize("bands", [1, 2, 3, 4])
@@ -129,3 +129,16 @@ def test_less_than_a_pixel_is_not_cropped_away(height: int, width: int):
     pixels = drawn_scene(height, width)
     found = straighten(pixels, RowMotion.from_polynomials([0, 0.9], [0], height, width), "auto")
     assert found.pixels.shape == pixels.shape and found.whole == 1
+
+
+@pytest.mark.parametrize("edges", ["keep", "crop", "fill", "auto"])
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_what_would_be_done_about_edges_is_what_is_done(edges, share):
+    pixels, motion = drawn_scene(90, 120), shake(90, 120, share)
+    frame, made = framed(motion, edges), straighten(pixels, motion, edges)
+    assert (frame.edges, frame.whole) == (made.edges, made.whole)
+    assert (frame.window.bottom - frame.window.top, frame.window.right - frame.window.left) == made.pixels.shape[:2]
+    if frame.edges == "crop":
+        kept = rectify_pixels(pixels, motion, "fill")
+        rows, cols = slice(frame.window.top, frame.window.bottom), slice(frame.window.left, frame.window.right)
+        assert np.array_equal(kept[rows, cols], made.pixels)

@@ -32,6 +32,7 @@ class Job:
             may be replaced.
         recorded: whether the manifest wants digests of what is written.
         motion: what its neighbours in a sequence say of its motion; None: it is found, or given for all photos.
+        before, after: its neighbours in a sequence.
     """
 
     source: Place
@@ -43,6 +44,8 @@ class Job:
     left: tuple[str | None, ...] = (None, None, None)
     recorded: bool = False
     motion: FrameMotion | None = None
+    before: Place | None = None
+    after: Place | None = None
     mask_target: Place | None = None
     preview_px: int | None = None
 
@@ -65,6 +68,7 @@ class Outcome:
         error: one line; empty where all went well.
         usage: the error is about the request rather than the photo.
         note: something that the user should know.
+        model: how the motion of a photo with neighbours was described (frames/rectified_frame.py); else empty.
         verdict: whether the photo was changed, and why not.
         seconds: that it took.
         source_is: fingerprint of the photo that was read.
@@ -76,6 +80,7 @@ class Outcome:
     error: str = ""
     usage: bool = False
     note: str = ""
+    model: str = ""
     verdict: Verdict | None = None
     seconds: float = 0.0
     source_is: str | None = None

@@ -13,7 +13,7 @@ from unshutter.storage.places import write_place
 
 if TYPE_CHECKING:
     from unshutter.batch.job import Job
-    from unshutter.frames.rectifying import RectifiedFrame
+    from unshutter.frames.rectified_frame import RectifiedFrame
     from unshutter.options import Save
     from unshutter.rectification import Rectified
 

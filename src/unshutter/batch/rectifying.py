@@ -31,7 +31,7 @@ from unshutter.batch.work import do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
 from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.estimators.register import check_name
-from unshutter.options import Rectify, Run
+from unshutter.options import Rectify, Run, model_for
 from unshutter.photo.formats import of_target
 from unshutter.prefetch import Prefetch
 from unshutter.storage.files import check_target, remove_leftovers
@@ -78,7 +78,7 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, wante
     if wanted.save.format and goal is not None and not is_folder(goal, inputs.many):
         raise UsageError(f"--format is for folders: the name '{goal.name}' says the format")
     check_name(wanted.find.estimator)
-    _check_neighbours(wanted, len(inputs.photos), into, run)
+    _check_neighbours(wanted, len(inputs.photos), run)
     check_sequence(wanted, len(inputs.photos))
     wanted = _with_coordinates(wanted, into)
     if wanted.save.keep_names and (goal is None or not is_folder(goal, inputs.many)):
@@ -122,9 +122,25 @@ def _with_coordinates(wanted: Rectify, into: Outputs) -> Rectify:
     """
     if into.masks is not None and wanted.undo.edges == "crop":
         raise UsageError("--masks are for whole pictures: leave out --edges crop")
+    if into.motions is not None and (wanted.neighbours or wanted.neighbours.sequence):
+        wanted = _with_camera_motion(wanted)
     if into.motions is None and into.masks is None:
         return wanted
     return replace(wanted, undo=wanted.undo.keeping_coordinates())
+
+
+def _with_camera_motion(wanted: Rectify) -> Rectify:
+    """The same, described by a motion that a motion file can hold.
+
+    Raises:
+        UsageError: what is asked for needs another one.
+    """
+    given = wanted.neighbours
+    if model_for(given.model, given.at, wanted.undo) == "dense":
+        raise UsageError(
+            "--save-motion needs a motion of the camera alone: leave out --model dense, --at and --edges borrow"
+        )
+    return replace(wanted, neighbours=replace(given, model="camera"))
 
 
 def _jobs(inputs: Inputs, into: Outputs, wanted: Rectify, run: Run) -> list[Job]:
@@ -187,14 +203,12 @@ def _protection(inputs: Inputs, jobs: list[Job], into: Outputs, wanted: Rectify,
     return protection
 
 
-def _check_neighbours(wanted: Rectify, photos: int, into: Outputs, run: Run) -> None:
+def _check_neighbours(wanted: Rectify, photos: int, run: Run) -> None:
     """Raises UsageError where the request does not go with a photo's neighbours."""
     if not wanted.neighbours:
         return
     if photos > 1:
         raise UsageError(f"--before and --after are the neighbours of one photo, but there are {photos}")
-    if into.motions is not None:
-        raise UsageError("--save-motion needs a motion of the camera alone: leave out --before and --after")
     if run.scheduler is not None:
         raise UsageError("--before and --after are for this machine: leave out --scheduler")
 

@@ -74,7 +74,7 @@ class Report:
     def done(self, job: Job, outcome: Outcome) -> None:
         """A photo was changed, or is left as it is."""
         verdict = outcome.verdict
-        told = {"note": outcome.note} if outcome.note else {}
+        told = {name: value for name in ("model", "note") if (value := getattr(outcome, name))}
         self._count(
             "done",
             job.source,
@@ -87,7 +87,8 @@ class Report:
             self.preview.add(job, outcome)
         changed = verdict is None or verdict.changes
         self._left[verdict.cause if verdict and not changed else ""] += 1
-        about = "; ".join(filter(None, (verdict and verdict.told(), outcome.note)))
+        model = f"model {outcome.model}" if outcome.model and changed else ""
+        about = "; ".join(filter(None, (verdict and verdict.told(), model, outcome.note)))
         what = f"{job.source} -> {job.target}" if changed else f"{job.source} left as it is"
         self.tell(f"{what} ({about})" if about else what)
         self._bar.advance()

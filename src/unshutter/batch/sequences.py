@@ -5,16 +5,23 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from unshutter.batch.job import Job
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
 from unshutter.prefetch import open_photo
-from unshutter.storage.places import Place
+from unshutter.storage.places import Place, absolute
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     from unshutter.frames.sequence import CameraMotion, Seen
+
+_LONGEST_INTERVAL = timedelta(seconds=10)  # of neighbours that say anything
+_MANY = 2.5  # usual intervals that are a gap
+_RESOLUTION = timedelta(seconds=2)  # cameras that say whole seconds seem to jitter by so much
 
 
 def check_sequence(wanted: Rectify, photos: int) -> None:
@@ -38,33 +45,66 @@ def with_motions(jobs: list[Job], photos: list[Place], wanted: Rectify, max_pixe
     Raises:
         UnshutterError: the readout ratio was not given, and the frames do not say it.
     """
+    from unshutter.frames.ratio import WHAT_TO_DO
     from unshutter.frames.sequence import CameraMotion, known_ratio
 
     clock, camera = wanted.clock, wanted.find.camera
     ratio = known_ratio(clock.ratio) if clock.is_known else None
     finder = CameraMotion(ratio, camera.focal_px, camera.direction)
     read: list[Place] = []
-    found = list(finder.motions(_seen(finder, photos, read, max_pixels)))
-    motions = dict(zip(read, found, strict=True))
-    untold = next((motion.reason for motion in found if "say --readout-ratio" in motion.reason), "")
-    if untold and finder.ratio is None:
+    joined: list[tuple[Place, Place]] = []  # photos that follow one another
+    found = list(finder.motions(_seen(finder, photos, read, joined, max_pixels)))
+    motions = dict(zip(map(absolute, read), found, strict=True))
+    untold = next((motion.reason for motion in found if WHAT_TO_DO in motion.reason), "")
+    if untold and finder.ratio is None and not wanted.neighbours.fallback:
         raise UnshutterError(untold)
     if ratio is None and finder.ratio is not None:
         print(f"unshutter: readout ratio {finder.ratio}", file=sys.stderr)
-    return [replace(job, motion=motions.get(job.source)) for job in jobs]
+    after = {absolute(first): absolute(second) for first, second in joined}
+    before = {second: first for first, second in after.items()}
+    named = [(job, absolute(job.source)) for job in jobs]
+    return [replace(job, motion=motions.get(at), before=before.get(at), after=after.get(at)) for job, at in named]
 
 
-def _seen(finder: CameraMotion, photos: list[Place], read: list[Place], max_pixels: int) -> Iterator[Seen | None]:
-    """The photos that can be read, which are noted in ``read``; None where the sequence is parted."""
-    folder = None
+def _seen(
+    finder: CameraMotion, photos: list[Place], read: list[Place], joined: list[tuple[Place, Place]], max_pixels: int
+) -> Iterator[Seen | None]:
+    """The photos that can be read, which are noted in ``read``; None where the sequence is parted.
+
+    It is parted between folders, where a photo cannot be read, and where photos were not taken at even intervals.
+    """
+    last: tuple[Place, datetime | None] | None = None
+    interval: timedelta | None = None
     for place in photos:
-        if folder not in (None, place.parent):
-            yield None
-        folder = place.parent
         try:
-            seen = finder.look(open_photo(place, max_pixels))
+            photo = open_photo(place, max_pixels)
+            seen = finder.look(photo)
         except UnshutterError:
+            last = None
             yield None
-        else:
-            read.append(place)
-            yield seen
+            continue
+        taken = photo.taken()
+        if last is not None:
+            since = taken - last[1] if taken is not None and last[1] is not None else None
+            if last[0].parent != place.parent or _is_gap(since, interval):
+                interval = None
+                yield None
+            else:
+                interval = max(interval or since, since) if since is not None else interval
+                joined.append((last[0], place))
+        last = place, taken
+        read.append(place)
+        yield seen
+
+
+def _is_gap(since: timedelta | None, interval: timedelta | None) -> bool:
+    """Whether photos lie apart in time.
+
+    Args:
+        since: from one photo to the next; None: unknown.
+        interval: the longest so far between those of the sequence; None: there is none yet.
+    """
+    if since is None:
+        return False
+    longest = _LONGEST_INTERVAL if interval is None else max(_MANY * interval, _RESOLUTION)
+    return not -_RESOLUTION <= since <= longest

@@ -18,7 +18,7 @@ from unshutter.prefetch import Coming, Prefetch, open_photo
 from unshutter.storage.places import Place, check_place, digest, fingerprint, remove, write_place
 
 if TYPE_CHECKING:
-    from unshutter.frames.rectifying import RectifiedFrame
+    from unshutter.frames.rectified_frame import RectifiedFrame
     from unshutter.motion import Motion
     from unshutter.photo import Photo
     from unshutter.result import Rectified
@@ -50,9 +50,13 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     if prefetch is None:
         prefetch = Prefetch([job.source], wanted.find_alone, job.max_pixels, wanted.undo)
     coming = prefetch.take(job.source)
-    result = (
-        _between(coming.photo, wanted, job.max_pixels) if wanted.neighbours else _alone(coming, job, wanted, motion)
-    )
+    result: Rectified | RectifiedFrame
+    model = ""
+    if wanted.neighbours or wanted.neighbours.sequence:
+        result = _between(coming.photo, job, wanted)
+        model = result.model
+    else:
+        result = _alone(coming, wanted, motion)
     if job.motion_target is not None and result.motion is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
     if job.mask_target is not None:
@@ -68,6 +72,7 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     return Outcome(
         verdict=result.verdict,
         note=about,
+        model=model,
         source_is=source_is,
         outputs_are=tuple(fingerprint(target) if target else None for target in found),
         digests=tuple(digest(target) if job.recorded and target else None for target in found),
@@ -75,28 +80,37 @@ def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None
     )
 
 
-def _alone(coming: Coming, job: Job, wanted: Rectify, motion: str | None) -> Rectified:
-    """A photo by what it says itself, or by the motion given, to it or to all."""
+def _alone(coming: Coming, wanted: Rectify, motion: str | None) -> Rectified:
+    """A photo by what it says itself, or by the motion given to all."""
     from unshutter.rectification import undo
 
-    photo = coming.photo
-    if job.motion is not None:
-        found = job.motion.motion()
-    elif wanted.neighbours.sequence:
-        raise UnshutterError(f"{job.source} could not be read when the motion of the sequence was found: start again")
-    else:
-        found = coming.motion() if motion is None else _parsed(motion)
-    return undo(photo, found, wanted.undo, wanted.find.camera.readout)
+    found = coming.motion() if motion is None else _parsed(motion)
+    return undo(coming.photo, found, wanted.undo, wanted.find.camera.readout)
 
 
-def _between(photo: Photo, wanted: Rectify, max_pixels: int) -> RectifiedFrame:
+def _between(photo: Photo, job: Job, wanted: Rectify) -> RectifiedFrame:
     """A photo by what its neighbours say."""
-    from unshutter.frames.rectifying import Wanted, rectify_between
+    from unshutter.frames.rectified_frame import RectifiedFrame
+    from unshutter.frames.rectifying import rectify_between
+    from unshutter.frames.wanted import Wanted
+    from unshutter.rectification import undo
 
-    given = wanted.neighbours
-    how = Wanted(wanted.clock, wanted.undo, wanted.find.camera.direction, given.at)
-    before, after = (path and open_photo(path, max_pixels) for path in (given.before, given.after))
-    return rectify_between(photo, before, after, how)
+    given, camera = wanted.neighbours, wanted.find.camera
+    alone = wanted.find if given.fallback else None
+    how = Wanted(wanted.clock, wanted.undo, camera.direction, given.at, given.model, camera.focal_px, alone)
+    if not given.sequence:
+        before, after = (path and open_photo(path, job.max_pixels) for path in (given.before, given.after))
+        return rectify_between(photo, before, after, how)
+    if job.motion is None:
+        raise UnshutterError(f"{job.source} could not be read when the motion of the sequence was found: start again")
+    before, after = (place and open_photo(place, job.max_pixels) for place in (job.before, job.after))
+    try:
+        return rectify_between(photo, before, after, how, job.motion)
+    except UsageError:
+        raise
+    except UnshutterError:  # the flow says nothing: what there is of the camera's motion, or the photo as it is
+        motion = job.motion.motion(wanted.undo.reference or "first")
+        return RectifiedFrame.of(undo(photo, motion, wanted.undo), "camera")
 
 
 def _about_edges(result: Rectified | RectifiedFrame) -> str:

@@ -20,6 +20,7 @@ COMMANDS = {
     "video": "straighten a clip: every frame as a global shutter would have seen it",
     "estimate": "find the camera's motion during each photo, as JSON",
     "map": "write a photo's correction as a map for other programs",
+    "serve": "open a page for photos in the browser: before and after, corrections, saving",
     "points": "move points of a photo to where they are in the straightened picture, or back",
     "models": "list the methods: what each does, how large it is, how well it did",
     "synthesize": "make rolling-shutter pictures with known motion from undistorted photos",

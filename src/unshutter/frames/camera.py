@@ -131,11 +131,7 @@ class Problem:
     @cached_property
     def _jacobian(self) -> np.ndarray:
         """[pairs, most, 2, 4] by how much each track moves for a turn of 1 / focal length."""
-        width = self.pairs[0].width * self._unit
-        x, y = np.moveaxis((self._ends.mean(axis=0) - [width / 2, ROWS / 2]) / self.focal_px, -1, 0)
-        columns = np.stack([-x * y, 1 + x * x, -y, x], axis=-1)
-        rows = np.stack([-(1 + y * y), x * y, x, y], axis=-1)
-        return np.stack([columns, rows], axis=-2)
+        return turn_jacobian(self._ends.mean(axis=0), self.pairs[0].width * self._unit, self.focal_px)
 
     def _design(self, ratio: float) -> np.ndarray:
         """[pairs, 2 most, 4 local]: moved = design @ the coefficients that a pair's times reach."""
@@ -268,3 +264,19 @@ def _within_frames(fit: Fit, problem: Problem, ratio: float) -> float:
     turns = fit.turn((problem.moments[:, None] + ratio * rows).ravel()).reshape(-1, len(rows), 3)
     reach = np.abs(turns - turns[:, [len(rows) // 2]]) * [fit.focal_px, fit.focal_px, ROWS / 2]
     return float(reach.max())
+
+
+def turn_jacobian(
+    at: Float64[np.ndarray, "*points 2"], width: float, focal_px: float
+) -> Float64[np.ndarray, "*points 2 4"]:
+    """By how much points (col, row) [px of ROWS rows] move for a turn of 1 / focal length about each axis, and growth.
+
+    Args:
+        at: the points.
+        width: of the picture [px of ROWS rows].
+        focal_px: focal length [px of ROWS rows].
+    """
+    x, y = np.moveaxis((at - [width / 2, ROWS / 2]) / focal_px, -1, 0)
+    columns = np.stack([-x * y, 1 + x * x, -y, x], axis=-1)
+    rows = np.stack([-(1 + y * y), x * y, x, y], axis=-1)
+    return np.stack([columns, rows], axis=-2)

@@ -69,7 +69,7 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
     """
     pairs = [fewer(pair) for pair in pairs if len(pair)]
     if not pairs or max(flow(pair) for pair in pairs) < STILL_PX:
-        raise UnshutterError(_cannot_tell("the camera stood still"))
+        raise UnshutterError(cannot_tell("the camera stood still"))
     parts = [Problem(pairs[k : k + _PART], focal_px) for k in range(0, max(len(pairs) - _PART // 2, 1), _PART)]
     profiles = [_Profile(part) for part in parts]
     coarse = np.sum([[profile.at(ratio) for ratio in _COARSE] for profile in profiles], axis=0)
@@ -80,10 +80,10 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
         best, width = _top(at, curves.sum(axis=0))
         best = float(np.clip(best, at[0], at[2]))
     if max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
-        raise UnshutterError(_cannot_tell("the camera shook faster than frames were taken"))
+        raise UnshutterError(cannot_tell("the camera shook faster than frames were taken"))
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
     if error > _TOO_UNSURE or best > _LARGEST:
-        raise UnshutterError(_cannot_tell("the camera moved too evenly, or too little could be followed"))
+        raise UnshutterError(cannot_tell("the camera moved too evenly, or too little could be followed"))
     return ReadoutRatio(min(max(best, 0.0), 1.0), error, "motion")
 
 
@@ -143,5 +143,6 @@ def fewer(pair: Tracks) -> Tracks:
     return pair.only(kept)
 
 
-def _cannot_tell(reason: str) -> str:
+def cannot_tell(reason: str) -> str:
+    """The line for frames that do not say the ratio."""
     return f"the readout ratio cannot be told from these frames ({reason}): {WHAT_TO_DO}"

@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.estimators.base import View
+from unshutter.frames.angles import SURE_ENOUGH, Leaning, combined, ratio_from_angles, speed_of
 from unshutter.frames.camera import ROWS, Fit, Problem, steady
 from unshutter.frames.focal import focal_from_motion
 from unshutter.frames.ratio import ReadoutRatio, fewer, ratio_from_motion
@@ -19,14 +22,19 @@ from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera, Clock, Reference, Undo
 from unshutter.photo import Photo
 
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
+
 NAME = "frames-camera"
+STOOD_STILL = "the camera stood still"
 _CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
-_SEARCHED = 60  # frames from which the readout ratio is found
+SEARCHED = 60  # frames from which the readout ratio is found
 _PATIENCE = 240  # frames after which it is given up
 _STIFFNESS_EVERY = 4  # windows
 _NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
-_FEW_PAIRS, _EVEN = 3, 100.0  # pairs that do not say how speed changes, and the stiffness that keeps it even
+_FEW_PAIRS, _EVEN = 2, 100.0  # pairs that do not say how speed changes, and the stiffness that keeps it even
+_LEAST_TRACKS = 12  # that say a speed
 _GUESSED_RATIO = 0.5  # to look for a focal length with
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 
@@ -63,7 +71,7 @@ class FrameMotion:
         rotations = turn - turn[0]
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
         if reach.max() < _NOTHING_PX:
-            return self._none("the camera stood still")
+            return self._none(STOOD_STILL)
         common = {"readout": self.readout, "estimator": NAME}
         focal = self.fit.focal_px * self.height / ROWS
         try:
@@ -72,6 +80,11 @@ class FrameMotion:
         except UnshutterError as error:
             return self._none(f"what fits the tracks is no motion of a camera: {error}")
         return motion.rereferenced(reference)
+
+    def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
+        """The camera's turn [rad] so long after the frame's first row [frame intervals], where it is known."""
+        assert self.fit is not None
+        return self.fit.turn(self.at + after)
 
     def _none(self, reason: str) -> Motion:
         return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)
@@ -85,6 +98,7 @@ class CameraMotion:
         ratio: readout time in frame intervals; None: found from the frames.
         focal_px: focal length [px of the frames]; None: EXIF's, else found from the frames.
         readout: direction in which stored pixels were read.
+        every_angle: of so many photos, right angles are looked for in one where motion does not say the ratio.
         fewest: frames without which a shot is left as it is.
         window: frames whose motion is found together, and more on both sides that only steady it.
     """
@@ -92,8 +106,10 @@ class CameraMotion:
     ratio: ReadoutRatio | None = None
     focal_px: float | None = None
     readout: Readout = Readout.TOP_TO_BOTTOM
+    every_angle: int = 6
     window: tuple[int, int] = (_CORE, _MARGIN)
     fewest: int = 2
+    _looked: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
     _asked: int = field(default=0, init=False)
@@ -131,14 +147,17 @@ class CameraMotion:
         height, width = self.readout.frame_size(photo.height, photo.width)
         if self._focal is None and (known := self.focal_px or photo.focal_px()):
             self._focal = known * ROWS / height
-        return Seen(height, width, np.ascontiguousarray(self.readout.turn(photo.grey(TRACKED_SIDE))))
+        asked = self.ratio is None and self._looked % self.every_angle == 0
+        self._looked += 1
+        grey = np.ascontiguousarray(self.readout.turn(photo.grey(TRACKED_SIDE)))
+        return Seen(height, width, grey, photo=photo if asked else None)
 
     def _ready(self, shot: Shot, ended: bool) -> Iterator[FrameMotion]:
         """The frames of a shot that are ready."""
         waiting = len(shot.waiting)
-        if self.ratio is None and waiting and (ended or waiting in (_SEARCHED, _PATIENCE)):
+        if self.ratio is None and waiting and (ended or waiting in (SEARCHED, _PATIENCE)):
             self._find_ratio(shot)
-        if self.ratio is None and not ended and waiting < (_SEARCHED if shot.still else _PATIENCE):
+        if self.ratio is None and not ended and waiting < (SEARCHED if shot.still else _PATIENCE):
             return
         core, margin = self.window
         while shot.waiting and (ended or len(shot.waiting) >= core + margin):
@@ -154,13 +173,30 @@ class CameraMotion:
     def _find_ratio(self, shot: Shot) -> None:
         shot.why_unknown = ""
         pairs = [pair for pair in shot.pairs if len(pair)]
-        if not pairs:
+        if not pairs or shot.still:
             return
+        by_motion = None
         try:
-            focal = self._focal or focal_from_motion(pairs[: _SEARCHED // 2], _GUESSED_RATIO)
-            self.ratio = ratio_from_motion(pairs, focal)
+            focal = self._focal or focal_from_motion(pairs[: SEARCHED // 2], _GUESSED_RATIO)
+            by_motion = ratio_from_motion(pairs, focal)
         except UnshutterError as error:
             shot.why_unknown = str(error)
+        if by_motion is None or by_motion.error > SURE_ENOUGH:
+            by_motion = self._with_angles(shot, by_motion)
+        self.ratio = by_motion
+
+    def _with_angles(self, shot: Shot, by_motion: ReadoutRatio | None) -> ReadoutRatio | None:
+        """What right angles add to the readout ratio that motion says, if it says one."""
+        photos = [
+            Leaning(View(seen.photo, Camera(self.readout, self.focal_px)), speed_of(pair))
+            for seen in shot.waiting
+            if seen.photo is not None and len(pair := shot.pair_beside(seen)) > _LEAST_TRACKS
+        ]
+        try:
+            by_angles = ratio_from_angles(photos)
+        except UnshutterError:
+            return by_motion
+        return combined(by_motion, by_angles) if by_motion else by_angles
 
     def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, str]:
         """The motion about the next frames of a shot; or why there is none."""
@@ -170,7 +206,7 @@ class CameraMotion:
         if shot.before + len(shot.waiting) < self.fewest:
             return None, "the shot is too short to say how the camera moved"
         if shot.still:
-            return None, "the camera stood still"
+            return None, STOOD_STILL
         if self.ratio is None:
             return None, shot.why_unknown
         if self._focal is None:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from unshutter.geometry.shapes import UInt8
+    from unshutter.photo import Photo
 
 APART = "the frames beside it show another scene, or near and far move too differently in them"
 _LEAST_CORNERS = 24  # that a picture has which says something
@@ -19,14 +20,17 @@ _LEAST_CORNERS = 24  # that a picture has which says something
 
 @dataclass(eq=False)
 class Seen:
-    """A frame as it is looked at: its full size, a small grey copy, and how long after the frame before it was taken.
+    """A frame as it is looked at.
 
-    ``after`` is counted in the usual frame intervals, and so is ``at``, the time since the shot began.
+    Its full size, a small grey copy, the photo where it may be looked at closely, and how long after the frame before
+    it was taken: ``after`` is counted in the usual frame intervals, and so is ``at``, the time since the shot began.
     """
 
     height: int
     width: int
     grey: UInt8[np.ndarray, "rows columns"]
+    number: int = 0
+    photo: Photo | None = None
     after: float = 1.0
     at: float = 0.0
 
@@ -41,6 +45,7 @@ class Shot:
         pairs: tracks of the background from each kept frame to the next.
         times: when the frames of ``pairs`` were taken, one more than those [frame intervals].
         waiting: frames that wait.
+        first: number of the frame at which ``pairs`` begin.
         before: how many of the kept frames wait no more.
         why_unknown: why the readout ratio could not be found from them.
     """
@@ -50,6 +55,7 @@ class Shot:
     pairs: list[Tracks] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     waiting: list[Seen] = field(default_factory=list)
+    first: int = 0
     before: int = 0
     why_unknown: str = ""
     _last: Seen | None = None
@@ -82,10 +88,16 @@ class Shot:
             self.pairs.append(self._next.tracks)
             self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
             seen.at = self._last.at + seen.after
+            seen.number = self._last.number + 1
             self._last.grey = seen.grey[:0]  # no longer needed
         self.times.append(seen.at)
         self.waiting.append(seen)
         self._last = seen
+
+    def pair_beside(self, seen: Seen) -> Tracks:
+        """The tracks from a frame to the next; of the last one, from the one before."""
+        at = min(seen.number - self.first, len(self.pairs) - 1)
+        return self.pairs[at]
 
     def drop(self, many: int, margin: int) -> None:
         """Frames wait no more; a few of them are kept."""
@@ -93,4 +105,5 @@ class Shot:
         self.before += many
         surplus = max(self.before - margin, 0)
         del self.pairs[:surplus], self._moving[:surplus], self.times[:surplus]
+        self.first += surplus
         self.before -= surplus

@@ -71,6 +71,12 @@ class Decoder:
         pixels = self.pixels[..., :-1] if self._header.coding.masked else self.pixels
         return grey_copy(as_image(pixels), *grey_size(self._height, self._width, short_side))
 
+    def reduced(self, longest: int) -> np.ndarray:
+        """The pixels [h, w, bands], decoded at a smaller size where the longer side stays at least so long [px]."""
+        side = max(self._height, self._width)
+        shrink = next((n for n in self._header.format.shrinks if side >= n * longest), 1)
+        return self._decode(shrink) if shrink > 1 else self.pixels
+
     def _small_pixels(self, shrink: int) -> np.ndarray:
         """The pixels, decoded so many times smaller."""
         ahead, self._small_ahead = self._small_ahead, None  # used once: not kept for as long as the photo

@@ -26,6 +26,8 @@ from unshutter.photo.tags import exif
 from unshutter.storage.files import Times, check_target, times_of, written_whole
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     import numpy as np
     import pyvips
 
@@ -199,6 +201,12 @@ class Photo:
 
         return exposure.time_s(self._metadata.exif)
 
+    def taken(self) -> datetime | None:
+        """When it was taken, by EXIF, in the camera's time zone; None where it is not known."""
+        from unshutter.photo.tags import taken
+
+        return taken.taken(self._metadata.exif)
+
     def is_merged(self) -> bool:
         """Whether it was put together from several exposures (HDR), by EXIF: its exposure time is that of one."""
         from unshutter.photo.tags import exposure
@@ -241,6 +249,32 @@ class Photo:
         if self._decoder is not None:
             return self._decoder.grey(short_side)
         return grey_copy(self._picture, *grey_size(self.height, self.width, short_side))
+
+    def screen_copy(self, longest: int | None = None) -> np.ndarray:
+        """A copy of the stored pixels for a screen: sRGB by the photo's profile, antialiased, transparent over grey.
+
+        Args:
+            longest: longer side [px]; never enlarged. None: full size.
+
+        Returns:
+            uint8 [h, w, 3].
+
+        Raises:
+            UnshutterError: the file is damaged, incomplete, or gone; UsageError: longest below 1.
+        """
+        from unshutter.photo.screen import screen_pixels
+
+        if longest is not None and longest < 1:
+            raise UsageError(f"a copy for the screen needs a longer side of at least 1 px, got {longest}")
+        if self._decoder is None or longest is None:
+            image = self._picture
+        else:
+            pixels = self._decoder.reduced(longest)
+            image = as_image(pixels[..., :-1] if self.masked else pixels)
+        side = max(self.height, self.width)
+        scale = 1.0 if longest is None else min(longest / side, 1.0)
+        height, width = (max(round(size * scale), 1) for size in (self.height, self.width))
+        return screen_pixels(image, height, width, self._metadata.icc)
 
     @property
     def times_ns(self) -> Times:

@@ -59,7 +59,7 @@ def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side
 
     readout = camera.readout
     grey = np.ascontiguousarray(readout.turn(clip.pixels.grey(frame, side)))
-    return Seen(*readout.frame_size(frame.height, frame.width), grey, since)
+    return Seen(*readout.frame_size(frame.height, frame.width), grey, after=since)
 
 
 def with_motion(clip: Clip, items: Iterable[Any], camera: CameraMotion) -> Iterator[Any]:

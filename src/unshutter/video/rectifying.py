@@ -117,7 +117,8 @@ class _Work:
         if self.known is not None:
             return _with_known(self.known, items)
         together = window(self.clip)
-        camera = CameraMotion(self.ratio, self.wanted.shutter.focal_px, self.readout, together, FEWEST)
+        focal_px = self.wanted.shutter.focal_px
+        camera = CameraMotion(self.ratio, focal_px, self.readout, window=together, fewest=FEWEST)
         return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
 
     def made(self, all_streams: bool) -> Generator[tuple[Any, Any]]:

@@ -37,6 +37,20 @@ _HAIRLINE = 1.0  # px that may be missing at an edge without being black
 _REACH = 3  # px that interpolation looks beyond a position
 
 
+class Framed(NamedTuple):
+    """What is done about the edges of a rectified picture.
+
+    Attributes:
+        edges: ``keep``, ``crop`` or ``fill``: what ``auto`` came to.
+        window: what is left of the picture, in stored pixels.
+        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
+    """
+
+    edges: Edges
+    window: Tile
+    whole: float | None = None
+
+
 class Straightened(NamedTuple):
     """A rectified picture and what was done about its edges.
 
@@ -85,19 +99,22 @@ def straighten(
         return Straightened(pixels, "keep" if edges == "auto" else edges)
     height, width = pixels.shape[:2]
     grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
-    window, whole = grid.whole, None
-    if edges in ("crop", "auto"):
-        cropped = crop_window(grid, _HAIRLINE)
-        whole = (cropped.bottom - cropped.top) * (cropped.right - cropped.left) / (width * height)
-        if edges == "auto":
-            edges = "crop" if whole >= LEAST_AUTO_CROP else "keep"
-        elif whole < _LEAST_CROP:
-            raise UnshutterError(
-                f"cropping would leave {100 * whole:.0f} % of the photo: use other edges, keep or fill"
-            )
-        window = cropped if edges == "crop" else window
+    edges, window, whole = _framed(grid, edges)
     made = _warped(pixels, grid, window, cv2.INTER_CUBIC, _HAIRLINE if edges == "keep" else None, masked)
     return Straightened(made, edges, whole)
+
+
+def framed(motion: Motion, edges: Edges) -> Framed:
+    """What :func:`straighten` would do about the edges of a photo with this motion.
+
+    Raises:
+        UnshutterError, UsageError: see there.
+    """
+    check_edges(edges)
+    size = motion.readout.frame_size(motion.height, motion.width)
+    if motion.is_zero:
+        return Framed("keep" if edges == "auto" else edges, Tile(0, size[0], 0, size[1]))
+    return _framed(SamplingGrid.of(gs_to_rs_map(motion), *size), edges)
 
 
 def distort_pixels(
@@ -143,6 +160,18 @@ def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
     """
     size = motion.readout.frame_size(motion.height, motion.width)
     return _mask(SamplingGrid.of(gs_to_rs_map(motion), *size))
+
+
+def _framed(grid: SamplingGrid, edges: Edges) -> Framed:
+    if edges not in ("crop", "auto"):
+        return Framed(edges, grid.whole)
+    cropped = crop_window(grid, _HAIRLINE)
+    whole = (cropped.bottom - cropped.top) * (cropped.right - cropped.left) / (grid.width * grid.height)
+    if edges == "auto":
+        edges = "crop" if whole >= LEAST_AUTO_CROP else "keep"
+    elif whole < _LEAST_CROP:
+        raise UnshutterError(f"cropping would leave {100 * whole:.0f} % of the photo: use other edges, keep or fill")
+    return Framed(edges, cropped if edges == "crop" else grid.whole, whole)
 
 
 def _check_size(pixels: np.ndarray, motion: Motion) -> None:

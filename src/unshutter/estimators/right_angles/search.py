@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
 from unshutter.estimators.right_angles.unknowns import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
 
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
 _TILTS = np.radians([-8, 0, 8, 18, 32])
@@ -82,6 +87,22 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     gain = float(likelihood.lines_gain(best[None])[0])
     at_rest, gain_at_rest = _at_rest(likelihood, begin[:poses])
     return Posterior(mean, covariance, evidence - at_rest, gain, float(likelihood.weight.sum()), gain_at_rest)
+
+
+def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int = 2) -> Float64[np.ndarray, "motions"]:
+    """The logarithm of the evidence for each of some motions, none likelier than another beforehand [nats].
+
+    Args:
+        likelihood: of one photo, about which nothing is known of its speed.
+        motions: [M, 6] coefficients.
+        poses: cameras to start from with each.
+    """
+    begin = [_poses(likelihood, motion, poses) for motion in motions]
+    _, energy, hessian = descend(likelihood, np.concatenate(begin), CAMERA)
+    evidence = -energy - 0.5 * np.linalg.slogdet(hessian[:, CAMERA, CAMERA])[1]
+    edges = np.cumsum([0, *(len(each) for each in begin)])
+    best = np.array([evidence[a:b].max() for a, b in pairwise(edges)])
+    return best + 0.5 * ((motions / likelihood.prior.sigma[MOTION]) ** 2).sum(axis=1)
 
 
 def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, float]:

@@ -48,9 +48,14 @@ def likelihood_of(
         segments, size: as :func:`segments_of` returns them.
         opinion: another estimate to be weighed in.
     """
+    return ManhattanLikelihood(segments, size[0], size[1] / size[0], known=known_camera(view), opinion=opinion)
+
+
+def known_camera(view: View) -> KnownCamera:
+    """What the user or the photo's metadata know of the camera."""
     focal_px = view.known_focal_px()
     roll_deg, tilt_deg = view.attitude_deg()
-    known = KnownCamera(
+    return KnownCamera(
         up=view.up,
         log_focal=math.log(focal_px / view.height) if focal_px else None,
         # a camera turned clockwise sees the scene turned the other way
@@ -58,7 +63,6 @@ def likelihood_of(
         tilt=None if tilt_deg is None else math.radians(tilt_deg),
         speed=_known_speed(view.speed_limit, view.height),
     )
-    return ManhattanLikelihood(segments, size[0], size[1] / size[0], known=known, opinion=opinion)
 
 
 def motion_of(posterior: Posterior, view: View, estimator: str, opinion: np.ndarray | None = None) -> Motion:

@@ -54,7 +54,7 @@ class PairCase(Case):
     def oracles(self) -> tuple[str, ...]:
         """The motion that fits both pictures best, and what the frame's neighbours say."""
         has_neighbours = self.readout_ratio is not None and any(neighbours_of(self.frame))
-        return (FRAMES, CEILING) if has_neighbours else (CEILING,)
+        return (*FRAMES, CEILING) if has_neighbours else (CEILING,)
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
         """One record for each name and reference row."""
@@ -62,8 +62,8 @@ class PairCase(Case):
         truths = {reference: self._truth(reference, photo) for reference in self.frame.gs}
         records = []
         for name in names:
-            if name == FRAMES:
-                records += [self._record_of_neighbours(photo, reference, gs) for reference, gs in truths.items()]
+            if name in FRAMES:
+                records += [self._record_of_neighbours(name, photo, reference, gs) for reference, gs in truths.items()]
                 continue
             answer = None if name == CEILING else ask(loaded(name), View(photo))
             records += [self._record(name, answer, photo, reference, gs) for reference, gs in truths.items()]
@@ -78,8 +78,8 @@ class PairCase(Case):
         motions[CEILING] = fit_to_pair(in_8_bits(photo), truth, reference)
         pictures = [("input", in_8_bits(photo))]
         pictures += [(name, rectified(photo, motion)[0]) for name, motion in motions.items() if name != NOTHING]
-        if FRAMES in self.oracles:
-            pictures += [(FRAMES, by_neighbours(self.frame, self.readout_ratio or 1, reference)[0])]
+        by_frames = [name for name in self.oracles if name in FRAMES]
+        pictures += [(name, self._by_neighbours(name, reference)[0]) for name in by_frames]
         title = f"{self.group} {self.frame.sequence} {self.frame.number}, {reference} row"
         return Example(title, [*pictures, ("truth", truth)], motions)
 
@@ -91,15 +91,18 @@ class PairCase(Case):
         figures = (answer or Answer(found.rereferenced("first"))).figures()
         return self._scored(name, reference, figures, {"": made, "input": rs}, gs, mask)
 
-    def _record_of_neighbours(self, photo: Photo, reference: str, gs: np.ndarray) -> Record:
-        made, mask, figures = by_neighbours(self.frame, self.readout_ratio or 1, cast(Reference, reference))
+    def _by_neighbours(self, name: str, reference: Reference) -> tuple[np.ndarray, np.ndarray, Record]:
+        return by_neighbours(self.frame, self.readout_ratio or 1, reference, FRAMES[name])
+
+    def _record_of_neighbours(self, name: str, photo: Photo, reference: str, gs: np.ndarray) -> Record:
+        made, mask, figures = self._by_neighbours(name, cast(Reference, reference))
         pictures = {"": made, "input": in_8_bits(photo)}
         figures |= {
             f"{PUBLISHED}{name}": psnr(picture, gs, mask)
             for name, picture in published_of(self.frame, reference).items()
             if picture.shape == gs.shape
         }
-        return self._scored(FRAMES, reference, figures, pictures, gs, mask)
+        return self._scored(name, reference, figures, pictures, gs, mask)
 
     def _scored(
         self,

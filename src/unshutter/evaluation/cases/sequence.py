@@ -9,12 +9,14 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.evaluation.cases.case import Record, in_8_bits
 from unshutter.evaluation.cases.folders import Frame
-from unshutter.frames.rectifying import Wanted, rectify_between
+from unshutter.frames.rectifying import rectify_between
+from unshutter.frames.wanted import Wanted
 from unshutter.geometry.readout import Readout
-from unshutter.options import Clock, Reference, Undo
+from unshutter.options import Clock, FrameModel, Reference, Undo
 from unshutter.photo import Photo
 
-FRAMES = "frames-dense"
+# rows of the tables: with the model forced, and chosen
+FRAMES: dict[str, FrameModel | None] = {"frames-camera": "camera", "frames-dense": "dense", "frames": None}
 PUBLISHED = "psnr_published_"  # and the name of the method
 
 
@@ -26,7 +28,9 @@ def neighbours_of(frame: Frame) -> tuple[Path | None, Path | None]:
     return before if before.is_file() else None, after if after.is_file() else None
 
 
-def by_neighbours(frame: Frame, ratio: float, reference: Reference) -> tuple[np.ndarray, np.ndarray, Record]:
+def by_neighbours(
+    frame: Frame, ratio: float, reference: Reference, model: FrameModel | None
+) -> tuple[np.ndarray, np.ndarray, Record]:
     """What ``unshutter rectify --before --after`` makes of a frame.
 
     Returns:
@@ -37,12 +41,12 @@ def by_neighbours(frame: Frame, ratio: float, reference: Reference) -> tuple[np.
     before, after = (path and Photo.open(path) for path in neighbours_of(frame))
     figures: Record = {"declined": "", "failed": "", "confidence": None}
     try:
-        how = Wanted(Clock(ratio), Undo(reference, edges="keep"), Readout.TOP_TO_BOTTOM)
+        how = Wanted(Clock(ratio), Undo(reference, edges="keep"), Readout.TOP_TO_BOTTOM, model=model)
         result = rectify_between(photo, before or None, after or None, how)
     except UnshutterError as error:
         whole = np.ones((photo.height, photo.width), bool)
         return in_8_bits(photo), whole, figures | {"declined": str(error)}
-    return in_8_bits(result.photo), result.valid, figures | {"declined": result.reason}
+    return in_8_bits(result.photo), result.valid, figures | {"declined": result.reason, "model": result.model}
 
 
 def published_of(frame: Frame, reference: str) -> dict[str, np.ndarray]:

@@ -1,0 +1,148 @@
+"""How long a photographer waits for the page of ``unshutter serve``, in a real browser, beside the command line.
+
+    python benchmarks/bench_page.py [--runs 7] [--megapixels 12]
+
+The photo is the shipped one with rolling shutter, enlarged, as a JPEG. Measured: from the start of the command to the
+first answer; the memory (resident, of all its processes) before a photo, with one open, and after a rest; from the
+photo's arrival in the browser until both pictures, before and after, are on the screen; from a change of the strength
+until its picture is there; and saving, beside ``unshutter rectify``, in turn. The size is that of what
+``pip install 'unshutter[web]'`` adds, as it lies on the disc.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from pathlib import Path
+
+import pyvips
+from playwright.sync_api import Page, sync_playwright
+
+PHOTO = Path(__file__).parent.parent / "examples" / "demo.jpg"
+TOKEN = "benchmark"
+EXTRA = ("starlette", "uvicorn", "python-multipart", "anyio", "idna", "click", "h11", "typing_extensions")
+SHOWN = """() => new Promise((done) => {
+    const item = () => document.querySelector(".thumbnail")?.dataset.state;
+    const image = (which) => document.querySelector(`.layer.${which} img`);
+    const look = () => {
+        const images = ["before", "after"].map(image);
+        const ready = item() === "changed" && images.every((each) => each.complete && each.src);
+        if (ready) Promise.all(images.map((each) => each.decode())).then(() => done(performance.now()));
+        else requestAnimationFrame(look);
+    };
+    requestAnimationFrame(look);
+})"""
+CHANGED = """() => new Promise((done) => {
+    const image = document.querySelector(".layer.after img");
+    const began = performance.now();
+    image.addEventListener("load", () => done(performance.now() - began), { once: true });
+    const strength = document.getElementById("strength");
+    strength.value = strength.value === "100" ? "50" : "100";
+    strength.dispatchEvent(new Event("input"));
+})"""
+
+
+def memory_mb(pid: int) -> float:
+    """Resident memory of a process and those that it started."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    own = next(line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("VmRSS"))
+    return int(own.split()[1]) / 1000 + sum(memory_mb(int(child)) for child in children)
+
+
+def start() -> tuple[subprocess.Popen, str, float]:
+    """The server, its address, and how long it took to answer [s]."""
+    began = time.perf_counter()
+    command = [sys.executable, "-m", "unshutter", "serve", "--port", "0", "--token", TOKEN]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert process.stdout is not None
+    link = process.stdout.readline().split()[1]
+    urllib.request.urlopen(link).read()
+    return process, link, time.perf_counter() - began
+
+
+def dropped(page: Page, link: str, photo: Path) -> float:
+    """From the photo's arrival to both pictures [s]."""
+    page.goto(link)
+    page.wait_for_timeout(1500)  # somebody looks for the photo in a folder
+    page.evaluate("() => addEventListener('change', () => (window.began = performance.now()), { capture: true })")
+    page.mouse.click(5, 5)  # as a drag would, it wakes the program
+    page.wait_for_timeout(1500)
+    page.set_input_files("#choose", photo)
+    return (page.evaluate(SHOWN) - page.evaluate("window.began")) / 1000
+
+
+def saved(page: Page) -> float:
+    began = time.perf_counter()
+    with page.expect_download() as download:
+        page.click("#do-saveOne")
+    download.value.path()
+    return time.perf_counter() - began
+
+
+def rectified(photo: Path) -> float:
+    began = time.perf_counter()
+    command = [sys.executable, "-m", "unshutter", "rectify", photo, "-o", photo.with_name("out.jpg"), "--overwrite"]
+    subprocess.run(command, check=True, stderr=subprocess.DEVNULL)
+    return time.perf_counter() - began
+
+
+def size_mb() -> float:
+    files = [file for name in EXTRA for file in importlib.metadata.files(name) or []]
+    return sum(path.stat().st_size for file in files if (path := Path(str(file.locate()))).exists()) / 1e6
+
+
+def spread(values: list[float]) -> str:
+    return f"{statistics.median(values):.2f} ({min(values):.2f} … {max(values):.2f}) s"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=7)
+    parser.add_argument("--megapixels", type=float, default=12)
+    parser.add_argument("--browser", default="/usr/bin/chromium")
+    given = parser.parse_args()
+    times: dict[str, list[float]] = {name: [] for name in ("start", "shown", "changed", "saved", "command")}
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        photo = Path(folder) / "photo.jpg"
+        original = pyvips.Image.new_from_file(str(PHOTO))
+        original.resize((given.megapixels * 1e6 / (original.width * original.height)) ** 0.5).jpegsave(str(photo), Q=92)
+        browser = playwright.chromium.launch(executable_path=given.browser, args=["--no-sandbox"])
+        for _ in range(given.runs + 1):
+            process, link, took = start()
+            idle = memory_mb(process.pid)
+            page = browser.new_page(viewport={"width": 1440, "height": 900})
+            times["start"].append(took)
+            times["shown"].append(dropped(page, link, photo))
+            times["changed"].append(page.evaluate(CHANGED) / 1000)
+            page.evaluate(CHANGED)
+            times["saved"].append(saved(page))
+            times["command"].append(rectified(photo))
+            busy = memory_mb(process.pid)
+            page.close()
+            process.terminate()
+            process.wait()
+        browser.close()
+    for values in times.values():
+        del values[0]  # the warm-up
+    ratio = statistics.median(a / b for a, b in zip(times["saved"], times["command"], strict=True))
+    print(f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {given.runs} runs, ", end="")
+    print(f"{given.megapixels:g} MP JPEG: median (least … most)")
+    print(f"start to the first answer: {spread(times['start'])}")
+    print(f"photo to before and after: {spread(times['shown'])}")
+    print(f"strength to its picture:   {spread(times['changed'])}")
+    print(f"saving:                    {spread(times['saved'])}, of `unshutter rectify`'s {ratio:.2f}")
+    print(f"`unshutter rectify`:       {spread(times['command'])}")
+    print(f"memory before a photo: {idle:.0f} MB; with a photo open: {busy:.0f} MB")
+    print(f"the extra `web`: {size_mb():.1f} MB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+"""The pictures of docs/page: the page of ``unshutter serve`` in three windows, as a browser shows it.
+
+    python benchmarks/page_pictures.py [--browser /usr/bin/chromium]
+
+Shown are the photos that the repository ships (examples/README says where they are from).
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, sync_playwright
+
+ROOT = Path(__file__).parent.parent
+PHOTOS = [ROOT / "examples" / "demo.jpg", ROOT / "examples" / "original" / "basilica.webp"]
+FIGURES = ROOT / "docs" / "figures"
+
+
+def opened(browser: Browser, link: str, width: int, height: int, scheme: str) -> Page:
+    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)  # type: ignore
+    page = context.new_page()
+    page.goto(link)
+    page.set_input_files("#choose", PHOTOS)
+    for number in range(1, len(PHOTOS) + 1):
+        item = f"#thumbnails li:nth-child({number})"
+        page.wait_for_selector(f"{item} [data-state=changed], {item} [data-state=alone]")
+    page.wait_for_timeout(500)
+    return page
+
+
+def save(page: Page, name: str) -> None:
+    page.mouse.move(0, 0)
+    page.wait_for_timeout(500)
+    page.screenshot(path=FIGURES / f"{name}.jpg", type="jpeg", quality=82)
+    page.context.close()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--browser", default="/usr/bin/chromium")
+    given = parser.parse_args()
+    command = [sys.executable, "-m", "unshutter", "serve", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, sync_playwright() as playwright:
+        assert process.stdout is not None
+        link = process.stdout.readline().split()[1]
+        browser = playwright.chromium.launch(executable_path=given.browser, args=["--no-sandbox"])
+        save(opened(browser, link, 1440, 900, "light"), "page")
+        tablet = opened(browser, link, 1024, 768, "dark")
+        tablet.click("#do-horizon")
+        tablet.click("#lines")
+        tablet.wait_for_selector(".lines line", state="attached")
+        tablet.locator("#do-horizon").scroll_into_view_if_needed()
+        save(tablet, "page_level")
+        save(opened(browser, link, 390, 844, "light"), "page_phone")
+        browser.close()
+        process.terminate()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""``unshutter serve``."""
+
+from __future__ import annotations
+
+from unshutter.cli.arguments import Command
+from unshutter.cli.stopping import Stopped
+from unshutter.serve.settings import Settings
+
+
+def run(given: Settings) -> int:
+    """Serves the page until Ctrl-C; returns the exit code."""
+    from unshutter.serve.server import serve
+
+    try:
+        return serve(given)
+    except KeyboardInterrupt as stop:
+        if isinstance(stop, Stopped):  # by a signal that says more than that it is time to end
+            raise
+        return 0
+
+
+COMMAND = Command(
+    """Open a page for photos in the browser, on this machine only: before and after, corrections, saving.
+
+Photos stay on this machine, in a temporary folder that goes when the page ends. Needs the extra `web`.""",
+    Settings,
+    run,
+)

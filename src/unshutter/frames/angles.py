@@ -1,0 +1,110 @@
+"""The readout ratio from right angles: how far upright things lean says how long the readout took.
+
+What moves by v from frame to frame is sheared by ratio * v over a frame's height. The flow between frames says v; right
+angles in each photo (estimators/right_angles) say the shear, if not well: a camera that is held askew by a degree looks
+much the same. So the evidence of all photos for each ratio is added up, with one error of the shear that they share: a
+line through the shears of frames that move differently. It is the only source where a camera moves evenly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.estimators.base import View
+from unshutter.estimators.lines.segments import unusable
+from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
+from unshutter.estimators.right_angles.search import evidence_of
+from unshutter.estimators.right_angles.view import known_camera, segments_of
+from unshutter.frames.ratio import ReadoutRatio, cannot_tell
+from unshutter.frames.tracks import Tracks
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
+
+_ASKED = np.linspace(-0.4, 1.4, 19)  # ratios whose evidence is worked out for each photo
+_RATIOS = np.linspace(0.01, 1.0, 100)
+_LEANS = np.linspace(-0.15, 0.15, 61)  # rows: shears that all photos may share
+_ASKEW = np.radians(2.5)  # their standard deviation: nobody holds a video camera with a photographer's care
+_COMMON = 4.0  # segments err together: evidence counts for so much less, as it does for a single photo (odds.py)
+_SLOWEST = 0.01  # rows a frame: slower frames are sheared by less than a camera is held askew
+_TOO_UNSURE = 0.1
+_GUESSED_RATIO = 0.5
+SURE_ENOUGH = 0.03  # error of a ratio that right angles could not make smaller
+
+
+@dataclass(frozen=True)
+class Leaning:
+    """A photo of a sequence, and how fast what it shows moves.
+
+    Attributes:
+        view: the photo.
+        speed: [3] t_x and t_y [rows] and r_z [rad] in a frame interval, by the frames beside it.
+    """
+
+    view: View
+    speed: Float64[np.ndarray, "3"]
+
+
+def speed_of(pair: Tracks) -> Float64[np.ndarray, "3"]:
+    """t_x and t_y [rows] and r_z [rad] in a frame interval, from the tracks of two frames.
+
+    Args:
+        pair: tracks of the background, at least three.
+    """
+    x, y = ((pair.start + pair.end + 1) / 2 - [pair.width / 2, pair.height / 2]).T / pair.height
+    moved = (pair.end - pair.start) / pair.height
+    moved = moved / (1 + _GUESSED_RATIO * moved[:, 1:])
+    one, none = np.ones_like(x), np.zeros_like(x)
+    columns, rows = np.stack([one, none, -y, x], axis=-1), np.stack([none, one, x, y], axis=-1)  # the last: growth
+    return np.linalg.lstsq(np.concatenate([columns, rows]), moved.T.ravel(), rcond=None)[0][:3]
+
+
+def ratio_from_angles(photos: Sequence[Leaning]) -> ReadoutRatio:
+    """The readout ratio of a sequence, from the right angles in some of its photos.
+
+    Raises:
+        UnshutterError: the photos do not say it: too little moves from side to side, or they show no right angles.
+    """
+    total = np.zeros((len(_RATIOS), len(_LEANS)))
+    asked = 0
+    for photo in photos:
+        sideways = photo.speed[0]
+        likelihood = _likelihood(photo.view)
+        if likelihood is None or abs(sideways) < _SLOWEST:
+            continue
+        motions = _ASKED[:, None] * np.array([sideways, 0, 0, photo.speed[2], 0, 0])
+        evidence = evidence_of(likelihood, motions) / _COMMON
+        total += np.interp(_RATIOS[:, None] + _LEANS / sideways, _ASKED, evidence)
+        asked += 1
+    if not asked:
+        raise UnshutterError(cannot_tell("they show no right angles, or hardly move from side to side"))
+    total -= 0.5 * (_LEANS / _ASKEW) ** 2
+    share = np.exp(total - total.max()).sum(axis=1)
+    share /= share.sum()
+    mean = float(share @ _RATIOS)
+    error = float(np.sqrt(share @ (_RATIOS - mean) ** 2))
+    if error > _TOO_UNSURE:
+        raise UnshutterError(cannot_tell(f"right angles say {mean:.2f} +- {error:.2f}"))
+    return ReadoutRatio(mean, error, "right angles")
+
+
+def combined(first: ReadoutRatio, second: ReadoutRatio) -> ReadoutRatio:
+    """Two findings as one; where they contradict each other, it is as unsure as they are apart."""
+    weights = np.array([first.error, second.error]) ** -2.0
+    value = float(weights @ [first.value, second.value] / weights.sum())
+    apart = abs(first.value - second.value) / np.hypot(first.error, second.error)
+    return ReadoutRatio(value, float(max(1.0, apart) / np.sqrt(weights.sum())), f"{first.source} and {second.source}")
+
+
+def _likelihood(view: View) -> ManhattanLikelihood | None:
+    """The likelihood of a photo's segments, its motion unknown; None where it has too few."""
+    segments, (height, width) = segments_of(view)
+    if unusable(segments, view.height, view.width):
+        return None
+    # that a sharp photo was hardly moved is believed of motions that are looked for; here it would speak for 0
+    return ManhattanLikelihood(segments, height, width / height, known=replace(known_camera(view), speed=None))

@@ -1,0 +1,142 @@
+"""The dense way with photos: frames and what connects them, to the picture of a moment."""
+
+from __future__ import annotations
+
+import os
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.neighbours import STILL, Link, copy_side, link, render
+from unshutter.frames.rectified_frame import RectifiedFrame
+from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
+from unshutter.frames.wanted import Wanted
+from unshutter.motion.verdict import Verdict
+from unshutter.options import LEAST_AUTO_CROP
+from unshutter.photo import Photo
+from unshutter.warp.crop import largest_valid_rectangle
+
+SMALLEST_SIDE = 64  # px
+_LEAST_CROP = 0.1  # of the photo's area
+
+
+class Frame:
+    """A frame of a sequence, and what connects it with the next one."""
+
+    def __init__(self, given: Any, how: Wanted) -> None:
+        self.given, self.photo, self._readout = given, opened(given), how.readout
+        self.to_next: Link | None = None
+        if min(self._size) < SMALLEST_SIDE:
+            size = f"{self.photo.width}x{self.photo.height} px"
+            raise UnshutterError(f"{self.name} is {size}; both sides must be at least {SMALLEST_SIDE} px")
+
+    @property
+    def name(self) -> str:
+        """In messages."""
+        return str(self.photo.path or "the photo")
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """[H, W, bands] in the readout frame."""
+        return np.ascontiguousarray(self._readout.turn(self.photo.pixels))
+
+    @cached_property
+    def _tracked(self) -> np.ndarray:
+        """The grey copy [h, w] that corners are followed in."""
+        return np.ascontiguousarray(self._readout.turn(self.photo.grey(TRACKED_SIDE)))
+
+    def check_like(self, following: Frame) -> None:
+        """Raises UnshutterError where the next frame has another size or other bands."""
+        if self._size != following._size:
+            sizes = [f"{width}x{height} px" for height, width in (self._size, following._size)]
+            raise UnshutterError(
+                f"{self.name} has {sizes[0]} but {following.name} has {sizes[1]}: neighbours must be of one size"
+            )
+        if self.photo.bands != following.photo.bands:
+            bands = f"{self.name} has {self.photo.bands} bands but {following.name} has {following.photo.bands}"
+            raise UnshutterError(f"{bands}: neighbours must be of one kind")
+
+    def connect(self, following: Frame) -> None:
+        """Finds the flow to the next frame, which is like it; once.
+
+        Raises:
+            UnshutterError: it shows something else.
+        """
+        if self.to_next is None:
+            self.to_next = link(self._copy, following._copy)
+
+    def tracks_to(self, following: Frame) -> Tracks:
+        """Corners followed to the next frame."""
+        return follow(self._tracked, following._tracked)
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        return self.photo.height, self.photo.width
+
+    @cached_property
+    def _copy(self) -> np.ndarray:
+        """The small grey copy [h, w] that motion is looked for in."""
+        return np.ascontiguousarray(self._readout.turn(self.photo.grey(copy_side(*self._size))))
+
+
+def rectified_densely(before: Frame | None, current: Frame, after: Frame | None, how: Wanted) -> RectifiedFrame:
+    """A frame by the flow between it and its neighbours, which are connected.
+
+    Raises:
+        UnshutterError: a neighbour of another kind, or a crop that would leave next to nothing.
+    """
+    frames, links = {0: current.pixels}, {}
+    for side, neighbour, connection in ((-1, before, before and before.to_next), (1, after, current.to_next)):
+        if neighbour is not None and connection is not None:
+            frames[side], links[side] = _alike(neighbour, current), connection
+    timing, edges = how.timing(frames[0].shape[0]), how.undo.edges
+    made = render(
+        frames,
+        links,
+        timing,
+        how.moment(timing),
+        borrow=edges == "borrow",
+        fill=edges == "fill",
+        masked=current.photo.masked,
+    )
+    back = -how.readout.quarter_turns
+    pixels, valid = np.rot90(made.pixels, back), np.rot90(made.valid, back)
+    if made.reason:
+        cause = "no motion" if made.reason == STILL else "nothing to go by"
+        verdict = Verdict(0.0, None, cause, made.reason)
+        return RectifiedFrame(current.photo, valid, current.photo, verdict)
+    whole = None
+    if edges in ("crop", "auto"):
+        left, top, width, height = largest_valid_rectangle(valid)
+        whole = width * height / valid.size
+        if edges == "crop" and whole < _LEAST_CROP:
+            raise UnshutterError(
+                f"cropping would leave {100 * whole:.0f} % of the photo: use other edges, keep or fill"
+            )
+        edges = "crop" if edges == "crop" or whole >= LEAST_AUTO_CROP else "keep"
+        if edges == "crop":
+            pixels = pixels[top : top + height, left : left + width]
+    photo = current.photo.with_pixels(np.ascontiguousarray(pixels))
+    return RectifiedFrame(photo, valid, current.photo, Verdict(made.largest_px), edges, whole)
+
+
+def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:
+    """A neighbour's pixels, which must be of the frame's kind.
+
+    Raises:
+        UnshutterError: they have other bits.
+    """
+    theirs, own = neighbour.pixels, frame.photo.pixels
+    if theirs.dtype != own.dtype:
+        bits = [f"{8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
+        raise UnshutterError(f"{frame.name} has {bits[0]} but {neighbour.name} has {bits[1]}: they must be alike")
+    return theirs
+
+
+def opened(given: Any) -> Photo:
+    """A path, Photo or pixels as a Photo."""
+    if isinstance(given, Photo):
+        return given
+    return Photo.open(given) if isinstance(given, (str, os.PathLike)) else Photo.from_array(given)

@@ -1,0 +1,100 @@
+"""The server's addresses, and who answers at each."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+
+from unshutter.errors import UnshutterError
+from unshutter.serve import direct, photos, saving, work
+from unshutter.serve.answers import refused
+from unshutter.serve.desk import Desk, desk_of
+from unshutter.serve.guard import Guard
+from unshutter.serve.lanes import Urgency
+from unshutter.serve.limits import Limits
+from unshutter.serve.openapi import description
+from unshutter.version import __version__
+
+PAGE = Path(__file__).parent / "page"
+_PATIENCE_S, _LEAST_RATE = 10.0, 20_000.0  # of bodies: seconds without a byte, bytes per second
+
+
+def made(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> ASGIApp:
+    """The whole server as an ASGI application.
+
+    Args:
+        desk: what its requests share.
+        token: that lets in.
+        port: that it is reached at.
+        patience_s: see :class:`Limits`.
+    """
+    limits = Middleware(Limits, desk.settings.max_bytes, patience_s, _LEAST_RATE)
+    kinds = (HTTPException, UnshutterError, OSError, Exception)
+    app = Starlette(routes=routes(), middleware=[limits], exception_handlers=dict.fromkeys(kinds, refused))
+    app.state.desk, app.state.savings = desk, {}
+    return Guard(app, token, port, desk.settings.host)
+
+
+def routes() -> list[Route]:
+    """All addresses: the page's files, the API for programs, and what the page alone asks."""
+    photo, save = "/api/photos/{id}", "/api/saves/{id}"
+    return [
+        Route("/", _page),
+        *_files(),
+        Route("/api/openapi.json", _openapi),
+        Route("/api/about", _about),
+        Route("/api/wake", _wake, methods=["POST"]),
+        Route("/api/rectify", direct.rectify, methods=["POST"]),
+        Route("/api/estimate", direct.estimate, methods=["POST"]),
+        Route("/api/photos", photos.add, methods=["POST"]),
+        Route(photo, photos.remove, methods=["DELETE"]),
+        Route(f"{photo}/before", photos.before),
+        Route(f"{photo}/after", photos.after),
+        Route(f"{photo}/segments", photos.segments),
+        Route(f"{photo}/picture", photos.picture),
+        Route(f"{photo}/motion", photos.motion),
+        Route("/api/saves", saving.start, methods=["POST"]),
+        Route(f"{save}/events", saving.events),
+        Route(save, saving.cancel, methods=["DELETE"]),
+        Route(f"{save}/zip", saving.download),
+    ]
+
+
+def _files() -> list[Route]:
+    """The page's files: those that lie there, and nothing else."""
+    served = StaticFiles(directory=PAGE)
+
+    async def file(request: Request) -> Response:
+        return await served.get_response(request.path_params["name"], request.scope)
+
+    return [Route("/page/{name}", file)]
+
+
+async def _page(request: Request) -> Response:
+    return FileResponse(PAGE / "index.html")
+
+
+async def _openapi(request: Request) -> Response:
+    return JSONResponse(description())
+
+
+async def _about(request: Request) -> Response:
+    settings = desk_of(request).settings
+    folder = str(settings.folder) if settings.folder is not None else None
+    return JSONResponse({"version": __version__, "max_bytes": settings.max_bytes, "folder": folder})
+
+
+async def _wake(request: Request) -> Response:
+    """Somebody is about to drop a photo: one lane will show it, and another look for its motion."""
+    lanes = desk_of(request).lanes
+    await asyncio.gather(*(lanes.do(Urgency.NOW, work.warm) for _ in range(2)))
+    return Response(status_code=204)

@@ -1,0 +1,145 @@
+"""For programs: a photo with its options in one request, and the result in the answer."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import PurePosixPath
+
+from starlette.background import BackgroundTask
+from starlette.datastructures import FormData, UploadFile
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+
+from unshutter.batch.job import Outcome
+from unshutter.batch.targets import picture_name
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.options import Rectify
+from unshutter.photo.formats import of_suffix
+from unshutter.serve import work
+from unshutter.serve.answers import told_header
+from unshutter.serve.desk import Desk, desk_of
+from unshutter.serve.fields import Wanted, read
+from unshutter.serve.held import without_path
+from unshutter.serve.lanes import Urgency
+from unshutter.serve.store import Stored
+
+_MOST_FILES, _MOST_FIELDS, _MOST_TEXT = 4, 40, 10_000
+_PIECE = 1 << 18
+
+
+async def rectify(request: Request) -> Response:
+    """``POST /api/rectify``: multipart form -> the picture."""
+    desk = desk_of(request)
+    async with _form(request) as form, _stored(desk, form, "before", "after", keep=True) as stored:
+        wanted = read(_texts(form, stored), desk.path).rectify
+        given = form.get("motion")
+        if isinstance(given, UploadFile):
+            file = stored["photo"].path.with_name("given.json")
+            file.write_bytes(await given.read())
+            wanted = Rectify(wanted.find, file, wanted.undo, wanted.save, wanted.neighbours)
+        return await picture(desk, stored["photo"], wanted, tuple(stored.values()))
+
+
+async def estimate(request: Request) -> Response:
+    """``POST /api/estimate``: multipart form -> the motion as JSON."""
+    desk = desk_of(request)
+    async with _form(request) as form, _stored(desk, form) as stored:
+        return await motion(desk, stored["photo"], read(_texts(form, stored), desk.path))
+
+
+async def picture(desk: Desk, stored: Stored, wanted: Rectify, closing: Sequence[Stored] = ()) -> Response:
+    """The rectified photo as a file, as the command line would write it.
+
+    Args:
+        desk: of the server.
+        stored: the photo.
+        wanted: what is to be done to it.
+        closing: photos that are closed when the answer was sent.
+    """
+    name = result_name(stored, wanted.save.format)
+    target = stored.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
+
+    def sent() -> None:
+        target.unlink(missing_ok=True)
+        for each in closing:
+            desk.store.remove(each)
+
+    outcome = await desk.lanes.do(Urgency.NOW, work.saved, desk.held(stored), target, wanted)
+    raise_if_failed(outcome, stored)
+    headers = {"unshutter-result": told_header(outcome_told(outcome)), "unshutter-name": told_header(name)}
+    return FileResponse(target, filename=name, headers=headers, background=BackgroundTask(sent))
+
+
+async def motion(desk: Desk, stored: Stored, wanted: Wanted) -> Response:
+    """The photo's motion as JSON, as ``unshutter estimate`` writes it."""
+    if wanted.rectify.neighbours:
+        raise UsageError("what is found from neighbours is no motion of the camera alone: leave them out")
+    reference = wanted.undo.reference or "first"
+    text = await desk.lanes.do(Urgency.NOW, work.estimated, desk.held(stored), wanted.find, reference)
+    name = f"{PurePosixPath(stored.name).stem}.json"
+    return Response(text, media_type="application/json", headers={"unshutter-name": told_header(name)})
+
+
+def result_name(stored: Stored, format: str | None) -> str:
+    """What the result of a photo is called, as on the command line: ``street.rectified.jpg``.
+
+    Raises:
+        UsageError: the photo's name does not tell its format.
+    """
+    name = PurePosixPath(stored.name)
+    if of_suffix(name.suffix) is None and format is None:
+        raise UsageError(f"the name '{name}' does not say the picture's format: choose one for the result")
+    return picture_name(name, format)  # pyright: ignore[reportArgumentType]
+
+
+def raise_if_failed(outcome: Outcome, stored: Stored) -> None:
+    """Raises UsageError or UnshutterError for an outcome with an error."""
+    if outcome.error:
+        line = without_path(outcome.error, stored.path)
+        raise (UsageError if outcome.usage else UnshutterError)(line)
+
+
+def outcome_told(outcome: Outcome) -> dict:
+    """What is told of a picture beside it."""
+    verdict = outcome.verdict.as_json() if outcome.verdict else {}
+    return {**verdict, **({"note": outcome.note} if outcome.note else {})}
+
+
+@asynccontextmanager
+async def _form(request: Request) -> AsyncIterator[FormData]:
+    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+        raise UsageError("send a form (multipart/form-data) with the photo as the part 'photo'")
+    async with request.form(max_files=_MOST_FILES, max_fields=_MOST_FIELDS, max_part_size=_MOST_TEXT) as form:
+        yield form
+
+
+def _texts(form: FormData, stored: dict[str, Stored]) -> dict[str, str]:
+    """The fields that are no files; photos of this form go by their ids."""
+    given = {name: value for name, value in form.items() if isinstance(value, str)}
+    return given | {name: one.id for name, one in stored.items() if name != "photo"}
+
+
+@asynccontextmanager
+async def _stored(desk: Desk, form: FormData, *others: str, keep: bool = False) -> AsyncIterator[dict[str, Stored]]:
+    """The form's photos, by the names of their parts, open meanwhile; with ``keep`` longer, if all goes well."""
+    stored: dict[str, Stored] = {}
+    done = False
+    try:
+        if not isinstance(form.get("photo"), UploadFile):
+            raise UsageError("the photo is missing: send it as the part 'photo', with a file name")
+        for name in ("photo", *others):
+            given = form.get(name)
+            if isinstance(given, UploadFile):
+                stored[name] = await desk.store.add(given.filename or "photo", _pieces(given))
+        yield stored
+        done = True
+    finally:
+        for each in () if done and keep else stored.values():
+            desk.store.remove(each)
+
+
+async def _pieces(given: UploadFile) -> AsyncIterator[bytes]:
+    while piece := await given.read(_PIECE):
+        yield piece

@@ -1,0 +1,106 @@
+"""An open photo as lanes have it; what one of them found about it lies beside it for whichever is asked next."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from unshutter.batch.report import naming_the_photo
+from unshutter.errors import UnshutterError
+from unshutter.options import Find
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from unshutter.motion import Motion
+    from unshutter.photo import Photo
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Held:
+    """A photo as a lane is handed it.
+
+    Attributes:
+        path: its file, alone in a folder with what is found about it.
+        max_pixels: more are refused.
+    """
+
+    path: Path
+    max_pixels: int
+
+
+def opened(held: Held) -> Photo:
+    """The photo, nothing of its pixels decoded yet."""
+    from unshutter.photo import Photo
+
+    return Photo.open(held.path, held.max_pixels)
+
+
+def found_motion(held: Held, photo: Photo, find: Find) -> Motion:
+    """The photo's motion, first row as the reference."""
+    from unshutter.estimators.register import load, method
+    from unshutter.motion import Motion
+    from unshutter.rectification import estimate_photo
+
+    file = motion_file(held, find)
+    if file.exists():
+        return Motion.from_json(file.read_text(encoding="utf-8"))
+    photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
+    motion = estimate_photo(photo, load(find.estimator), find.camera)
+    _put(file, lambda part: part.write_text(motion.to_json(), encoding="utf-8"))
+    return motion
+
+
+def motion_file(held: Held, find: Find) -> Path:
+    """Where its motion lies, once it was found in this way."""
+    digest = hashlib.sha256(repr(find).encode()).hexdigest()[:16]
+    return held.path.with_name(f"motion-{digest}.json")
+
+
+def small_copy(held: Held, photo: Photo, longest: int | None) -> np.ndarray:
+    """A copy of the stored pixels for the screen; of the full size none is kept."""
+    import numpy as np
+
+    if longest is None:
+        return photo.screen_copy()
+    file = held.path.with_name(f"copy-{longest}.npy")
+    if file.exists():
+        return np.load(file, mmap_mode="r")
+    pixels = photo.screen_copy(longest)
+
+    def write(part: Path) -> None:
+        with part.open("wb") as stream:
+            np.save(stream, pixels)
+
+    _put(file, write)
+    return pixels
+
+
+def _put(file: Path, write: Callable[[Path], Any]) -> None:
+    """Makes a file that another lane may be making, too: whole or not at all."""
+    part = file.with_name(f"{file.name}.{os.getpid()}")
+    write(part)
+    os.replace(part, file)
+
+
+def in_one_line(held: Held, work: Callable[[], T]) -> T:
+    """Whatever goes wrong becomes one line, in which the photo is called "the photo"."""
+    done: list[T] = []
+    try:
+        naming_the_photo(held.path, lambda _: done.append(work()))
+    except UnshutterError as error:
+        raise type(error)(without_path(str(error), held.path)) from None
+    return done[0]
+
+
+def without_path(line: str, path: Path) -> str:
+    """A message without the places where photos lie meanwhile, which tell nobody anything."""
+    line = line.replace(f"{path}: ", "", 1).replace(str(path), "the photo")
+    return re.sub(rf"{re.escape(str(path.parent.parent))}/[\w-]+/photo(\.\w+)?", "its neighbour", line)

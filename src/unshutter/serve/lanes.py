@@ -1,0 +1,151 @@
+"""Processes that do the work: what a decoder does to one of them, this process and the next request survive.
+
+A lane is one process with one job at a time, so that whoever dies, it is known of what. Jobs wait in order of urgency
+for a lane; the last free lane is kept for somebody who looks at the screen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+import itertools
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor
+from contextlib import ExitStack, suppress
+from enum import IntEnum
+from typing import Any, TypeVar
+
+from unshutter.batch.workers import Workers, processes
+from unshutter.errors import UnshutterError
+from unshutter.serve.work import warm
+
+R = TypeVar("R")
+
+
+class Urgency(IntEnum):
+    """Who waits for a job."""
+
+    NOW = 0  # somebody looks at the screen
+    LATER = 1
+
+
+class Busy(UnshutterError):
+    """Too many jobs wait already."""
+
+
+class _Lane:
+    """One process, started when there is work, ended when there has been none for a while."""
+
+    def __init__(self, workers: Workers):
+        self._workers = workers
+        self._pid: int | None = None
+
+    async def do(self, work: Callable[..., Any], *given: Any) -> Any:
+        """Does a job.
+
+        Raises:
+            UnshutterError: what the job raised, or its process died or took too long.
+        """
+        future = None
+        try:
+            if self._pid is None:
+                self._pid = await asyncio.wrap_future(self._workers.executor.submit(warm))
+            future = self._workers.executor.submit(work, *given)
+            return await asyncio.wrap_future(future)
+        except BrokenExecutor:
+            overdue = future is not None and self._workers.is_overdue(future)
+            self.end()
+            if overdue:
+                raise UnshutterError(f"given up after {self._workers.timeout_s or 0:g} s") from None
+            raise UnshutterError("its worker died: not enough memory, or a fault in a decoder") from None
+        except asyncio.CancelledError:
+            self.end()
+            raise
+
+    def rest(self) -> None:
+        """Gives its memory back until there is work again."""
+        if self._pid is not None:
+            self.end()
+
+    def end(self) -> None:
+        """Ends the process, whatever it is doing; the next job gets a new one."""
+        pid, self._pid = self._pid, None
+        if pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
+        self._workers.executor.shutdown(wait=False, cancel_futures=True)
+        self._workers.executor = self._workers.renew()
+
+
+class Lanes:
+    """The lanes, and who waits for one.
+
+    Args:
+        count: of lanes.
+        timeout_s: longest time of a job.
+        most_waiting: jobs that may wait; further ones are refused.
+        rest_s: time after which a lane without work gives its memory back.
+    """
+
+    def __init__(self, count: int, timeout_s: float, most_waiting: int, rest_s: float):
+        self._stack = ExitStack()
+        self._free = [
+            _Lane(self._stack.enter_context(processes(1, timeout_s, all_processors=True))) for _ in range(count)
+        ]
+        self._all = list(self._free)
+        self._most_waiting, self._rest_s = most_waiting, rest_s
+        self._waiting: list[tuple[Urgency, int, asyncio.Future[_Lane]]] = []
+        self._numbers = itertools.count()
+        self._rests: dict[_Lane, asyncio.TimerHandle] = {}
+
+    async def do(self, urgency: Urgency, work: Callable[..., R], *given: Any) -> R:
+        """Does a job in another process, as soon as one is free.
+
+        Raises:
+            Busy: too many wait.
+            UnshutterError: what the job raised, or its process died or took too long.
+        """
+        lane = await self._taken(urgency)
+        try:
+            return await lane.do(work, *given)
+        finally:
+            self._give_back(lane)
+
+    def close(self) -> None:
+        """Ends all processes."""
+        for lane in self._all:
+            lane.end()
+        self._stack.close()
+
+    async def _taken(self, urgency: Urgency) -> _Lane:
+        if len(self._waiting) >= self._most_waiting:
+            raise Busy("too many requests at once: try again in a moment")
+        turn: asyncio.Future[_Lane] = asyncio.get_running_loop().create_future()
+        heapq.heappush(self._waiting, (urgency, next(self._numbers), turn))
+        self._hand_out()
+        try:
+            return await turn
+        except asyncio.CancelledError:
+            if turn.done() and not turn.cancelled():
+                self._give_back(turn.result())
+            self._waiting = [entry for entry in self._waiting if entry[2] is not turn]
+            heapq.heapify(self._waiting)
+            raise
+
+    def _hand_out(self) -> None:
+        while self._waiting and self._free:
+            if self._waiting[0][0] is Urgency.LATER and len(self._free) == 1 < len(self._all):
+                return
+            _, _, turn = heapq.heappop(self._waiting)
+            if not turn.done():
+                lane = self._free.pop()  # the last that worked: the others may rest
+                if lane in self._rests:
+                    self._rests.pop(lane).cancel()
+                turn.set_result(lane)
+
+    def _give_back(self, lane: _Lane) -> None:
+        self._free.append(lane)
+        self._rests[lane] = asyncio.get_running_loop().call_later(self._rest_s, lane.rest)
+        self._hand_out()

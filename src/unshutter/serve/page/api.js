@@ -1,0 +1,129 @@
+// What the page asks of the program. Every request carries the token of the link that opened the page.
+
+const RETRY_MS = 1000;
+const KEY = "unshutter-token";
+
+export class Refused extends Error {
+  constructor(status, line) {
+    super(line);
+    this.status = status;
+  }
+}
+
+// The token goes from the address to this tab's memory: not into bookmarks, history or screenshots.
+function takeToken() {
+  const address = new URL(location.href);
+  const given = address.searchParams.get("token");
+  if (given !== null) {
+    sessionStorage.setItem(KEY, given);
+    address.searchParams.delete("token");
+    history.replaceState(null, "", address);
+  }
+  return given ?? sessionStorage.getItem(KEY) ?? "";
+}
+
+const token = takeToken();
+const headers = (more = {}) => ({ Authorization: `Bearer ${token}`, ...more });
+const rest = (ms) => new Promise((done) => setTimeout(done, ms));
+const watchers = new Set();
+
+// Calls back with "gone", "old link" or "" whenever it becomes known how the program is.
+export const onHealth = (callback) => watchers.add(callback);
+const tell = (health) => watchers.forEach((callback) => callback(health));
+
+// Asks, and asks again while the program is busy or gone; raises Refused.
+export async function ask(path, options = {}) {
+  for (;;) {
+    let answer;
+    try {
+      answer = await fetch(path, { ...options, headers: headers(options.headers) });
+    } catch (error) {
+      if (error.name === "AbortError") throw error;
+      tell("gone");
+      await rest(RETRY_MS);
+      continue;
+    }
+    if (answer.status === 503 || answer.status === 429) {
+      await rest(RETRY_MS);
+      continue;
+    }
+    tell(answer.status === 401 ? "old link" : "");
+    if (!answer.ok) throw new Refused(answer.status, await lineOf(answer));
+    return answer;
+  }
+}
+
+async function lineOf(answer) {
+  try {
+    return (await answer.json()).error;
+  } catch {
+    return `${answer.status} ${answer.statusText}`;
+  }
+}
+
+export const query = (options) => new URLSearchParams(options).toString();
+export const told = (answer, name = "Unshutter-Result") => JSON.parse(answer.headers.get(name));
+
+// Sends a file; fetch would not tell how far it is.
+export function send(file, progress) {
+  return new Promise((done, failed) => {
+    const request = new XMLHttpRequest();
+    request.open("POST", "/api/photos");
+    request.setRequestHeader("Authorization", `Bearer ${token}`);
+    request.setRequestHeader("Unshutter-Name", encodeURIComponent(file.name));
+    request.setRequestHeader("Content-Type", "application/octet-stream");
+    request.upload.addEventListener("progress", (event) => progress(event.loaded / (event.total || 1)));
+    request.addEventListener("load", () => {
+      let answer = {};
+      try {
+        answer = JSON.parse(request.responseText);
+      } catch {
+        // a refusal without words
+      }
+      tell(request.status === 401 ? "old link" : "");
+      if (request.status === 201) done(answer.id);
+      else failed(new Refused(request.status, answer.error ?? `${request.status} ${request.statusText}`));
+    });
+    request.addEventListener("error", () => {
+      tell("gone");
+      failed(new Refused(0, ""));
+    });
+    request.send(file);
+  });
+}
+
+export const about = async () => (await ask("/api/about")).json();
+
+let woken = 0;
+// Loads what the first photo would wait for; asked at the first signs that one is coming.
+export function wake() {
+  if (Date.now() - woken < 30000) return;
+  woken = Date.now();
+  fetch("/api/wake", { method: "POST", headers: headers() }).catch(() => {});
+}
+
+export const close = (id) => fetch(`/api/photos/${id}`, { method: "DELETE", headers: headers(), keepalive: true }).catch(() => {});
+
+// Server-sent events, read with the token in a header.
+export async function* events(path) {
+  const reader = (await ask(path)).body.pipeThrough(new TextDecoderStream()).getReader();
+  let text = "";
+  for (;;) {
+    const { value, done } = await reader.read();
+    if (done) return;
+    text += value;
+    const parts = text.split("\n\n");
+    text = parts.pop();
+    for (const part of parts) if (part.startsWith("data: ")) yield JSON.parse(part.slice(6));
+  }
+}
+
+// Hands an answer's file to the browser's downloads.
+export async function download(answer) {
+  const address = URL.createObjectURL(await answer.blob());
+  const link = document.createElement("a");
+  link.href = address;
+  link.download = told(answer, "Unshutter-Name");
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(address), 60000);
+}

@@ -1,0 +1,69 @@
+// The thumbnails: one button a photo, with its state and how sure the answer is.
+
+import { make } from "./nodes.js";
+import { words } from "./words.js";
+
+const SIDE = 160; // px, of the longer side
+
+export class Strip {
+  #items = new Map();
+
+  // list: where to; on: {pick(photo), close(photo)}.
+  constructor(list, on) {
+    this.list = list;
+    this.on = on;
+  }
+
+  add(photo) {
+    const canvas = make("canvas", { width: SIDE, height: SIDE, "aria-hidden": "true" });
+    const state = make("span", { class: "state" });
+    const pick = make("button", { type: "button", class: "thumbnail", title: photo.name, onclick: () => this.on.pick(photo) },
+      canvas, make("span", { class: "title" }, photo.name), state);
+    const close = make("button", { type: "button", class: "close", "aria-label": words.close(photo.name),
+      onclick: () => this.on.close(photo) }, "×");
+    const item = make("li", {}, pick, close);
+    this.#items.set(photo, { item, pick, canvas, state, drawn: null });
+    this.list.append(item);
+    photo.addEventListener("change", () => this.update(photo));
+    this.update(photo);
+  }
+
+  remove(photo) {
+    this.#items.get(photo)?.item.remove();
+    this.#items.delete(photo);
+  }
+
+  select(photo) {
+    for (const [each, { pick }] of this.#items) {
+      if (each === photo) pick.setAttribute("aria-current", "true");
+      else pick.removeAttribute("aria-current");
+    }
+    this.#items.get(photo)?.item.scrollIntoView({ block: "nearest", inline: "nearest" });
+  }
+
+  update(photo) {
+    const item = this.#items.get(photo);
+    if (!item) return;
+    item.state.textContent = stateOf(photo);
+    item.pick.dataset.state = photo.state === "done" ? (photo.result.changed ? "changed" : "alone") : photo.state;
+    const blob = photo.pictures.after?.blob ?? photo.pictures.before?.blob;
+    if (blob && blob !== item.drawn) {
+      item.drawn = blob;
+      paint(item.canvas, blob);
+    }
+  }
+}
+
+export function stateOf(photo) {
+  if (photo.state === "done") return photo.result.changed ? words.changed(photo.result.confidence) : words.alone;
+  return photo.state === "loading" ? words.loading(photo.loaded) : words[photo.state];
+}
+
+async function paint(canvas, blob) {
+  const picture = await createImageBitmap(blob);
+  const scale = Math.min(SIDE / picture.width, SIDE / picture.height);
+  canvas.width = picture.width * scale;
+  canvas.height = picture.height * scale;
+  canvas.getContext("2d").drawImage(picture, 0, 0, canvas.width, canvas.height);
+  picture.close();
+}

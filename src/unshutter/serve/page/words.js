@@ -1,0 +1,138 @@
+// All words of the page, in English. Another language is another file like this.
+
+const percent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
+const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
+const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
+
+export const words = {
+  add: "Add photos…",
+  saveAll: "Save all (zip)",
+  saveFolder: "Save all to the folder",
+  cancel: "Cancel",
+  emptyTitle: "Drop photos here",
+  emptyWords: "or paste them, or choose them with “Add photos…”. Buildings that lean and poles that bend because "
+    + "the camera moved are straightened; a photo that gives no clear answer stays as it is.",
+  emptyPrivate: "Nothing leaves this computer: the page talks to a program that runs on it.",
+  viewer: "The photo, before and after",
+  photos: "Photos",
+  previous: "Previous photo",
+  next: "Next photo",
+  lines: "Lines",
+  linesHelp: "Show the straight lines that the program goes by",
+  zoom: "100 %",
+  zoomHelp: "One pixel of the photo for each pixel of the screen",
+  slider: "Divider between before and after",
+  before: "before",
+  after: "after",
+  beforeAlt: (name) => `${name}, as it was taken`,
+  afterAlt: (name) => `${name}, straightened`,
+  close: (name) => `Close ${name}`,
+
+  // states of a photo
+  waiting: "waiting",
+  loading: (share) => `loading ${percent(share)}`,
+  finding: "finding the motion…",
+  drawing: "drawing at full size…",
+  failed: "cannot be used",
+  changed: (sure) => (sure === null ? "straightened" : `straightened, confidence ${percent(sure)}`),
+  alone: "left as it is",
+
+  // what was done
+  done: "What was done",
+  moved: (px, sure) =>
+    `Straightened: some places moved by up to ${pixels(px)}.`
+    + (sure === null ? "" : ` Confidence ${percent(sure)}.`),
+  leftAlone: (reason) => `Left as it is: ${reason}.`,
+  youLeftAlone: "Left as it is, as you asked.",
+  notSureHint: "If you see that the camera moved, tick “The camera was moving”, or show what is level below.",
+  edgesCrop: (whole) => `Cut down to ${percent(whole)} of its area, so that no empty corners are left.`,
+  edgesKeep: (whole) => "Corners that the photo did not see stay empty"
+    + (whole === null ? "." : `: cutting them off would leave ${percent(whole)} of it.`),
+  edgesFill: "Corners that the photo did not see are filled with the nearest colour.",
+  edgesBorrow: "Corners that the photo did not see are borrowed from its neighbours.",
+  heldSo: (roll, tilt, from) => {
+    const parts = [];
+    if (roll !== null) parts.push(`turned ${Math.abs(roll).toFixed(1)}° ${roll < 0 ? "anticlockwise" : "clockwise"}`);
+    if (tilt !== null) parts.push(`tilted ${Math.abs(tilt).toFixed(1)}° ${tilt < 0 ? "down" : "up"}`);
+    return `The camera was held ${parts.join(" and ")} (${from === "given" ? "as you say" : from}).`;
+  },
+  exposed: (s) => `Each row was exposed for ${s < 0.3 ? `1/${Math.round(1 / s)}` : s.toFixed(1)} s.`,
+
+  // controls
+  settings: "Corrections",
+  strength: "Strength",
+  edges: "Empty corners",
+  edgesOf: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill", borrow: "borrow from neighbours" },
+  reference: "As it was when this row was read",
+  referenceOf: { first: "first", middle: "middle", last: "last" },
+  moving: "The camera was moving",
+  movingHelp: "In a train, on a car, on a drone: motion is likely.",
+  anyway: "Straighten it even if that is not sure",
+  leave: "Leave this photo alone",
+  readout: "The sensor was read",
+  readoutHelp: "Only if a program has turned or mirrored the file.",
+  readoutOf: { auto: "as usual", down: "downwards", up: "upwards", right: "to the right", left: "to the left" },
+  attitude: "How the camera was held",
+  attitudeHelp: "Tells a leaning house from a tilted camera like nothing else.",
+  roll: "Turned clockwise [°]",
+  tilt: "Tilted up [°]",
+  horizon: "Show what is level",
+  horizonHelp: "Lay the line along something level: a sill, a kerb, the horizon. Drag its ends, or move them with the "
+    + "arrow keys.",
+  horizonTrue: "It is the real horizon",
+  horizonEnd: (which) => `${which === 0 ? "Left" : "Right"} end of the level line`,
+  horizonSteep: "This line is too steep to be level.",
+  forget: "Forget",
+  neighbours: "Taken just before or after",
+  neighboursHelp: "A frame of the same burst or clip tells more than the photo alone: near and far may move differently.",
+  neighbourOf: { before: "Taken before…", after: "Taken after…" },
+  neighbourIs: { before: (name) => `Before: ${name}`, after: (name) => `After: ${name}` },
+  neighbourForget: "Leave it out",
+  ratio: "Readout time / time from frame to frame",
+  ratioHelp: "Between 0 and 1, if you know it; else the program looks for it.",
+  moment: (px) => `Straightened with the help of its neighbours: some places moved by up to ${pixels(px)}.`,
+  curves: "Motion",
+  curvesHelp: "How the scene moved while the rows were read, from the first row (top) to the last",
+  curveTx: "sideways [px]",
+  curveRz: "turning [°]",
+  saveOne: "Save this photo",
+  saveMotion: "Save motion",
+  format: "File format",
+  formatOf: { "": "like the original", jpeg: "JPEG", png: "PNG", webp: "WebP", tiff: "TIFF", avif: "AVIF" },
+  toAll: "Use these settings for all photos",
+  toAllDone: "All photos have these settings now, except how the camera was held.",
+  reset: "Back to the start",
+  keys: "Keys",
+  keyList: [
+    ["← →", "move the divider, if it is selected"],
+    ["J, K", "next, previous photo"],
+    ["Z", "100 %"],
+    ["L", "lines"],
+    ["S", "save this photo"],
+  ],
+
+  // saving
+  saving: (done, total) => `Saving: ${done} of ${count(total, "photo", "photos")}`,
+  packing: "Fetching the zip file…",
+  saved: (n, failed, folder) =>
+    `${count(n, "photo", "photos")} saved${folder ? ` to ${folder}` : ""}`
+    + (failed.length ? `; not saved: ${failed.map((each) => `${each.name} (${each.error})`).join(", ")}` : "."),
+  cancelled: (n, folder) => `Cancelled${folder && n ? `: ${count(n, "photo is", "photos are")} in the folder` : ""}.`,
+  nothingToSave: "There is nothing to save yet.",
+
+  // what goes wrong
+  tooLarge: (name, mb) => `${name} is larger than ${mb} MB, the limit set by --max-mb.`,
+  clip: (name) => `${name} is a video: this page opens photos only.`,
+  gone: "unshutter does not answer. Is it still running? This page goes on as soon as it is back.",
+  oldLink: "This link is not valid (any more): open the one that “unshutter serve” has printed.",
+  error: (name, line) => `${name}: ${line}`,
+};
+
+// Puts the words where index.html names them.
+export function fill(root) {
+  for (const node of root.querySelectorAll("[data-word]")) node.prepend(words[node.dataset.word]);
+  for (const node of root.querySelectorAll("[data-label]")) {
+    node.setAttribute("aria-label", words[node.dataset.label]);
+    if (node instanceof HTMLButtonElement) node.title = words[node.dataset.label];
+  }
+}

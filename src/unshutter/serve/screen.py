@@ -1,0 +1,176 @@
+"""What lanes make of a photo for the page: small pictures, upright, and facts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from unshutter.options import Rectify
+from unshutter.serve.held import Held, found_motion, in_one_line, opened, small_copy
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from unshutter.motion import Motion
+    from unshutter.photo import Photo
+
+# Stored pixels, what was found and done, and (left, top, right, bottom) of the part that is kept, as shares.
+Shown: TypeAlias = "tuple[np.ndarray, dict[str, Any], tuple[float, float, float, float]]"
+
+_WHOLE = (0.0, 0.0, 1.0, 1.0)
+_SCREEN_QUALITY = 88
+_CURVE_POINTS = 41
+
+
+def before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+    """The photo as a JPEG for the screen, upright, and what its file says.
+
+    Args:
+        held: the photo.
+        longest: longer side [px]; None: full size.
+
+    Raises:
+        UnshutterError: it cannot be read.
+    """
+    return in_one_line(held, lambda: _before(held, longest))
+
+
+def after(held: Held, wanted: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+    """The rectified photo for the screen, upright and not cropped, and what was found and done.
+
+    Raises:
+        UnshutterError, UsageError: see :func:`unshutter.rectification.undo`.
+    """
+    return in_one_line(held, lambda: _after(held, wanted, longest))
+
+
+def segments(held: Held, wanted: Rectify) -> dict[str, Any]:
+    """The line segments that methods look at: shares of width and height of the upright photo, before and after.
+
+    Raises:
+        UnshutterError: the photo cannot be read.
+    """
+    return in_one_line(held, lambda: _segments(held, wanted))
+
+
+def _before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+    from unshutter.serve.upright import arrows, is_sideways
+
+    photo = opened(held)
+    pixels = small_copy(held, photo, longest)
+    held_so, sideways = photo.attitude, is_sideways(photo.orientation)
+    return _jpeg(pixels, photo.orientation), {
+        "format": photo.format,
+        "height": photo.width if sideways else photo.height,
+        "width": photo.height if sideways else photo.width,
+        "focal_px": photo.focal_px() or 0.85 * (photo.height + photo.width),
+        "exposure_s": photo.exposure_s(),
+        "arrows": arrows(photo.orientation),
+        "attitude": held_so and {"roll_deg": held_so.roll_deg, "tilt_deg": held_so.tilt_deg, "from": held_so.source},
+    }
+
+
+def _after(held: Held, wanted: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+    from unshutter.serve.upright import corners_of
+
+    photo = opened(held)
+    made = _shown_between if wanted.neighbours else _shown_alone
+    pixels, told, window = made(held, photo, wanted, longest)
+    crop = corners_of(window, photo.orientation) if told["edges"] == "crop" else None
+    return _jpeg(pixels, photo.orientation), {**told, "crop": crop}
+
+
+def _shown_alone(held: Held, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
+    """By what the photo says itself: what will be saved, decided at full size, and drawn small."""
+    from unshutter.rectification import judged
+    from unshutter.warp.pixels import framed, straighten
+
+    motion = found_motion(held, photo, wanted.find)
+    found, verdict = judged(motion, wanted.undo, photo.height, photo.width, wanted.find.camera.readout)
+    told: dict[str, Any] = {**verdict.as_json(), **_told_of(found), "edges": None, "whole": None}
+    pixels = small_copy(held, photo, longest)
+    if not verdict.changes:
+        return pixels, told, _WHOLE
+    frame = framed(found, wanted.undo.edges)
+    small = found.resized(*found.readout.frame_size(*pixels.shape[:2]))
+    pixels = straighten(pixels, small, "fill" if frame.edges == "fill" else "keep").pixels
+    window, size = frame.window, (photo.width, photo.height)
+    shares = window.left / size[0], window.top / size[1], window.right / size[0], window.bottom / size[1]
+    return pixels, {**told, "edges": frame.edges, "whole": frame.whole}, shares
+
+
+def _shown_between(held: Held, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
+    """By what the photo's neighbours say, all of them as small as they are shown."""
+    from unshutter.frames.rectifying import rectify_between
+    from unshutter.frames.wanted import Wanted
+    from unshutter.options import LEAST_AUTO_CROP
+    from unshutter.photo import Photo
+    from unshutter.warp.crop import largest_valid_rectangle
+
+    asked = wanted.undo.edges
+    given, cuts = wanted.neighbours, asked in ("auto", "crop")
+    undo = replace(wanted.undo, edges="keep" if cuts else asked)
+    scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
+    focal = wanted.find.camera.focal_px or photo.focal_px()
+    how = Wanted(wanted.clock, undo, wanted.find.camera.direction, given.at, given.model, focal and focal / scale)
+    neighbours = [path and Held(path, held.max_pixels) for path in (given.before, given.after)]
+    copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
+    result = rectify_between(Photo.from_array(small_copy(held, photo, longest)), copies[0], copies[1], how)
+    told: dict[str, Any] = {**result.verdict.as_json(), "edges": None, "whole": None, "readout": str(how.readout)}
+    told |= {"largest_px": result.verdict.largest_px * scale, "neighbours": True}
+    if not result.changed:
+        return result.pixels, told, _WHOLE
+    if not cuts:
+        return result.pixels, {**told, "edges": asked}, _WHOLE
+    rows, cols = result.valid.shape
+    left, top, width, height = largest_valid_rectangle(result.valid)
+    whole = width * height / result.valid.size
+    told |= {"whole": whole, "edges": "crop" if asked == "crop" or whole >= LEAST_AUTO_CROP else "keep"}
+    return result.pixels, told, (left / cols, top / rows, (left + width) / cols, (top + height) / rows)
+
+
+def _told_of(motion: Motion) -> dict[str, Any]:
+    """What the page says of a motion, its curves at a few rows."""
+    import numpy as np
+
+    rows = np.linspace(0, motion.height - 1, _CURVE_POINTS).round().astype(int)
+    return {
+        "estimator": motion.estimator,
+        "readout": str(motion.readout),
+        "reference": motion.reference,
+        "rows": motion.height,
+        "attitude": {"roll_deg": motion.roll_deg, "tilt_deg": motion.tilt_deg, "from": motion.attitude_from},
+        "exposure_s": motion.exposure_s,
+        "tx_px": np.round(motion.tx_px[rows], 2).tolist(),
+        "rz_deg": np.round(np.degrees(motion.rz_rad[rows]), 3).tolist(),
+    }
+
+
+def _segments(held: Held, wanted: Rectify) -> dict[str, Any]:
+    import numpy as np
+
+    from unshutter.estimators.lines.segments import find_segments
+    from unshutter.estimators.right_angles.view import MOST_SEGMENTS, SHORT_SIDE
+    from unshutter.rectification import judged
+    from unshutter.serve.upright import shares
+    from unshutter.warp.grid import rs_to_gs_map
+
+    photo = opened(held)
+    grey = photo.grey(SHORT_SIDE)
+    ends = find_segments(grey, MOST_SEGMENTS).reshape(-1, 2)
+    scale = np.array([photo.width / grey.shape[1], photo.height / grey.shape[0]])
+    col, row = ((ends + 0.5) * scale - 0.5).T
+    ends_at = {"before": (col, row)}
+    if not wanted.neighbours:  # what they say holds for places, not for lines
+        motion, verdict = judged(found_motion(held, photo, wanted.find), wanted.undo, photo.height, photo.width)
+        ends_at["after"] = rs_to_gs_map(motion)(col, row) if verdict.changes else (col, row)
+    size = photo.width, photo.height
+    return {name: shares(*at, size, photo.orientation).reshape(-1, 4).round(4).tolist() for name, at in ends_at.items()}
+
+
+def _jpeg(pixels: np.ndarray, orientation: int) -> bytes:
+    from unshutter.photo.libvips import as_image, refusing
+    from unshutter.serve.upright import upright
+
+    with refusing("cannot encode the copy for the screen"):
+        return as_image(upright(pixels, orientation)).jpegsave_buffer(Q=_SCREEN_QUALITY, keep=0)

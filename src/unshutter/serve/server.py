@@ -1,0 +1,106 @@
+"""``unshutter serve``: from its settings to a page that answers, and to its end."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import secrets
+import signal
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from unshutter.errors import UnshutterError
+from unshutter.serve.settings import Settings
+
+_MOST_CONNECTIONS = 100
+_WAIT_S = 2  # for answers that are on their way when it ends
+
+
+def serve(settings: Settings) -> int:
+    """Serves the page until it is told to end; returns the exit code.
+
+    Raises:
+        UnshutterError: the extra is missing, or the port cannot be listened on.
+    """
+    try:
+        import python_multipart  # noqa: F401
+        import uvicorn
+
+        from unshutter.serve.app import made
+    except ImportError as error:
+        raise UnshutterError(f"the page needs the extra: pip install 'unshutter[web]' ({error})") from None
+    from unshutter.serve.desk import Desk
+    from unshutter.serve.store import temporary_folder
+
+    token = settings.token or secrets.token_urlsafe(18)
+    logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # of requests, nobody needs to read
+    with _listening(settings.host, settings.port) as listener, temporary_folder() as folder:
+        port = listener.getsockname()[1]
+        desk = Desk.made(settings, folder)
+        options: dict[str, Any] = {
+            "log_config": None,
+            "access_log": False,
+            "server_header": False,
+            "lifespan": "off",
+            "ws": "none",
+            "http": "unshutter.serve.connections:Connection",
+            "limit_concurrency": _MOST_CONNECTIONS,
+            "timeout_graceful_shutdown": _WAIT_S,
+        }
+        server = uvicorn.Server(uvicorn.Config(made(desk, token, port), **options))
+        _announce(settings, port, token)
+        try:
+            with _ended_by_hangup(server.handle_exit):
+                asyncio.run(server.serve(sockets=[listener]))
+        finally:
+            desk.lanes.close()
+    return 0
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+    except OSError as error:
+        listener.close()
+        reason = " ".join((error.strerror or str(error)).split())
+        raise UnshutterError(f"cannot listen on {host}, port {port}: {reason}; --port 0 takes a free port") from None
+    listener.listen(_MOST_CONNECTIONS)
+    return listener
+
+
+@contextmanager
+def _ended_by_hangup(end: Callable[[int, Any], None]) -> Iterator[None]:
+    """SIGHUP, which uvicorn leaves to others, ends the server as SIGTERM does, and only then the program."""
+    number = getattr(signal, "SIGHUP", None)  # Windows has none
+    before = None if number is None else signal.getsignal(number)
+    if number is None or before in (None, signal.SIG_IGN):
+        yield
+        return
+    came: list[int] = []
+
+    def handle(number: int, frame: Any) -> None:
+        came.append(number)
+        end(number, frame)
+
+    signal.signal(number, handle)
+    try:
+        yield
+    finally:
+        signal.signal(number, before)
+    if came:
+        signal.raise_signal(number)
+
+
+def _announce(settings: Settings, port: int, token: str) -> None:
+    host = f"[{settings.host}]" if ":" in settings.host else settings.host
+    link = f"http://{host}:{port}/?token={token}"
+    print(f"unshutter: {link}\nunshutter: open this link in a browser; Ctrl-C ends the page", flush=True)
+    if settings.open:
+        threading.Thread(target=webbrowser.open, args=[link], daemon=True).start()

@@ -1,0 +1,248 @@
+"""The page in a real browser."""
+
+import json
+import math
+import re
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from support.batches import rectify
+from support.browser import browser
+from support.frame_pairs import Scene
+from support.page_server import TOKEN, Server, served
+from unshutter.photo import Photo
+
+DONE = re.compile("changed|alone|failed")
+SLOW_MS = 20_000  # others may work beside the tests
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    with browser() as started:
+        started.new_context().close()
+        yield started
+
+
+@pytest.fixture
+def page(chromium: Browser, server: Server) -> Iterator[Page]:
+    """The page as it is opened, for a test that leaves no error in the browser's console."""
+    errors: list[str] = []
+    context = chromium.new_context(viewport={"width": 1280, "height": 800}, accept_downloads=True)
+    context.set_default_timeout(SLOW_MS)
+    expect.set_options(timeout=SLOW_MS)
+    page = context.new_page()
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda message: errors.append(message.text) if "Content Security" in message.text else None)
+    page.goto(server.link)
+    yield page
+    context.close()
+    assert not errors
+
+
+def _drop(page: Page, *photos: Path) -> None:
+    """Drops files on the page, as a file manager does."""
+    files = [{"name": photo.name, "data": list(photo.read_bytes())} for photo in photos]
+    transfer = page.evaluate_handle(
+        """files => {
+            const transfer = new DataTransfer();
+            for (const { name, data } of files) transfer.items.add(new File([new Uint8Array(data)], name));
+            return transfer;
+        }""",
+        files,
+    )
+    page.dispatch_event("html", "drop", {"dataTransfer": transfer})
+
+
+def _wait(page: Page, state: str = "changed", number: int = 1) -> None:
+    item = page.locator(f"#thumbnails li:nth-child({number}) .thumbnail")
+    expect(item).to_have_attribute("data-state", re.compile(state))
+    expect(page.locator("#working")).not_to_contain_text("…")
+
+
+def _image(page: Page, which: str) -> list[int]:
+    """The mean colour of what is shown."""
+    return page.evaluate(
+        """async which => {
+            const image = document.querySelector(`.layer.${which} img`);
+            await image.decode();
+            const canvas = new OffscreenCanvas(8, 8), context = canvas.getContext("2d");
+            context.drawImage(image, 0, 0, 8, 8);
+            return [...context.getImageData(0, 0, 8, 8).data];
+        }""",
+        which,
+    )
+
+
+def test_the_token_leaves_the_address(page: Page) -> None:
+    assert TOKEN not in page.url
+    expect(page.get_by_role("heading", name="Drop photos here")).to_be_visible()
+    page.reload()
+    assert page.evaluate("fetch('/api/about').then(answer => answer.status)") == 401  # the page alone knows it
+    expect(page.locator("#notice")).to_be_hidden()
+
+
+def test_drop_and_slider(page: Page, photo: Path) -> None:
+    _drop(page, photo)
+    _wait(page)
+    expect(page.locator(".said")).to_contain_text("Straightened: some places moved by up to")
+    assert _image(page, "before") != _image(page, "after")
+    handle = page.get_by_role("slider", name="Divider between before and after")
+    expect(handle).to_have_attribute("aria-valuenow", "50")
+    handle.press("ArrowRight")
+    expect(handle).to_have_attribute("aria-valuenow", "52")
+    box = page.locator(".compare").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 100, steps=3)
+    page.mouse.up()
+    expect(handle).to_have_attribute("aria-valuenow", "25")
+    page.keyboard.press("z")
+    expect(page.locator("#zoom")).to_have_attribute("aria-pressed", "true")
+    wide = page.locator(".compare").evaluate("node => node.offsetWidth")
+    assert wide == 560  # its own pixels
+    page.keyboard.press("l")
+    expect(page.locator(".lines.before line").first).to_be_attached()
+
+
+def test_controls_and_saving_to_the_byte(page: Page, photo: Path, tmp_path: Path) -> None:
+    _drop(page, photo)
+    _wait(page)
+    whole = _image(page, "after")
+    page.locator("#strength").fill("50")
+    page.locator("#edges").select_option("keep")
+    page.get_by_label("last", exact=True).check()
+    expect(page.locator(".said")).to_contain_text("stay empty")
+    _wait(page)
+    assert _image(page, "after") != whole
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    assert download.value.suggested_filename == "street.rectified.jpg"
+    flags = ["--strength", "0.5", "--edges", "keep", "--reference", "last"]
+    assert rectify(photo, "-o", tmp_path / "expected.jpg", *flags) == 0
+    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.jpg").read_bytes()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save motion").click()
+    assert json.loads(Path(download.value.path()).read_text())["format"] == "unshutter-motion/1"
+    page.get_by_label("Leave this photo alone").check()
+    expect(page.locator(".said")).to_contain_text("Left as it is, as you asked.")
+    expect(page.locator(".thumbnail .state")).to_have_text("left as it is")
+
+
+def test_the_level_line_tells_the_roll(page: Page, photo: Path) -> None:
+    _drop(page, photo)
+    _wait(page)
+    page.get_by_role("button", name="Show what is level").click()
+    end = page.get_by_role("button", name="Right end of the level line")
+    frame, at = page.locator(".compare").bounding_box(), end.bounding_box()
+    assert frame is not None and at is not None
+    x, y = at["x"] + at["width"] / 2, at["y"] + at["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y + 30, steps=3)
+    page.mouse.up()
+    # the line falls to the right: the camera was turned the other way, anticlockwise
+    expected = -math.degrees(math.atan2(30, 0.6 * frame["width"]))
+    roll = page.locator("#roll-deg")
+    expect(roll).not_to_have_value("")
+    assert float(roll.input_value()) == pytest.approx(expected, abs=0.2)
+    expect(page.locator(".said")).to_contain_text("anticlockwise (as you say)")
+    page.get_by_label("It is the real horizon").check()
+    expect(page.locator("#tilt-deg")).not_to_have_value("")
+    assert 0 < float(page.locator("#tilt-deg").input_value()) < 5  # it lies a little below the middle
+
+
+def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:
+    """A file that is no picture, one of 100 MB, and good ones, saved together and cancelled once."""
+    bad, large, other = tmp_path / "bad.jpg", tmp_path / "large.jpg", tmp_path / "other.jpg"
+    bad.write_bytes(b"no picture")
+    large.write_bytes(photo.read_bytes() + bytes(100_000_000))  # what follows a JPEG's end is nobody's
+    other.write_bytes(photo.read_bytes())
+    page.set_input_files("#choose", [bad, photo, large, other])
+    for number, state in enumerate(("failed", "changed", "changed", "changed"), start=1):
+        _wait(page, state, number)
+    expect(page.locator("#working")).to_contain_text("is not a JPEG")
+    page.get_by_title("other.jpg").click()
+    page.get_by_label("Leave this photo alone").check()
+    expect(page.locator("#thumbnails li:nth-child(4) .thumbnail")).to_have_attribute("data-state", "alone")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save all (zip)").click()
+    packed = zipfile.ZipFile(download.value.path())
+    assert packed.namelist() == ["street.rectified.jpg", "large.rectified.jpg", "other.rectified.jpg"]
+    assert packed.read("other.rectified.jpg") == other.read_bytes()
+    page.evaluate("""() => new MutationObserver((_, observer) => {
+        const box = document.getElementById('saving');
+        if (!box.hidden) { observer.disconnect(); document.getElementById('saving-stop').click(); }
+    }).observe(document.getElementById('saving'), { attributes: true })""")
+    page.get_by_role("button", name="Save all (zip)").click()
+    expect(page.locator("#notice")).to_contain_text("Cancelled")
+    page.get_by_role("button", name="Close bad.jpg").click()
+    expect(page.locator("#thumbnails li")).to_have_count(3)
+
+
+def test_two_tabs(page: Page, server: Server, photo: Path) -> None:
+    other = page.context.new_page()
+    other.goto(server.link)
+    _drop(page, photo)
+    _drop(other, photo)
+    _wait(page)
+    _wait(other)
+    page.locator("#strength").fill("0")
+    expect(page.locator(".said")).to_contain_text("as you asked")
+    expect(other.locator(".said")).to_contain_text("Straightened")
+    page.close()
+    other.locator("#strength").fill("50")
+    _wait(other)
+
+
+def test_a_server_that_is_killed_and_started_again(chromium: Browser, tmp_path: Path, photo: Path) -> None:
+    page = chromium.new_page()
+    page.set_default_timeout(SLOW_MS)
+    with served(tmp_path / "home") as first:
+        page.goto(first.link)
+        _drop(page, photo)
+        _wait(page)
+        first.kill()
+        page.locator("#strength").fill("0")
+        expect(page.locator("#notice")).to_contain_text("does not answer")
+    with served(tmp_path / "home", port=first.port):
+        expect(page.locator("#notice")).to_be_hidden()
+        expect(page.locator(".said")).to_contain_text("as you asked")  # the photo was sent again
+    with served(tmp_path / "home", port=first.port, token="another-token"):
+        page.locator("#strength").fill("100")
+        expect(page.locator("#notice")).to_contain_text("This link is not valid")
+    page.close()
+
+
+def test_without_the_token_nothing_is_to_be_had(page: Page, server: Server) -> None:
+    stranger = page.context.browser
+    assert stranger is not None
+    other = stranger.new_page()
+    other.goto(f"{server.url}/")
+    expect(other.locator("#notice")).to_contain_text("This link is not valid")
+    other.close()
+
+
+def test_a_frame_taken_after(page: Page, tmp_path: Path) -> None:
+    scene = Scene()
+    frames = [tmp_path / f"frame{number}.png" for number in range(2)]
+    for number, frame in enumerate(frames):
+        Photo.from_array(scene.frame(number, 0.8)).save(frame)
+    _drop(page, frames[0])
+    _wait(page, "changed|alone")
+    page.set_input_files("#choose-after", frames[1])
+    page.locator("#ratio").fill("0.8")
+    page.locator("#ratio").press("Enter")
+    expect(page.locator(".said")).to_contain_text("with the help of its neighbours")
+    page.locator("#edges").select_option("keep")
+    expect(page.locator(".said")).to_contain_text("stay empty")
+    _wait(page)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    flags = ["--after", frames[1], "--readout-ratio", "0.8", "--edges", "keep"]
+    assert rectify(frames[0], "-o", tmp_path / "expected.png", *flags) == 0
+    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()

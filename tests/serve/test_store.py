@@ -1,0 +1,82 @@
+"""Names of files that may be anything, and folders that killed processes left."""
+
+import asyncio
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.page_server import desk
+from unshutter.errors import UnshutterError
+from unshutter.serve import store
+from unshutter.serve.store import Full, Missing, clean_name, temporary_folder
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        ("street.jpg", "street.jpg"),
+        ("Straße in Trier.JPG", "Straße in Trier.JPG"),
+        ("../../etc/passwd", "passwd"),
+        ("..\\..\\windows\\win.ini", "win.ini"),
+        ("/abs/olute.png", "olute.png"),
+        ("..", "photo"),
+        ("", "photo"),
+        (".htaccess", "photo.htaccess"),
+        ("street.", "street."),
+        ("a\nb\x1b[31m.jpg", "ab[31m.jpg"),
+        ("evil\u202egpj.exe", "evilgpj.exe"),
+        ('a<b>:"|?*.jpg', "ab.jpg"),
+        ("\udcff.jpg", "photo.jpg"),
+        ("x" * 500 + ".jpg", "x" * 117 + ".jpg"),
+    ],
+)
+def test_names(given: str, kept: str) -> None:
+    assert clean_name(given) == kept
+
+
+async def _pieces(*pieces: bytes):
+    for piece in pieces:
+        yield piece
+
+
+@pytest.mark.parametrize("name", ["../../../evil.jpg", "/tmp/evil.jpg", "a.jpg/../../b.sh", "photo.jpg", "x"])
+def test_a_photo_lies_in_a_folder_of_its_own_whatever_its_name(name: str) -> None:
+    with desk() as one:
+        kept = asyncio.run(one.store.add(name, _pieces(b"a", b"b")))
+        assert kept.path.parent == one.store.folder / kept.id
+        assert kept.path.name in ("photo", "photo.jpg")
+        assert kept.path.read_bytes() == b"ab"
+        one.store.remove(kept)
+        assert not kept.path.parent.exists()
+        with pytest.raises(Missing):
+            one.store.get(kept.id)
+
+
+def test_nothing_stays_of_a_photo_that_is_not_taken() -> None:
+    with desk() as one:
+        with pytest.raises(UnshutterError, match="is empty"):
+            asyncio.run(one.store.add("a.jpg", _pieces()))
+        one.store.most_bytes = 1
+        with pytest.raises(Full):
+            asyncio.run(one.store.add("a.jpg", _pieces(b"ab")))
+        assert [path.name for path in one.store.folder.iterdir()] == ["lock"]
+
+
+@pytest.mark.skipif(store.fcntl is None, reason="no locks on this system")
+def test_folders_of_killed_processes_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    code = "import os, unshutter.serve.store as s\nwith s.temporary_folder() as f: print(f, flush=True); os._exit(9)"
+    dead = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"TMPDIR": str(tmp_path)}, capture_output=True, text=True
+    )
+    left = Path(dead.stdout.strip())
+    assert left.is_dir()
+    with temporary_folder() as living:
+        assert not left.exists()
+        with temporary_folder():
+            assert living.exists()  # its process lives
+        assert (living.stat().st_mode & 0o777) == 0o700
+    assert not living.exists()

@@ -1,0 +1,125 @@
+"""`unshutter serve` in a process of its own, as users start it."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+from starlette.types import ASGIApp
+
+from support.installed import install
+from unshutter.serve.desk import Desk
+from unshutter.serve.settings import Settings
+from unshutter.serve.store import temporary_folder
+
+TOKEN = "test-token"
+TESTS = Path(__file__).parent.parent
+
+
+@dataclass
+class Server:
+    """A running server.
+
+    Attributes:
+        process: its process.
+        url: of its page, without the token.
+    """
+
+    process: subprocess.Popen
+    url: str
+
+    @property
+    def port(self) -> int:
+        return int(self.url.rpartition(":")[2])
+
+    @property
+    def link(self) -> str:
+        return f"{self.url}/?token={TOKEN}"
+
+    def client(self, **more) -> httpx.Client:
+        return httpx.Client(base_url=self.url, headers={"Authorization": f"Bearer {TOKEN}"}, timeout=60, **more)
+
+    def kill(self) -> None:
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait(10)
+
+
+@contextmanager
+def served(home: Path, *arguments: object, port: int = 0, token: str | None = TOKEN) -> Iterator[Server]:
+    """A server that knows the estimators `crashing` and `hanging`; its temporary folder lies in ``home``."""
+    with start(home, "--port", port, *(("--token", token) if token else ()), *arguments) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert "http://" in line, line + process.stdout.read()
+            yield Server(process, line.split()[1].partition("/?")[0])
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+            process.wait(20)
+
+
+def start(home: Path, *arguments: object) -> subprocess.Popen:
+    """The command, with all its output in one stream."""
+    home.mkdir(exist_ok=True)
+    package = home / "package"
+    if not package.exists():
+        package.mkdir()
+        brought = {name: f"support.crashing_estimator:{name.upper()}" for name in ("crashing", "hanging")}
+        install(package, "broken", brought)
+    path = os.pathsep.join([str(TESTS), str(package), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return subprocess.Popen(
+        [sys.executable, "-m", "unshutter", "serve", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=os.environ | {"PYTHONPATH": path, "TMPDIR": str(home)},
+    )
+
+
+@contextmanager
+def desk(settings: Settings | None = None) -> Iterator[Desk]:
+    """A desk in this process; its lanes start their processes when they are used."""
+    with temporary_folder() as folder:
+        made = Desk.made(settings or Settings(token=TOKEN), folder)
+        try:
+            yield made
+        finally:
+            made.lanes.close()
+
+
+def temporary_folders(home: Path) -> list[Path]:
+    return sorted(home.glob("unshutter-serve-*"))
+
+
+class Asking:
+    """Asks an ASGI application in this process, one request after the other.
+
+    Args:
+        app: the application.
+        base_url: by which it is called.
+    """
+
+    def __init__(self, app: ASGIApp, base_url: str = "http://127.0.0.1"):
+        self._app, self._base_url = app, base_url
+
+    def request(self, method: str, path: str, **more: Any) -> httpx.Response:
+        async def asked() -> httpx.Response:
+            transport = httpx.ASGITransport(self._app)
+            async with httpx.AsyncClient(transport=transport, base_url=self._base_url) as client:
+                return await client.request(method, path, **more)
+
+        return asyncio.run(asked())
+
+    def get(self, path: str, **more: Any) -> httpx.Response:
+        return self.request("GET", path, **more)
+
+    def post(self, path: str, **more: Any) -> httpx.Response:
+        return self.request("POST", path, **more)
