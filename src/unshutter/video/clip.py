@@ -85,10 +85,10 @@ class Clip:
             known = (place, PixelFormat.of(context.format), context.name, stream.height, stream.width)
             ticks = min(stream.time_base.denominator, 1_000_000)
             interval = _interval(container, stream)
+            frames = stream.frames or (round(float(length) / interval) if of_pictures else 0)
         beside = _beside_first_frame(place, fps)
         if "SPHERICAL" in beside:
             raise UnshutterError(f"{place} is a 360-degree clip: its rows are no rows of the sensor")
-        frames = stream.frames or (round(float(length) / interval) if of_pictures else 0)
         return cls(*known, interval, frames, float(length), tags, ticks, of_pictures, beside)
 
     def items(self, start: float | None = None, end: float | None = None, all_streams: bool = False) -> Iterator:
