@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 from unshutter.errors import visible
 
+Watch: TypeAlias = Callable[[str, int, int], None]  # is told what is counted, how many are done, and of how many
+
 
 class Progress:
-    """A progress bar on standard error; nothing when that is no terminal or there is but one photo."""
+    """A progress bar on standard error; nothing when that is no terminal or there is but one photo.
 
-    def __init__(self, total: int, what: str = "photos"):
+    Args:
+        total: how many there are.
+        what: they are.
+        watch: is told of each that is done, beside the bar.
+    """
+
+    def __init__(self, total: int, what: str = "photos", watch: Watch | None = None):
         self._bar: Any = None
+        self._watch, self._what, self._done, self._total = watch, what, 0, total
         if total > 1 and sys.stderr.isatty():
             self._bar = _bar()
             self._task = self._bar.add_task(what, total=total, rate="")
@@ -27,6 +37,9 @@ class Progress:
 
     def advance(self) -> None:
         """One more is done."""
+        self._done += 1
+        if self._watch is not None:
+            self._watch(self._what, self._done, self._total)
         if self._bar is not None:
             self._bar.advance(self._task)
             self._bar.update(self._task, rate=rate(self._bar.tasks[self._task].speed))

@@ -15,7 +15,7 @@ from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
 from unshutter.frames.sequence import CameraMotion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.geometry.readout import Readout
-from unshutter.progress import Progress
+from unshutter.progress import Progress, Watch
 from unshutter.video.background import ahead
 from unshutter.video.clip import Clip
 from unshutter.video.moving import look
@@ -35,7 +35,9 @@ class _Part:
     pairs: list[Tracks]
 
 
-def find_ratio(clip: Clip, readout: Readout, focal_px: float | None, span: tuple[float, float]) -> ReadoutRatio:
+def find_ratio(
+    clip: Clip, readout: Readout, focal_px: float | None, span: tuple[float, float], watch: Watch | None = None
+) -> ReadoutRatio:
     """The readout ratio of a clip's camera.
 
     Args:
@@ -43,13 +45,14 @@ def find_ratio(clip: Clip, readout: Readout, focal_px: float | None, span: tuple
         readout: direction in which the stored pixels were read.
         focal_px: focal length [px of a frame]; None: found, too.
         span: the part of the clip that is looked at [s].
+        watch: is told of every part of it.
 
     Raises:
         UnshutterError: the clip does not say it.
     """
     found: list[ReadoutRatio] = []
     why = "the camera stood still"
-    with Progress(_MOST_PARTS, "readout time") as progress:
+    with Progress(_MOST_PARTS, "readout time", watch) as progress:
         for part in _parts(clip, readout, span):
             focal = None if focal_px is None else focal_px * 256 / part.pairs[0].height
             try:

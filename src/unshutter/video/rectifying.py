@@ -19,7 +19,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion
 from unshutter.geometry.readout import Readout
-from unshutter.progress import Progress
+from unshutter.progress import Progress, Watch
 from unshutter.storage.files import check_target, remove_leftovers, written_whole
 from unshutter.storage.plain_files import open_plain
 from unshutter.video import motion_file, mp4_film, pictures
@@ -66,13 +66,17 @@ class Done:
             self.cuts_s.append(round(moved.frame.time or 0.0, 3))
 
 
-def rectify_clip(source: str, output: str, wanted: RectifyClip) -> Done:
+def rectify_clip(
+    source: str, output: str, wanted: RectifyClip, found: ReadoutRatio | None = None, watch: Watch | None = None
+) -> Done:
     """Writes a clip as a global shutter would have taken it.
 
     Args:
         source: a film, a folder of pictures, or a pattern of their names.
         output: a file, or a folder or pattern for pictures.
         wanted: what is done.
+        found: the readout ratio, where it was found before (:func:`find_ratio`); it counts where none is given.
+        watch: is told of every frame.
 
     Raises:
         UsageError: options that do not fit the clip.
@@ -86,11 +90,11 @@ def rectify_clip(source: str, output: str, wanted: RectifyClip) -> Done:
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
     known = motion_file.load(wanted.motion) if wanted.motion is not None else None
     encoder = Encoder.choose(clip, wanted.encode) if not _is_pictures(target) else None
-    ratio, readout = _readout(clip, wanted, known)
-    work = _Work(clip, wanted, ratio, readout, known, encoder)
+    ratio, readout = _readout(clip, wanted, known, found, watch)
+    work = _Work(clip, wanted, ratio, readout, known, encoder, watch)
     work.warper = Warper(clip, wanted.undo)
     if wanted.undo.edges == "crop":
-        with closing(work.moved(all_streams=False)) as moved, Progress(clip.frames or 2, "looking") as progress:
+        with closing(work.moved(all_streams=False)) as moved, Progress(clip.frames or 2, "looking", watch) as progress:
             work.warper = Warper(clip, wanted.undo, common_window(work.warper, _counted(moved, progress)))
     done = pictures_out(work, target) if _is_pictures(target) else _film_out(work, target)
     if wanted.preview is not None:
@@ -109,6 +113,7 @@ class _Work:
     readout: Readout
     known: motion_file.ClipMotion | None
     encoder: Encoder | None  # None: pictures
+    watch: Watch | None
     warper: Warper = field(init=False)
 
     def moved(self, all_streams: bool) -> Generator[Any]:
@@ -153,7 +158,7 @@ def _film_out(work: _Work, target: Path) -> Done:
         made = stack.enter_context(closing(work.made(all_streams=not grafted)))
         assert work.encoder is not None
         film = Film(container, source, clip, work.encoder, not grafted, work.warper.size, wanted.start or 0.0)
-        with Progress(clip.frames or 2, "frames") as progress:
+        with Progress(clip.frames or 2, "frames", work.watch) as progress:
             for item, frame in made:
                 if not isinstance(item, Moved):
                     film.add_packet(item)
@@ -183,7 +188,7 @@ def pictures_out(work: _Work, target: Path) -> Done:
             motion_file.motion_written(wanted.save_motion, wanted.overwrite, clip, work.ratio, work.readout)
         )
         made = stack.enter_context(closing(work.made(all_streams=False)))
-        with Progress(clip.frames or 2, "frames") as progress:
+        with Progress(clip.frames or 2, "frames", work.watch) as progress:
             for item, frame in made:
                 done.add(item)
                 if motions is not None:
@@ -198,7 +203,13 @@ def pictures_out(work: _Work, target: Path) -> Done:
 # ---- before and after -------------------------------------------------------------------------------------
 
 
-def _readout(clip: Clip, wanted: RectifyClip, known: motion_file.ClipMotion | None) -> tuple[ReadoutRatio, Readout]:
+def _readout(
+    clip: Clip,
+    wanted: RectifyClip,
+    known: motion_file.ClipMotion | None,
+    found: ReadoutRatio | None,
+    watch: Watch | None,
+) -> tuple[ReadoutRatio, Readout]:
     """The readout ratio and direction: from the motion file, given, or found."""
     readout = Readout.parse(wanted.shutter.readout)
     if known is not None:
@@ -211,10 +222,15 @@ def _readout(clip: Clip, wanted: RectifyClip, known: motion_file.ClipMotion | No
     ratio = wanted.shutter.ratio(clip.interval_s)
     if ratio is not None:
         return ReadoutRatio(ratio, 0.0, "given"), readout
-    begin, end = wanted.start or 0.0, wanted.end or clip.duration_s or 60.0
-    found = find_ratio(clip, readout, wanted.shutter.focal_px, (begin, end))
-    tell(found, clip.interval_s)
+    if found is None:
+        found = find_ratio(clip, readout, wanted.shutter.focal_px, span(clip, wanted), watch)
+        tell(found, clip.interval_s)
     return found, readout
+
+
+def span(clip: Clip, wanted: RectifyClip) -> tuple[float, float]:
+    """What is kept of a clip [s]; a minute where it does not say how long it is."""
+    return wanted.start or 0.0, wanted.end or clip.duration_s or 60.0
 
 
 def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
