@@ -61,7 +61,7 @@ def test_a_body_that_dribbles(small: Desk, pause_s: float) -> None:
 
 
 def test_too_many_photos(small: Desk) -> None:
-    small.store.most_photos = 2
+    small.store.most_files = 2
     client = Asking(made(small, TOKEN, 80))
     answers = [client.post("/api/photos", headers=KNOWN, content=b"x") for _ in range(3)]
     assert [answer.status_code for answer in answers] == [201, 201, 413]

@@ -92,7 +92,7 @@ def desk(settings: Settings | None = None) -> Iterator[Desk]:
         try:
             yield made
         finally:
-            made.lanes.close()
+            made.close()
 
 
 def temporary_folders(home: Path) -> list[Path]:

@@ -15,7 +15,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from unshutter.errors import UnshutterError
-from unshutter.serve import direct, photos, saving, work
+from unshutter.serve import clips, direct, photos, saving, work
 from unshutter.serve.answers import refused
 from unshutter.serve.desk import Desk, desk_of
 from unshutter.serve.guard import Guard
@@ -26,6 +26,7 @@ from unshutter.version import __version__
 
 PAGE = Path(__file__).parent / "page"
 _PATIENCE_S, _LEAST_RATE = 10.0, 20_000.0  # of bodies: seconds without a byte, bytes per second
+_CLIP_PATHS = ("/api/clips", "/api/video")
 
 
 def made(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> ASGIApp:
@@ -37,16 +38,21 @@ def made(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> 
         port: that it is reached at.
         patience_s: see :class:`Limits`.
     """
-    limits = Middleware(Limits, desk.settings.max_bytes, patience_s, _LEAST_RATE)
+    settings = desk.settings
+
+    def most_bytes(path: str) -> int:
+        return settings.max_clip_bytes if path in _CLIP_PATHS else settings.max_bytes
+
+    limits = Middleware(Limits, most_bytes, patience_s, _LEAST_RATE)
     kinds = (HTTPException, UnshutterError, OSError, Exception)
     app = Starlette(routes=routes(), middleware=[limits], exception_handlers=dict.fromkeys(kinds, refused))
     app.state.desk, app.state.savings = desk, {}
-    return Guard(app, token, port, desk.settings.host)
+    return Guard(app, token, port, settings.host)
 
 
 def routes() -> list[Route]:
     """All addresses: the page's files, the API for programs, and what the page alone asks."""
-    photo, save = "/api/photos/{id}", "/api/saves/{id}"
+    photo, clip, save = "/api/photos/{id}", "/api/clips/{id}", "/api/saves/{id}"
     return [
         Route("/", _page),
         *_files(),
@@ -62,10 +68,16 @@ def routes() -> list[Route]:
         Route(f"{photo}/segments", photos.segments),
         Route(f"{photo}/picture", photos.picture),
         Route(f"{photo}/motion", photos.motion),
+        Route("/api/video", clips.video, methods=["POST"]),
+        Route("/api/clips", clips.add, methods=["POST"]),
+        Route(clip, photos.remove, methods=["DELETE"]),
+        Route(f"{clip}/before", clips.before),
+        Route(f"{clip}/after", clips.after),
+        Route(f"{clip}/readout", clips.readout),
         Route("/api/saves", saving.start, methods=["POST"]),
         Route(f"{save}/events", saving.events),
         Route(save, saving.cancel, methods=["DELETE"]),
-        Route(f"{save}/zip", saving.download),
+        Route(f"{save}/file", saving.download),
     ]
 
 
@@ -90,7 +102,8 @@ async def _openapi(request: Request) -> Response:
 async def _about(request: Request) -> Response:
     settings = desk_of(request).settings
     folder = str(settings.folder) if settings.folder is not None else None
-    return JSONResponse({"version": __version__, "max_bytes": settings.max_bytes, "folder": folder})
+    told = {"version": __version__, "max_bytes": settings.max_bytes, "folder": folder}
+    return JSONResponse({**told, "clips": clips.can_be_opened(), "max_clip_bytes": settings.max_clip_bytes})
 
 
 async def _wake(request: Request) -> Response:

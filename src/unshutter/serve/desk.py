@@ -1,4 +1,4 @@
-"""What all requests share: the open photos, the lanes that work on them, and what the page was told at its start."""
+"""What all requests share: the open photos and clips, the lanes that work on them, the settings."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from unshutter.serve.settings import Settings
 from unshutter.serve.store import Store, Stored
 
 LANES = min(max(os.cpu_count() or 1, 2), 4)
-_MOST_PHOTOS, _ROOM = 1000, 10  # photos that may be open; their bytes, in times of the largest allowed
+_MOST_FILES, _ROOM = 1000, 10  # files that may be open; their bytes, in times of the largest photo and clip
 _MOST_WAITING, _TIMEOUT_S, _REST_S = 48, 600.0, 120.0
+_MOST_CLIPS, _CLIP_TIMEOUT_S, _CLIP_REST_S = 8, 86_400.0, 5.0  # of whole clips
 
 
 @dataclass
@@ -24,27 +25,35 @@ class Desk:
 
     Attributes:
         settings: of the user.
-        store: the open photos.
-        lanes: who works on them.
+        store: the open photos and clips.
+        lanes: who works on photos, and shows moments of clips.
+        long_lanes: who makes whole clips: one at a time, with all processors.
     """
 
     settings: Settings
     store: Store
     lanes: Lanes
+    long_lanes: Lanes
 
     @classmethod
     def made(cls, settings: Settings, folder: Path) -> Desk:
-        """A desk with nothing on it; ``folder`` is for its photos."""
-        store = Store(folder, _MOST_PHOTOS, _ROOM * settings.max_bytes)
-        return cls(settings, store, Lanes(LANES, _TIMEOUT_S, _MOST_WAITING, _REST_S))
+        """A desk with nothing on it; ``folder`` is for its files."""
+        store = Store(folder, _MOST_FILES, _ROOM * max(settings.max_bytes, settings.max_clip_bytes))
+        lanes = Lanes(LANES, _TIMEOUT_S, _MOST_WAITING, _REST_S)
+        return cls(settings, store, lanes, Lanes(1, _CLIP_TIMEOUT_S, _MOST_CLIPS, _CLIP_REST_S))
+
+    def close(self) -> None:
+        """Ends all processes."""
+        self.lanes.close()
+        self.long_lanes.close()
 
     def path(self, id: str) -> Path:
-        """The file of an open photo; Missing where it is not open."""
+        """The file of an open photo or clip; Missing where it is not open."""
         return self.store.get(id).path
 
     def held(self, stored: Stored) -> Held:
-        """A photo as lanes take it."""
-        return Held(stored.path, self.settings.max_pixels)
+        """A photo or clip as lanes take it."""
+        return Held(stored.path, self.settings.max_pixels, stored.kind)
 
 
 def desk_of(request: Request) -> Desk:

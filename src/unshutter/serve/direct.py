@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Sequence
 from pathlib import PurePosixPath
 
 from starlette.background import BackgroundTask
@@ -22,18 +21,16 @@ from unshutter.serve.answers import told_header
 from unshutter.serve.desk import Desk, desk_of
 from unshutter.serve.fields import Wanted, read
 from unshutter.serve.held import without_path
+from unshutter.serve.incoming import form_of, stored_of, texts_of
 from unshutter.serve.lanes import Urgency
 from unshutter.serve.store import Stored
-
-_MOST_FILES, _MOST_FIELDS, _MOST_TEXT = 4, 40, 10_000
-_PIECE = 1 << 18
 
 
 async def rectify(request: Request) -> Response:
     """``POST /api/rectify``: multipart form -> the picture."""
     desk = desk_of(request)
-    async with _form(request) as form, _stored(desk, form, "before", "after", keep=True) as stored:
-        wanted = read(_texts(form, stored), desk.path).rectify
+    async with form_of(request) as form, stored_of(desk, form, "photo", "before", "after", keep=True) as stored:
+        wanted = read(_options(form, stored), desk.path).rectify
         given = form.get("motion")
         if isinstance(given, UploadFile):
             file = stored["photo"].path.with_name("given.json")
@@ -45,8 +42,8 @@ async def rectify(request: Request) -> Response:
 async def estimate(request: Request) -> Response:
     """``POST /api/estimate``: multipart form -> the motion as JSON."""
     desk = desk_of(request)
-    async with _form(request) as form, _stored(desk, form) as stored:
-        return await motion(desk, stored["photo"], read(_texts(form, stored), desk.path))
+    async with form_of(request) as form, stored_of(desk, form, "photo") as stored:
+        return await motion(desk, stored["photo"], read(_options(form, stored), desk.path))
 
 
 async def picture(desk: Desk, stored: Stored, wanted: Rectify, closing: Sequence[Stored] = ()) -> Response:
@@ -107,39 +104,6 @@ def outcome_told(outcome: Outcome) -> dict:
     return {**verdict, **({"note": outcome.note} if outcome.note else {})}
 
 
-@asynccontextmanager
-async def _form(request: Request) -> AsyncIterator[FormData]:
-    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
-        raise UsageError("send a form (multipart/form-data) with the photo as the part 'photo'")
-    async with request.form(max_files=_MOST_FILES, max_fields=_MOST_FIELDS, max_part_size=_MOST_TEXT) as form:
-        yield form
-
-
-def _texts(form: FormData, stored: dict[str, Stored]) -> dict[str, str]:
-    """The fields that are no files; photos of this form go by their ids."""
-    given = {name: value for name, value in form.items() if isinstance(value, str)}
-    return given | {name: one.id for name, one in stored.items() if name != "photo"}
-
-
-@asynccontextmanager
-async def _stored(desk: Desk, form: FormData, *others: str, keep: bool = False) -> AsyncIterator[dict[str, Stored]]:
-    """The form's photos, by the names of their parts, open meanwhile; with ``keep`` longer, if all goes well."""
-    stored: dict[str, Stored] = {}
-    done = False
-    try:
-        if not isinstance(form.get("photo"), UploadFile):
-            raise UsageError("the photo is missing: send it as the part 'photo', with a file name")
-        for name in ("photo", *others):
-            given = form.get(name)
-            if isinstance(given, UploadFile):
-                stored[name] = await desk.store.add(given.filename or "photo", _pieces(given))
-        yield stored
-        done = True
-    finally:
-        for each in () if done and keep else stored.values():
-            desk.store.remove(each)
-
-
-async def _pieces(given: UploadFile) -> AsyncIterator[bytes]:
-    while piece := await given.read(_PIECE):
-        yield piece
+def _options(form: FormData, stored: dict[str, Stored]) -> dict[str, str]:
+    """The form's options; photos of this form go by their ids."""
+    return texts_of(form) | {name: one.id for name, one in stored.items() if name != "photo"}

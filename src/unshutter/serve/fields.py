@@ -12,9 +12,15 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from unshutter.errors import UsageError
 from unshutter.options import Find, Neighbours, Rectify, Save, Undo
+from unshutter.video.options import RectifyClip, Shutter
 
-# Files have no times here, motion is a part of its own, and a sequence is more than a photo.
-_NOT_HERE = ("keep_times", "only_changed", "motion", "sequence")
+# Files have no times or names of their own here, a sequence is more than a photo, and a clip is a film.
+_NOT_HERE: dict[type, tuple[str, ...]] = {
+    Save: ("keep_times", "only_changed", "keep_names"),
+    Neighbours: ("sequence",),
+    RectifyClip: ("fps", "motion", "save_motion", "preview", "overwrite", "json_log"),
+    Shutter: ("camera",),
+}
 _YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
 
 
@@ -62,14 +68,31 @@ def read(given: Mapping[str, str], photo: Callable[[str], Path]) -> Wanted:
     Raises:
         UsageError: a field that is not known, or a value that it does not take.
     """
-    known = {field.name for field in fields()}
-    for name in given:
-        if name not in known:
-            raise UsageError(f"unknown field '{name:.40}': choose one of {', '.join(sorted(known))}")
+    _check_known(given, Wanted)
     wanted = _made(Wanted, given, photo)
     if "@" in wanted.find.estimator:
         raise UsageError("weights of your own are for the command line: name a method alone")
     return wanted
+
+
+def read_clip(given: Mapping[str, str]) -> RectifyClip:
+    """The options of a clip in a form or query.
+
+    Args:
+        given: field -> text.
+
+    Raises:
+        UsageError: a field that is not known, or a value that it does not take.
+    """
+    _check_known(given, RectifyClip)
+    return _made(RectifyClip, given, Path)
+
+
+def _check_known(given: Mapping[str, str], kind: type) -> None:
+    known = {field.name for field in fields(kind)}
+    for name in given:
+        if name not in known:
+            raise UsageError(f"unknown field '{name:.40}': choose one of {', '.join(sorted(known))}")
 
 
 def fields(kind: type = Wanted) -> Iterator[Field]:
@@ -119,7 +142,7 @@ def _parts(kind: type) -> Iterator[tuple[dataclasses.Field, Any]]:
     hints = get_type_hints(kind)
     for each in dataclasses.fields(kind):
         is_group = dataclasses.is_dataclass(hints[each.name])
-        if is_group or ("help" in each.metadata and each.name not in _NOT_HERE):
+        if is_group or ("help" in each.metadata and each.name not in _NOT_HERE.get(kind, ())):
             yield each, hints[each.name]
 
 

@@ -1,4 +1,4 @@
-"""An open photo as lanes have it; what one of them found about it lies beside it for whichever is asked next."""
+"""An open photo or clip as lanes have it; what one of them found lies beside it for whichever is asked next."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError
 from unshutter.options import Find
+from unshutter.serve.store import Kind
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,15 +26,17 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Held:
-    """A photo as a lane is handed it.
+    """A photo or clip as a lane is handed it.
 
     Attributes:
         path: its file, alone in a folder with what is found about it.
-        max_pixels: more are refused.
+        max_pixels: of photos, more are refused.
+        kind: what it is called in messages.
     """
 
     path: Path
     max_pixels: int
+    kind: Kind = "photo"
 
 
 def opened(held: Held) -> Photo:
@@ -54,7 +57,7 @@ def found_motion(held: Held, photo: Photo, find: Find) -> Motion:
         return Motion.from_json(file.read_text(encoding="utf-8"))
     photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
     motion = estimate_photo(photo, load(find.estimator), find.camera)
-    _put(file, lambda part: part.write_text(motion.to_json(), encoding="utf-8"))
+    put(file, lambda part: part.write_text(motion.to_json(), encoding="utf-8"))
     return motion
 
 
@@ -79,11 +82,11 @@ def small_copy(held: Held, photo: Photo, longest: int | None) -> np.ndarray:
         with part.open("wb") as stream:
             np.save(stream, pixels)
 
-    _put(file, write)
+    put(file, write)
     return pixels
 
 
-def _put(file: Path, write: Callable[[Path], Any]) -> None:
+def put(file: Path, write: Callable[[Path], Any]) -> None:
     """Makes a file that another lane may be making, too: whole or not at all."""
     part = file.with_name(f"{file.name}.{os.getpid()}")
     write(part)
@@ -91,16 +94,16 @@ def _put(file: Path, write: Callable[[Path], Any]) -> None:
 
 
 def in_one_line(held: Held, work: Callable[[], T]) -> T:
-    """Whatever goes wrong becomes one line, in which the photo is called "the photo"."""
+    """Whatever goes wrong becomes one line, in which the file is called "the photo" or "the clip"."""
     done: list[T] = []
     try:
         naming_the_photo(held.path, lambda _: done.append(work()))
     except UnshutterError as error:
-        raise type(error)(without_path(str(error), held.path)) from None
+        raise type(error)(without_path(str(error), held.path, held.kind)) from None
     return done[0]
 
 
-def without_path(line: str, path: Path) -> str:
-    """A message without the places where photos lie meanwhile, which tell nobody anything."""
-    line = line.replace(f"{path}: ", "", 1).replace(str(path), "the photo")
+def without_path(line: str, path: Path, kind: Kind = "photo") -> str:
+    """A message without the places where files lie meanwhile, which tell nobody anything."""
+    line = line.replace(f"{path}: ", "", 1).replace(str(path), f"the {kind}")
     return re.sub(rf"{re.escape(str(path.parent.parent))}/[\w-]+/photo(\.\w+)?", "its neighbour", line)

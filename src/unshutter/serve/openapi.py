@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from unshutter.serve.fields import fields
+from unshutter.serve.fields import Wanted, fields
 from unshutter.version import __version__
+from unshutter.video.options import RectifyClip
 
 _TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", Path: "string"}
 _BINARY = {"type": "string", "format": "binary"}
@@ -19,8 +20,8 @@ def description() -> dict[str, Any]:
         "info": {
             "title": "unshutter",
             "version": __version__,
-            "description": "Undoes rolling-shutter distortion in photos. Fields are named as the flags of "
-            '`unshutter rectify`, without dashes in front. Errors are JSON: {"error": one line}.',
+            "description": "Undoes rolling-shutter distortion in photos and clips. Fields are named as the flags of "
+            '`unshutter rectify` and `unshutter video`, without dashes in front. Errors are JSON: {"error": one line}.',
         },
         "security": [{"bearer": []}, {"query": []}],
         "components": {
@@ -29,7 +30,7 @@ def description() -> dict[str, Any]:
                 "query": {"type": "apiKey", "in": "query", "name": "token"},
             }
         },
-        "paths": {**_for_programs(), **_of_photos(), **_of_saves()},
+        "paths": {**_for_programs(), **_of_photos(), **_of_clips(), **_of_saves()},
     }
 
 
@@ -42,7 +43,8 @@ def _for_programs() -> dict[str, Any]:
     return {
         "/api/rectify": {"post": picture},
         "/api/estimate": {"post": found},
-        "/api/about": {"get": _one("The version, the largest photo [bytes], and the folder to save to.")},
+        "/api/video": {"post": _clip_from_form()},
+        "/api/about": {"get": _one("The version, the largest photo and clip [bytes], and the folder to save to.")},
         "/api/wake": {"post": _one("Loads what the first photo would wait for.")},
     }
 
@@ -72,26 +74,45 @@ def _of_photos() -> dict[str, Any]:
     }
 
 
+def _of_clips() -> dict[str, Any]:
+    clip = "/api/clips/{id}"
+    id = {**_parameter("id", {"type": "string"}, "Of the clip."), "in": "path", "required": True}
+    moment = _parameter("moment", {"type": "integer", "minimum": 0, "maximum": 4}, "Which of five moments.")
+    longest = _parameter("longest", {"type": "string"}, "320, 1000, 1600, 2400 or full [px].")
+    options = [_parameter(name, schema, schema["description"]) for name, schema in _options(RectifyClip).items()]
+    name = {**_parameter("Unshutter-Name", {"type": "string"}, "File name, percent-encoded."), "in": "header"}
+    body = {"required": True, "content": {"application/octet-stream": {"schema": _BINARY}}}
+    before = "A moment of the clip for a screen (JPEG); the header Unshutter-Result says what its file says."
+    after = "The same moment straightened (JPEG); the header Unshutter-Result says what was done."
+    return {
+        "/api/clips": {"post": {**_one("Opens a clip: its id.", [name], "201"), "requestBody": body}},
+        clip: {"delete": _one("Closes the clip.", [id], "204")},
+        f"{clip}/before": {"get": _one(before, [id, moment, longest, *options])},
+        f"{clip}/after": {"get": _one(after, [id, moment, longest, *options])},
+        f"{clip}/readout": {"get": _one("The readout time of its camera, given or found.", [id, *options])},
+    }
+
+
 def _of_saves() -> dict[str, Any]:
     id = {**_parameter("id", {"type": "string"}, "Of the saving."), "in": "path", "required": True}
     one = {"type": "object", "properties": {"id": {"type": "string"}, "options": {"type": "object"}}}
     wanted = {
         "type": "object",
-        "properties": {"to": {"enum": ["zip", "folder"]}, "photos": {"type": "array", "items": one}},
+        "properties": {"to": {"enum": ["file", "zip", "folder"]}, "photos": {"type": "array", "items": one}},
     }
     body = {"required": True, "content": {"application/json": {"schema": wanted}}}
     return {
-        "/api/saves": {"post": {**_one("Saves open photos: an id.", [], "202"), "requestBody": body}},
-        "/api/saves/{id}": {"delete": _one("Cancels a saving.", [id])},
+        "/api/saves": {"post": {**_one("Saves open photos and clips: an id.", [], "202"), "requestBody": body}},
+        "/api/saves/{id}": {"delete": _one("Cancels a saving, or forgets what it has made.", [id])},
         "/api/saves/{id}/events": {"get": _one("How far it is (server-sent events).", [id])},
-        "/api/saves/{id}/zip": {"get": _one("The zip file.", [id])},
+        "/api/saves/{id}/file": {"get": _one("The zip file, or the one photo or clip.", [id])},
     }
 
 
-def _options() -> dict[str, dict[str, Any]]:
-    """The schema of each option, by its name."""
+def _options(kind: type = Wanted) -> dict[str, dict[str, Any]]:
+    """The schema of each option of a photo or clip, by its name."""
     schemas = {}
-    for field in fields():
+    for field in fields(kind):
         schema: dict[str, Any] = {"type": _TYPES[field.type], "description": field.help}
         if field.choices:
             schema["enum"] = list(field.choices)
@@ -108,13 +129,23 @@ def _from_form(summary: str, more: dict[str, Any], answer: str) -> dict[str, Any
     return {**operation, "requestBody": {"required": True, "content": {"multipart/form-data": {"schema": schema}}}}
 
 
+def _clip_from_form() -> dict[str, Any]:
+    summary = (
+        "Begins to straighten a clip: the id of a saving. /api/saves/{id}/events says how far it is, and "
+        "/api/saves/{id}/file is the clip when its state is `finished`."
+    )
+    schema = {"type": "object", "required": ["clip"], "properties": {"clip": _BINARY, **_options(RectifyClip)}}
+    body = {"required": True, "content": {"multipart/form-data": {"schema": schema}}}
+    return {**_one(summary, [], "202"), "requestBody": body}
+
+
 def _one(summary: str, parameters: list[dict[str, Any]] | None = None, status: str = "200") -> dict[str, Any]:
     refusals = {
         "400": "A field that is wrong.",
         "401": "The token is missing or wrong.",
-        "404": "No such photo is open.",
-        "413": "The photo is too large.",
-        "422": "The photo cannot be used.",
+        "404": "No such file is open.",
+        "413": "The file is too large.",
+        "422": "The file cannot be used.",
         "503": "Too many requests: try again.",
     }
     responses = {status: summary, **refusals}

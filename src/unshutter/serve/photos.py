@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from typing import Any
-from urllib.parse import unquote
 
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from unshutter.errors import UsageError
@@ -13,6 +12,7 @@ from unshutter.serve import direct, screen
 from unshutter.serve.answers import told_header
 from unshutter.serve.desk import desk_of
 from unshutter.serve.fields import Wanted, read
+from unshutter.serve.incoming import opened
 from unshutter.serve.lanes import Urgency
 
 SCREEN_SIDES = (320, 1000, 1600, 2400)  # longer sides of copies for screens [px]
@@ -22,12 +22,7 @@ _OWN = ("token", "longest", "later")  # parameters that are no options
 
 async def add(request: Request) -> Response:
     """``POST /api/photos``: the body is the photo, the header ``Unshutter-Name`` its name -> its id."""
-    name = unquote(request.headers.get("unshutter-name", "photo"))
-    try:
-        stored = await desk_of(request).store.add(name, request.stream())
-    except ClientDisconnect:
-        return Response(status_code=400)
-    return JSONResponse({"id": stored.id, "name": stored.name}, 201)
+    return await opened(request, "photo")
 
 
 async def remove(request: Request) -> Response:
@@ -41,16 +36,16 @@ async def before(request: Request) -> Response:
     """``GET /api/photos/{id}/before``: a JPEG for the screen, and in a header what the photo's file says."""
     desk = desk_of(request)
     held = desk.held(desk.store.get(request.path_params["id"]))
-    data, told = await desk.lanes.do(_urgency(request), screen.before, held, _longest(request))
-    return _jpeg(data, told)
+    data, told = await desk.lanes.do(urgency_of(request), screen.before, held, longest_of(request))
+    return jpeg_answer(data, told)
 
 
 async def after(request: Request) -> Response:
     """``GET /api/photos/{id}/after``: a JPEG for the screen, and in a header what was found and done."""
     desk = desk_of(request)
     held, wanted = desk.held(desk.store.get(request.path_params["id"])), _wanted(request)
-    data, told = await desk.lanes.do(_urgency(request), screen.after, held, wanted.rectify, _longest(request))
-    return _jpeg(data, told)
+    data, told = await desk.lanes.do(urgency_of(request), screen.after, held, wanted.rectify, longest_of(request))
+    return jpeg_answer(data, told)
 
 
 async def segments(request: Request) -> Response:
@@ -78,11 +73,12 @@ def _wanted(request: Request) -> Wanted:
     return read(given, desk_of(request).path)
 
 
-def _urgency(request: Request) -> Urgency:
+def urgency_of(request: Request) -> Urgency:
+    """Whether somebody waits for the answer."""
     return Urgency.LATER if request.query_params.get("later") == "1" else Urgency.NOW
 
 
-def _longest(request: Request) -> int | None:
+def longest_of(request: Request) -> int | None:
     """Longer side of the copy that is wanted [px]: one of a few, since each is kept; None: full size."""
     text = request.query_params.get("longest", str(SCREEN_SIDES[2]))
     if text == _FULL:
@@ -92,5 +88,6 @@ def _longest(request: Request) -> int | None:
     return int(text)
 
 
-def _jpeg(data: bytes, told: dict[str, Any]) -> Response:
+def jpeg_answer(data: bytes, told: dict[str, Any]) -> Response:
+    """A picture for the screen, and what is told of it."""
     return Response(data, media_type="image/jpeg", headers={"unshutter-result": told_header(told)})

@@ -59,7 +59,7 @@ def _before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     photo = opened(held)
     pixels = small_copy(held, photo, longest)
     held_so, sideways = photo.attitude, is_sideways(photo.orientation)
-    return _jpeg(pixels, photo.orientation), {
+    return as_jpeg(pixels, photo.orientation), {
         "format": photo.format,
         "height": photo.width if sideways else photo.height,
         "width": photo.height if sideways else photo.width,
@@ -77,7 +77,7 @@ def _after(held: Held, wanted: Rectify, longest: int | None) -> tuple[bytes, dic
     made = _shown_between if wanted.neighbours else _shown_alone
     pixels, told, window = made(held, photo, wanted, longest)
     crop = corners_of(window, photo.orientation) if told["edges"] == "crop" else None
-    return _jpeg(pixels, photo.orientation), {**told, "crop": crop}
+    return as_jpeg(pixels, photo.orientation), {**told, "crop": crop}
 
 
 def _shown_alone(held: Held, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
@@ -112,7 +112,9 @@ def _shown_between(held: Held, photo: Photo, wanted: Rectify, longest: int | Non
     undo = replace(wanted.undo, edges="keep" if cuts else asked)
     scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
     focal = wanted.find.camera.focal_px or photo.focal_px()
-    how = Wanted(wanted.clock, undo, wanted.find.camera.direction, given.at, given.model, focal and focal / scale)
+    alone = wanted.find if given.fallback else None
+    told_so = given.at, given.model, focal and focal / scale, alone
+    how = Wanted(wanted.clock, undo, wanted.find.camera.direction, *told_so)
     neighbours = [path and Held(path, held.max_pixels) for path in (given.before, given.after)]
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
     result = rectify_between(Photo.from_array(small_copy(held, photo, longest)), copies[0], copies[1], how)
@@ -168,7 +170,8 @@ def _segments(held: Held, wanted: Rectify) -> dict[str, Any]:
     return {name: shares(*at, size, photo.orientation).reshape(-1, 4).round(4).tolist() for name, at in ends_at.items()}
 
 
-def _jpeg(pixels: np.ndarray, orientation: int) -> bytes:
+def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
+    """Stored pixels as a JPEG for the screen, upright."""
     from unshutter.photo.libvips import as_image, refusing
     from unshutter.serve.upright import upright
 

@@ -57,7 +57,7 @@ def serve(settings: Settings) -> int:
             with _ended_by_hangup(server.handle_exit):
                 asyncio.run(server.serve(sockets=[listener]))
         finally:
-            desk.lanes.close()
+            desk.close()
     return 0
 
 

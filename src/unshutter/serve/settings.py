@@ -13,6 +13,7 @@ DEFAULT_PORT = 8720
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{8,200}")
 _MOST_MB = 100_000
+_PHOTO_MB, _CLIP_MB = 400, 4000  # a minute of a phone's 4K clip has some 400 MB
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Settings:
         port: to listen on; 0: any that is free.
         open: whether to open the page in the browser.
         folder: where the page may save to, beside downloads; None: nowhere.
-        max_mb: largest photo [MB].
+        max_mb: largest photo or clip [MB]; None: what is usual for each.
         max_pixels: photos with more are refused.
         token: who knows it may use the page; None: a random one.
         host: address to listen on.
@@ -37,7 +38,9 @@ class Settings:
     port: int = option(DEFAULT_PORT, f"Port to listen on; 0 takes one that is free. Default: {DEFAULT_PORT}.")
     open: bool = option(False, "Open the page in the browser.")
     folder: Path | None = option(None, "Folder that the page may save to. Default: it offers downloads only.")
-    max_mb: int = option(400, "Refuse photos that are larger, in megabytes. Default: 400.")
+    max_mb: int | None = option(
+        None, f"Refuse photos and clips that are larger, in megabytes. Default: {_PHOTO_MB}; clips {_CLIP_MB}."
+    )
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     token: str | None = option(
         None, "Word that lets a browser or program in, at least 8 letters and digits. Default: a new one every time."
@@ -50,7 +53,7 @@ class Settings:
     def __post_init__(self) -> None:
         if not 0 <= self.port <= 65_535:
             raise UsageError(f"--port must lie between 0 and 65535, got {self.port}")
-        if not 1 <= self.max_mb <= _MOST_MB:
+        if self.max_mb is not None and not 1 <= self.max_mb <= _MOST_MB:
             raise UsageError(f"--max-mb must lie between 1 and {_MOST_MB}, got {self.max_mb}")
         if self.max_pixels < 1:
             raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
@@ -72,4 +75,9 @@ class Settings:
     @property
     def max_bytes(self) -> int:
         """Largest photo [bytes]."""
-        return self.max_mb * 1_000_000
+        return (self.max_mb or _PHOTO_MB) * 1_000_000
+
+    @property
+    def max_clip_bytes(self) -> int:
+        """Largest clip [bytes]."""
+        return (self.max_mb or _CLIP_MB) * 1_000_000

@@ -1,4 +1,4 @@
-"""The photos that are open, in a temporary folder that goes with the process, or with the next one if it was killed."""
+"""The open photos and clips, in a temporary folder that goes with the process, or with the next one if it is killed."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import Literal, TypeAlias
 
 from unshutter.errors import UnshutterError
 from unshutter.photo.formats import of_suffix
@@ -24,58 +25,72 @@ _PREFIX = "unshutter-serve-"
 _LOCK = "lock"
 _UNUSUAL = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"|?*\u200e\u200f\u202a-\u202e\u2066-\u2069]')
 _LONGEST_NAME, _LONGEST_SUFFIX = 120, 10
+_FILM = re.compile(r"\.[a-z0-9]{2,5}")  # an ending that may be a clip's
+
+Kind: TypeAlias = Literal["photo", "clip"]
 
 
 class Full(UnshutterError):
-    """No room for another photo."""
+    """No room for another photo or clip."""
 
 
 class Missing(UnshutterError):
-    """No such photo is open."""
+    """No such photo or clip is open."""
 
 
 @dataclass(frozen=True)
 class Stored:
-    """An open photo.
+    """An open photo or clip.
 
     Attributes:
         id: by which the page calls it.
+        kind: which of the two.
         name: of the file, as far as it may be used as one.
         path: where it lies, alone in its folder.
     """
 
     id: str
+    kind: Kind
     name: str
     path: Path
 
 
 @dataclass
 class Store:
-    """All open photos.
+    """All open photos and clips.
 
     Attributes:
         folder: where they lie.
-        most_photos, most_bytes: that there is room for.
+        most_files, most_bytes: that there is room for.
     """
 
     folder: Path
-    most_photos: int
+    most_files: int
     most_bytes: int
-    _photos: dict[str, Stored] = field(default_factory=dict)
+    _open: dict[str, Stored] = field(default_factory=dict)
     _sizes: dict[str, int] = field(default_factory=dict)
 
-    async def add(self, name: str, data: AsyncIterator[bytes]) -> Stored:
-        """Takes a photo in, piece by piece.
+    async def add(self, name: str, data: AsyncIterator[bytes], kind: Kind = "photo", size: int = 0) -> Stored:
+        """Takes a file in, piece by piece.
+
+        Args:
+            name: that it had.
+            data: its bytes.
+            kind: whether it is a photo or a clip.
+            size: of the file, as far as it is known before [bytes].
 
         Raises:
             Full: there is no room for it.
             UnshutterError: it is empty, or the disc is full.
         """
-        if len(self._sizes) >= self.most_photos:
-            raise Full(f"{self.most_photos} photos are open already: close some of them")
-        id, name = secrets.token_urlsafe(9), clean_name(name)
+        if len(self._sizes) >= self.most_files:
+            raise Full(f"{self.most_files} files are open already: close some of them")
+        if size > shutil.disk_usage(self.folder).free:
+            raise Full(f"there is no room for it in {self.folder.parent}: set TMPDIR to a folder on a larger disc")
+        id, name = secrets.token_urlsafe(9), clean_name(name, kind)
         suffix = PurePosixPath(name).suffix.lower()
-        stored = Stored(id, name, self.folder / id / f"photo{suffix if of_suffix(suffix) else ''}")
+        known = _FILM.fullmatch(suffix) if kind == "clip" else of_suffix(suffix)
+        stored = Stored(id, kind, name, self.folder / id / f"{kind}{suffix if known else ''}")
         self._sizes[id] = 0
         try:
             stored.path.parent.mkdir()
@@ -84,43 +99,48 @@ class Store:
                     file.write(piece)
                     self._sizes[id] += len(piece)
                     if sum(self._sizes.values()) > self.most_bytes:
-                        raise Full(f"the open photos have more than {self.most_bytes / 1e6:g} MB: close some of them")
+                        raise Full(f"the open files have more than {self.most_bytes / 1e6:g} MB: close some of them")
             if not self._sizes[id]:
                 raise UnshutterError(f"{name} is empty (0 bytes)")
         except OSError as error:
             self.remove(stored)
-            raise UnshutterError(f"cannot keep the photo: {error.strerror}") from None
+            raise UnshutterError(f"cannot keep the {kind}: {error.strerror}") from None
         except BaseException:
             self.remove(stored)
             raise
-        self._photos[id] = stored
+        self._open[id] = stored
         return stored
 
     def get(self, id: str) -> Stored:
-        """The photo of that id.
+        """The photo or clip of that id.
 
         Raises:
             Missing: it was closed, or the program was started anew.
         """
-        if id not in self._photos:
-            raise Missing("this photo is not open any more: drop it on the page again")
-        return self._photos[id]
+        if id not in self._open:
+            raise Missing("this file is not open any more: drop it on the page again")
+        return self._open[id]
 
     def remove(self, stored: Stored) -> None:
-        """Forgets a photo and all that was found about it."""
-        self._photos.pop(stored.id, None)
+        """Forgets a file and all that was found about it."""
+        self._open.pop(stored.id, None)
         self._sizes.pop(stored.id, None)
         shutil.rmtree(stored.path.parent, ignore_errors=True)
 
 
-def clean_name(name: str) -> str:
-    """The last part of a file's name, without what could lead elsewhere or is no text; ``photo`` if nothing is left."""
+def clean_name(name: str, otherwise: str = "photo") -> str:
+    """The last part of a file's name, without what could lead elsewhere or is no text.
+
+    Args:
+        name: any text.
+        otherwise: the name if nothing is left.
+    """
     last = re.split(r"[/\\]", name)[-1]
     last = _UNUSUAL.sub("", last.encode("utf-8", "ignore").decode()).strip()
     stem, _, suffix = last.rpartition(".")
     if not suffix or len(suffix) > _LONGEST_SUFFIX or last == suffix:
         stem, suffix = last, ""
-    stem = stem.lstrip(".")[: _LONGEST_NAME - len(suffix)].strip() or "photo"
+    stem = stem.lstrip(".")[: _LONGEST_NAME - len(suffix)].strip() or otherwise
     return f"{stem}.{suffix}" if suffix else stem
 
 

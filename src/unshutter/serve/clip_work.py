@@ -1,0 +1,147 @@
+"""What lanes do with a whole clip: its readout time is found, and the clip made, as `unshutter video` does."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import os
+import time
+from contextlib import redirect_stderr
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from unshutter.errors import UnshutterError
+from unshutter.serve.held import Held, in_one_line, put
+from unshutter.video.options import RectifyClip
+
+if TYPE_CHECKING:
+    from unshutter.frames.ratio import ReadoutRatio
+    from unshutter.video.clip import Clip
+
+_TOLD_S = 0.2  # between two notes of how far a clip is
+
+
+@dataclass
+class HowFar:
+    """The file in which a lane notes how far it is; others read it meanwhile.
+
+    Attributes:
+        file: where it lies.
+    """
+
+    file: Path
+    _noted_s: float = field(default=-math.inf, init=False)
+
+    def read(self) -> dict[str, Any] | None:
+        """``what`` is counted, how many are ``done``, of ``total``; None: nothing was begun yet."""
+        try:
+            return json.loads(self.file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+
+    def note(self, what: str, done: int, total: int) -> None:
+        """Notes how far it is, a few times a second at most."""
+        now = time.monotonic()
+        if now - self._noted_s < _TOLD_S and done < total:
+            return
+        self._noted_s = now
+        text = json.dumps({"what": what, "done": done, "total": total})
+        put(self.file, lambda part: part.write_text(text, encoding="utf-8"))
+
+
+def readout(held: Held, wanted: RectifyClip) -> dict[str, Any]:
+    """The readout time of a clip's camera, given or found: ``ratio``, ``ms``, their errors, and where from.
+
+    Raises:
+        UnshutterError: the clip cannot be read, or does not tell it.
+    """
+    return in_one_line(held, lambda: _readout(held, wanted))
+
+
+def rectified(held: Held, target: Path, wanted: RectifyClip, how_far: HowFar) -> dict[str, Any]:
+    """Writes a clip as `unshutter video` does, to the byte; returns what was done.
+
+    Args:
+        held: the clip.
+        target: what is written.
+        wanted: what is done.
+        how_far: where to note how far it is.
+
+    Raises:
+        UsageError, UnshutterError: see :func:`unshutter.video.rectifying.rectify_clip`.
+    """
+    how_far.note("frames", 0, 0)
+    try:
+        with redirect_stderr(io.StringIO()):  # what is told there, the page says itself
+            return in_one_line(held, lambda: _rectified(held, target, wanted, how_far))
+    except UnshutterError as error:
+        raise type(error)(str(error).replace(f"{target.parent}{os.sep}", "")) from None
+
+
+def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, how_far: HowFar | None = None) -> ReadoutRatio:
+    """The readout ratio of a clip, given or found; what was found is kept beside the clip.
+
+    Raises:
+        UnshutterError: the clip does not tell it.
+    """
+    from unshutter.frames.ratio import ReadoutRatio
+    from unshutter.geometry.readout import Readout
+    from unshutter.video.readout_search import find_ratio
+    from unshutter.video.rectifying import span
+
+    given = wanted.shutter.ratio(clip.interval_s)
+    if given is not None:
+        return ReadoutRatio(given, 0.0, "given")
+    part = span(clip, wanted)
+    file = held.path.with_name(f"readout-{digest(wanted.shutter, part)}.json")
+    if not file.exists():
+        try:
+            how = (Readout.parse(wanted.shutter.readout), wanted.shutter.focal_px, part)
+            found = find_ratio(clip, *how, how_far.note if how_far else None)
+            told = {"value": found.value, "error": found.error, "source": found.source}
+        except UnshutterError as error:
+            told = {"why": str(error)}
+        put(file, lambda new: new.write_text(json.dumps(told), encoding="utf-8"))
+    told = json.loads(file.read_text(encoding="utf-8"))
+    if "why" in told:
+        raise UnshutterError(told["why"])
+    return ReadoutRatio(**told)
+
+
+def digest(*values: object) -> str:
+    """A name for what was found with these options."""
+    return hashlib.sha256(repr(values).encode()).hexdigest()[:16]
+
+
+def _readout(held: Held, wanted: RectifyClip) -> dict[str, Any]:
+    from unshutter.video.clip import Clip
+
+    clip = Clip.look(held.path)
+    found, interval_ms = ratio_of(held, clip, wanted), 1000 * clip.interval_s
+    return {
+        "ratio": found.value,
+        "ratio_sd": found.error,
+        "ms": found.value * interval_ms,
+        "ms_sd": found.error * interval_ms,
+        "found_by": found.source,
+    }
+
+
+def _rectified(held: Held, target: Path, wanted: RectifyClip, how_far: HowFar) -> dict[str, Any]:
+    from unshutter.video.clip import Clip
+    from unshutter.video.rectifying import rectify_clip
+
+    clip = Clip.look(held.path)
+    found = ratio_of(held, clip, wanted, how_far)
+    given = wanted.shutter.ratio(clip.interval_s) is not None
+    done = rectify_clip(str(held.path), str(target), wanted, None if given else found, how_far.note)
+    return {
+        "frames": done.frames,
+        "rectified": done.rectified,
+        "left": dict(done.reasons),
+        "left_out": done.left_out,
+        "readout_ms": 1000 * clip.interval_s * found.value,
+    }
