@@ -148,7 +148,7 @@ def test_a_zip_file_of_all(client: httpx.Client, photo: Path, tmp_path: Path) ->
     saving = client.post("/api/saves", json={"to": "zip", "photos": photos}).json()
     told = _events(client, saving["id"])[-1]
     assert told["state"] == "finished" and [one["changed"] for one in told["done"]] == [True, True]
-    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/zip").content))
+    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
     assert packed.namelist() == ["street.rectified.jpg", "street.rectified-2.jpg"]
     assert rectify(photo, "-o", tmp_path / "half.jpg", "--strength", "0.5") == 0
     assert packed.read("street.rectified-2.jpg") == (tmp_path / "half.jpg").read_bytes()
@@ -179,7 +179,7 @@ def test_saving_is_cancelled(client: httpx.Client, photo: Path) -> None:
             line for line in stream.iter_lines() if line.startswith("data: ") and len(json.loads(line[6:])["done"]) == 1
         )
     assert client.delete(f"/api/saves/{saving['id']}").json()["state"] == "cancelled"
-    assert client.get(f"/api/saves/{saving['id']}/zip").status_code == 404
+    assert client.get(f"/api/saves/{saving['id']}/file").status_code == 404
     assert client.get(f"/api/photos/{id}/after").status_code == 200
 
 
@@ -187,7 +187,7 @@ def test_saving_is_cancelled(client: httpx.Client, photo: Path) -> None:
     ("body", "told"),
     [
         (b"nonsense", "send JSON"),
-        (b'{"to": "mail", "photos": []}', "'to' takes"),
+        (b'{"to": "mail", "photos": []}', "'to' takes file, zip"),
         (b'{"to": "zip", "photos": []}', "at least one"),
         (b'{"to": "folder", "photos": [{"id": "x"}]}', "start it with --folder"),
         (b'{"to": "zip", "photos": ["x"]}', "each photo is"),

@@ -64,11 +64,11 @@ async function lineOf(answer) {
 export const query = (options) => new URLSearchParams(options).toString();
 export const told = (answer, name = "Unshutter-Result") => JSON.parse(answer.headers.get(name));
 
-// Sends a file; fetch would not tell how far it is.
-export function send(file, progress) {
+// Sends a file to an address of the API; fetch would not tell how far it is.
+export function send(address, file, progress) {
   return new Promise((done, failed) => {
     const request = new XMLHttpRequest();
-    request.open("POST", "/api/photos");
+    request.open("POST", address);
     request.setRequestHeader("Authorization", `Bearer ${token}`);
     request.setRequestHeader("Unshutter-Name", encodeURIComponent(file.name));
     request.setRequestHeader("Content-Type", "application/octet-stream");
@@ -102,7 +102,9 @@ export function wake() {
   fetch("/api/wake", { method: "POST", headers: headers() }).catch(() => {});
 }
 
-export const close = (id) => fetch(`/api/photos/${id}`, { method: "DELETE", headers: headers(), keepalive: true }).catch(() => {});
+// Tells the program that something of an address is needed no more.
+export const close = (address, id) =>
+  fetch(`${address}/${id}`, { method: "DELETE", headers: headers(), keepalive: true }).catch(() => {});
 
 // Server-sent events, read with the token in a header.
 export async function* events(path) {

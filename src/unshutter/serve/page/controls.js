@@ -1,15 +1,15 @@
-// The panel beside the photo: what was done, in words; what the user can say; saving.
+// The panel beside a photo: what was done, in words; what the user can say; saving.
 
 import { curves } from "./curves.js";
 import { Neighbours } from "./neighbours.js";
 import { make } from "./nodes.js";
+import { button, check, keys, number, reference, select, strength } from "./widgets.js";
 import { words } from "./words.js";
 
-const EDGES = ["auto", "keep", "crop", "fill", "borrow"];
 const ALONE = ["strength", "moving", "anyway", "horizonTrue", "roll-deg", "tilt-deg"]; // controls of a photo without neighbours
-const REFERENCES = ["first", "middle", "last"];
 const ARROWS = { down: "↓", up: "↑", right: "→", left: "←" };
-const ABOUT_CAMERA = ["roll-deg", "tilt-deg"]; // true of one photo alone
+const ABOUT_CAMERA = ["roll-deg", "tilt-deg"];
+const OWN = [...ABOUT_CAMERA, "start", "end"]; // true of one photo or clip alone
 
 export class Controls {
   // panel: where to; on: {change, horizon, horizonTrue, save, saveMotion, toAll} called when the user wants that.
@@ -20,14 +20,14 @@ export class Controls {
     this.motion = make("div", {});
     this.fields = {};
     this.neighbours = new Neighbours(() => on.change());
-    this.saveMotion = this.#button("saveMotion", () => on.saveMotion());
+    this.saveMotion = button("saveMotion", () => on.saveMotion());
     panel.replaceChildren(
       make("h2", {}, words.done), this.said,
-      make("div", { class: "row" }, this.#button("saveOne", () => on.save(), "main"), this.saveMotion),
+      make("div", { class: "row" }, button("saveOne", () => on.save(), "main"), this.saveMotion),
       make("h2", {}, words.settings), ...this.#undoing(), ...this.#camera(), ...this.#attitude(), this.neighbours.node,
-      this.#select("format", "format", Object.keys(words.formatOf), words.formatOf, ""),
-      make("div", { class: "row" }, this.#button("toAll", () => on.toAll()), this.#button("reset", () => this.#reset())),
-      make("h2", {}, words.curves), this.motion, keys(),
+      this.#select("format", words.formatOf, ""),
+      make("div", { class: "row" }, button("toAll", () => on.toAll()), button("reset", () => this.#reset())),
+      make("h2", {}, words.curves), this.motion, keys(words.keyList),
     );
   }
 
@@ -35,11 +35,10 @@ export class Controls {
   show(photo) {
     this.photo = photo;
     const { options, result, facts } = photo;
-    this.fields.strength.value = 100 * (options.strength ?? 1);
-    this.strengthSaid.textContent = `${Math.round(100 * (options.strength ?? 1))} %`;
+    this.strength.show(options);
     this.fields.edges.value = options.edges ?? "auto";
     this.fields.format.value = options.format ?? "";
-    for (const radio of this.references) radio.checked = radio.value === (options.reference ?? "first");
+    this.reference.show(options);
     this.fields.moving.checked = options.moving === "true";
     this.fields.anyway.checked = options["min-confidence"] === "0";
     this.fields.leave.checked = options.strength === "0";
@@ -72,23 +71,16 @@ export class Controls {
   }
 
   #undoing() {
-    const strength = make("input", { type: "range", id: "strength", min: "0", max: "100", step: "5" });
-    this.strengthSaid = make("output", { for: "strength" });
-    strength.addEventListener("input", () => {
-      this.strengthSaid.textContent = `${strength.value} %`;
-      this.#set("strength", strength.value === "100" ? "" : String(strength.value / 100));
-    });
-    this.fields.strength = strength;
-    this.references = REFERENCES.map((value) => make("input", { type: "radio", name: "reference", value,
-      onchange: () => this.#set("reference", value === "first" ? "" : value) }));
+    this.strength = strength("strength", (value) => this.#set("strength", value));
+    this.fields.strength = this.strength.field;
+    this.reference = reference("reference", "first", (value) => this.#set("reference", value));
     return [
-      make("label", { class: "field", for: "strength" }, words.strength, this.strengthSaid), strength,
+      ...this.strength.nodes,
       this.#check("leave", (on) => this.#set("strength", on ? "0" : "")),
       this.#check("moving", (on) => this.#set("moving", on ? "true" : ""), words.movingHelp),
       this.#check("anyway", (on) => this.#set("min-confidence", on ? "0" : "")),
-      this.#select("edges", "edges", EDGES, words.edgesOf, "auto"),
-      make("fieldset", {}, make("legend", {}, words.reference), make("div", { class: "row" },
-        ...this.references.map((radio) => make("label", {}, radio, words.referenceOf[radio.value])))),
+      this.#select("edges", words.edgesOf, "auto"),
+      this.reference.node,
     ];
   }
 
@@ -108,37 +100,33 @@ export class Controls {
 
   #attitude() {
     const angle = (name, most, label) => {
-      this.fields[name] = make("input", { type: "number", step: "0.1", min: -most, max: most, id: name,
-        onchange: (event) => event.target.checkValidity() && this.#set(name, event.target.value) });
-      return make("label", { class: "field", for: name }, label, this.fields[name]);
+      const { node, field } = number(name, label, { step: "0.1", min: -most, max: most }, (value) => this.#set(name, value));
+      this.fields[name] = field;
+      return node;
     };
-    this.horizon = this.#button("horizon", () => this.on.horizon());
+    this.horizon = button("horizon", () => this.on.horizon());
     this.steep = make("p", { class: "wrong", role: "alert", hidden: true }, words.horizonSteep);
     this.horizonMore = make("div", { hidden: true }, make("p", { class: "quiet" }, words.horizonHelp), this.steep,
       this.#check("horizonTrue", () => this.on.horizonTrue()));
     return [make("fieldset", {}, make("legend", {}, words.attitude),
       make("p", { class: "quiet" }, words.attitudeHelp),
-      make("div", { class: "row" }, this.horizon, this.#button("forget", () => {
+      make("div", { class: "row" }, this.horizon, button("forget", () => {
         this.photo.level = null;
         for (const name of ABOUT_CAMERA) this.photo.set(name, "");
         this.on.change();
       })), this.horizonMore, angle("roll-deg", 45, words.roll), angle("tilt-deg", 90, words.tilt))];
   }
 
-  #select(name, option, values, said, usual) {
-    const choices = values.map((value) => make("option", { value }, said[value]));
-    this.fields[name] = make("select", { id: name, onchange: (event) =>
-      this.#set(option, event.target.value === usual ? "" : event.target.value) }, ...choices);
-    return make("label", { class: "field", for: name }, words[name], this.fields[name]);
+  #select(name, said, usual) {
+    const { node, field } = select(name, words[name], said, (value) => this.#set(name, value === usual ? "" : value));
+    this.fields[name] = field;
+    return node;
   }
 
   #check(name, changed, help) {
-    this.fields[name] = make("input", { type: "checkbox", id: name, onchange: (event) => changed(event.target.checked) });
-    return make("label", { class: "check", title: help }, this.fields[name], words[name]);
-  }
-
-  #button(word, clicked, kind = "") {
-    return make("button", { type: "button", id: `do-${word}`, class: kind, onclick: clicked }, words[word]);
+    const { node, field } = check(name, words[name], changed, help);
+    this.fields[name] = field;
+    return node;
   }
 
   #set(name, value) {
@@ -150,14 +138,16 @@ export class Controls {
     this.photo.options = {};
     for (const each of Object.values(this.photo.neighbours)) each.forget();
     this.photo.neighbours = {};
+    this.photo.beside = {};
     this.photo.level = null;
     this.on.change();
   }
 }
 
-// Options of a photo that may hold for others, too.
-export function shareable(options) {
-  return Object.fromEntries(Object.entries(options).filter(([name]) => !ABOUT_CAMERA.includes(name)));
+// The options of another photo or clip, once those of this one hold for it, too.
+export function shared(options, others) {
+  const some = (all, own) => Object.entries(all).filter(([name]) => OWN.includes(name) === own);
+  return Object.fromEntries([...some(options, false), ...some(others, true)]);
 }
 
 // What was done to a photo, a sentence each.
@@ -178,9 +168,4 @@ function sentences({ result, options }) {
   if (roll !== null || tilt !== null) said.push(words.heldSo(roll, tilt, from));
   if (result.exposure_s) said.push(words.exposed(result.exposure_s));
   return said;
-}
-
-function keys() {
-  const rows = words.keyList.map(([key, what]) => [make("dt", {}, key), make("dd", {}, what)]).flat();
-  return make("details", {}, make("summary", {}, words.keys), make("dl", {}, ...rows));
 }

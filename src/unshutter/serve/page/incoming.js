@@ -1,4 +1,4 @@
-// Photos on their way in: dropped, pasted or chosen; folders are looked through.
+// Photos and clips on their way in: dropped, pasted or chosen; folders are looked through.
 
 import { wake } from "./api.js";
 import { by } from "./nodes.js";

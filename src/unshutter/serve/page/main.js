@@ -1,9 +1,12 @@
-// The page: photos come in, one of them is shown, and what the user says goes to the program.
+// The page: photos and clips come in, one of them is shown, and what the user says goes to the program.
 
 import { about, onHealth } from "./api.js";
-import { Controls, shareable } from "./controls.js";
+import { Clip, isClip } from "./clip.js";
+import { ClipControls } from "./clip_controls.js";
+import { Controls, shared } from "./controls.js";
 import { attitude, Horizon } from "./horizon.js";
 import { watch } from "./incoming.js";
+import { Moments } from "./moments.js";
 import { by } from "./nodes.js";
 import { Photo } from "./photo.js";
 import { saveMany, saveMotion, saveOne } from "./saving.js";
@@ -16,7 +19,7 @@ const AT_ONCE = 2; // photos that are worked on in the background
 
 const photos = [];
 let current = null;
-let settings = { max_bytes: Infinity, folder: null };
+let settings = { max_bytes: Infinity, max_clip_bytes: Infinity, folder: null, clips: true };
 let background = 0;
 
 fill(document);
@@ -31,15 +34,23 @@ const controls = new Controls(by("panel"), {
   saveMotion: () => saveMotion(current, notice),
   toAll,
 });
+const clipControls = new ClipControls(by("clip-panel"), {
+  change: () => refresh(current.pictures.before ? "after" : "both"),
+  save: () => saveOne(current, notice),
+  toAll,
+});
+const moments = new Moments(by("moments"), pickMoment);
+const panelOf = (photo) => (photo.kind === "clip" ? clipControls : controls);
 
 // ---- photos come and go ----
 
 function take(files) {
   for (const file of files) {
-    if (file.type.startsWith("video/")) notice(words.clip(file.name));
-    else if (file.size > settings.max_bytes) notice(words.tooLarge(file.name, settings.max_bytes / 1e6));
+    const most = isClip(file) ? settings.max_clip_bytes : settings.max_bytes;
+    if (isClip(file) && !settings.clips) notice(words.noClips(file.name));
+    else if (file.size > most) notice(words.tooLarge(file.name, most / 1e6));
     else {
-      const photo = new Photo(file);
+      const photo = isClip(file) ? new Clip(file) : new Photo(file);
       photos.push(photo);
       strip.add(photo);
       photo.addEventListener("change", () => photo === current && update());
@@ -64,7 +75,8 @@ function close(photo) {
 
 function arrange() {
   by("empty").hidden = photos.length > 0;
-  for (const id of ["viewer", "panel", "strip"]) by(id).hidden = !photos.length;
+  for (const id of ["viewer", "strip"]) by(id).hidden = !photos.length;
+  for (const [id, kind] of [["panel", "photo"], ["clip-panel", "clip"]]) by(id).hidden = current?.kind !== kind;
   by("save-all").hidden = photos.length < 2;
   by("save-folder").hidden = !photos.length || settings.folder === null;
 }
@@ -94,6 +106,7 @@ function show(photo) {
   horizon.hide();
   controls.horizonShown = false;
   press("lines", false);
+  by("lines").hidden = photo.kind === "clip";
   strip.select(photo);
   arrange();
   by("name").textContent = photo.name;
@@ -112,8 +125,9 @@ function update() {
     if (which === "before" && !pictures.after) slider.picture("after", picture.blob, facts, "");
   }
   slider.crop(result?.crop ?? null);
-  controls.show(current);
-  const failed = current.state === "failed";
+  panelOf(current).show(current);
+  moments.show(current.kind === "clip" ? current : null);
+  const failed = ["failed", "asking"].includes(current.state);
   by("working").textContent = current.state === "done" ? "" : failed ? current.error : stateOf(current);
   by("working").classList.toggle("wrong", failed);
 }
@@ -128,7 +142,7 @@ let again = null;
 // Asks for the current photo as its options are now; while an answer is on its way, only the last wish counts.
 async function refresh(part) {
   const photo = current;
-  controls.show(photo);
+  panelOf(photo).show(photo);
   if (asking === photo) {
     again = again === "both" ? "both" : part ?? "after";
     return;
@@ -166,15 +180,20 @@ function tellLevel(ends) {
   refresh();
 }
 
+function pickMoment(number) {
+  if (number >= (current.facts?.moments_s.length ?? 0)) return;
+  current.goTo(number);
+  refresh("both");
+}
+
 function toAll() {
   for (const photo of photos) {
-    if (photo === current) continue;
-    const own = Object.fromEntries(["roll-deg", "tilt-deg"].filter((name) => name in photo.options).map((name) => [name, photo.options[name]]));
-    photo.options = { ...shareable(current.options), ...own };
+    if (photo === current || photo.kind !== current.kind) continue;
+    photo.options = shared(current.options, photo.options);
     if (photo.state !== "failed") photo.state = "waiting";
     strip.update(photo);
   }
-  notice(words.toAllDone);
+  notice(current.kind === "clip" ? words.clipToAllDone : words.toAllDone);
   workInBackground();
 }
 
@@ -193,6 +212,7 @@ async function showLines() {
 }
 
 function toggleLines() {
+  if (by("lines").hidden) return;
   const on = by("lines").getAttribute("aria-pressed") !== "true";
   press("lines", on);
   if (on) showLines();
@@ -227,7 +247,8 @@ onHealth((health) => {
   else if ([words.gone, words.oldLink].includes(by("notice").textContent)) notice("");
 });
 
-const keys = { j: () => step(1), k: () => step(-1), z: toggleZoom, l: toggleLines, s: () => saveOne(current, notice) };
+const keys = { ...Object.fromEntries([1, 2, 3, 4, 5].map((k) => [k, () => current.kind === "clip" && pickMoment(k - 1)])),
+  j: () => step(1), k: () => step(-1), z: toggleZoom, l: toggleLines, s: () => saveOne(current, notice) };
 addEventListener("keydown", (event) => {
   const typing = event.target.closest?.("input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
   if (!current || typing || event.ctrlKey || event.metaKey || event.altKey || !(event.key.toLowerCase() in keys)) return;

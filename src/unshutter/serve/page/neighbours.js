@@ -2,6 +2,7 @@
 
 import { make } from "./nodes.js";
 import { Photo } from "./photo.js";
+import { check, number, select } from "./widgets.js";
 import { words } from "./words.js";
 
 export class Neighbours {
@@ -10,13 +11,11 @@ export class Neighbours {
     this.changed = changed;
     this.photo = null;
     this.places = make("div", { class: "row" });
-    this.ratio = make("input", { type: "number", id: "ratio", min: "0.01", max: "1", step: "0.01", onchange: () => {
-      if (!this.ratio.checkValidity()) return;
-      this.photo.ratio = this.ratio.value;
-      this.changed();
-    } });
-    this.timing = make("div", {}, make("label", { class: "field", for: "ratio" }, words.ratio, this.ratio),
-      make("p", { class: "quiet" }, words.ratioHelp));
+    this.ratio = number("ratio", words.ratio, { min: "0.01", max: "1", step: "0.01" }, (value) => this.#set("readout-ratio", value));
+    this.model = select("model", words.model, words.modelOf, (value) => this.#set("model", value));
+    this.fallback = check("fallback", words.fallback, (on) => this.#set("fallback", on ? "true" : ""));
+    this.more = make("details", {}, make("summary", {}, words.more), this.model.node, this.fallback.node);
+    this.timing = make("div", {}, this.ratio.node, make("p", { class: "quiet" }, words.ratioHelp), ...this.#moment(), this.more);
     this.node = make("fieldset", {}, make("legend", {}, words.neighbours),
       make("p", { class: "quiet" }, words.neighboursHelp), this.places, this.timing);
   }
@@ -24,8 +23,36 @@ export class Neighbours {
   show(photo) {
     this.photo = photo;
     this.places.replaceChildren(...["before", "after"].map((which) => this.#place(which)));
-    this.timing.hidden = !Object.keys(photo.neighbours).length;
-    if (document.activeElement !== this.ratio) this.ratio.value = photo.ratio;
+    this.timing.hidden = !photo.between;
+    const { beside, neighbours } = photo;
+    if (document.activeElement !== this.ratio.field) this.ratio.field.value = beside["readout-ratio"] ?? "";
+    this.model.field.value = beside.model ?? "";
+    this.model.field.querySelector("[value=camera]").disabled = "at" in beside; // it knows no other moment
+    this.fallback.field.checked = beside.fallback === "true";
+    this.another.field.checked = "at" in beside;
+    this.at.disabled = !("at" in beside);
+    Object.assign(this.at, { min: neighbours.before ? "-1" : "0", max: neighbours.after ? "1" : "0" });
+    this.at.value = beside.at ?? "0";
+    this.atSaid.textContent = "at" in beside ? words.at(Number(beside.at)) : "";
+  }
+
+  // The moment of the picture: that of the reference row, or any between the frames.
+  #moment() {
+    this.at = make("input", { type: "range", id: "at", step: "0.05", "aria-label": words.atLabel, onchange: () => this.#set("at", this.at.value) });
+    this.at.addEventListener("input", () => (this.atSaid.textContent = words.at(Number(this.at.value))));
+    this.atSaid = make("output", { for: "at" });
+    this.another = check("another", words.another, (on) => {
+      if (on && this.photo.beside.model === "camera") delete this.photo.beside.model;
+      this.#set("at", on ? (this.photo.neighbours.after ? "0.5" : "-0.5") : "");
+    });
+    return [this.another.node, this.at, this.atSaid];
+  }
+
+  #set(name, value) {
+    if (value === "") delete this.photo.beside[name];
+    else this.photo.beside[name] = value;
+    this.show(this.photo);
+    this.changed();
   }
 
   #place(which) {
@@ -49,6 +76,7 @@ export class Neighbours {
     this.photo.neighbours[which]?.forget();
     if (file) this.photo.neighbours[which] = new Photo(file);
     else delete this.photo.neighbours[which];
+    delete this.photo.beside.at; // which may lie on the other side now
     this.show(this.photo);
     this.changed();
   }

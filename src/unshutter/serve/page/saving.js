@@ -1,10 +1,11 @@
-// Photos saved: one as a download, many as a zip file or into the folder of `--folder`.
+// Photos and clips saved: one as a download, many as a zip file or into the folder of `--folder`.
 
-import { ask, download, events } from "./api.js";
+import { ask, close, download, events } from "./api.js";
 import { by } from "./nodes.js";
 import { words } from "./words.js";
 
 export async function saveOne(photo, notice) {
+  if (photo.kind === "clip") return saveMany([photo], "file", "", notice); // that takes long
   try {
     await download(await photo.ask("picture"));
   } catch (error) {
@@ -22,25 +23,38 @@ export async function saveMotion(photo, notice) {
 
 // Saves many; folder: its name for to = "folder".
 export async function saveMany(photos, to, folder, notice) {
-  const wanted = photos.filter((photo) => photo.id !== null && photo.state !== "failed");
+  const wanted = photos.filter((photo) => photo.id !== null && !["failed", "asking"].includes(photo.state));
   if (!wanted.length) return notice(words.nothingToSave);
-  const [box, bar, stop] = [by("saving"), by("saving-bar"), by("saving-stop")];
+  const [box, stop] = [by("saving"), by("saving-stop")];
+  let saving = null;
+  const leave = () => saving && to !== "folder" && close("/api/saves", saving.id); // nobody will fetch it
+  addEventListener("pagehide", leave);
   try {
     const asked = await Promise.all(wanted.map(async (photo) => ({ id: photo.id, options: await photo.asked() })));
     const body = JSON.stringify({ to, photos: asked });
-    let saving = await (await ask("/api/saves", { method: "POST", body })).json();
+    saving = await (await ask("/api/saves", { method: "POST", body })).json();
     stop.onclick = () => ask(`/api/saves/${saving.id}`, { method: "DELETE" });
     box.hidden = false;
     for await (saving of events(`/api/saves/${saving.id}/events`)) {
-      by("saving-words").textContent = words.saving(saving.done.length, saving.total);
-      Object.assign(bar, { max: saving.total, value: saving.done.length });
+      showHowFar(saving);
     }
     await ended(saving, to === "folder" ? folder : "", notice);
   } catch (error) {
     notice(error.message);
   } finally {
     box.hidden = true;
+    removeEventListener("pagehide", leave);
+    leave();
   }
+}
+
+// How many are done; of a clip at work, how many frames.
+function showHowFar({ done, total, now }) {
+  const bar = by("saving-bar");
+  const many = total > 1 || !now ? words.saving(done.length, total) : "";
+  by("saving-words").textContent = [many, now ? words.making(now) : ""].filter(Boolean).join(" · ");
+  if (now && !now.done) bar.removeAttribute("value"); // nobody knows yet
+  else Object.assign(bar, now ? { max: now.total, value: Math.min(now.done, now.total) } : { max: total, value: done.length });
 }
 
 async function ended(saving, folder, notice) {
@@ -49,8 +63,9 @@ async function ended(saving, folder, notice) {
   if (saving.state === "cancelled") return notice(words.cancelled(count, folder));
   if (saving.state !== "finished") return notice(saving.error);
   if (!folder && count) {
-    by("saving-words").textContent = words.packing;
-    await download(await ask(`/api/saves/${saving.id}/zip`));
+    by("saving-words").textContent = words.fetching;
+    await download(await ask(`/api/saves/${saving.id}/file`));
   }
-  notice(words.saved(count, failed, folder));
+  const clip = saving.total === 1 && count === 1 && saving.done[0].frames !== undefined;
+  notice(clip ? words.clipSaved(saving.done[0], folder) : words.saved(count, failed, folder));
 }

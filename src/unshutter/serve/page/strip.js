@@ -1,4 +1,4 @@
-// The thumbnails: one button a photo, with its state and how sure the answer is.
+// The thumbnails: one button a photo or clip, with its state and how sure the answer is.
 
 import { make } from "./nodes.js";
 import { words } from "./words.js";
@@ -45,23 +45,25 @@ export class Strip {
     const item = this.#items.get(photo);
     if (!item) return;
     item.state.textContent = stateOf(photo);
-    item.pick.dataset.state = photo.state === "done" ? (photo.result.changed ? "changed" : "alone") : photo.state;
+    item.pick.dataset.state = photo.state === "done" && photo.kind === "photo" ? (photo.result.changed ? "changed" : "alone") : photo.state;
     const blob = photo.pictures.after?.blob ?? photo.pictures.before?.blob;
     if (blob && blob !== item.drawn) {
       item.drawn = blob;
-      paint(item.canvas, blob);
+      paint(item.canvas, blob, SIDE);
     }
   }
 }
 
 export function stateOf(photo) {
+  if (photo.kind === "clip" && photo.state in words.clipState) return words.clipState[photo.state];
   if (photo.state === "done") return photo.result.changed ? words.changed(photo.result.confidence) : words.alone;
   return photo.state === "loading" ? words.loading(photo.loaded) : words[photo.state];
 }
 
-async function paint(canvas, blob) {
+// Draws a picture as large as the side allows [px].
+export async function paint(canvas, blob, side) {
   const picture = await createImageBitmap(blob);
-  const scale = Math.min(SIDE / picture.width, SIDE / picture.height);
+  const scale = Math.min(side / picture.width, side / picture.height);
   canvas.width = picture.width * scale;
   canvas.height = picture.height * scale;
   canvas.getContext("2d").drawImage(picture, 0, 0, canvas.width, canvas.height);

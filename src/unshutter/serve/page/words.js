@@ -5,18 +5,18 @@ const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`
 const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
 
 export const words = {
-  add: "Add photos…",
+  add: "Add photos or clips…",
   saveAll: "Save all (zip)",
   saveFolder: "Save all to the folder",
   cancel: "Cancel",
-  emptyTitle: "Drop photos here",
-  emptyWords: "or paste them, or choose them with “Add photos…”. Buildings that lean and poles that bend because "
+  emptyTitle: "Drop photos or clips here",
+  emptyWords: "or paste them, or choose them with “Add photos or clips…”. Buildings that lean and poles that bend because "
     + "the camera moved are straightened; a photo that gives no clear answer stays as it is.",
   emptyPrivate: "Nothing leaves this computer: the page talks to a program that runs on it.",
-  viewer: "The photo, before and after",
-  photos: "Photos",
-  previous: "Previous photo",
-  next: "Next photo",
+  viewer: "Before and after",
+  photos: "Photos and clips",
+  previous: "Previous",
+  next: "Next",
   lines: "Lines",
   linesHelp: "Show the straight lines that the program goes by",
   zoom: "100 %",
@@ -36,6 +36,8 @@ export const words = {
   failed: "cannot be used",
   changed: (sure) => (sure === null ? "straightened" : `straightened, confidence ${percent(sure)}`),
   alone: "left as it is",
+
+  clipState: { finding: "looking at the motion…", opened: "ready", asking: "needs its readout time", done: "ready to save" },
 
   // what was done
   done: "What was done",
@@ -90,6 +92,18 @@ export const words = {
   neighbourForget: "Leave it out",
   ratio: "Readout time / time from frame to frame",
   ratioHelp: "Between 0 and 1, if you know it; else the program looks for it.",
+  another: "Take it at another moment",
+  at: (frames) => {
+    const apart = Math.abs(frames);
+    if (apart === 0) return "when its first row was read";
+    if (apart === 1) return frames < 0 ? "at the frame before" : "at the frame after";
+    return `${percent(apart)} of the way to the frame ${frames < 0 ? "before" : "after"}`;
+  },
+  atLabel: "Moment of the picture",
+  more: "More",
+  model: "Near and far move",
+  modelOf: { "": "as the frames show", camera: "alike: only the camera turned", dense: "differently" },
+  fallback: "If its neighbours say nothing, use the photo alone",
   moment: (px) => `Straightened with the help of its neighbours: some places moved by up to ${pixels(px)}.`,
   curves: "Motion",
   curvesHelp: "How the scene moved while the rows were read, from the first row (top) to the last",
@@ -111,18 +125,57 @@ export const words = {
     ["S", "save this photo"],
   ],
 
+  // clips
+  moments: "Moments of the clip",
+  momentAt: (time) => `The clip at ${time}`,
+  time: (s) => `${Math.floor(s / 60)}:${(s % 60).toFixed(1).padStart(4, "0")}`,
+  saveClip: "Save this clip",
+  clipMoved: (px) => `At this moment, some places moved by up to ${pixels(px)}.`,
+  clipAlone: (reason) => `This moment is left as it is${reason ? `: ${reason}` : ""}.`,
+  clipStrength0: "The clip is left as it is, as you asked.",
+  clipCrop: "When the clip is saved, all frames are cut down to what every one of them saw.",
+  clipIs: (time, width, height, fps) => `The clip: ${time} long, ${width} × ${height} px, ${Number(fps.toFixed(2))} frames a second.`,
+  sayReadout: "If you know how long your camera takes to read out a frame, choose “I know it” below.",
+  readoutTime: "Readout time",
+  readoutTimeOf: { find: "find it", ms: "I know it, in milliseconds", ratio: "I know it, as a share of the time between frames" },
+  readoutTimeHelp: "How long the camera takes to read out one frame. A clip in which the camera moves unevenly for two seconds "
+    + "tells it.",
+  readoutValue: "Its value",
+  found: (ms, sd) => `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms.`,
+  clipEdges: "Empty corners",
+  clipEdgesOf: { fill: "fill", keep: "keep black", crop: "cut off" },
+  partOf: "Only a part",
+  part: { start: "From [seconds]", end: "To [seconds]" },
+  clipToAll: "Use these settings for all clips",
+  clipToAllDone: "All clips have these settings now.",
+  making: ({ name, what, done, total }) => {
+    const doing = { looking: "looking for what all frames saw", "readout time": "finding the readout time" }[what];
+    if (what === "waiting" || !done) return `${name}: ${doing ?? "waiting"}…`;
+    return doing ? `${name}: ${doing}…` : `${name}: frame ${done} of ${total}`;
+  },
+  clipSaved: ({ name, frames, rectified, left_out: lost }, folder) =>
+    `${name}: saved${folder ? ` to ${folder}` : ""}, ${rectified} of ${count(frames, "frame", "frames")} straightened`
+    + `${rectified < frames ? ", the others left as they are" : ""}.${lost.length ? ` Such a file has no place for ${lost.join(", ")}.` : ""}`,
+  clipKeyList: [
+    ["← →", "move the divider, if it is selected"],
+    ["J, K", "next, previous"],
+    ["1 … 5", "the moments"],
+    ["Z", "100 %"],
+    ["S", "save this clip"],
+  ],
+  noClips: (name) => `${name} is a clip. To open clips, install what they need: pip install 'unshutter[video]'`,
+
   // saving
-  saving: (done, total) => `Saving: ${done} of ${count(total, "photo", "photos")}`,
-  packing: "Fetching the zip file…",
+  saving: (done, total) => `Saving: ${done} of ${count(total, "file", "files")}`,
+  fetching: "Fetching the file…",
   saved: (n, failed, folder) =>
-    `${count(n, "photo", "photos")} saved${folder ? ` to ${folder}` : ""}`
+    `${count(n, "file", "files")} saved${folder ? ` to ${folder}` : ""}`
     + (failed.length ? `; not saved: ${failed.map((each) => `${each.name} (${each.error})`).join(", ")}` : "."),
-  cancelled: (n, folder) => `Cancelled${folder && n ? `: ${count(n, "photo is", "photos are")} in the folder` : ""}.`,
+  cancelled: (n, folder) => `Cancelled${folder && n ? `: ${count(n, "file is", "files are")} in the folder` : ""}.`,
   nothingToSave: "There is nothing to save yet.",
 
   // what goes wrong
   tooLarge: (name, mb) => `${name} is larger than ${mb} MB, the limit set by --max-mb.`,
-  clip: (name) => `${name} is a video: this page opens photos only.`,
   gone: "unshutter does not answer. Is it still running? This page goes on as soon as it is back.",
   oldLink: "This link is not valid (any more): open the one that “unshutter serve” has printed.",
   error: (name, line) => `${name}: ${line}`,
