@@ -43,6 +43,18 @@ def test_no_film_at_all(tmp_path, capsys):
     refused(capsys, [text, "-o", tmp_path / "out.mp4"], 1, "no film that can be read")
 
 
+@pytest.mark.parametrize("kind", ["concat", "hls"])
+def test_a_list_of_other_files_is_no_film(tmp_path, capsys, clip, kind):
+    """What lists like these name would be opened, wherever it is."""
+    texts = {
+        "concat": f"ffconcat version 1.0\nfile '{clip.name}'\n",
+        "hls": f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{clip.name}\n#EXT-X-ENDLIST\n",
+    }
+    path = tmp_path / "list.m3u8"
+    path.write_text(texts[kind])
+    refused(capsys, [path, "-o", tmp_path / "out.mp4", "--readout-ratio", "0.6"], 1, "no film that can be read")
+
+
 def test_sound_only(tmp_path, capsys):
     path = tmp_path / "in.mp4"
     with av.open(str(path), "w") as out:

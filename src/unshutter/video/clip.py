@@ -23,6 +23,12 @@ MOST_PIXELS, SMALLEST_SIDE = 1 << 28, 64  # px
 _LOOKED_AT = 120  # packets that tell the usual frame interval
 _WHOLE = 0.03  # of a frame interval: times are taken to be this close to even ones
 _LONGEST_GAP = 4  # frame intervals; what lies farther apart is no motion
+# FFmpeg's names of the files that are opened. Not among them: lists of other files (HLS, concat), which could have it
+# open any file of this machine, or fetch one.
+_KINDS = (
+    "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,av1,obu,ivf,mjpeg,flv,ogg,asf,mxf,nut,dv,"
+    "wtv,yuv4mpegpipe,gif"
+)
 _PROGRESSIVE = (0, 1)  # FFmpeg's field orders: unknown, progressive
 
 
@@ -148,7 +154,7 @@ def opened(place: str, fps: float | None = None) -> Iterator:
     Raises:
         UnshutterError: there is none, or it is no film.
     """
-    how = {}
+    how: dict[str, Any] = {"options": {"format_whitelist": _KINDS}}
     if "%" in Path(place).name:
         how = {"format": "image2", "options": {"framerate": str(Fraction(fps or 30).limit_denominator(100_000))}}
         first = next((k for k in range(100_000) if os.path.exists(place % k)), 0)
