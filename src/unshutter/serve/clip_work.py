@@ -62,7 +62,7 @@ def readout(held: Held, wanted: RectifyClip) -> dict[str, Any]:
 
 
 def rectified(held: Held, target: Path, wanted: RectifyClip, how_far: HowFar) -> dict[str, Any]:
-    """Writes a clip as `unshutter video` does, to the byte; returns what was done.
+    """Writes a clip as `unshutter video` does; returns what was done.
 
     Args:
         held: the clip.

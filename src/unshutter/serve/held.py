@@ -105,5 +105,5 @@ def in_one_line(held: Held, work: Callable[[], T]) -> T:
 
 def without_path(line: str, path: Path, kind: Kind = "photo") -> str:
     """A message without the places where files lie meanwhile, which tell nobody anything."""
-    line = line.replace(f"{path}: ", "", 1).replace(str(path), f"the {kind}")
+    line = line.removeprefix(f"{path}: ").replace(str(path), f"the {kind}")
     return re.sub(rf"{re.escape(str(path.parent.parent))}/[\w-]+/photo(\.\w+)?", "its neighbour", line)
