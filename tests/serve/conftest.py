@@ -1,10 +1,12 @@
-"""One server for the tests that leave it as it was."""
+"""One server and one browser for the tests that leave them as they were."""
 
 from collections.abc import Iterator
 
 import httpx
 import pytest
+from playwright.sync_api import Browser, Page, expect
 
+from support.browser import SLOW_MS, browser
 from support.page_server import Server, served
 
 
@@ -18,3 +20,26 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 def client(server: Server) -> Iterator[httpx.Client]:
     with server.client() as client:
         yield client
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    with browser() as started:
+        started.new_context().close()
+        yield started
+
+
+@pytest.fixture
+def page(chromium: Browser, server: Server) -> Iterator[Page]:
+    """The page as it is opened, for a test that leaves no error in the browser's console."""
+    errors: list[str] = []
+    context = chromium.new_context(viewport={"width": 1280, "height": 800}, accept_downloads=True)
+    context.set_default_timeout(SLOW_MS)
+    expect.set_options(timeout=SLOW_MS)
+    page = context.new_page()
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda message: errors.append(message.text) if "Content Security" in message.text else None)
+    page.goto(server.link)
+    yield page
+    context.close()
+    assert not errors

@@ -2,65 +2,17 @@
 
 import json
 import math
-import re
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from support.batches import rectify
-from support.browser import browser
+from support.browser import SLOW_MS, drop, wait_for
 from support.frame_pairs import Scene
 from support.page_server import TOKEN, Server, served
 from unshutter.photo import Photo
-
-DONE = re.compile("changed|alone|failed")
-SLOW_MS = 20_000  # others may work beside the tests
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Browser]:
-    with browser() as started:
-        started.new_context().close()
-        yield started
-
-
-@pytest.fixture
-def page(chromium: Browser, server: Server) -> Iterator[Page]:
-    """The page as it is opened, for a test that leaves no error in the browser's console."""
-    errors: list[str] = []
-    context = chromium.new_context(viewport={"width": 1280, "height": 800}, accept_downloads=True)
-    context.set_default_timeout(SLOW_MS)
-    expect.set_options(timeout=SLOW_MS)
-    page = context.new_page()
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("console", lambda message: errors.append(message.text) if "Content Security" in message.text else None)
-    page.goto(server.link)
-    yield page
-    context.close()
-    assert not errors
-
-
-def _drop(page: Page, *photos: Path) -> None:
-    """Drops files on the page, as a file manager does."""
-    files = [{"name": photo.name, "data": list(photo.read_bytes())} for photo in photos]
-    transfer = page.evaluate_handle(
-        """files => {
-            const transfer = new DataTransfer();
-            for (const { name, data } of files) transfer.items.add(new File([new Uint8Array(data)], name));
-            return transfer;
-        }""",
-        files,
-    )
-    page.dispatch_event("html", "drop", {"dataTransfer": transfer})
-
-
-def _wait(page: Page, state: str = "changed", number: int = 1) -> None:
-    item = page.locator(f"#thumbnails li:nth-child({number}) .thumbnail")
-    expect(item).to_have_attribute("data-state", re.compile(state))
-    expect(page.locator("#working")).not_to_contain_text("…")
 
 
 def _image(page: Page, which: str) -> list[int]:
@@ -79,16 +31,16 @@ def _image(page: Page, which: str) -> list[int]:
 
 def test_the_token_leaves_the_address(page: Page) -> None:
     assert TOKEN not in page.url
-    expect(page.get_by_role("heading", name="Drop photos here")).to_be_visible()
+    expect(page.get_by_role("heading", name="Drop photos or clips here")).to_be_visible()
     page.reload()
     assert page.evaluate("fetch('/api/about').then(answer => answer.status)") == 401  # the page alone knows it
     expect(page.locator("#notice")).to_be_hidden()
 
 
 def test_drop_and_slider(page: Page, photo: Path) -> None:
-    _drop(page, photo)
-    _wait(page)
-    expect(page.locator(".said")).to_contain_text("Straightened: some places moved by up to")
+    drop(page, photo)
+    wait_for(page)
+    expect(page.locator("#panel .said")).to_contain_text("Straightened: some places moved by up to")
     assert _image(page, "before") != _image(page, "after")
     handle = page.get_by_role("slider", name="Divider between before and after")
     expect(handle).to_have_attribute("aria-valuenow", "50")
@@ -110,14 +62,14 @@ def test_drop_and_slider(page: Page, photo: Path) -> None:
 
 
 def test_controls_and_saving_to_the_byte(page: Page, photo: Path, tmp_path: Path) -> None:
-    _drop(page, photo)
-    _wait(page)
+    drop(page, photo)
+    wait_for(page)
     whole = _image(page, "after")
     page.locator("#strength").fill("50")
     page.locator("#edges").select_option("keep")
     page.get_by_label("last", exact=True).check()
-    expect(page.locator(".said")).to_contain_text("stay empty")
-    _wait(page)
+    expect(page.locator("#panel .said")).to_contain_text("stay empty")
+    wait_for(page)
     assert _image(page, "after") != whole
     with page.expect_download() as download:
         page.get_by_role("button", name="Save this photo").click()
@@ -129,13 +81,13 @@ def test_controls_and_saving_to_the_byte(page: Page, photo: Path, tmp_path: Path
         page.get_by_role("button", name="Save motion").click()
     assert json.loads(Path(download.value.path()).read_text())["format"] == "unshutter-motion/1"
     page.get_by_label("Leave this photo alone").check()
-    expect(page.locator(".said")).to_contain_text("Left as it is, as you asked.")
+    expect(page.locator("#panel .said")).to_contain_text("Left as it is, as you asked.")
     expect(page.locator(".thumbnail .state")).to_have_text("left as it is")
 
 
 def test_the_level_line_tells_the_roll(page: Page, photo: Path) -> None:
-    _drop(page, photo)
-    _wait(page)
+    drop(page, photo)
+    wait_for(page)
     page.get_by_role("button", name="Show what is level").click()
     end = page.get_by_role("button", name="Right end of the level line")
     frame, at = page.locator(".compare").bounding_box(), end.bounding_box()
@@ -150,7 +102,7 @@ def test_the_level_line_tells_the_roll(page: Page, photo: Path) -> None:
     roll = page.locator("#roll-deg")
     expect(roll).not_to_have_value("")
     assert float(roll.input_value()) == pytest.approx(expected, abs=0.2)
-    expect(page.locator(".said")).to_contain_text("anticlockwise (as you say)")
+    expect(page.locator("#panel .said")).to_contain_text("anticlockwise (as you say)")
     page.get_by_label("It is the real horizon").check()
     expect(page.locator("#tilt-deg")).not_to_have_value("")
     assert 0 < float(page.locator("#tilt-deg").input_value()) < 5  # it lies a little below the middle
@@ -164,7 +116,7 @@ def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:
     other.write_bytes(photo.read_bytes())
     page.set_input_files("#choose", [bad, photo, large, other])
     for number, state in enumerate(("failed", "changed", "changed", "changed"), start=1):
-        _wait(page, state, number)
+        wait_for(page, state, number)
     expect(page.locator("#working")).to_contain_text("is not a JPEG")
     page.get_by_title("other.jpg").click()
     page.get_by_label("Leave this photo alone").check()
@@ -187,16 +139,16 @@ def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:
 def test_two_tabs(page: Page, server: Server, photo: Path) -> None:
     other = page.context.new_page()
     other.goto(server.link)
-    _drop(page, photo)
-    _drop(other, photo)
-    _wait(page)
-    _wait(other)
+    drop(page, photo)
+    drop(other, photo)
+    wait_for(page)
+    wait_for(other)
     page.locator("#strength").fill("0")
-    expect(page.locator(".said")).to_contain_text("as you asked")
-    expect(other.locator(".said")).to_contain_text("Straightened")
+    expect(page.locator("#panel .said")).to_contain_text("as you asked")
+    expect(other.locator("#panel .said")).to_contain_text("Straightened")
     page.close()
     other.locator("#strength").fill("50")
-    _wait(other)
+    wait_for(other)
 
 
 def test_a_server_that_is_killed_and_started_again(chromium: Browser, tmp_path: Path, photo: Path) -> None:
@@ -204,14 +156,14 @@ def test_a_server_that_is_killed_and_started_again(chromium: Browser, tmp_path: 
     page.set_default_timeout(SLOW_MS)
     with served(tmp_path / "home") as first:
         page.goto(first.link)
-        _drop(page, photo)
-        _wait(page)
+        drop(page, photo)
+        wait_for(page)
         first.kill()
         page.locator("#strength").fill("0")
         expect(page.locator("#notice")).to_contain_text("does not answer")
     with served(tmp_path / "home", port=first.port):
         expect(page.locator("#notice")).to_be_hidden()
-        expect(page.locator(".said")).to_contain_text("as you asked")  # the photo was sent again
+        expect(page.locator("#panel .said")).to_contain_text("as you asked")  # the photo was sent again
     with served(tmp_path / "home", port=first.port, token="another-token"):
         page.locator("#strength").fill("100")
         expect(page.locator("#notice")).to_contain_text("This link is not valid")
@@ -232,17 +184,43 @@ def test_a_frame_taken_after(page: Page, tmp_path: Path) -> None:
     frames = [tmp_path / f"frame{number}.png" for number in range(2)]
     for number, frame in enumerate(frames):
         Photo.from_array(scene.frame(number, 0.8)).save(frame)
-    _drop(page, frames[0])
-    _wait(page, "changed|alone")
+    drop(page, frames[0])
+    wait_for(page, "changed|alone")
     page.set_input_files("#choose-after", frames[1])
     page.locator("#ratio").fill("0.8")
     page.locator("#ratio").press("Enter")
-    expect(page.locator(".said")).to_contain_text("with the help of its neighbours")
+    expect(page.locator("#panel .said")).to_contain_text("with the help of its neighbours")
     page.locator("#edges").select_option("keep")
-    expect(page.locator(".said")).to_contain_text("stay empty")
-    _wait(page)
+    expect(page.locator("#panel .said")).to_contain_text("stay empty")
+    wait_for(page)
     with page.expect_download() as download:
         page.get_by_role("button", name="Save this photo").click()
     flags = ["--after", frames[1], "--readout-ratio", "0.8", "--edges", "keep"]
+    assert rectify(frames[0], "-o", tmp_path / "expected.png", *flags) == 0
+    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()
+
+
+def test_the_moment_between_frames(page: Page, tmp_path: Path) -> None:
+    scene = Scene()
+    frames = [tmp_path / f"frame{number}.png" for number in range(2)]
+    for number, frame in enumerate(frames):
+        Photo.from_array(scene.frame(number, 0.8)).save(frame)
+    drop(page, frames[0])
+    wait_for(page, "changed|alone")
+    page.set_input_files("#choose-after", frames[1])
+    page.locator("#ratio").fill("0.8")
+    page.locator("#ratio").press("Enter")
+    page.get_by_label("Take it at another moment").check()
+    expect(page.locator("output[for=at]")).to_have_text("50 % of the way to the frame after")
+    page.locator("#at").fill("0.75")
+    expect(page.locator("output[for=at]")).to_have_text("75 % of the way to the frame after")
+    page.get_by_text("More", exact=True).click()
+    page.locator("#model").select_option("dense")
+    page.get_by_label("use the photo alone").check()
+    expect(page.locator("#panel .said")).to_contain_text("with the help of its neighbours")
+    wait_for(page)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    flags = ["--after", frames[1], "--readout-ratio", "0.8", "--at", "0.75", "--model", "dense", "--fallback"]
     assert rectify(frames[0], "-o", tmp_path / "expected.png", *flags) == 0
     assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()

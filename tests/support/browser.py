@@ -1,13 +1,16 @@
 """A real browser, where one is installed: Debian's chromium, or another that Playwright can drive."""
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Error, sync_playwright
+from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
 
+SLOW_MS = 20_000  # others may work beside the tests
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 
@@ -24,3 +27,24 @@ def browser() -> Iterator[Browser]:
             pytest.skip(f"the browser {path} does not start: {error.message.splitlines()[0]}")
         yield started
         started.close()
+
+
+def drop(page: Page, *photos: Path) -> None:
+    """Drops files on the page, as a file manager does."""
+    files = [{"name": photo.name, "data": list(photo.read_bytes())} for photo in photos]
+    transfer = page.evaluate_handle(
+        """files => {
+            const transfer = new DataTransfer();
+            for (const { name, data } of files) transfer.items.add(new File([new Uint8Array(data)], name));
+            return transfer;
+        }""",
+        files,
+    )
+    page.dispatch_event("html", "drop", {"dataTransfer": transfer})
+
+
+def wait_for(page: Page, state: str = "changed", number: int = 1) -> None:
+    """Waits until a thumbnail, counted from 1, is in a state, and the page at rest."""
+    item = page.locator(f"#thumbnails li:nth-child({number}) .thumbnail")
+    expect(item).to_have_attribute("data-state", re.compile(state))
+    expect(page.locator("#working")).not_to_contain_text("…")

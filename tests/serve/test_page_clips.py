@@ -1,0 +1,113 @@
+"""Clips on the page, in a real browser."""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+from support import clips
+from support.browser import drop, wait_for
+from support.page_server import Server
+
+GREYS = clips.moving(24)[1]
+FOUND_MS = 60_000  # a readout time may take so long to be found while others work
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return clips.write(tmp_path_factory.mktemp("clips") / "walk.mp4", GREYS, sound=True)
+
+
+def _give_readout(page: Page, value: str = "20") -> None:
+    page.locator("#clip-how").select_option("ms")
+    page.locator("#clip-readout").fill(value)
+    page.locator("#clip-readout").press("Enter")
+
+
+def _shown(page: Page) -> tuple[str, str]:
+    """The addresses of the pictures before and after."""
+    return tuple(page.locator(f".layer.{which} img").get_attribute("src") or "" for which in ("before", "after"))
+
+
+def test_dropped_looked_at_and_saved(page: Page, walk: Path, photo: Path) -> None:
+    drop(page, photo, walk)
+    wait_for(page, "changed", 1)
+    wait_for(page, "opened", 2)  # of a clip that nobody looks at, no motion is looked for
+    page.get_by_title("walk.mp4").click()
+    expect(page.locator("#panel")).to_be_hidden()
+    _give_readout(page)
+    wait_for(page, "done", 2)
+    expect(page.locator("#clip-panel .said")).to_contain_text("some places moved by up to")
+    before, after = _shown(page)
+    assert before != after
+    expect(page.locator(".moment")).to_have_count(5)
+    page.get_by_role("button", name="The clip at 0:00.1").click()
+    expect(page.locator(".moment[aria-pressed=true]")).to_contain_text("0:00.1")
+    wait_for(page, "done", 2)
+    assert _shown(page)[0] != before
+    page.locator("#clip-strength").fill("0")
+    expect(page.locator("#clip-panel .said")).to_contain_text("as you asked")
+    page.locator("#clip-strength").fill("100")
+    wait_for(page, "done", 2)
+    with page.expect_download(timeout=FOUND_MS) as download:
+        page.keyboard.press("s")
+    assert download.value.suggested_filename == "walk.rectified.mp4"
+    assert len(clips.luma(download.value.path())) == 24
+    expect(page.locator("#notice")).to_contain_text("24 of 24 frames straightened")
+    page.get_by_title("street.jpg").click()
+    expect(page.locator("#clip-panel")).to_be_hidden()
+    expect(page.locator("#moments")).to_be_hidden()
+
+
+def test_the_readout_time_is_asked_for_where_a_clip_does_not_tell_it(page: Page, tmp_path: Path) -> None:
+    drop(page, clips.write(tmp_path / "still.mp4", clips.standing(30)))
+    state = page.locator("#thumbnails li .thumbnail")
+    expect(state).to_have_attribute("data-state", "asking", timeout=FOUND_MS)
+    expect(page.locator("#working")).to_contain_text("the camera stood still")
+    expect(page.locator("#clip-panel .said")).to_contain_text("If you know how long your camera takes")
+    expect(page.get_by_role("button", name="Save this clip")).to_be_disabled()
+    _give_readout(page, "400")
+    expect(page.locator("#working")).to_contain_text("33.33 ms apart")
+    _give_readout(page, "20")
+    wait_for(page, "done")
+    expect(page.locator("#clip-panel .said")).to_contain_text("left as it is: the camera stood still")
+
+
+def test_the_readout_time_is_found(page: Page, tmp_path: Path) -> None:
+    drop(page, clips.write(tmp_path / "long.mp4", clips.moving(60)[1]))
+    expect(page.locator("#thumbnails li .thumbnail")).to_have_attribute("data-state", "done", timeout=FOUND_MS)
+    expect(page.locator("#clip-panel")).to_contain_text(re.compile(r"Found: (19|20|21)\.\d ± 0\.\d ms"))
+
+
+def test_progress_and_cancelling(page: Page, tmp_path: Path) -> None:
+    drop(page, clips.write(tmp_path / "long.mp4", GREYS * 40, options={"preset": "ultrafast"}))
+    _give_readout(page)
+    wait_for(page, "done")
+    page.get_by_role("button", name="Save this clip").click()
+    expect(page.locator("#saving-words")).to_have_text(re.compile(r"long\.mp4: frame \d+ of 960"))
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.locator("#notice")).to_have_text("Cancelled.")
+    expect(page.locator("#saving")).to_be_hidden()
+    page.locator("#clip-strength").fill("50")  # it goes on as before
+    wait_for(page, "done")
+
+
+def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes(walk.read_bytes()[: walk.stat().st_size // 2])
+    drop(page, cut)
+    wait_for(page, "failed")
+    expect(page.locator("#working")).to_have_text("cannot read the clip: no film that can be read")
+
+
+def test_without_the_extra(page: Page, server: Server, walk: Path) -> None:
+    def without(route: Route) -> None:
+        route.fulfill(json={**route.fetch().json(), "clips": False})
+
+    page.route("**/api/about", without)
+    page.goto(server.link)
+    page.wait_for_load_state("networkidle")
+    drop(page, walk)
+    expect(page.locator("#notice")).to_contain_text("pip install 'unshutter[video]'")
+    expect(page.locator("#empty")).to_be_visible()
