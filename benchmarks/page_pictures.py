@@ -1,8 +1,11 @@
 """The pictures of docs/page: the page of ``unshutter serve`` in three windows, as a browser shows it.
 
-    python benchmarks/page_pictures.py [--browser /usr/bin/chromium]
+    python benchmarks/page_pictures.py [--clip rs.mp4] [--browser /usr/bin/chromium]
 
-Shown are the photos that the repository ships (examples/README says where they are from).
+Shown are the photos that the repository ships (examples/README says where they are from), and a clip made of one:
+
+    unshutter synthesize examples/original/basilica.webp -o clip --video --seconds 4 --frame 1280x720 --seed 1 \
+        --motion trajectory --trajectory LOG --readout-ms 20 --focal-px 1100
 """
 
 from __future__ import annotations
@@ -31,6 +34,19 @@ def opened(browser: Browser, link: str, width: int, height: int, scheme: str) ->
     return page
 
 
+def opened_clip(browser: Browser, link: str, clip: Path, width: int, height: int) -> Page:
+    page = browser.new_context(viewport={"width": width, "height": height}).new_page()
+    page.goto(link)
+    page.set_input_files("#choose", [clip, *PHOTOS])
+    page.select_option("#clip-how", "ms")
+    page.fill("#clip-readout", "20")
+    page.press("#clip-readout", "Enter")
+    page.wait_for_selector("#thumbnails [data-state=done]", timeout=180_000)
+    page.wait_for_selector("#thumbnails li:nth-child(3) :is([data-state=changed], [data-state=alone])")
+    page.wait_for_timeout(3000)  # the small pictures
+    return page
+
+
 def save(page: Page, name: str) -> None:
     page.mouse.move(0, 0)
     page.wait_for_timeout(500)
@@ -41,6 +57,7 @@ def save(page: Page, name: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--browser", default="/usr/bin/chromium")
+    parser.add_argument("--clip", type=Path)
     given = parser.parse_args()
     command = [sys.executable, "-m", "unshutter", "serve", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, sync_playwright() as playwright:
@@ -55,6 +72,8 @@ def main() -> None:
         tablet.locator("#do-horizon").scroll_into_view_if_needed()
         save(tablet, "page_level")
         save(opened(browser, link, 390, 844, "light"), "page_phone")
+        if given.clip is not None:
+            save(opened_clip(browser, link, given.clip, 1280, 860), "page_clip")
         browser.close()
         process.terminate()
 

@@ -67,7 +67,7 @@ def test_controls_and_saving_to_the_byte(page: Page, photo: Path, tmp_path: Path
     whole = _image(page, "after")
     page.locator("#strength").fill("50")
     page.locator("#edges").select_option("keep")
-    page.get_by_label("last", exact=True).check()
+    page.locator("#panel").get_by_label("last", exact=True).check()
     expect(page.locator("#panel .said")).to_contain_text("stay empty")
     wait_for(page)
     assert _image(page, "after") != whole

@@ -20,9 +20,9 @@ def run(given: Settings) -> int:
 
 
 COMMAND = Command(
-    """Open a page for photos in the browser, on this machine only: before and after, corrections, saving.
+    """Open a page for photos and clips in the browser, on this machine only: before and after, corrections, saving.
 
-Photos stay on this machine, in a temporary folder that goes when the page ends. Needs the extra `web`.""",
+They stay on this machine, in a temporary folder that goes when the page ends. Needs the extra `web`; clips need `video`.""",
     Settings,
     run,
 )

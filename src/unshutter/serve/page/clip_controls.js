@@ -37,6 +37,7 @@ export class ClipControls {
     this.reference.show(options);
     const [how, asking] = [this.how.field.value, state === "asking"];
     this.value.node.hidden = how === "find";
+    this.valueSaid.textContent = words.readoutValueOf[how];
     Object.assign(this.value.field, { max: "", ...LIMITS[how] });
     if (document.activeElement !== this.value.field) this.value.field.value = options[`readout-${how}`] ?? "";
     this.found.textContent = readout?.found_by === "motion" ? words.found(readout.ms, readout.ms_sd) : "";
@@ -55,7 +56,8 @@ export class ClipControls {
       if (how === "find") this.on.change();
       else if (known || !this.value.field.value) this.value.field.focus();
     });
-    this.value = number("clip-readout", words.readoutValue, LIMITS.ms, (value) => this.#set(`readout-${this.how.field.value}`, value));
+    this.valueSaid = make("span", {});
+    this.value = number("clip-readout", this.valueSaid, LIMITS.ms, (value) => this.#set(`readout-${this.how.field.value}`, value));
     this.found = make("p", { class: "quiet", role: "status" });
     return make("div", {}, this.how.node, this.value.node, this.found,
       make("p", { class: "quiet" }, words.readoutTimeHelp));
