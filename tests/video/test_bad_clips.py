@@ -64,7 +64,7 @@ def test_cut_off(tmp_path, capsys, early):
 
 def test_one_frame_has_no_motion(tmp_path, capsys):
     path = clips.write(tmp_path / "in.mkv", GREYS[:1], "ffv1")
-    refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "readout time cannot be told")
+    refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "does not show its readout time")
     assert main(["video", str(path), "-o", str(tmp_path / "out.mkv"), "--readout-ratio", "0.6"]) == 0
     assert np.array_equal(clips.luma(tmp_path / "out.mkv"), clips.luma(path))
 

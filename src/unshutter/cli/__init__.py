@@ -18,6 +18,7 @@ from unshutter.version import __version__
 COMMANDS = {
     "rectify": "straighten photos: write what a global shutter would have seen",
     "video": "straighten a clip: every frame as a global shutter would have seen it",
+    "cameras": "list the cameras whose readout time is known, for clips",
     "estimate": "find the camera's motion during each photo, as JSON",
     "map": "write a photo's correction as a map for other programs",
     "serve": "open a page for photos in the browser: before and after, corrections, saving",

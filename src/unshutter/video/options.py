@@ -21,7 +21,7 @@ class Shutter:
     Attributes:
         readout_ms: time in which a frame is read out [ms].
         readout_ratio: the same in frame intervals; without either it is found from the clip.
-        camera: name in the table of cameras, for clips that do not say it.
+        camera: name in the table of cameras, for clips that do not tell the readout time.
         readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
         focal_px: focal length [px of a frame]; None: found.
 
@@ -34,7 +34,7 @@ class Shutter:
     )
     readout_ratio: float | None = option(None, "The same, divided by the time from frame to frame: above 0, at most 1.")
     camera: str | None = option(
-        None, "Camera whose readout time is taken if the clip does not say; `unshutter cameras` lists them."
+        None, "Camera whose readout time to use if the clip does not tell it; `unshutter cameras` lists them."
     )
     readout: str = option(
         "auto",
@@ -47,6 +47,8 @@ class Shutter:
         Readout.parse(self.readout)
         if self.readout_ms is not None and self.readout_ratio is not None:
             raise UsageError("say either --readout-ms or --readout-ratio")
+        if self.camera is not None and (self.readout_ms is not None or self.readout_ratio is not None):
+            raise UsageError("say either the readout time or --camera")
         if self.readout_ms is not None and not 0 < self.readout_ms < math.inf:
             raise UsageError(f"the readout time must be positive, got {self.readout_ms:g} ms")
         check_ratio(self.readout_ratio)

@@ -30,7 +30,7 @@ from unshutter.video.frames_out import Warper, common_window
 from unshutter.video.moving import FEWEST, Moved, window, with_motion
 from unshutter.video.options import RectifyClip
 from unshutter.video.preview import check_ending, write_preview
-from unshutter.video.readout_search import find_ratio, tell
+from unshutter.video.readout_search import found_or_listed
 from unshutter.video.writing import Film, writing
 from unshutter.warp.pixels import thread_count
 
@@ -211,10 +211,8 @@ def _readout(clip: Clip, wanted: RectifyClip, known: motion_file.ClipMotion | No
     ratio = wanted.shutter.ratio(clip.interval_s)
     if ratio is not None:
         return ReadoutRatio(ratio, 0.0, "given"), readout
-    begin, end = wanted.start or 0.0, wanted.end or clip.duration_s or 60.0
-    found = find_ratio(clip, readout, wanted.shutter.focal_px, (begin, end))
-    tell(found, clip.interval_s)
-    return found, readout
+    span = wanted.start or 0.0, wanted.end or clip.duration_s or 60.0
+    return found_or_listed(clip, readout, wanted.shutter, span), readout
 
 
 def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
