@@ -176,7 +176,7 @@ def test_killed_and_begun_anew(tmp_path, long_clip, capsys):
     assert not (tmp_path / "out.mp4").exists()
     words = ["video", str(long_clip), "-o", str(tmp_path / "out.mp4"), "--readout-ratio", "0.6"]
     assert main([*words, "--preset", "ultrafast"]) == 0
-    assert "begun anew" in capsys.readouterr().err
+    assert "starts from the beginning" in capsys.readouterr().err
     assert left_behind(tmp_path) == ["out.mp4"]
 
 

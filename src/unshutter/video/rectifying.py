@@ -229,7 +229,7 @@ def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
     check_target(target, wanted.overwrite, original, wanted.motion)
     left = remove_leftovers(target.parent)
     if left:
-        print("unshutter: a run was killed here; what it had not finished is begun anew", file=sys.stderr)
+        print("unshutter: an earlier run was killed here; this one starts from the beginning", file=sys.stderr)
 
 
 def _is_pictures(target: Path) -> bool:
