@@ -156,6 +156,7 @@ class RectifyClip:
         motion: file with the clip's motion; None: it is found.
         save_motion: file to write it to.
         preview: picture or film to write that shows moments before and after.
+        plot: picture to write of the camera's motion.
         overwrite: whether outputs that exist may be replaced.
         json_log: file to add what happens to.
 
@@ -174,6 +175,7 @@ class RectifyClip:
     preview: Path | None = option(
         None, "Also write before and after side by side: five frames (.jpg, .png), or a film (.mp4)."
     )
+    plot: Path | None = option(None, "Also plot how fast the camera turned (.png, .svg, .pdf). Needs the extra `plot`.")
     overwrite: bool = option(False, "Replace output files that exist already, but never the clip itself.")
     json_log: Path | None = option(None, "Append a record of the run to this file: one JSON object per line.")
 
