@@ -20,7 +20,8 @@ def smoke() -> ModuleType:
 
 
 def test_commands_of_shell_blocks_are_found(smoke: ModuleType) -> None:
-    page = "unshutter no\n```sh\npip install unshutter\nunshutter rectify a.jpg  # why\n```\n```python\nunshutter = 1\n```\n"
+    shell = "```sh\npip install unshutter\nunshutter rectify a.jpg  # why\n```\n"
+    page = f"unshutter no\n{shell}```python\nunshutter = 1\n```\n"
     assert smoke.commands(page) == [["unshutter", "rectify", "a.jpg"]]
     assert smoke.first_python(page) == "unshutter = 1\n"
 
