@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import subprocess
-import sys
 import tempfile
 import venv
 from pathlib import Path
@@ -38,7 +37,8 @@ def main() -> None:
     parser.add_argument("--wheel", default=str(ROOT), help="what to install; default: this repository")
     given = parser.parse_args()
     core = installed_bytes(given.wheel)
-    print(f"Python {sys.version_info.major}.{sys.version_info.minor}, {sys.platform}\n\n| extra | adds, MB |\n|---|---|")
+    print(f"Python {platform.python_version()}, {platform.system()} {platform.machine()}\n")
+    print("| extra | adds, MB |\n|---|---|")
     print(f"| none: the core | {core / 1e6:.0f} |")
     for extra in given.extras:
         print(f"| `{extra}` | {(installed_bytes(f'{given.wheel}[{extra}]') - core) / 1e6:.1f} |", flush=True)

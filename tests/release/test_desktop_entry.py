@@ -1,4 +1,4 @@
-""""Open with" in file managers: the entry is valid, and what it runs does what it says."""
+""" "Open with" in file managers: the entry is valid, and what it runs does what it says."""
 
 import shlex
 import shutil
