@@ -23,7 +23,7 @@ import tempfile
 import time
 from pathlib import Path
 
-ORIGINAL = Path(__file__).parent.parent / "examples" / "original" / "basilica.webp"
+ORIGINAL = Path(__file__).parent.parent / "examples" / "demo.jpg"  # one that is changed, rather than copied
 FLOOR = """
 import sys, pyvips
 image = pyvips.Image.new_from_file(sys.argv[1])

@@ -8,6 +8,7 @@ Each is installed into an environment of its own, with the newest versions that 
 from __future__ import annotations
 
 import argparse
+import platform
 import subprocess
 import tempfile
 import venv
