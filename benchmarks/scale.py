@@ -68,13 +68,11 @@ class Took:
         return self.between / (self.results - 1)
 
 
-def took(words: list[str], one_core: bool = False, **environment: str) -> Took:
+def took(words: list[str], one_core: bool = False) -> Took:
     """Runs a command of unshutter to its end."""
     pin = partial(os.sched_setaffinity, 0, {0}) if one_core else None
     start = time.perf_counter()
-    process = subprocess.Popen(
-        [*PROGRAM, *words], stderr=subprocess.PIPE, text=True, preexec_fn=pin, env={**os.environ, **environment}
-    )
+    process = subprocess.Popen([*PROGRAM, *words], stderr=subprocess.PIPE, text=True, preexec_fn=pin)
     assert process.stderr is not None
     lines = [(time.perf_counter(), line) for line in process.stderr]
     _, status, usage = os.wait4(process.pid, 0)
