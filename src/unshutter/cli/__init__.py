@@ -27,6 +27,7 @@ COMMANDS = {
     "synthesize": "make rolling-shutter pictures with known motion from undistorted photos",
     "evaluate": "measure methods side by side on the same pictures",
     "train": "train a network",
+    "completion": "print what a shell needs to complete these commands and their options",
 }
 _ABOUT = "Undoes rolling-shutter distortion (skew, wobble) in a single photo. Originals are never touched."
 

@@ -54,7 +54,7 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
         SystemExit: help was asked for, and printed.
     """
     parser = _Parser(f"unshutter {name}", command.description, _usage(command.arguments))
-    _add(parser, command.arguments)
+    add_arguments(parser, command.arguments)
     return _made(command.arguments, parser.parse_intermixed_args(words))
 
 
@@ -80,7 +80,7 @@ def _usage(kind: type) -> str:
     return " ".join([*places, "[options]"])
 
 
-def _add(parser: argparse.ArgumentParser, kind: type) -> None:
+def add_arguments(parser: argparse.ArgumentParser, kind: type) -> None:
     """Adds the arguments of a dataclass; a group for each dataclass in it."""
     _add_to(parser, parser, kind)
 
