@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install -q -c constraints.txt
 
-.PHONY: demo test lint types docs layers bench results clean
+.PHONY: demo test lint types docs layers bench results release-check clean
 
 demo: .venv/core  ## rectify the photo that the repository ships
 	$(BIN)/unshutter rectify examples/demo.jpg -o examples/demo.rectified.jpg --overwrite --edges crop
@@ -30,6 +30,9 @@ bench: .venv/dev
 
 results: .venv/dev  ## measures all methods (within an hour) and writes docs/results: make results DATA=../shared/data
 	$(BIN)/python benchmarks/results.py $(DATA)
+
+release-check:  ## builds what is published, and tries it in fresh environments; publishes nothing
+	.ci/release-check
 
 .venv/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "unshutter needs Python 3.11 or newer: make PYTHON=/path/to/python3.11 ...")'

@@ -25,7 +25,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-ORIGINAL = Path(__file__).parent.parent / "examples" / "original" / "basilica.webp"
+ORIGINAL = Path(__file__).parent.parent / "examples" / "demo.jpg"  # one that is changed, rather than copied
 QUALITY = 92
 
 

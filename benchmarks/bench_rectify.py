@@ -23,7 +23,7 @@ import tempfile
 import time
 from pathlib import Path
 
-ORIGINAL = Path(__file__).parent.parent / "examples" / "original" / "basilica.webp"
+ORIGINAL = Path(__file__).parent.parent / "examples" / "demo.jpg"  # one that is changed, rather than copied
 FLOOR = """
 import sys, pyvips
 image = pyvips.Image.new_from_file(sys.argv[1])
@@ -35,7 +35,7 @@ QUALITY = 92
 # name: (file ending, how the floor and the photo are written)
 FORMATS = {"jpeg": (".jpg", f"jpegsave(sys.argv[2], Q={QUALITY})"), "tiff16": (".tif", "tiffsave(sys.argv[2])")}
 LIBRARIES = """
-import numpy, cv2, onnxruntime, pyvips, cyclopts
+import numpy, cv2, onnxruntime, pyvips
 import unshutter
 unshutter.load("segment-transformer").prepare()
 """

@@ -60,12 +60,11 @@ def consecutive(path: Path) -> tuple[float, float]:
     return float(np.mean(inliers)), float(np.sqrt(np.mean(wobble)))
 
 
-def unshutter(*words: object) -> str:
+def unshutter(*words: object) -> tuple[bool, str]:
+    """(whether it went well, what it said)."""
     command = [sys.executable, "-m", "unshutter", *map(str, words)]
     done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        sys.exit(done.stderr)
-    return done.stderr
+    return done.returncode == 0, done.stderr.splitlines()[0] if done.stderr else ""
 
 
 def main() -> None:
@@ -83,14 +82,18 @@ def main() -> None:
             made = Path(name) / "made"
             how = ("--motion", "trajectory", "--trajectory", given.log, "--readout-ms", given.readout_ms)
             size = ("--focal-px", given.focal_px, "--frame", given.frame, "--seed", seed)
-            unshutter("synthesize", given.photo, "-o", made, "--video", *how, *size)
+            well, said = unshutter("synthesize", given.photo, "-o", made, "--video", *how, *size)
+            if not well:
+                sys.exit(said)
             results = {"input": made / "rs.mp4"}
             for kind, flags in (("given", ("--readout-ms", given.readout_ms)), ("found", ())):
                 results[kind] = Path(name) / f"{kind}.mp4"
                 flags = (*flags, "--preset", "veryfast")
-                told = unshutter("video", made / "rs.mp4", "-o", results[kind], *flags).splitlines()[0]
+                well, said = unshutter("video", made / "rs.mp4", "-o", results[kind], *flags)
+                print(f"{Path(given.log).stem}, seed {seed}, {kind}: {said}", file=sys.stderr)
+                if not well:
+                    del results[kind]
             results["truth"] = made / "gs.mp4"
-            print(f"{Path(given.log).stem}, seed {seed}: {told}", file=sys.stderr)
             for kind, path in results.items():
                 quality = "" if kind == "truth" else f"{psnr(path, made / 'gs.mp4'):.1f}"
                 matches, wobble = consecutive(path)

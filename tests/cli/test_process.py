@@ -25,8 +25,9 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_heavy_libraries_are_imported_only_when_needed() -> None:
     """What makes `unshutter --version` and `import unshutter` fast."""
-    heavy = "{'numpy', 'cv2', 'onnxruntime', 'pyvips', 'torch', 'matplotlib'}"
-    for start in ("import unshutter", "from unshutter.cli import main; main(['--version'])"):
+    heavy = "{'numpy', 'cv2', 'onnxruntime', 'pyvips', 'torch', 'matplotlib', 'shtab'}"
+    words = (["--version"], ["rectify", "--help"])
+    for start in ("import unshutter", *(f"from unshutter.cli import main; main({each})" for each in words)):
         code = f"{start}\nimport sys\nprint(sorted({heavy} & set(sys.modules)))"
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         assert done.stdout.splitlines()[-1] == "[]"

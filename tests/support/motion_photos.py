@@ -1,5 +1,7 @@
 """Photos with films and gain maps beside the picture, as phones write them."""
 
+import struct
+
 import numpy as np
 
 from support.tagged_files import jpeg_with
@@ -34,3 +36,24 @@ WITH_ALL = packet(
 
 def motion_photo(pixels: np.ndarray, xmp: bytes = WITH_ALL, after: bytes = GAIN_MAP + FILM) -> bytes:
     return jpeg_with(pixels, (0xE1, b"http://ns.adobe.com/xap/1.0/\0" + xmp)) + after
+
+
+def block(kind: int, name: bytes, content: bytes) -> bytes:
+    """A block of Samsung's trailer."""
+    return struct.pack("<2xHI", kind, len(name)) + name + content
+
+
+FILM_BLOCK = block(0x0A30, b"MotionPhoto_Data", FILM)
+TIME = block(0x0A01, b"Image_UTC_Data", b"1700000000000")
+DEPTHS = block(0x0AB1, b"DualShot_DepthMap", bytes(range(100)))
+VERSION = block(0x0A31, b"MotionPhoto_Version", b"mpv3")
+
+
+def trailer(*blocks: bytes) -> bytes:
+    """Samsung's trailer: blocks, and how far before the directory each of them begins."""
+    ends = [sum(map(len, blocks[k:])) for k in range(len(blocks))]
+    entries = b"".join(
+        each[:4] + struct.pack("<II", before, len(each)) for each, before in zip(blocks, ends, strict=True)
+    )
+    directory = b"SEFH" + struct.pack("<II", 107, len(blocks)) + entries
+    return b"".join(blocks) + directory + struct.pack("<I", len(directory)) + b"SEFT"

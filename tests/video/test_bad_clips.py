@@ -76,7 +76,7 @@ def test_cut_off(tmp_path, capsys, early):
 
 def test_one_frame_has_no_motion(tmp_path, capsys):
     path = clips.write(tmp_path / "in.mkv", GREYS[:1], "ffv1")
-    refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "readout time cannot be told")
+    refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "does not show its readout time")
     assert main(["video", str(path), "-o", str(tmp_path / "out.mkv"), "--readout-ratio", "0.6"]) == 0
     assert np.array_equal(clips.luma(tmp_path / "out.mkv"), clips.luma(path))
 
@@ -188,7 +188,7 @@ def test_killed_and_begun_anew(tmp_path, long_clip, capsys):
     assert not (tmp_path / "out.mp4").exists()
     words = ["video", str(long_clip), "-o", str(tmp_path / "out.mp4"), "--readout-ratio", "0.6"]
     assert main([*words, "--preset", "ultrafast"]) == 0
-    assert "begun anew" in capsys.readouterr().err
+    assert "starts from the beginning" in capsys.readouterr().err
     assert left_behind(tmp_path) == ["out.mp4"]
 
 

@@ -18,6 +18,7 @@ from unshutter.version import __version__
 COMMANDS = {
     "rectify": "straighten photos: write what a global shutter would have seen",
     "video": "straighten a clip: every frame as a global shutter would have seen it",
+    "cameras": "list the cameras whose readout time is known, for clips",
     "estimate": "find the camera's motion during each photo, as JSON",
     "map": "write a photo's correction as a map for other programs",
     "serve": "open a page for photos in the browser: before and after, corrections, saving",
@@ -26,6 +27,7 @@ COMMANDS = {
     "synthesize": "make rolling-shutter pictures with known motion from undistorted photos",
     "evaluate": "measure methods side by side on the same pictures",
     "train": "train a network",
+    "completion": "print what a shell needs to complete these commands and their options",
 }
 _ABOUT = "Undoes rolling-shutter distortion (skew, wobble) in a single photo. Originals are never touched."
 

@@ -36,9 +36,9 @@ class Command:
     run: Callable[[Any], int]
 
 
-def positional(help: str) -> Any:
-    """A field that is given by its place, without a flag."""
-    return field(metadata={"help": help, "positional": True})
+def positional(help: str, optional: bool = False) -> Any:
+    """A field that is given by its place, without a flag; a list may be left empty if it is optional."""
+    return field(metadata={"help": help, "positional": True, "optional": optional})
 
 
 def required(help: str, short: str | None = None) -> Any:
@@ -54,7 +54,7 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
         SystemExit: help was asked for, and printed.
     """
     parser = _Parser(f"unshutter {name}", command.description, _usage(command.arguments))
-    _add(parser, command.arguments)
+    add_arguments(parser, command.arguments)
     return _made(command.arguments, parser.parse_intermixed_args(words))
 
 
@@ -75,11 +75,12 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _usage(kind: type) -> str:
-    places = [each.name.upper() + (" ..." if _is_list(type_) else "") for each, type_ in _fields(kind) if _placed(each)]
+    names = [(each, each.name.upper() + (" ..." if _is_list(type_) else "")) for each, type_ in _fields(kind)]
+    places = [f"[{name}]" if each.metadata["optional"] else name for each, name in names if _placed(each)]
     return " ".join([*places, "[options]"])
 
 
-def _add(parser: argparse.ArgumentParser, kind: type) -> None:
+def add_arguments(parser: argparse.ArgumentParser, kind: type) -> None:
     """Adds the arguments of a dataclass; a group for each dataclass in it."""
     _add_to(parser, parser, kind)
 
@@ -100,7 +101,7 @@ def _argument(each: dataclasses.Field, type_: Any) -> tuple[list[str], dict[str,
     inner = _without_none(type_)
     if _is_list(inner):
         inner = typing.get_args(inner)[0]
-        how["nargs"] = "+"
+        how["nargs"] = "*" if each.metadata.get("optional") else "+"
     if inner is bool:
         how["action"] = "store_true"
     elif "choices" in each.metadata:

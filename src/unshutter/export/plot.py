@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.motion.speed import Speed
 from unshutter.motion.verdict import Verdict
 from unshutter.options import Undo
 from unshutter.storage.files import written_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from unshutter.geometry.shapes import Float64
 
 
 def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", readout_ms: float | None = None) -> None:
@@ -24,10 +31,6 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", r
     Raises:
         UnshutterError: matplotlib is not installed, or the file cannot be written.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise UnshutterError("plots need the extra: pip install 'unshutter[plot]'") from None
     curves = {"t_x [px]": motion.tx_px, "r_z [deg]": np.degrees(motion.rz_rad)}
     if readout_ms is not None:
         speed = Speed.of(motion, readout_ms)
@@ -35,7 +38,7 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", r
             "velocity: columns, rows [px/s]": speed.velocity_px_s,
             "angular velocity [deg/s]": speed.angular_deg_s,
         }
-    figure = Figure(figsize=(3.5 * len(curves), 4), layout="constrained")
+    figure = _figure(3.5 * len(curves))
     axes = figure.subplots(1, len(curves), sharey=True)
     rows = np.arange(motion.height)
     for axis, (label, values) in zip(axes, curves.items(), strict=True):
@@ -48,8 +51,67 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", r
     verdict = Verdict.of(motion, Undo())
     about = verdict.told() if verdict.changes else f"left as it is ({verdict.told()})"
     figure.suptitle(f"{name}\n{about}", fontsize=10)
+    _save(figure, Path(path))
+
+
+def plot_turns(
+    times_s: Float64[np.ndarray, "frames"],
+    rates_deg_s: Float64[np.ndarray, "frames 3"],
+    cuts_s: Sequence[float],
+    path: Path,
+    title: str = "",
+    overwrite: bool = True,
+) -> None:
+    """Draws how fast a camera turned while a clip was taken, into a PNG, SVG or PDF file.
+
+    Args:
+        times_s: when each frame is shown [s].
+        rates_deg_s: angular velocity about x (pitch), y (yaw) and z (roll) [deg/s]; NaN where it is not known.
+        cuts_s: when the scene changes [s].
+        path: the file.
+        title: stands above.
+        overwrite: whether a file may be replaced.
+
+    Raises:
+        UnshutterError: matplotlib is not installed, or the file cannot be written.
+    """
+    figure = _figure(10)
+    axes = figure.subplots()
+    for name, values in zip(("r_x (pitch)", "r_y (yaw)", "r_z (roll)"), rates_deg_s.T, strict=True):
+        axes.plot(times_s, values, label=name, lw=1)
+    for cut in cuts_s:
+        axes.axvline(cut, color="grey", lw=0.6, ls=":")
+    axes.axhline(0, color="grey", lw=0.6)
+    axes.set(xlabel="time [s]", ylabel="angular velocity [deg/s]")
+    axes.legend(loc="upper right")
+    figure.suptitle(title, fontsize=10)
+    _save(figure, path, overwrite)
+
+
+def check_plot(path: Path) -> None:
+    """Refuses a plot that could not be written, before any work.
+
+    Raises:
+        UnshutterError: matplotlib is not installed.
+        UsageError: it does not know such files.
+    """
+    known = _figure(1).canvas.get_supported_filetypes()
+    if path.suffix.lower().removeprefix(".") not in known:
+        raise UsageError(f"a plot is a .png, .svg or .pdf file, not {path.name}")
+
+
+def _figure(width: float) -> Figure:
+    """An empty figure [inches]."""
     try:
-        with written_whole(Path(path)) as part:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise UnshutterError("plots need the extra: pip install 'unshutter[plot]'") from None
+    return Figure(figsize=(width, 4), layout="constrained")
+
+
+def _save(figure: Figure, path: Path, overwrite: bool = True) -> None:
+    try:
+        with written_whole(path, overwrite) as part:
             figure.savefig(part, dpi=150)
     except ValueError as error:  # an ending that matplotlib does not know
         raise UnshutterError(f"cannot write {path}: {str(error).splitlines()[0]}") from None

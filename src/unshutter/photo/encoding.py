@@ -39,11 +39,11 @@ def with_metadata(
     left_out = [*metadata.without_place(format.holds), *metadata.left_behind]
     packet, resources = metadata.xmp, metadata.resources
     if packet is not None:
-        has_film = metadata.film is not None and "film" in format.holds
-        left_out += xmp.gone(packet, has_film)
+        film = metadata.film if "film" in format.holds else None
+        left_out += xmp.gone(packet, film is not None)
         # where only XMP tells how to turn the picture, it goes on doing so
         told = orientation if orientation != 1 else exif.told_orientation(metadata.exif)
-        packet = xmp.after(packet, xmp.Next(image.height, image.width, told, is_new, has_film))
+        packet = xmp.after(packet, xmp.Next(image.height, image.width, told, is_new, film and film.place))
         if packet is None:
             left_out.append("XMP (damaged)")
     if is_new and resources is not None:

@@ -6,11 +6,11 @@ part 3 (XMP in APP1, Photoshop's resources in APP13).
 
 from __future__ import annotations
 
-import io
 import struct
 from dataclasses import replace
 from typing import BinaryIO
 
+from unshutter.photo.containers.motion_photo import film_of
 from unshutter.photo.containers.segments import APP0, APP1, APP2, APP13, APP14, COMMENT, before_the_scan
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.tags import exif, iptc, xmp
@@ -46,6 +46,9 @@ def with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     left_behind = [name for marker, content in segments if (name := _lost(marker, content, metadata.xmp))]
     if blob is not first_exif:
         left_behind.append("EXIF (damaged)")
+    film = film_of(file, xmp.film_bytes(metadata.xmp))
+    if film is not None:
+        left_behind += film.left_behind
     if len(_beginning(segments, APP1, exif.PREFIX)) > 1:
         left_behind.append("a second EXIF")
     return replace(
@@ -54,7 +57,7 @@ def with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
         density=_density(segments),
         resources=iptc.joined(resources) if resources else None,
         segments=tuple(segment for segment in segments if segment[0] == COMMENT),
-        film=_film(metadata.xmp, file),
+        film=film,
         left_behind=tuple(dict.fromkeys(left_behind)),
     )
 
@@ -77,13 +80,3 @@ def _lost(marker: int, content: bytes, packet: bytes | None) -> str:
     if marker == APP2 and content.startswith(_PICTURES):
         return "" if xmp.has_gain_map(packet) else "previews or further pictures"  # a gain map is named as such
     return f"data of other programs (APP{marker - APP0})"
-
-
-def _film(packet: bytes | None, file: BinaryIO) -> bytes | None:
-    """The film of a motion photo, which ends with the file."""
-    length = xmp.film_bytes(packet)
-    if not length or length >= file.seek(0, io.SEEK_END):
-        return None
-    file.seek(-length, io.SEEK_END)
-    film = file.read(length)
-    return film if film[4:8] == b"ftyp" else None

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from unshutter.photo.containers import chunks, segments
+from unshutter.photo.containers.motion_photo import Film
 from unshutter.photo.libvips import field, libvips, set_blob
 from unshutter.photo.tags import exif, iptc
 
@@ -34,7 +35,7 @@ class Metadata:
         chunks: (name, data) of a PNG's texts, colours and others that go along as they are.
         density: unit (0: none, 1: inch, 2: cm), and pixels in it across and down, as a JPEG's JFIF header has them.
         segments: (marker, content) of a JPEG's comments, and of others that go along as they are.
-        film: of a motion photo, which stands at the end of its JPEG.
+        film: of a motion photo, with all else that comes behind the picture of its JPEG.
         left_behind: what no result gets, in words: the format's reader saw it, but nothing here can carry it.
     """
 
@@ -48,7 +49,7 @@ class Metadata:
     chunks: tuple[tuple[bytes, bytes], ...] = ()
     density: tuple[int, int, int] | None = None
     segments: tuple[tuple[int, bytes], ...] = ()
-    film: bytes | None = None
+    film: Film | None = None
     left_behind: tuple[str, ...] = ()
 
     @classmethod
@@ -113,7 +114,7 @@ class Metadata:
             if text is not None:
                 image.set_type(libvips().GValue.refstr_type, name, text)
         blobs = {"icc-profile-data": self.icc, "xmp-data": self.xmp, "iptc-data": self.resources}
-        blobs |= {"exif-data": self.exif, _FILM: self.film, _DENSITY: self._density()}
+        blobs |= {"exif-data": self.exif, _FILM: self.film and self.film.data, _DENSITY: self._density()}
         blobs[_SEGMENTS] = b"".join(segments.encoded(*segment) for segment in self.segments) or None
         blobs[_CHUNKS] = b"".join(chunks.encoded(*chunk) for chunk in self.chunks) or None
         for name, data in blobs.items():

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.serve.held import Held, in_one_line, put
 from unshutter.video.options import RectifyClip
 
@@ -89,21 +89,23 @@ def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, how_far: HowFar | None
     """
     from unshutter.frames.ratio import ReadoutRatio
     from unshutter.geometry.readout import Readout
-    from unshutter.video.readout_search import find_ratio
-    from unshutter.video.rectifying import span
+    from unshutter.video.readout_search import WHAT_TO_DO, found_or_listed
 
     given = wanted.shutter.ratio(clip.interval_s)
     if given is not None:
         return ReadoutRatio(given, 0.0, "given")
-    part = span(clip, wanted)
+    part = wanted.span(clip.duration_s)
     file = held.path.with_name(f"readout-{digest(wanted.shutter, part)}.json")
     if not file.exists():
         try:
-            how = (Readout.parse(wanted.shutter.readout), wanted.shutter.focal_px, part)
-            found = find_ratio(clip, *how, how_far.note if how_far else None)
+            with redirect_stderr(io.StringIO()):  # the page says itself what was found
+                how = (Readout.parse(wanted.shutter.readout), wanted.shutter, part)
+                found = found_or_listed(clip, *how, how_far.note if how_far else None)
             told = {"value": found.value, "error": found.error, "source": found.source}
         except UnshutterError as error:
-            told = {"why": str(error)}
+            if isinstance(error, UsageError):
+                raise
+            told = {"why": str(error).removesuffix(f": {WHAT_TO_DO}")}
         put(file, lambda new: new.write_text(json.dumps(told), encoding="utf-8"))
     told = json.loads(file.read_text(encoding="utf-8"))
     if "why" in told:

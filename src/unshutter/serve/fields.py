@@ -12,14 +12,13 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from unshutter.errors import UsageError
 from unshutter.options import Find, Neighbours, Rectify, Save, Undo
-from unshutter.video.options import RectifyClip, Shutter
+from unshutter.video.options import RectifyClip
 
 # Files have no times or names of their own here, a sequence is more than a photo, and a clip is a film.
 _NOT_HERE: dict[type, tuple[str, ...]] = {
     Save: ("keep_times", "only_changed", "keep_names"),
     Neighbours: ("sequence",),
-    RectifyClip: ("fps", "motion", "save_motion", "preview", "overwrite", "json_log"),
-    Shutter: ("camera",),
+    RectifyClip: ("fps", "motion", "save_motion", "preview", "plot", "overwrite", "json_log"),
 }
 _YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
 

@@ -61,17 +61,24 @@ class Warper:
         if motion.is_zero and self.window is None:
             return item, frame
         made = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
-        found = None if motion.is_zero else FrameMap.of(motion, frame.height, frame.width)
+        if motion.is_zero:
+            for before, after in zip(*map(self.clip.pixels.arrays, (frame, made)), strict=True):
+                np.copyto(after, before)
+        else:
+            self._warp(frame, made, FrameMap.of(motion, frame.height, frame.width))
+        return item, self._dressed(made, frame)
+
+    def _warp(self, frame: VideoFrame, made: VideoFrame, found: FrameMap) -> None:
+        """Writes the planes of a frame, as they look after the motion is undone, into those of another."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         full = frame.color_range == _FULL_RANGE or pixels.name.startswith("yuvj")
-        for plane, before, after in zip(pixels.planes, pixels.arrays(frame), pixels.arrays(made), strict=True):
-            if found is None:
-                np.copyto(after, before)
-                continue
-            black = (plane.black_full if full else plane.black) if self.undo.edges == "keep" else None
-            for rows, positions in found.positions(plane.across, plane.down, self._scratch):
-                warp_plane(before, positions, after[rows], black, limit)
-        return item, self._dressed(made, frame)
+        planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(made), strict=True))
+        for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
+            alike = [each for each in planes if (each[0].across, each[0].down) == (across, down)]
+            for rows, positions in found.positions(across, down, self._scratch):
+                for plane, before, after in alike:
+                    black = (plane.black_full if full else plane.black) if self.undo.edges == "keep" else None
+                    warp_plane(before, positions, after[rows], black, limit)
 
     def _dressed(self, made: VideoFrame, frame: VideoFrame) -> VideoFrame:
         """The new pixels as the frame that came in: its time, its colours, what lies beside them."""

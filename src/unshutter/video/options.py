@@ -21,7 +21,7 @@ class Shutter:
     Attributes:
         readout_ms: time in which a frame is read out [ms].
         readout_ratio: the same in frame intervals; without either it is found from the clip.
-        camera: name in the table of cameras, for clips that do not say it.
+        camera: name in the table of cameras, for clips that do not tell the readout time.
         readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
         focal_px: focal length [px of a frame]; None: found.
 
@@ -30,15 +30,17 @@ class Shutter:
     """
 
     readout_ms: float | None = option(
-        None, "Time in which a frame is read out, if you know it. Default: found from the clip.", metavar="MS"
+        None, "Readout time of a frame, if you know it. Default: found from the clip.", metavar="MS"
     )
-    readout_ratio: float | None = option(None, "The same, divided by the time from frame to frame: above 0, at most 1.")
+    readout_ratio: float | None = option(
+        None, "The same as a share of the time between two frames, above 0 and at most 1."
+    )
     camera: str | None = option(
-        None, "Camera whose readout time is taken if the clip does not say; `unshutter cameras` lists them."
+        None, "Use this camera's readout time if the clip does not show its own; `unshutter cameras` lists them."
     )
     readout: str = option(
         "auto",
-        "Direction in which the sensor was read, if an editor has turned the frames. Default: top-to-bottom.",
+        "Direction in which the sensor was read out, if an editor has rotated the frames. Default: top-to-bottom.",
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(None, "Focal length in px of a frame. Default: found from the clip.")
@@ -47,6 +49,8 @@ class Shutter:
         Readout.parse(self.readout)
         if self.readout_ms is not None and self.readout_ratio is not None:
             raise UsageError("say either --readout-ms or --readout-ratio")
+        if self.camera is not None and (self.readout_ms is not None or self.readout_ratio is not None):
+            raise UsageError("say either the readout time or --camera")
         if self.readout_ms is not None and not 0 < self.readout_ms < math.inf:
             raise UsageError(f"the readout time must be positive, got {self.readout_ms:g} ms")
         check_ratio(self.readout_ratio)
@@ -96,12 +100,12 @@ class UndoFrames:
         UsageError: a value that is none of its choices.
     """
 
-    reference: Reference = option("middle", "Row at whose moment each frame is taken. Default: middle.")
+    reference: Reference = option("middle", "Row whose moment each frame shall show. Default: middle.")
     strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
     edges: ClipEdges = option(
         "fill",
-        "Places that a frame did not see: fill them with the nearest colour, keep them black, or crop all frames "
-        "alike so that there are none. Default: fill.",
+        "Pixels outside the original frame: fill them with the nearest colour, keep them black, or crop all frames "
+        "alike so that none are left. Default: fill.",
     )
 
     def __post_init__(self) -> None:
@@ -125,10 +129,14 @@ class Encode:
     """
 
     codec: str | None = option(
-        None, "Encoder: libx264, libx265, libsvtav1, prores_ks, ffv1 ... Default: that of the clip."
+        None, "Encoder: libx264, libx265, libsvtav1, prores_ks, ffv1 ... Default: the clip's own codec."
     )
-    crf: float | None = option(None, "Quality: smaller is better and larger. Default: 18 (libx264), 20, 24.")
-    preset: str | None = option(None, "Speed of the encoder: veryfast ... slow; of libsvtav1 13 ... 0.")
+    crf: float | None = option(
+        None, "Quality: lower looks better and makes larger files. Default: 18 (libx264), 20 (libx265), 24 (libsvtav1)."
+    )
+    preset: str | None = option(
+        None, "Speed of the encoder: ultrafast to veryslow (libx264, libx265), 13 to 0 (libsvtav1)."
+    )
 
     def __post_init__(self) -> None:
         if self.crf is not None and not 0 <= self.crf <= 63:
@@ -148,6 +156,7 @@ class RectifyClip:
         motion: file with the clip's motion; None: it is found.
         save_motion: file to write it to.
         preview: picture or film to write that shows moments before and after.
+        plot: picture to write of the camera's motion.
         overwrite: whether outputs that exist may be replaced.
         json_log: file to add what happens to.
 
@@ -159,15 +168,16 @@ class RectifyClip:
     undo: UndoFrames = field(default_factory=UndoFrames)
     encode: Encode = field(default_factory=Encode)
     fps: float | None = option(None, "Frames per second of a sequence of pictures. Default: 30.", metavar="N")
-    start: float | None = option(None, "Begin at this second of the clip.", metavar="SECONDS")
-    end: float | None = option(None, "End before this second of the clip.", metavar="SECONDS")
+    start: float | None = option(None, "Start at this second of the clip.", metavar="SECONDS")
+    end: float | None = option(None, "Stop at this second of the clip.", metavar="SECONDS")
     motion: Path | None = option(None, "Undo the motion in this file (from --save-motion) instead of finding it.")
     save_motion: Path | None = option(None, "Also write the clip's motion to this JSON file.", metavar="PATH")
     preview: Path | None = option(
-        None, "Also write a picture (.jpg, .png) of five moments, or a film (.mp4), before and after side by side."
+        None, "Also write before and after side by side: five frames (.jpg, .png), or a film (.mp4)."
     )
-    overwrite: bool = option(False, "Replace outputs that exist already; the clip itself never is.")
-    json_log: Path | None = option(None, "Add what happens to this file, one JSON object a line.")
+    plot: Path | None = option(None, "Also plot how fast the camera turned (.png, .svg, .pdf). Needs the extra `plot`.")
+    overwrite: bool = option(False, "Replace output files that exist already, but never the clip itself.")
+    json_log: Path | None = option(None, "Append a record of the run to this file: one JSON object per line.")
 
     def __post_init__(self) -> None:
         if self.motion is not None and not self.shutter.is_empty:
@@ -176,6 +186,10 @@ class RectifyClip:
             raise UsageError(f"--fps must be positive, got {self.fps:g}")
         if (self.start or 0) < 0 or (self.end is not None and self.end <= (self.start or 0)):
             raise UsageError("--start must be 0 or later, and --end after it")
+
+    def span(self, duration_s: float) -> tuple[float, float]:
+        """What is kept of a clip of that length [s]; a minute where the length is not known (0)."""
+        return self.start or 0.0, self.end or duration_s or 60.0
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,22 @@ from unshutter.frames.sequence import CameraMotion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.geometry.readout import Readout
 from unshutter.progress import Progress, Watch
+from unshutter.video import cameras
 from unshutter.video.background import ahead
 from unshutter.video.clip import Clip
 from unshutter.video.moving import look
+from unshutter.video.options import Shutter
 
 _PART, _FEWEST = 60, 20  # frames that are asked together, and those that are worth asking
 _MOST_PARTS = 12
 _FAR = 3.0  # standard deviations: parts that differ by more do not agree
 _AGREE = 0.6  # share of the parts' weight that has to
 _GUESSED_RATIO = 0.5
-WHAT_TO_DO = "say it with --readout-ms"
+WHAT_TO_DO = "say it with --readout-ms, or name the camera with --camera"
+
+
+class UnknownRatioError(UnshutterError):
+    """A clip does not show its readout time."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,40 @@ class _Part:
     """Consecutive frames of one shot, as tracks."""
 
     pairs: list[Tracks]
+
+
+def found_or_listed(
+    clip: Clip, readout: Readout, shutter: Shutter, span: tuple[float, float], watch: Watch | None = None
+) -> ReadoutRatio:
+    """The readout ratio that the clip shows, or else the one that the table of cameras has; prints which.
+
+    Args:
+        clip: the clip; its tags name the camera where the user does not.
+        readout: direction in which the stored pixels were read.
+        shutter: what the user says of the camera, but not its readout time.
+        span: the part of the clip that is looked at [s].
+        watch: is told of every part of it.
+
+    Raises:
+        UsageError: the user names a camera that the table does not have, or not in this mode.
+        UnshutterError: neither the clip nor the table tells it, or the clip cannot be read.
+    """
+    mode = clip.width, clip.height, 1 / clip.interval_s
+    if shutter.camera is None:
+        listed = cameras.of_tags(clip.tags, *mode)
+    else:
+        listed = shutter.camera, cameras.readout_ms(shutter.camera, *mode)
+    try:
+        ratio = find_ratio(clip, readout, shutter.focal_px, span, watch)
+    except UnknownRatioError as error:
+        if listed is None:
+            raise
+        name, ms = listed
+        why = str(error).removesuffix(f": {WHAT_TO_DO}")
+        print(f"unshutter: {why}; the table of cameras says {ms:.1f} ms for {name}", file=sys.stderr)
+        return ReadoutRatio(min(ms / 1000 / clip.interval_s, 1.0), 0.0, "table of cameras")
+    tell(ratio, clip.interval_s)
+    return ratio
 
 
 def find_ratio(
@@ -48,7 +88,8 @@ def find_ratio(
         watch: is told of every part of it.
 
     Raises:
-        UnshutterError: the clip does not say it.
+        UnknownRatioError: the clip does not show it.
+        UnshutterError: the clip cannot be read.
     """
     found: list[ReadoutRatio] = []
     why = "the camera stood still"
@@ -62,7 +103,7 @@ def find_ratio(
                 why = _inner(str(error))
             progress.advance()
     if not found:
-        raise UnshutterError(f"the readout time cannot be told from this clip ({why}): {WHAT_TO_DO}")
+        raise UnknownRatioError(f"this clip does not show its readout time ({why}): {WHAT_TO_DO}")
     return agreed(found)
 
 
@@ -70,7 +111,7 @@ def agreed(found: list[ReadoutRatio]) -> ReadoutRatio:
     """What parts of a clip say together.
 
     Raises:
-        UnshutterError: they do not agree.
+        UnknownRatioError: they do not agree.
     """
     values, errors = np.array([each.value for each in found]), np.array([each.error for each in found])
     weights = 1 / errors**2
@@ -79,7 +120,7 @@ def agreed(found: list[ReadoutRatio]) -> ReadoutRatio:
     near = np.abs(values - middle) <= _FAR * np.hypot(errors, errors.min())
     if weights[near].sum() < _AGREE * weights.sum():
         told = ", ".join(f"{value:.2f}" for value in values)
-        raise UnshutterError(f"parts of the clip differ about its readout ratio ({told}): {WHAT_TO_DO}")
+        raise UnknownRatioError(f"parts of the clip differ about its readout ratio ({told}): {WHAT_TO_DO}")
     value = float(np.average(values[near], weights=weights[near]))
     spread = ((values[near] - value) ** 2 * weights[near]).sum() / max(near.sum() - 1, 1)
     error = float(np.sqrt(max(spread, 1.0) / weights[near].sum()))

@@ -10,15 +10,19 @@ from collections import Counter
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
+from math import nan
 from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.export.plot import check_plot, plot_turns
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion
 from unshutter.geometry.readout import Readout
+from unshutter.motion import RotationMotion
 from unshutter.progress import Progress, Watch
 from unshutter.storage.files import check_target, remove_leftovers, written_whole
 from unshutter.storage.plain_files import open_plain
@@ -30,7 +34,7 @@ from unshutter.video.frames_out import Warper, common_window
 from unshutter.video.moving import FEWEST, Moved, window, with_motion
 from unshutter.video.options import RectifyClip
 from unshutter.video.preview import check_ending, write_preview
-from unshutter.video.readout_search import find_ratio, tell
+from unshutter.video.readout_search import found_or_listed
 from unshutter.video.writing import Film, writing
 from unshutter.warp.pixels import thread_count
 
@@ -48,6 +52,7 @@ class Done:
         reasons: why others were left as they are, and how many.
         cuts_s: when the scene changes [s].
         left_out: what of the file did not find a place.
+        turns: of each frame, when it is shown [s], and how far the camera turned about x, y and z in its rows [rad].
     """
 
     frames: int = 0
@@ -55,6 +60,7 @@ class Done:
     reasons: Counter[str] = field(default_factory=Counter)
     cuts_s: list[float] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
+    turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
 
     def add(self, moved: Moved) -> None:
         """One more frame."""
@@ -62,8 +68,11 @@ class Done:
         self.rectified += not moved.motion.is_zero
         if moved.motion.is_zero:
             self.reasons[moved.motion.reason] += 1
+        time_s, motion = moved.frame.time or 0.0, moved.motion
         if moved.cut:
-            self.cuts_s.append(round(moved.frame.time or 0.0, 3))
+            self.cuts_s.append(round(time_s, 3))
+        known = isinstance(motion, RotationMotion)
+        self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if known else (nan,) * 3))
 
 
 def rectify_clip(
@@ -75,7 +84,7 @@ def rectify_clip(
         source: a film, a folder of pictures, or a pattern of their names.
         output: a file, or a folder or pattern for pictures.
         wanted: what is done.
-        found: the readout ratio, where it was found before (:func:`find_ratio`); it counts where none is given.
+        found: the readout ratio that was found before (:func:`found_or_listed`), where none is given.
         watch: is told of every frame.
 
     Raises:
@@ -99,6 +108,8 @@ def rectify_clip(
     done = pictures_out(work, target) if _is_pictures(target) else _film_out(work, target)
     if wanted.preview is not None:
         write_preview(wanted.preview, clip, output, wanted.start or 0.0, done.frames, wanted.overwrite)
+    if wanted.plot is not None:
+        _plot(wanted.plot, source, done, ratio.value * clip.interval_s, wanted.overwrite)
     _tell(source, output, done, ratio, clip, wanted)
     return done
 
@@ -222,22 +233,24 @@ def _readout(
     ratio = wanted.shutter.ratio(clip.interval_s)
     if ratio is not None:
         return ReadoutRatio(ratio, 0.0, "given"), readout
-    if found is None:
-        found = find_ratio(clip, readout, wanted.shutter.focal_px, span(clip, wanted), watch)
-        tell(found, clip.interval_s)
+    found = found or found_or_listed(clip, readout, wanted.shutter, wanted.span(clip.duration_s), watch)
     return found, readout
 
 
-def span(clip: Clip, wanted: RectifyClip) -> tuple[float, float]:
-    """What is kept of a clip [s]; a minute where it does not say how long it is."""
-    return wanted.start or 0.0, wanted.end or clip.duration_s or 60.0
+def _plot(path: Path, source: str, done: Done, readout_s: float, overwrite: bool) -> None:
+    """Draws how fast the camera turned."""
+    times, turns = (np.array(values, np.float64) for values in zip(*done.turns, strict=True))
+    title = f"{Path(source).name}, readout time {1000 * readout_s:.1f} ms"
+    plot_turns(times, np.degrees(turns) / readout_s, done.cuts_s, path, title, overwrite)
 
 
 def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
     """Before any work: what is to be written may be written, and is not the clip itself."""
     original = Path(source)
     check_ending(wanted.preview)
-    for path in (wanted.save_motion, wanted.preview):
+    if wanted.plot is not None:
+        check_plot(wanted.plot)
+    for path in (wanted.save_motion, wanted.preview, wanted.plot):
         if path is not None:
             check_target(path, wanted.overwrite, original, wanted.motion)
             if path.absolute() == target.absolute():
@@ -247,7 +260,7 @@ def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
     check_target(target, wanted.overwrite, original, wanted.motion)
     left = remove_leftovers(target.parent)
     if left:
-        print("unshutter: a run was killed here; what it had not finished is begun anew", file=sys.stderr)
+        print("unshutter: an earlier run was killed here; this one starts from the beginning", file=sys.stderr)
 
 
 def _is_pictures(target: Path) -> bool:

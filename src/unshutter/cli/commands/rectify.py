@@ -21,6 +21,7 @@ class Arguments:
         "File to write (one photo), or folder (several) that takes on the structure of the given ones. "
         "Default: NAME.rectified.EXT beside each photo.",
         short="-o",
+        metavar="PATH",
     )
     motion: Path | None = option(None, "Undo the motion in this JSON file instead of finding it.")
     save_motion: str | None = option(

@@ -22,7 +22,8 @@ def run(given: Settings) -> int:
 COMMAND = Command(
     """Open a page for photos and clips in the browser, on this machine only: before and after, corrections, saving.
 
-They stay on this machine, in a temporary folder that goes when the page ends. Needs the extra `web`; clips need `video`.""",
+They stay on this machine, in a temporary folder that goes when the page ends. Needs the extra `web`, and `video` for
+clips.""",
     Settings,
     run,
 )

@@ -28,8 +28,8 @@ def run(given: Arguments) -> int:
 COMMAND = Command(
     """Straighten a clip: every frame as a global shutter would have seen it.
 
-How the camera moved is found from the frames, and so is the time in which it reads one out; sound, other tracks, tags
-and times stay as they are. Needs the extra `video`.""",
+The frames show how the camera moved, and usually how long it takes to read one out. Sound, other tracks, tags and
+timestamps stay as they are. Needs the extra `video`.""",
     Arguments,
     run,
 )

@@ -26,6 +26,20 @@ _SEMANTIC, _LENGTH, _PADDING = "Item:Semantic", "Item:Length", "Item:Padding"
 _OLD_FILM_LENGTH = "GCamera:MicroVideoOffset"  # which is counted from the end of the file
 
 
+class FilmPlace(NamedTuple):
+    """Where a motion photo's film is in its file.
+
+    Attributes:
+        at: from the end of the picture to its beginning [bytes].
+        length: of the film [bytes].
+        to_end: from its beginning to the end of the file [bytes].
+    """
+
+    at: int
+    length: int
+    to_end: int
+
+
 class Next(NamedTuple):
     """The picture that a packet is to be true of.
 
@@ -33,15 +47,15 @@ class Next(NamedTuple):
         height, width: of the stored pixels [px].
         orientation: EXIF orientation 1-8; None: what the packet says of it stays.
         is_new: whether the pixels are others than before, so that small pictures of the old ones go.
-        has_film: whether the film of a motion photo is still at the end of the file. Gain maps, depth maps and other
-            pictures beside the picture never are.
+        film: of a motion photo, if it is still behind the picture. Gain maps, depth maps and other pictures beside the
+            picture never are.
     """
 
     height: int
     width: int
     orientation: int | None
     is_new: bool
-    has_film: bool
+    film: FilmPlace | None
 
 
 def after(packet: bytes, picture: Next) -> bytes | None:
@@ -62,8 +76,8 @@ def after(packet: bytes, picture: Next) -> bytes | None:
             _follow(read, attribute, name, picture)
         if element.name == _DIRECTORY and directory is None:
             directory = element
-    if directory is not None and picture.has_film:
-        _keep_film_alone(read, directory)
+    if directory is not None and picture.film is not None:
+        _keep_film_alone(read, directory, picture.film)
     return read.changed()
 
 
@@ -77,21 +91,27 @@ def _follow(packet: Packet, thing: Element | Attribute, name: str, picture: Next
         if picture.orientation is None:
             return
         packet.set_number(thing, picture.orientation)
+    elif name == _OLD_FILM_LENGTH and picture.film is not None:
+        packet.set_number(thing, picture.film.to_end)
     elif (
         _BESIDE.match(name)
         or (picture.is_new and name in _SMALL_OR_ELSEWHERE)
-        or (not picture.has_film and (name == _DIRECTORY or _FILM.match(name)))
+        or (picture.film is None and (name == _DIRECTORY or _FILM.match(name)))
     ):
         packet.remove(thing)
 
 
-def _keep_film_alone(packet: Packet, directory: Element) -> None:
-    """Takes all but the picture and the film out of the list of what is in the file, and the gap between the two."""
+def _keep_film_alone(packet: Packet, directory: Element, film: FilmPlace) -> None:
+    """Takes all but the picture and the film out of the list of what is in the file, and says where the film is."""
     for item in directory.below():
-        if item.name == "rdf:li" and _told(item, _SEMANTIC) not in (None, "Primary", "MotionPhoto"):
+        meaning = _told(item, _SEMANTIC)
+        if item.name == "rdf:li" and meaning not in (None, "Primary", "MotionPhoto"):
             packet.remove(item)
-        if _PADDING in item.attributes:
-            packet.set_number(item.attributes[_PADDING], 0)
+        if _PADDING in item.attributes:  # between this item's end and the next one
+            packet.set_number(item.attributes[_PADDING], film.at if meaning == "Primary" else 0)
+        length = item.attributes.get(_LENGTH)
+        if meaning == "MotionPhoto" and length is not None and length.value != str(film.length):
+            packet.set_number(length, film.to_end)  # Samsung's may reach to the file's end
 
 
 # ---- what it says of pictures and films beside the picture ----------------------------------------------

@@ -40,7 +40,8 @@ export class ClipControls {
     this.valueSaid.textContent = words.readoutValueOf[how];
     Object.assign(this.value.field, { max: "", ...LIMITS[how] });
     if (document.activeElement !== this.value.field) this.value.field.value = options[`readout-${how}`] ?? "";
-    this.found.textContent = readout?.found_by === "motion" ? words.found(readout.ms, readout.ms_sd) : "";
+    this.found.textContent = { motion: () => words.found(readout.ms, readout.ms_sd),
+      "table of cameras": () => words.listed(readout.ms) }[readout?.found_by]?.() ?? "";
     this.part.forEach(({ field }, k) => {
       if (document.activeElement !== field) field.value = options[["start", "end"][k]] ?? "";
     });

@@ -1,0 +1,59 @@
+"""The whole command line as one parser, from which shtab writes what shells need to complete its words."""
+
+from __future__ import annotations
+
+import argparse
+from importlib import import_module
+
+from unshutter.cli import COMMANDS
+from unshutter.cli.arguments import Command, add_arguments
+from unshutter.errors import UnshutterError
+
+SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # that shtab knows
+_FILES = {"PATH", "FILE", "FOLDER"}  # metavars
+
+
+def completion_script(shell: str) -> str:
+    """What a shell is to read, so that it completes commands, options, their choices, methods and files.
+
+    Args:
+        shell: one of :data:`SHELLS`.
+
+    Raises:
+        UnshutterError: shtab is too old to know the shell.
+    """
+    import shtab
+
+    if shell not in shtab.SUPPORTED_SHELLS:
+        raise UnshutterError(f"shtab {shtab.__version__} knows no {shell}: pip install --upgrade shtab")
+    return shtab.complete(_whole_parser(shtab.FILE), shell)
+
+
+def _whole_parser(files: object) -> argparse.ArgumentParser:
+    """A parser of all commands, which is never asked to parse.
+
+    Args:
+        files: what shtab is told where an argument is a file or folder.
+    """
+    whole = argparse.ArgumentParser("unshutter")
+    whole.add_argument("--version", action="store_true", help="print the version")
+    commands = whole.add_subparsers()
+    for name, what in COMMANDS.items():
+        command: Command = import_module(f"unshutter.cli.commands.{name}").COMMAND
+        parser = commands.add_parser(name, help=what)
+        add_arguments(parser, command.arguments)
+        for action in parser._actions:  # argparse has no other way to them, and shtab takes the same
+            _complete(action, files)
+    return whole
+
+
+def _complete(action: argparse.Action, files: object) -> None:
+    """Tells shtab what an argument may be, as far as its parser does not."""
+    from unshutter.estimators.register import names
+
+    if action.choices is not None:
+        return
+    if action.dest in ("estimator", "estimators"):
+        action.choices = names()
+    elif action.metavar in _FILES or not action.option_strings:
+        action.complete = files  # type: ignore[attr-defined]  # where shtab looks

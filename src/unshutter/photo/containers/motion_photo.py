@@ -1,0 +1,131 @@
+"""Films behind the picture of a JPEG: motion photos as Google's and Samsung's phones write them.
+
+Google's film ends with the file. Samsung's stands in a trailer: blocks with a number and a name, and a directory at the
+very end that tells how far before it each block begins. So the trailer can move as a whole, and blocks can go.
+
+Source: Google, Motion Photo format 1.0; for the trailer ExifTool's description of Samsung's tags.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from typing import BinaryIO, NamedTuple
+
+from unshutter.photo.tags.xmp import FilmPlace
+
+_FILM = 0x0A30  # a block's number: MotionPhoto_Data
+# Blocks that are as true of new pixels: the film's version, how it is played, when and in which country it was taken.
+_STAY_TRUE = (_FILM, 0x0A31, 0x0A33, 0x0A01, 0x0AA1)
+_HEAD, _FOOT = b"SEFH", b"SEFT"
+_LONGEST_DIRECTORY = 1 << 16  # bytes
+_LONGEST_NAME = 100
+
+
+class Film(NamedTuple):
+    """A motion photo's film, with what stands about it.
+
+    Attributes:
+        data: all that comes behind the picture.
+        at: where in it the film begins.
+        length: of the film [bytes].
+        left_behind: names of blocks that were true of the old pixels alone.
+    """
+
+    data: bytes
+    at: int
+    length: int
+    left_behind: tuple[str, ...] = ()
+
+    @property
+    def place(self) -> FilmPlace:
+        """Where it is."""
+        return FilmPlace(self.at, self.length, len(self.data) - self.at)
+
+
+class _Block(NamedTuple):
+    """A block of a trailer, as its directory has it."""
+
+    kind: int
+    data: bytes  # kind, length of the name, name, content
+
+    @property
+    def name(self) -> bytes:
+        return self.data[8 : self.content_at]
+
+    @property
+    def content_at(self) -> int:
+        return 8 + int.from_bytes(self.data[4:8], "little")
+
+
+def film_of(file: BinaryIO, told: int | None) -> Film | None:
+    """The film of a JPEG.
+
+    Args:
+        file: the JPEG.
+        told: where XMP says that the film begins [bytes before the file's end]; None: nowhere.
+    """
+    in_trailer = _in_trailer(file)
+    if in_trailer is not None:
+        return in_trailer
+    if not told or told >= file.seek(0, io.SEEK_END):
+        return None
+    file.seek(-told, io.SEEK_END)
+    data = file.read(told)
+    return Film(data, 0, told) if _is_film(data) else None
+
+
+def _is_film(data: bytes) -> bool:
+    return data[4:8] == b"ftyp"
+
+
+def _in_trailer(file: BinaryIO) -> Film | None:
+    """The film of Samsung's trailer, with the blocks that stay true; None where there is none."""
+    version, blocks = _blocks(file)
+    film = next((block for block in blocks if block.kind == _FILM), None)
+    if film is None or not _is_film(film.data[film.content_at :]):
+        return None
+    kept = [block for block in blocks if block.kind in _STAY_TRUE]
+    before = sum(len(block.data) for block in kept[: kept.index(film)])
+    gone = tuple(f"{_printable(block.name)} (Samsung)" for block in blocks if block.kind not in _STAY_TRUE)
+    return Film(_trailer(version, kept), before + film.content_at, len(film.data) - film.content_at, gone)
+
+
+def _blocks(file: BinaryIO) -> tuple[int, list[_Block]]:
+    """The version of a trailer, and its blocks in their order; none where it contradicts itself, or is not there."""
+    end = file.seek(0, io.SEEK_END) - 8
+    file.seek(max(end, 0))
+    foot = file.read(8)
+    length = int.from_bytes(foot[:4], "little")
+    if foot[4:] != _FOOT or not 12 <= length <= min(_LONGEST_DIRECTORY, end):
+        return 0, []
+    file.seek(end - length)
+    directory = file.read(length)
+    version, count = struct.unpack_from("<II", directory, 4)
+    if not directory.startswith(_HEAD) or 12 + 12 * count > length:
+        return 0, []
+    entries = [struct.unpack_from("<2xHII", directory, 12 + 12 * k) for k in range(count)]
+    blocks, free = [], end - length  # free: bytes before the directory that no block has yet
+    for kind, before, size in sorted(entries, key=lambda entry: -entry[1]):
+        if not 8 <= size <= before <= free:
+            return 0, []
+        file.seek(end - length - before)
+        blocks.append(_Block(kind, file.read(size)))
+        free = before - size
+        if blocks[-1].content_at > size:
+            return 0, []
+    return version, blocks
+
+
+def _trailer(version: int, blocks: list[_Block]) -> bytes:
+    """The bytes of a trailer."""
+    directory, before = [_HEAD, struct.pack("<II", version, len(blocks))], sum(len(block.data) for block in blocks)
+    for block in blocks:
+        directory.append(struct.pack("<2xHII", block.kind, before, len(block.data)))
+        before -= len(block.data)
+    length = sum(map(len, directory))
+    return b"".join([*(block.data for block in blocks), *directory, struct.pack("<I", length), _FOOT])
+
+
+def _printable(name: bytes) -> str:
+    return "".join(chr(c) for c in name[:_LONGEST_NAME] if 32 < c < 127) or "a block"
