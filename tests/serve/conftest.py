@@ -22,7 +22,7 @@ def client(server: Server) -> Iterator[httpx.Client]:
         yield client
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # its event loop would be in the way of other modules' tests
 def chromium() -> Iterator[Browser]:
     with browser() as started:
         started.new_context().close()

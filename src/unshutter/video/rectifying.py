@@ -99,7 +99,7 @@ def rectify_clip(
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
     known = motion_file.load(wanted.motion) if wanted.motion is not None else None
     encoder = Encoder.choose(clip, wanted.encode) if not _is_pictures(target) else None
-    ratio, readout = _readout(clip, wanted, known, found, watch)
+    ratio, readout = _readout(clip, wanted, known, found)
     work = _Work(clip, wanted, ratio, readout, known, encoder, watch)
     work.warper = Warper(clip, wanted.undo)
     if wanted.undo.edges == "crop":
@@ -215,11 +215,7 @@ def pictures_out(work: _Work, target: Path) -> Done:
 
 
 def _readout(
-    clip: Clip,
-    wanted: RectifyClip,
-    known: motion_file.ClipMotion | None,
-    found: ReadoutRatio | None,
-    watch: Watch | None,
+    clip: Clip, wanted: RectifyClip, known: motion_file.ClipMotion | None, found: ReadoutRatio | None
 ) -> tuple[ReadoutRatio, Readout]:
     """The readout ratio and direction: from the motion file, given, or found."""
     readout = Readout.parse(wanted.shutter.readout)
@@ -233,8 +229,7 @@ def _readout(
     ratio = wanted.shutter.ratio(clip.interval_s)
     if ratio is not None:
         return ReadoutRatio(ratio, 0.0, "given"), readout
-    found = found or found_or_listed(clip, readout, wanted.shutter, wanted.span(clip.duration_s), watch)
-    return found, readout
+    return found or found_or_listed(clip, readout, wanted.shutter, wanted.span(clip.duration_s)), readout
 
 
 def _plot(path: Path, source: str, done: Done, readout_s: float, overwrite: bool) -> None:
