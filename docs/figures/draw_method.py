@@ -101,7 +101,8 @@ def system(t: Tensors) -> None:
         ((0.14, 0.55), (0.205, 0.74), ""), ((0.14, 0.45), (0.205, 0.26), ""),
         ((0.335, 0.79), (0.42, 0.79), "t$_x$, r$_z$\nblocks"), ((0.555, 0.79), (0.61, 0.79), ""),
         ((0.335, 0.21), (0.61, 0.21), "rectification: looks up the motion\nat the row map, warps $I_{rs}$"),
-        ((0.745, 0.79), (0.85, 0.79), "regeneration:\nwarps $I_{gs}$\n(training only)"), ((0.68, 0.63), (0.68, 0.42), ""),
+        ((0.745, 0.79), (0.85, 0.79), "regeneration:\nwarps $I_{gs}$\n(training only)"),
+        ((0.68, 0.63), (0.68, 0.42), ""),
         ((0.92, 0.42), (0.92, 0.63), ""),
     ]  # fmt: skip
     for start, end, label in arrows:
