@@ -19,7 +19,7 @@ class Arguments:
     )
     out: Path = option(
         Path("runs"),
-        "Folder for checkpoints, log and the exported model. A run that is there is resumed. Default: runs.",
+        "Folder for checkpoints, log and the exported model. Resumes a run that it holds. Default: runs.",
     )
     steps: int | None = option(None, "Stop after this many steps in all, instead of the configuration's.")
     device: str = option("auto", "auto, cpu or cuda. Default: auto.")
@@ -38,9 +38,10 @@ def run(given: Arguments) -> int:
         from unshutter.learn import train
     except ImportError as error:
         raise UnshutterError(f"training needs the extra: pip install 'unshutter[train]' ({error})") from None
-    train.run(
+    folder = train.run(
         given.config, given.out, given.steps, given.device, base=given.base, photos=given.photos, start=given.start
     )
+    print(f"model: {folder / train.MODEL}, its log: {folder / train.LOG}")
     return 0
 
 
