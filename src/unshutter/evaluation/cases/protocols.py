@@ -146,7 +146,7 @@ PROTOCOLS = {
         "motion",
         "Windows of recorded camera rotation (t_x from turning about the vertical, r_z about the optical axis) at "
         "three strengths: readouts of 20, 50 and 100 ms, focal length 256 px, pictures of 256 px. The logs stand in "
-        "for the trajectories of Köhler et al. 2012, which the paper tests with and which could not be obtained.",
+        "for the trajectories of Köhler et al. 2012, which the paper tests with (§4.3) and which we could not obtain.",
         _with_motion(*(Suite(f"readout {ms} ms", readout_s=ms / 1000) for ms in (20, 50, 100)), recorded=True),
         by_group=False,
     ),
