@@ -28,8 +28,8 @@ CAPTION = (
     "confidences say what they mean."
 )
 READING = (
-    "Above the grey line more answers are right than promised, below it fewer. A confidence is meant for photos with and "
-    "without motion: judge it by the panel *half and half*. The intervals are a little too narrow, since each photo "
+    "Above the grey line more answers are right than promised, below it fewer. A confidence is meant for photos with "
+    "and without motion: judge it by the panel *half and half*. The intervals are a little too narrow, since each photo "
     "appears with several motions. Declined pictures have no confidence and are not included."
 )
 
@@ -81,10 +81,10 @@ def _about(names: list[str]) -> str:
     listed = ", ".join(f"`{name}`" for name in names)
     return (
         f"Some methods ({listed}) state a confidence with each motion: the probability that it is right, which means "
-        f"that pixels are off by less than {RIGHT_PX:g} px of 256 rows on average (EPE). This page compares it with the "
-        f"errors measured on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
-        "[undistorted](undistorted.md), and on both together. Together, each kind counts as a half, as in an archive of "
-        "which only some photos are distorted.\n\n"
+        f"that pixels are off by less than {RIGHT_PX:g} px of 256 rows on average (EPE). This page compares it with "
+        f"the errors measured on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
+        "[undistorted](undistorted.md), and on both together. Together, each kind counts as a half, as in an archive "
+        "of which only some photos are distorted.\n\n"
         "A declined photo stays as it is and has no confidence. It counts as the least trusted, since the method says "
         "that it does not know. Where photos with equal confidence lie on the border of what is dropped, each is "
         "dropped in part, so the order of the files does not matter."

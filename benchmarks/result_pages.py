@@ -1,4 +1,4 @@
-"""The pages of docs/results, from the JSON of ``unshutter evaluate``: nothing in them is typed but reading.md and readings.toml.
+"""The pages of docs/results, from the JSON of ``unshutter evaluate``. Only reading.md and readings.toml are typed.
 
 Called by results.py. A page for each run, an index with the overview, contact sheets of the repository's own photo.
 """
@@ -131,16 +131,16 @@ def _intro(runs: dict[str, Results]) -> str:
         f"{name} {version}" for name, version in environment.items() if name not in ("code", "machine")
     )
     return (
-        "`make results DATA=...` measures every figure in the tables and writes them here; only the readings are typed. "
-        "No method was trained on these photos, and they are not part of the repository.\n\n"
+        "`make results DATA=...` measures every figure in the tables and writes them here; only the readings are "
+        "typed. No method was trained on these photos, and they are not part of the repository.\n\n"
         f"Commit {commit} (code {environment.get('code', '?')}), {environment.get('machine', '?')}, {versions}."
     )
 
 
 def _legend() -> str:
     return (
-        "The figures are the median EPE (mean distance of pixels from where they belong) in pixels of 256 rows, less is "
-        "better; for real pairs the mean gain in PSNR; for video |R_F| as we read it. The best of each column is bold. "
+        "The figures are the median EPE (mean distance of pixels from where they belong) in pixels of 256 rows, less "
+        "is better; for real pairs the mean gain in PSNR; for video |R_F| as we read it. The best of each column is bold. "
         "Each heading leads to the full tables and the command that produces them."
     )
 
@@ -165,8 +165,8 @@ def _overview(runs: dict[str, Results]) -> str:
 def _sheets(examples: Results, build: Path, docs: Path) -> str:
     parts = [
         "## In pictures",
-        "The photo, by Berthold Werner, shows the Constantine Basilica in Trier and is in the public domain; the motions "
-        "are random. Above each picture stand the method and its EPE.",
+        "The photo, by Berthold Werner, shows the Constantine Basilica in Trier and is in the public domain; the "
+        "motions are random. Above each picture stand the method and its EPE.",
         f"```sh\n{examples.command}\n```",
     ]
     for sheet in sorted((build / SHEETS).glob("sheet_*.jpg")):

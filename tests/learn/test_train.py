@@ -111,9 +111,6 @@ def test_two_processes_under_torchrun(config: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "runs" / "tiny" / "model.onnx").exists()
-    assert f"model: {Path('runs/tiny/model.onnx')}" in capsys.readouterr().out
-    assert main(["train", "--config", "tiny.toml", "--photos", "."]) == 2
-    assert "drawn scenes, not from photos: leave out --photos" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
