@@ -29,8 +29,8 @@ CAPTION = (
 )
 READING = (
     "Above the grey line more answers are right than promised, below it fewer. A confidence is meant for photos with "
-    "and without motion: judge it by the panel *half and half*. The intervals are a little too narrow, since each photo "
-    "appears with several motions. Declined pictures have no confidence and are not included."
+    "and without motion: judge it by the panel *half and half*. The intervals are a little too narrow, since each "
+    "photo appears with several motions. Declined pictures have no confidence and are not included."
 )
 
 

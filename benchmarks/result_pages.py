@@ -140,8 +140,8 @@ def _intro(runs: dict[str, Results]) -> str:
 def _legend() -> str:
     return (
         "The figures are the median EPE (mean distance of pixels from where they belong) in pixels of 256 rows, less "
-        "is better; for real pairs the mean gain in PSNR; for video |R_F| as we read it. The best of each column is bold. "
-        "Each heading leads to the full tables and the command that produces them."
+        "is better; for real pairs the mean gain in PSNR; for video |R_F| as we read it. The best of each column is "
+        "bold. Each heading leads to the full tables and the command that produces them."
     )
 
 
