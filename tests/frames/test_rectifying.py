@@ -156,7 +156,7 @@ def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
         (["{2}", "--after", "{1}", "--readout-ratio", "1"], 2, "neighbours of one photo, but there are 2"),
         (["--readout-ratio", "1"], 2, "name one with --before or --after"),
         (["--at", "0.5"], 2, "name one with --before or --after"),
-        (["--edges", "borrow"], 2, "takes from neighbours"),
+        (["--edges", "borrow"], 2, "needs a neighbour"),
     ],
 )
 def test_one_clear_line(shot: list[Path], capsys: pytest.CaptureFixture[str], words, code, message) -> None:
