@@ -226,8 +226,8 @@ PROTOCOLS = {
     "video": Protocol(
         "|R_F| over consecutive frames",
         "video",
-        "In a caption, the paper gives |R_F| for a video without defining it. **Our reading**: SIFT matches between two "
-        "consecutive rectified frames (middle row) that agree with one fundamental matrix (USAC, 1 px).",
+        "In a caption, the paper gives |R_F| for a video without defining it. **Our reading**: SIFT matches between "
+        "two consecutive rectified frames (middle row) that agree with one fundamental matrix (USAC, 1 px).",
         _videos,
     ),
     "sequences": Protocol(
