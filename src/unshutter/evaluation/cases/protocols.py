@@ -155,7 +155,7 @@ PROTOCOLS = {
         "still",
         "Photos as they are: every motion found is wrong. *Left alone* are those that `unshutter rectify` would not "
         "change, because the motion is too unsure or too small; *moved* counts the others. In the last suites photos "
-        "lie on their side, as phones store portrait photos, or estimators are told a readout of 30 ms and an exposure "
+        "lie on their side, as phones store portrait photos, or estimators know of a readout of 30 ms and an exposure "
         "of 1/60 s.",
         _with_motion(
             Suite("256 px", still=True),
@@ -174,10 +174,10 @@ PROTOCOLS = {
         ),
     ),
     "exposure": Protocol(
-        "Photos that tell their exposure",
+        "Photos of known exposure",
         "motion",
         "The same photos and motions, each row exposed for 1/1000 s or 1/60 s of a readout of 30 ms, blurred by its "
-        "motion meanwhile. Estimators are told both times.",
+        "motion meanwhile. Estimators know both times.",
         _with_motion(
             Suite("1/1000 s, 256 px", exposure_s=1 / 1000),
             Suite("1/60 s, 256 px", exposure_s=1 / 60),
@@ -186,11 +186,11 @@ PROTOCOLS = {
         ),
     ),
     "attitude": Protocol(
-        "Photos that tell how the camera was held",
+        "Photos of known roll and tilt",
         "motion",
-        "The same photos and motions. Estimators are told roll and tilt of the camera, each up to 1 degree off, as an "
-        "accelerometer would tell them. No set says how its cameras were held: they are measured on the undistorted "
-        "photo by its right angles, and not told where it shows none.",
+        "The same photos and motions. Estimators know roll and tilt of the camera, each up to 1 degree off, as from an "
+        "accelerometer. No set says how its cameras were held: the right angles of each undistorted photo show it; if "
+        "there are none, estimators do not know.",
         _with_motion(Suite("256 px", attitude_deg=1.0), Suite("native size", rows=None, attitude_deg=1.0)),
     ),
     "robustness": Protocol(
@@ -236,7 +236,7 @@ PROTOCOLS = {
         "Each photo as 60 frames of a camera that turns about all three axes as a recorded one did (30 frames a "
         "second, 640x360 px, noise of 2 levels; logs of motion capture smoothed by 30 ms), its readout taking 0.3, 0.6 "
         "and 0.9 of a frame's time. *frames-camera* sees all frames and has to find the focal length, and the "
-        "readout ratio where it is not given; it may say that it cannot. *Covered*: the truth lies within 1.645 of its "
+        "readout ratio if it is not given; it may say that it cannot. *Covered*: the truth lies within 1.645 of its "
         "own standard deviations, as nine in ten should. Methods that see one photo get every twelfth frame "
         "and the focal length.",
         _sequences,
