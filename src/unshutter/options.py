@@ -155,7 +155,7 @@ class Undo:
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
-        "Leave a photo as it is if its motion is less sure than this; 0: change every photo. Default: "
+        "Leave a photo as it is if its motion is less sure than this; 0 switches this off. Default: "
         f"{MIN_CONFIDENCE:g}.",
     )
 
