@@ -52,14 +52,19 @@ def judge(
     if roll_known:
         odds = _odds_upright(posterior)
     else:
-        odds = _odds_alone(posterior) if opinion is None else _forest().odds(_figures(posterior, opinion)) - _CAUTION
+        odds = _odds_alone(posterior) if opinion is None else _forest().odds(figures(posterior, opinion)) - _CAUTION
     odds += _CAUTION - _MOVING if moving else 0.0
     motion = posterior.motion / (1 + math.exp(-np.clip(_STEEPNESS * odds, -50, 50)))
     return Judgement(motion, _probability(_right(posterior, opinion, odds)))
 
 
-def _figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
-    """What the forest looks at; displacements in px of 256 rows."""
+def figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
+    """What the forest looks at; displacements in px of 256 rows.
+
+    Args:
+        posterior: of the photo's segments.
+        opinion: [6] the network's answer.
+    """
     return {
         "evidence": posterior.evidence,
         "lines_gain": posterior.lines_gain,
