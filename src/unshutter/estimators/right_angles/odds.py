@@ -76,6 +76,10 @@ def figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
         "error": _PX * posterior.expected_error,
         "size": _PX * posterior.size,
         "bend": _PX * bend(posterior.motion),
+        "breadth": posterior.breadth,
+        "against": posterior.against,
+        "answer_linear": _PX * float(opinion[0]+opinion[1]+opinion[2]),
+        **{f"x{k}": v for k, v in enumerate(posterior.extra)},
     }
 
 

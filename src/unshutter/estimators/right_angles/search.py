@@ -39,6 +39,10 @@ class Posterior:
         lines_gain: log-likelihood ratio of the segments at the best optimum against chance [nats per unit of weight].
         weight: of all segments together: how many tell something new.
         gain_at_rest: as lines_gain, of no motion with the camera that suits it best.
+        breadth: how evenly the picture's parts speak for the motion: the sum of what each says [nats] by the root of
+            the sum of squares; 4 where all sixteen say the same, negative where they speak against it.
+        against: share of what the parts say that speaks against the motion.
+        from_verticals: not used
     """
 
     motion: np.ndarray
@@ -47,6 +51,9 @@ class Posterior:
     lines_gain: float
     weight: float
     gain_at_rest: float
+    breadth: float = 0.0
+    against: float = 0.0
+    extra: tuple = ()
 
     @property
     def expected_error(self) -> float:
@@ -85,8 +92,23 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
     best = found[np.argmax(moving)]
     gain = float(likelihood.lines_gain(best[None])[0])
-    at_rest, gain_at_rest = _at_rest(likelihood, begin[:poses])
-    return Posterior(mean, covariance, evidence - at_rest, gain, float(likelihood.weight.sum()), gain_at_rest)
+    at_rest, gain_at_rest, still = _at_rest(likelihood, begin[:poses])
+    weight = float(likelihood.weight.sum())
+    breadth, against, extra = _breadth(likelihood, best, still)
+    return Posterior(mean, covariance, evidence - at_rest, gain, weight, gain_at_rest, breadth, against, extra)
+
+
+def _breadth(likelihood, moving, still):
+    said = likelihood.of_segments(np.stack([moving, still]))
+    of_parts = np.bincount(likelihood.block, said[0] - said[1], minlength=16)
+    breadth = float(of_parts.sum() / math.sqrt(1 + (of_parts**2).sum()))
+    against = float(-of_parts[of_parts < 0].sum() / (1 + np.abs(of_parts).sum()))
+    half = float(np.sort(of_parts)[:-2].sum())
+    rows = of_parts.reshape(4, 4).sum(1); cols = of_parts.reshape(4, 4).sum(0)
+    d = said[0] - said[1]
+    z = float(d.sum() / math.sqrt(1 + (d**2).sum()))
+    m = moving; r = still
+    return breadth, against, (half, float(rows.min()), float(cols.min()), z, float(np.median(of_parts)), abs(math.degrees(m[ROLL])), abs(math.degrees(r[ROLL])), math.degrees(m[TILT]), math.degrees(r[TILT]), float((d > 0).mean()), len(d), float(m[LOG_FOCAL] - likelihood.prior.mean[LOG_FOCAL]), float(r[LOG_FOCAL] - likelihood.prior.mean[LOG_FOCAL]))
 
 
 def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int = 2) -> Float64[np.ndarray, "motions"]:
@@ -105,7 +127,7 @@ def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int
     return best + 0.5 * ((motions / likelihood.prior.sigma[MOTION]) ** 2).sum(axis=1)
 
 
-def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, float]:
+def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, float, np.ndarray]:
     """No motion at all, with the camera that suits it best: logarithm of its evidence [nats], and its lines' gain.
 
     Args:
@@ -115,7 +137,7 @@ def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float,
     cameras, energy, hessian = descend(likelihood, begin, CAMERA)
     best = int(np.argmin(energy))
     evidence = -energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1]
-    return float(evidence), float(likelihood.lines_gain(cameras[best : best + 1])[0])
+    return float(evidence), float(likelihood.lines_gain(cameras[best : best + 1])[0]), cameras[best]
 
 
 def descend(
