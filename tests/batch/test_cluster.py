@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 from support.batches import leftovers, make_photos, rectify, results
+from support.hand_held import clip, hand
+from unshutter import Photo
 
 distributed = pytest.importorskip("distributed", reason="needs unshutter[dask]")
 
@@ -89,3 +91,13 @@ def test_nobody_answers(archive: Path, tmp_path: Path, capsys) -> None:
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert "cannot reach the Dask scheduler" in message
+
+
+def test_a_sequence_is_rectified_as_on_one_machine(cluster, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for k, frame in enumerate(clip(hand(4), 0.9, frames=6)[1]):
+        Photo.from_array(frame).save(tmp_path / "in" / f"{k}.png")
+    words = tmp_path / "in", "--sequence", "--readout-ratio", "0.9"
+    assert rectify(*words, "-o", tmp_path / "here") == 0
+    assert rectify(*words, "-o", tmp_path / "there", "--scheduler", cluster.scheduler_address) == 0
+    assert results(tmp_path / "there") == results(tmp_path / "here")

@@ -79,6 +79,18 @@ def test_where_the_ratio_cannot_be_told_nothing_is_written(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_what_falls_back_is_rectified_by_itself(tmp_path):
+    """An even pan does not tell the readout time: each photo is then what it is on its own, and the log says so."""
+    (tmp_path / "in").mkdir()
+    for k, frame in enumerate(clip(pan(), 0.8, frames=8)[1]):
+        Photo.from_array(frame).save(tmp_path / "in" / f"{k}.png")
+    log = tmp_path / "log"
+    assert rectify(tmp_path / "in", "--sequence", "--fallback", "-o", tmp_path / "out", "--json-log", log) == 0
+    assert {event["model"] for event in map(json.loads, log.read_text().splitlines()[:-1])} == {"alone"}
+    assert rectify(tmp_path / "in", "-o", tmp_path / "alone") == 0
+    assert results(tmp_path / "out") == results(tmp_path / "alone")
+
+
 def test_the_model_may_be_forced_and_the_log_says_it(moving, tmp_path):
     _, folder = moving
     for model in ("camera", "dense"):
