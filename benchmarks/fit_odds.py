@@ -1,6 +1,6 @@
 """Fits what odds.py knows to the cases of odds_cases.py; needs scikit-learn.
 
-    python benchmarks/fit_odds.py CASES.jsonl [--check OTHERS.jsonl ...] [--write] [--caution 0.65]
+    python benchmarks/fit_odds.py CASES.jsonl [--check OTHERS.jsonl ...] [--write] [--caution 0.8]
 
 Prints how the forest does on cases that it has not seen: each photo's by a forest fitted without that photo, and those
 of ``--check`` by the one that is written (with ``--write``) to src/unshutter/weights/odds.json. Then it prints the
@@ -24,10 +24,14 @@ from sklearn.preprocessing import StandardScaler
 
 WEIGHTS = Path(__file__).parent.parent / "src/unshutter/weights/odds.json"
 FEATURES = (
-    "evidence lines_gain gain_at_rest weight answer_bend answer_size disagreement error size bend".split()
-)  # fmt: skip
+    *("evidence", "lines_gain", "gain_at_rest", "weight", "answer_bend", "answer_size", "disagreement", "error"),
+    *("size", "bend", "breadth", "against", "in_favour", "roll", "roll_at_rest", "tilt", "tilt_at_rest"),
+    *("focal", "focal_at_rest"),
+)  # of odds.py's figures()
+PEOPLES = 4  # times as much as others count photos that people took, which are few
 MOST_AT_STAKE = 8.0  # px of 256 rows: a case counts by what undoing its motion gains or loses, up to this
 FOLDS = 4
+AS_THEY_ARE = ["whole", "crop"]  # suites of photos that people took
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,8 @@ class Cases:
 
     Attributes:
         suite, photo: [N] of each.
-        error, nothing: [N] mean displacement that is left when the motion found is undone, and without [px of 256 rows].
+        error, nothing: [N] mean displacement that is left when the motion found is undone, and when nothing is
+            [px of 256 rows].
         found: [N, features] what the forest looks at.
     """
 
@@ -56,9 +61,9 @@ class Cases:
 
     @property
     def at_stake(self) -> np.ndarray:
-        """[N] how much each counts: what is at stake, all stills together as much as all others."""
+        """[N] how much each counts: what undoing its motion gains or loses."""
         stake = np.minimum(np.abs(self.error - self.nothing), MOST_AT_STAKE) + 0.05
-        return stake
+        return stake * np.where(np.isin(self.suite, AS_THEY_ARE), PEOPLES, 1)
 
     @property
     def folds(self) -> np.ndarray:
@@ -69,7 +74,7 @@ class Cases:
 def forest(cases: Cases, chosen: np.ndarray) -> HistGradientBoostingClassifier:
     """Fitted to the chosen cases: whether undoing the motion is better than leaving it."""
     trees = HistGradientBoostingClassifier(
-        max_depth=3, max_iter=150, learning_rate=0.08, min_samples_leaf=30, random_state=0
+        max_depth=3, max_iter=200, learning_rate=0.05, min_samples_leaf=80, random_state=0
     )
     helps = cases.error < cases.nothing
     return trees.fit(cases.found[chosen], helps[chosen], sample_weight=cases.at_stake[chosen])
@@ -134,7 +139,7 @@ def confidence(cases: Cases, odds: np.ndarray) -> str:
         "error": np.log(named["error"] + 0.1),
     }
     right = np.where(odds > 0, cases.error, cases.nothing) < 1
-    still = np.char.startswith(cases.suite.astype(str), "still") | np.isin(cases.suite, ["whole", "crop"])
+    still = np.char.startswith(cases.suite.astype(str), "still") | np.isin(cases.suite, AS_THEY_ARE)
     weight = np.where(still, 0.5 / still.sum(), 0.5 / (~still).sum()) * len(still)
     said, lines = np.zeros(len(odds)), []
     for name, wanted, of in (
@@ -149,7 +154,9 @@ def confidence(cases: Cases, odds: np.ndarray) -> str:
         whole = _regression(x[of], right[of], weight[of])
         slopes = whole[-1].coef_[0] / whole[0].scale_
         constant = whole[-1].intercept_[0] - slopes @ whole[0].mean_
-        lines.append(f"{name}: {constant:.3f} " + " ".join(f"{a:+.3f} {b}" for a, b in zip(slopes, wanted, strict=True)))
+        lines.append(
+            f"{name}: {constant:.3f} " + " ".join(f"{a:+.3f} {b}" for a, b in zip(slopes, wanted, strict=True))
+        )
     for low in range(10):
         of = (said * 10).astype(int) == low
         if of.any():
@@ -167,7 +174,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", type=Path, nargs="+")
     parser.add_argument("--check", type=Path, nargs="+", default=[])
-    parser.add_argument("--caution", type=float, default=0.65, help="odds from which on a motion is undone")
+    parser.add_argument("--caution", type=float, default=0.8, help="odds from which on a motion is undone")
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     cases, caution = Cases.read(given.cases), math.log(given.caution)

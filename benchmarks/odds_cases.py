@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.base import View
 from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.methods.segment_manhattan import SegmentManhattan
 from unshutter.estimators.register import method

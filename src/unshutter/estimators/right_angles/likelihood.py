@@ -16,8 +16,7 @@ from unshutter.estimators.right_angles.prior import Prior
 from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints
 from unshutter.estimators.right_angles.unknowns import UNKNOWNS
 
-
-_BLOCKS = 4  # each way, into which a picture is parted
+_PARTS = 4  # across, and as many down
 
 
 class ManhattanLikelihood:
@@ -38,7 +37,7 @@ class ManhattanLikelihood:
         prior: of the unknowns.
         known: as it was given.
         weight: [N] how much each segment counts.
-        block: [N] in which part of the picture each lies.
+        part: [N] in which of sixteen parts of the picture each lies.
     """
 
     def __init__(
@@ -54,7 +53,7 @@ class ManhattanLikelihood:
         self.known = known or KnownCamera()
         self.prior = Prior(b, self.known, aspect, opinion)
         self._ends = EndPoints(segments[:, :2]), EndPoints(segments[:, 2:])
-        self.block = _blocks(segments, aspect)
+        self.part = _parts(segments, aspect)
         self._turn = math.atan2(self.known.up[0], -self.known.up[1])
         length_px = np.hypot(*(segments[:, 2:] - segments[:, :2]).T) * rows
         self.weight = np.minimum(length_px / b.full_weight_px, 1) * b.independent_share
@@ -120,8 +119,8 @@ class ManhattanLikelihood:
         return np.sum(density, 1) + self._anywhere, np.asarray(precision)
 
 
-def _blocks(segments: np.ndarray, aspect: float) -> np.ndarray:
-    """[N, 4] -> [N]: the part of the picture in which each segment's middle lies, 0 to _BLOCKS**2 - 1."""
+def _parts(segments: np.ndarray, aspect: float) -> np.ndarray:
+    """[N, 4] -> [N]: the part of the picture in which each segment's middle lies, row by row from 0."""
     middle = (segments[:, :2] + segments[:, 2:]) / 2 / [aspect, 1] + 0.5
-    column, row = np.clip((middle * _BLOCKS).astype(int), 0, _BLOCKS - 1).T
-    return row * _BLOCKS + column
+    column, row = np.clip((middle * _PARTS).astype(int), 0, _PARTS - 1).T
+    return row * _PARTS + column
