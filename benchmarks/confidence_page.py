@@ -28,10 +28,9 @@ CAPTION = (
     "confidences say what they mean."
 )
 READING = (
-    "Above the grey line more is right than was promised, below it less. How many photos have a motion at all is part "
-    "of what a confidence is worth. It is meant for photos of both kinds: *half and half* is the panel to judge it by. "
-    "The intervals are a little too narrow, since each photo is there with several motions. Pictures that were "
-    "declined state nothing and are not among them."
+    "Above the grey line more answers are right than promised, below it fewer. A confidence is meant for photos with "
+    "and without motion: judge it by the panel *half and half*. The intervals are a little too narrow, since each "
+    "photo appears with several motions. Declined pictures have no confidence and are not included."
 )
 
 
@@ -82,13 +81,13 @@ def _about(names: list[str]) -> str:
     listed = ", ".join(f"`{name}`" for name in names)
     return (
         f"Some methods ({listed}) state a confidence with each motion: the probability that it is right, which means "
-        f"that pixels are off by less than {RIGHT_PX:g} px of 256 rows on average (EPE). Here it is compared with the "
-        f"errors that were found, on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
-        "[undistorted](undistorted.md), and on both together. There each kind counts as a half, as in an archive of "
-        "which only some photos are distorted.\n\n"
-        "A photo that was declined is left as it is and has no confidence. It is trusted least of all, for the method "
-        "says that it does not know. Of photos with equal confidence at the border of what is dropped, each is dropped "
-        "in part, so that the order of files has no say."
+        f"that pixels are off by less than {RIGHT_PX:g} px of 256 rows on average (EPE). This page compares it with "
+        f"the errors measured on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
+        "[undistorted](undistorted.md), and on both together. Together, each kind counts as a half, as in an archive "
+        "of which only some photos are distorted.\n\n"
+        "A declined photo stays as it is and has no confidence. It counts as the least trusted, since the method says "
+        "that it does not know. Where photos with equal confidence lie on the border of what is dropped, each is "
+        "dropped in part, so the order of the files does not matter."
     )
 
 
@@ -154,8 +153,8 @@ def _bounds(kinds: dict[str, _Groups]) -> str:
     return (
         "*Drop* is by how much the mean EPE falls, *perfect order* by how much it would fall without the pictures with "
         f"the largest true errors. No confidence can do better than that: {', '.join(said)}.\n\n"
-        "*Answered only* is the drop with declined photos left aside: what the confidence does by itself. "
-        "In *all* the folders are pooled: there it counts, too, that a hard folder is told from an easy one. "
+        "*Answered only* is the drop without declined photos: what the confidence does by itself. "
+        "*All* pools the folders, so telling a hard folder from an easy one counts as well. "
         f"Bold: the aim, {AIM * 100:.0f} %, is reached."
     )
 

@@ -1,4 +1,4 @@
-"""The pages of docs/results, from the JSON of ``unshutter evaluate``: nothing in them is typed but reading.md.
+"""The pages of docs/results, from the JSON of ``unshutter evaluate``. Only reading.md and readings.toml are typed.
 
 Called by results.py. A page for each run, an index with the overview, contact sheets of the repository's own photo.
 """
@@ -9,6 +9,7 @@ import json
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from unshutter.evaluation.pages.tables import marked, overview
 from unshutter.evaluation.results import Results
 
 READING = "reading.md"  # written by hand, kept
+READINGS = "readings.toml"  # by hand, too: the line at the top of each page
 KEPT = [READING, "paper-networks-reading.md", "paper-networks.md"]  # the last by paper_networks.py
 SCORES = Path("src/unshutter/weights/scores.json")  # what ``unshutter models`` prints
 _ORDER = ("synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
@@ -31,11 +33,11 @@ SHEETS = "examples"  # the only run whose pictures may be shown: the photo is in
 TITLES = {
     "others": (
         "Photos that are not of buildings",
-        "Sample photos of scikit-image as they are: every motion found is wrong.",
+        "Sample photos of scikit-image, undistorted: every motion found is wrong.",
     ),
     "pairs": (
         "Real pairs",
-        "Rolling-shutter frames and what a global shutter saw at the moment of their first or middle row. The ceiling "
+        "Rolling-shutter frames, and what a global shutter saw at the moment of their first or middle row. The ceiling "
         "is the best cubic t_x and r_z, fitted to both pictures.",
     ),
 }
@@ -48,7 +50,7 @@ def write_pages(build: Path, docs: Path) -> None:
 
     Args:
         build: folder of the runs.
-        docs: its files but reading.md are replaced.
+        docs: its files but reading.md and readings.toml are replaced.
     """
     try:
         runs = {path.parent.name: Results.load(path) for path in sorted(build.glob("*/results.json"))}
@@ -61,9 +63,11 @@ def write_pages(build: Path, docs: Path) -> None:
         if old.name not in KEPT and old.suffix in (".md", ".png", ".jpg"):
             old.unlink()
     order = [name for name in _ORDER if name in runs]
+    short = tomllib.loads((docs / READINGS).read_text()) if (docs / READINGS).exists() else {}
     for name in order:
-        (docs / f"{name}.md").write_text(_page(name, runs[name], docs))
-    write_confidence_page(runs, docs)
+        (docs / f"{name}.md").write_text(_with_reading(_page(name, runs[name], docs), short.get(name)))
+    if write_confidence_page(runs, docs):
+        (docs / CONFIDENCE).write_text(_with_reading((docs / CONFIDENCE).read_text(), short.get("confidence")))
     (docs / "index.md").write_text(_index({name: runs[name] for name in order}, runs.get(SHEETS), build, docs))
     if "synthetic" in runs and SCORES.parent.is_dir():
         write_text(SCORES, _scores(runs["synthetic"]))
@@ -90,6 +94,12 @@ def _page(name: str, results: Results, docs: Path) -> str:
     return text + "\n[All results](index.md)\n"
 
 
+def _with_reading(text: str, line: str | None) -> str:
+    """A page with its line below the title."""
+    title, _, rest = text.partition("\n\n")
+    return f"{title}\n\n**In short:** {line}\n\n{rest}" if line else text
+
+
 def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs: Path) -> str:
     parts = ["# Results", _intro(runs)]
     wide = {"robustness": ["robustness"], "": [name for name in runs if name != "robustness"]}
@@ -99,9 +109,9 @@ def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs
     missing = [n for n in PAPER if not any(e.startswith(n) for results in runs.values() for e in results.estimators)]
     if missing:
         where = "[the paper's networks](paper-networks.md)"
-        parts.append(f"Without a row, because the package has no weights of it: {', '.join(missing)}; see {where}.")
+        parts.append(f"The package has no weights of {', '.join(missing)}, so it has no row; see {where}.")
     if (docs / CONFIDENCE).exists():
-        parts.append(f"Some methods say how far they trust themselves: [what this confidence is worth]({CONFIDENCE}).")
+        parts.append(f"Some methods state a confidence: [what it is worth]({CONFIDENCE}).")
     if (docs / READING).exists():
         parts.append((docs / READING).read_text().strip())
     if examples:
@@ -121,17 +131,17 @@ def _intro(runs: dict[str, Results]) -> str:
         f"{name} {version}" for name, version in environment.items() if name not in ("code", "machine")
     )
     return (
-        "Every figure here is measured by `make results DATA=...` and written by it; nothing is typed. The photos are "
-        "ones that nothing was trained on and are not part of the repository.\n\n"
+        "`make results DATA=...` measures every figure in the tables and writes them here; only the readings are "
+        "typed. No method was trained on these photos, and they are not part of the repository.\n\n"
         f"Commit {commit} (code {environment.get('code', '?')}), {environment.get('machine', '?')}, {versions}."
     )
 
 
 def _legend() -> str:
     return (
-        "Median EPE (mean distance of pixels from where they belong) in pixels of 256 rows, less is better; for real "
-        "pairs the mean gain in PSNR; for video |R_F|, our reading of it. Best figure of each column in bold. Each "
-        "heading leads to the full tables, with the command that gives them."
+        "The figures are the median EPE (mean distance of pixels from where they belong) in pixels of 256 rows, less "
+        "is better; for real pairs the mean gain in PSNR; for video |R_F| as we read it. The best of each column is "
+        "bold. Each heading leads to the full tables and the command that produces them."
     )
 
 
@@ -155,8 +165,8 @@ def _overview(runs: dict[str, Results]) -> str:
 def _sheets(examples: Results, build: Path, docs: Path) -> str:
     parts = [
         "## In pictures",
-        "The photo is Berthold Werner's of the Constantine Basilica in Trier, in the public domain; the motions are "
-        "drawn. Above each picture the method and its EPE.",
+        "The photo, by Berthold Werner, shows the Constantine Basilica in Trier and is in the public domain; the "
+        "motions are random. Above each picture stand the method and its EPE.",
         f"```sh\n{examples.command}\n```",
     ]
     for sheet in sorted((build / SHEETS).glob("sheet_*.jpg")):

@@ -44,7 +44,7 @@ def check_time(name: str, time: float | None, unit: str) -> None:
 
 @dataclass(frozen=True)
 class Camera:
-    """What is known of the camera beside the photo itself.
+    """What you know of the camera, beside the photo itself.
 
     Attributes:
         readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom, unless the photo shows that
@@ -62,7 +62,7 @@ class Camera:
 
     readout: str = option(
         "auto",
-        "Direction in which the sensor was read, if an editor has turned the file. Default: as the photo shows, else "
+        "Direction in which the sensor was read, if an editor has turned the file. Default: what the photo shows, else "
         "top-to-bottom.",
         choices=("auto", *Readout),
     )
@@ -71,15 +71,15 @@ class Camera:
         "Focal length in px of the photo, for methods that use it. Default: EXIF's, else 0.85 (width + height).",
     )
     roll_deg: float | None = option(
-        None, "How far the camera was turned clockwise from upright, where you know it, for methods that use it."
+        None, "How far the camera was turned clockwise from upright, if you know it, for methods that use it."
     )
-    tilt_deg: float | None = option(None, "How far it looked up, where you know it; -90 is straight down.")
+    tilt_deg: float | None = option(None, "How far the camera looked up, if you know it; -90 is straight down.")
     exposure_s: float | None = option(
-        None, "How long the photo was exposed, in seconds. Default: as EXIF says.", metavar="SECONDS"
+        None, "Exposure time of the photo, in seconds. Default: EXIF's.", metavar="SECONDS"
     )
     readout_ms: float | None = option(
         None,
-        "Time from the first row to the last, in milliseconds. Default: what is usual for the kind of camera.",
+        "Readout time, from the first row to the last, in milliseconds. Default: what is usual for such cameras.",
         metavar="MS",
     )
     moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
@@ -104,7 +104,7 @@ class Camera:
         if self != Camera(self.readout):
             raise UsageError(
                 "focal length, roll, tilt, exposure, readout time and --moving are for finding a motion: "
-                "leave them out when it is given"
+                "leave them out when you give one"
             )
 
 
@@ -149,13 +149,14 @@ class Undo:
     strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
     edges: Edges = option(
         "auto",
-        "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour. "
-        "Default: auto, crop where that leaves at least 80 % of the photo (and its coordinates are not wanted), else "
-        "keep. borrow takes them from the frames of --before and --after.",
+        "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour. auto "
+        "crops if that leaves at least 80 % of the photo, and keeps them otherwise and with --masks or --save-motion. "
+        "borrow takes them from the frames of --before and --after. Default: auto.",
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
-        f"Leave a photo as it is where its motion is less sure than this; 0 leaves none. Default: {MIN_CONFIDENCE:g}.",
+        "Leave a photo as it is if its motion is less sure than this; 0 switches this off. Default: "
+        f"{MIN_CONFIDENCE:g}.",
     )
 
     def __post_init__(self) -> None:
@@ -179,7 +180,7 @@ class Undo:
             UsageError: a least confidence is asked for, too.
         """
         if self.min_confidence not in (0, MIN_CONFIDENCE):
-            raise UsageError("a motion that is given is undone whatever its confidence: leave out the least confidence")
+            raise UsageError("a given motion is undone whatever its confidence: leave out the least confidence")
         return replace(self, min_confidence=0)
 
 
@@ -200,14 +201,14 @@ class Save:
     """
 
     format: PictureFormat | None = option(
-        None, "Format of the results. Default: that of each photo; AVIF for HEIC, 16-bit TIFF for raw files."
+        None, "Format of the results. Default: the photo's own; AVIF for HEIC, 16-bit TIFF for raw files."
     )
     quality: int | None = option(None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.")
     subsampling: Subsampling | None = option(
         None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
     )
     keep_times: bool = option(False, "Give each result the access and modification time of its photo.")
-    only_changed: bool = option(False, "Write only photos that were changed. Default: the others are copied.")
+    only_changed: bool = option(False, "Write only photos that change. Default: copy the others.")
     keep_names: bool = option(False, "Give results the names of their photos, in the folder that --output names.")
 
     def __post_init__(self) -> None:
@@ -234,9 +235,9 @@ class Clock:
     """
 
     readout_ratio: float | None = option(
-        None, "Time in which a frame is read out / time from frame to frame, 0 to 1. --sequence finds it where it can."
+        None, "Time to read out a frame / time from frame to frame, 0 to 1. --sequence finds it if it can."
     )
-    fps: float | None = option(None, "Instead of the ratio, with --readout-ms: frames taken in a second.", metavar="N")
+    fps: float | None = option(None, "Frames per second; with --readout-ms, instead of the ratio.", metavar="N")
     readout_ms: float | None = None  # a flag of the camera's
 
     def __post_init__(self) -> None:
@@ -267,7 +268,7 @@ class Clock:
             return self.readout_ratio
         if self.readout_ms is None or self.fps is None:
             raise UsageError(
-                "say how long a frame is read out: --readout-ratio (readout time / time from frame to frame), or "
+                "say how long a readout takes: --readout-ratio (readout time / time from frame to frame), or "
                 "--readout-ms with --fps"
             )
         return self.readout_ms * self.fps / 1000
@@ -292,7 +293,7 @@ def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameMo
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Frames that were taken just before and after the photo.
+    """Frames taken just before and after the photo.
 
     Attributes:
         before, after: their files.
@@ -306,31 +307,31 @@ class Neighbours:
         UsageError: options for neighbours without any.
     """
 
-    before: Path | None = option(None, "Frame taken just before the photo, by the same camera: says how it moved.")
+    before: Path | None = option(None, "Frame taken just before the photo by the same camera; shows what moved.")
     after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.")
     sequence: bool = option(
         False,
-        "The photos are frames of one camera at even intervals, in the order given (in folders: of their names). Their "
-        "motions are found from each other; the readout ratio, too, where it is not given.",
+        "The photos are frames of one camera at even intervals, in the order given (in folders: by name). Finds their "
+        "motions from each other, and the readout ratio, too, if you do not give it.",
     )
     clock: Clock = field(default_factory=Clock)
     at: float | None = option(
         None,
-        "Moment of the picture instead of a reference row, in frame intervals from the photo's first row: with --after,"
-        " 0.5 lies halfway to the next frame.",
+        "Moment of the picture, instead of a reference row, in frame intervals from the photo's first row: with "
+        "--after, 0.5 is halfway to the next frame.",
     )
     model: FrameModel | None = option(
         None,
-        "How the motion is described. camera: one motion for the whole picture. dense: near and far move differently. "
-        "Default: the one that the frames bear out.",
+        "camera: one motion for the whole picture. dense: near and far move differently. Default: the one that fits "
+        "the frames.",
     )
     fallback: bool = option(
-        False, "Where the neighbours say nothing, use what the photo alone says. Default: leave the photo as it is."
+        False, "If the neighbours show no motion, use the photo alone. Default: leave the photo as it is."
     )
 
     def __post_init__(self) -> None:
         if self.sequence and self:
-            raise UsageError("with --sequence, each photo's neighbours are known: leave out --before and --after")
+            raise UsageError("--sequence already gives each photo its neighbours: leave out --before and --after")
         others = self.clock != Clock() or self.at is not None or self.model is not None or self.fallback
         if not (self or self.sequence) and others:
             raise UsageError(
@@ -373,7 +374,7 @@ class Rectify:
         if self.neighbours or self.neighbours.sequence:
             self._check_neighbours()
         elif self.undo.edges == "borrow":
-            raise UsageError("--edges borrow takes from neighbours: name one with --before or --after")
+            raise UsageError("--edges borrow needs a neighbour: name one with --before or --after")
         if self.neighbours.sequence:
             object.__setattr__(self, "undo", self.undo.keeping_coordinates())
 
@@ -384,7 +385,7 @@ class Rectify:
         if replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout) and not given.fallback:
             raise UsageError("roll, tilt, exposure and --moving are for single photos: leave them out")
         if given.at is not None and self.undo.reference is not None:
-            raise UsageError("--at and --reference both say the moment of the picture: choose one of them")
+            raise UsageError("--at and --reference both set the moment of the picture: choose one")
         if (camera.readout_ms is None) != (given.clock.fps is None) and not given.fallback:
             raise UsageError("--readout-ms and --fps go together: what counts is their product")
         _ = self.clock  # raises where the numbers cannot be
@@ -403,7 +404,7 @@ class Rectify:
 
 @dataclass(frozen=True)
 class Run:
-    """How a command works through its photos, which changes nothing about its results.
+    """How a command works through its photos; none of this changes the results.
 
     Attributes:
         overwrite: whether outputs that exist may be replaced; originals never are.
@@ -422,21 +423,21 @@ class Run:
     """
 
     overwrite: bool = option(False, "Replace outputs that exist already, finished ones too.")
-    jobs: int | None = option(None, "Work in so many processes, each on one processor. Default: in this one.")
+    jobs: int | None = option(None, "Number of processes, each on one processor. Default: this one alone.")
     scheduler: str | None = option(
-        None, "Address (tcp://HOST:PORT) of a Dask scheduler whose workers do the work (needs the extra `dask`)."
+        None, "Address (tcp://HOST:PORT) of a Dask scheduler; its workers do the work (needs the extra `dask`)."
     )
-    dry_run: bool = option(False, "Only say what would be done.")
-    json_log: Path | None = option(None, "Add what happens to this file, one JSON object a line.")
+    dry_run: bool = option(False, "Say what would be done, and write nothing.")
+    json_log: Path | None = option(None, "Append what happens to this file, one JSON object a line.")
     preview: Path | None = option(
         None,
-        "Also make this picture: before and after side by side, of a folder a sheet of all that were done.",
+        "Also make this picture: before and after, side by side; for a folder, a sheet of all its photos.",
         metavar="FILE",
     )
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     timeout: float | None = option(
         None,
-        "Give up on a photo that takes longer, and go on. Default: 1800 with --jobs, else none.",
+        "Give up on a photo that takes longer, and go on with the next. Default: 1800 with --jobs, else none.",
         metavar="SECONDS",
     )
 
@@ -450,7 +451,7 @@ class Run:
         if self.max_pixels < 1:
             raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
         if self.jobs is not None and self.scheduler is not None:
-            raise UsageError("--jobs is for this machine, --scheduler for a cluster: choose one of them")
+            raise UsageError("--jobs is for this machine, --scheduler for a cluster: choose one")
 
 
 @dataclass(frozen=True)
@@ -487,28 +488,28 @@ class Synthesize:
     )
     exposure_s: float | None = option(
         None,
-        "Expose each row for so long: it is blurred by the motion, and EXIF says so. Default: sharp.",
+        "Exposure time of each row, which its own motion blurs; written into EXIF. Default: sharp.",
         metavar="SECONDS",
     )
     focal_px: float | None = option(None, "Focal length in px of the finished picture, for trajectories.", metavar="PX")
     size: int = option(256, "Side of the finished pictures in px. Default: 256.", metavar="PX")
     canvas: int = option(
-        356, "Side of the picture that is distorted before its middle is cut out, in px. Default: 356.", metavar="PX"
+        356, "Side in px of the picture that is distorted; its middle is cut out. Default: 356.", metavar="PX"
     )
 
     def __post_init__(self) -> None:
         if self.per_photo < 1 or self.seed < 0:
             raise UsageError(
-                f"needs at least one picture per photo and a seed of 0 or more, got {self.per_photo} and {self.seed}"
+                f"--per-photo must be at least 1 and --seed at least 0, got {self.per_photo} and {self.seed}"
             )
         for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
             check_time(name, time, unit)
         if self.exposure_s is not None and self.readout_ms is None:
-            raise UsageError("--exposure-s needs --readout-ms: how far a row is blurred depends on both")
+            raise UsageError("--exposure-s needs --readout-ms: the blur of a row depends on both")
         if self.motion == "quadratic" and not (self.trajectory is self.focal_px is None):
-            raise UsageError("trajectory and focal length are for --motion trajectory only")
+            raise UsageError("--trajectory and --focal-px are for --motion trajectory only")
         if self.motion == "quadratic" and self.exposure_s is None and self.readout_ms is not None:
-            raise UsageError("the time of the readout is for --motion trajectory and --exposure-s only")
+            raise UsageError("--readout-ms is for --motion trajectory and --exposure-s only")
         if self.motion == "trajectory" and None in (self.trajectory, self.readout_ms, self.focal_px):
             raise UsageError("--motion trajectory needs --trajectory, --readout-ms and --focal-px")
         if self.motion not in ("quadratic", "trajectory"):

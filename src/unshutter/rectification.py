@@ -139,9 +139,9 @@ def rectify(
             ``motion`` that is given is undone whatever its confidence.
 
     Returns:
-        What it was given: a path, an open file or a Photo gives a :class:`Rectified`, bytes give bytes of the same
-        format, an array gives an array of the same type, a Pillow image one of the same mode and ``info``. Whether
-        anything was undone, and what, :func:`rectified` tells for all of them.
+        The kind of thing that it was given. A path, an open file or a Photo gives a :class:`Rectified`, bytes give
+        bytes of the same format, an array gives an array of the same type, a Pillow image one of the same mode and
+        ``info``. To learn whether anything was undone, call :func:`rectified`: it gives a :class:`Rectified` for all.
 
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.

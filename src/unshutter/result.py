@@ -85,7 +85,7 @@ class Rectified:
         A photo that was left as it is is copied byte for byte, unless it is to be another format, or coded otherwise.
 
         Returns:
-            What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
+            The metadata that such files have no place for, in words, as in ``("IPTC",)``.
 
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.

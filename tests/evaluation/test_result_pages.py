@@ -33,6 +33,7 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
     docs = tmp_path / "docs" / "results"
     docs.mkdir(parents=True)
     (docs / "reading.md").write_text("## By hand\n\nKept.\n")
+    (docs / "readings.toml").write_text('synthetic = "It helps."\n')
     (docs / "old.md").write_text("of another time")
     weights = tmp_path / "src" / "unshutter" / "weights"
     weights.mkdir(parents=True)
@@ -41,8 +42,10 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
     index, page = (docs / "index.md").read_text(), (docs / "synthetic.md").read_text()
     assert "| kandula2020 | **1.25** | **1.25** |" in index
     assert "## By hand\n\nKept." in index and (docs / "reading.md").exists() and not (docs / "old.md").exists()
-    assert "purkait2017" in index.split("no weights of it")[1]  # the paper's others have no row, and it says so
+    assert "purkait2017" in index.split("no weights of")[1]  # the paper's others have no row, and it says so
     assert "unshutter evaluate --protocol synthetic --data photos/houses" in page
+    assert page.startswith("# Synthetic motions, 256 px\n\n**In short:** It helps.\n\n")
+    assert "In short" not in (docs / "undistorted.md").read_text()
     assert (docs / "synthetic-epe.png").exists()
     assert not (docs / "confidence.md").exists() and "confidence.md" not in index  # nobody stated any
     scores = json.loads((weights / "scores.json").read_text())

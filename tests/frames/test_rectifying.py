@@ -149,14 +149,14 @@ def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
         (["--after", "{1}"], 1, "say --readout-ratio"),
         (["--after", "{1}", "--readout-ratio", "0"], 2, "above 0 and at most 1"),
         (["--after", "{folder}/none.png", "--readout-ratio", "1"], 1, "No such file"),
-        (["--after", "{1}", "--readout-ratio", "1", "--at", "0.5", "--reference", "first"], 2, "choose one of them"),
+        (["--after", "{1}", "--readout-ratio", "1", "--at", "0.5", "--reference", "first"], 2, "choose one"),
         (["--after", "{1}", "--readout-ratio", "1", "--model", "dense", "--strength", "0.5"], 2, "leave out"),
         (["--after", "{1}", "--readout-ratio", "1", "--at", "0.5", "--save-motion", "m.json"], 2, "needs a motion"),
         (["--after", "{1}", "--readout-ratio", "1", "--roll-deg", "5"], 2, "for single photos"),
         (["{2}", "--after", "{1}", "--readout-ratio", "1"], 2, "neighbours of one photo, but there are 2"),
         (["--readout-ratio", "1"], 2, "name one with --before or --after"),
         (["--at", "0.5"], 2, "name one with --before or --after"),
-        (["--edges", "borrow"], 2, "takes from neighbours"),
+        (["--edges", "borrow"], 2, "needs a neighbour"),
     ],
 )
 def test_one_clear_line(shot: list[Path], capsys: pytest.CaptureFixture[str], words, code, message) -> None:

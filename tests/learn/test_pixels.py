@@ -165,10 +165,13 @@ def test_bad_requests(tmp_path):
 def test_too_few_pictures_are_refused_with_the_number_needed(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((60, 60, 3), np.uint8))
     for given, says in (
-        ({"drawn": 2, "held_out": 2}, "2 pictures are drawn, but at least 3 are needed"),
-        ({"folder": str(tmp_path), "held_out": 4}, "1 readable photos .* at least 5 are needed .4 held out"),
-        ({"folder": str(tmp_path / "missing")}, "no folder .*missing, but at least 41 are needed"),
-        ({"folder": str(tmp_path), "validation_folder": str(tmp_path / "v")}, "no folder .*v, but at least 1 "),
+        ({"drawn": 2, "held_out": 2}, "2 pictures are drawn; training needs at least 3 "),
+        ({"folder": str(tmp_path), "held_out": 4}, "holds 1 readable photo.s.; training needs at least 5 .4 held out"),
+        ({"folder": str(tmp_path / "missing")}, "there is no folder .*missing; training needs at least 41 "),
+        (
+            {"folder": str(tmp_path), "validation_folder": str(tmp_path / "v")},
+            "no folder .*v; training needs",
+        ),
     ):
         with pytest.raises(UsageError, match=says):
             PixelData(PixelConfig(size=32, canvas=44, **given), CPU)

@@ -263,8 +263,11 @@ def test_the_command_line_trains_by_name(
     (tmp_path / "tiny.toml").write_text(TINY)
     assert main(["train", "--config", "tiny.toml", "--steps", "1"]) == 0
     assert (tmp_path / "runs" / "tiny" / "model.onnx").exists()
+    assert f"model: {Path('runs/tiny/model.onnx')}" in capsys.readouterr().out
+    assert main(["train", "--config", "tiny.toml", "--photos", "."]) == 2
+    assert "drawn scenes, not from photos: leave out --photos" in capsys.readouterr().err
     assert main(["train", "--config", "no-such-thing"]) == 2
     assert "segment-transformer" in capsys.readouterr().err
     assert main(["train", "--config", "kandula2020"]) == 2
-    assert "no folder photos, but at least 41 are needed (40 held out" in capsys.readouterr().err
+    assert "there is no folder photos; training needs at least 41 (40 held out" in capsys.readouterr().err
     assert not (tmp_path / "runs" / "kandula2020").exists()

@@ -47,7 +47,7 @@ def test_nothing_given_is_the_default() -> None:
         ({"quality": "1e9"}, "field 'quality' takes a number"),
         ({"motion": "/etc/passwd"}, "unknown field 'motion'"),
         ({"sequence": "true"}, "unknown field 'sequence'"),
-        ({"edges": "borrow"}, "borrow takes from neighbours"),
+        ({"edges": "borrow"}, "borrow needs a neighbour"),
         ({"before": "x", "roll-deg": "1"}, "are for single photos"),
         ({"keep-times": "true"}, "unknown field 'keep-times'"),
         ({"estimator": "segment-transformer@/etc/passwd"}, "weights of your own are for the command line"),

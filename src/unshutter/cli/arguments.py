@@ -76,7 +76,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _usage(kind: type) -> str:
     names = [(each, each.name.upper() + (" ..." if _is_list(type_) else "")) for each, type_ in _fields(kind)]
-    places = [f"[{name}]" if each.metadata["optional"] else name for each, name in names if _placed(each)]
+    places = [f"[{name}]" if each.metadata.get("optional") else name for each, name in names if _placed(each)]
     return " ".join([*places, "[options]"])
 
 

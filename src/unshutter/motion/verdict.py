@@ -64,7 +64,7 @@ class Verdict:
     def _of_next_to_nothing(cls, largest: float, sure: float) -> Verdict:
         """Of a motion that was found, no larger than what one photo can tell."""
         if sure >= _PROBABLY:
-            return cls(largest, sure, "no motion", f"no motion that a photo could tell{_at(sure)}")
+            return cls(largest, sure, "no motion", f"no visible motion{_at(sure)}")
         reason = f"not sure whether the camera moved: confidence {_two_decimals(sure)}"
         return cls(largest, sure, "not sure", reason, "--moving says that it did")
 

@@ -364,7 +364,7 @@ class Photo:
                 opened, as far as the file system can keep them.
 
         Returns:
-            What of the metadata did not go into the file, for lack of a place in such files: ``("IPTC",)``.
+            The metadata that such files have no place for, in words, as in ``("IPTC",)``.
 
         Raises:
             UsageError: unknown ending, quality or subsampling, or ``keep_times`` for a photo that is not from a file;

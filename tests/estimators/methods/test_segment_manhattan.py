@@ -72,4 +72,4 @@ def test_the_answer_is_what_it_was(rolling_facade: np.ndarray) -> None:
     rows = [104, 209, 314, 419]
     np.testing.assert_allclose(found.tx_px[rows], (3.515585, -1.610879, -15.441822, -37.964321), rtol=1e-5)
     np.testing.assert_allclose(found.rz_rad[rows], (0.02470333, 0.04940118, 0.07423768, 0.09959689), rtol=1e-5)
-    assert found.confidence == pytest.approx(0.0735499, rel=1e-5)
+    assert found.confidence == pytest.approx(0.1441075, rel=1e-5)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from support.posteriors import posterior_of
 from unshutter.estimators.right_angles.odds import Forest, judge
 from unshutter.estimators.right_angles.search import Posterior, displacement
 
@@ -10,7 +11,7 @@ SHEAR_AND_BEND = np.array([0.08, -0.1, 0, 0, 0, 0])
 
 
 def posterior(evidence: float, sigma: float = 0.004) -> Posterior:
-    return Posterior(SHEAR_AND_BEND, np.eye(6) * sigma**2, evidence, 1.0, 60.0, 0.9)
+    return posterior_of(SHEAR_AND_BEND, evidence, sigma)
 
 
 def left(evidence: float, opinion: np.ndarray | None = SHEAR_AND_BEND, **known: bool) -> float:

@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
+from support.posteriors import posterior_of
 from unshutter import View
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
-from unshutter.estimators.right_angles.search import Posterior
 from unshutter.estimators.right_angles.unknowns import LOG_FOCAL, ROLL, TILT
 from unshutter.estimators.right_angles.view import likelihood_of, motion_of, segments_of
 from unshutter.options import Camera
@@ -41,6 +41,6 @@ def test_what_the_user_knows_is_believed(facade: np.ndarray) -> None:
 def test_what_is_not_to_be_believed_is_no_motion(tx: float, gain: float, reason: str, facade: np.ndarray) -> None:
     view = View(Photo.from_array(facade))
     mean = np.array([tx, 0, 0, 0, 0, 0])
-    motion = motion_of(Posterior(mean, np.eye(6) * 1e-6, 1e3, gain, 50.0, 0.0), view, "me")
+    motion = motion_of(posterior_of(mean, 1e3, 1e-3, gain), view, "me")
     assert (motion.is_zero, motion.estimator) == (True, "me")
     assert reason in motion.reason

@@ -13,7 +13,7 @@ from unshutter.options import MAX_PIXELS, Find, Reference, option
 class Arguments:
     """What the command takes."""
 
-    photos: list[Path] = positional("Photos, or folders with photos in them and in folders below.")
+    photos: list[Path] = positional("Photos, or folders of photos, including the folders below.")
     output: Path | None = option(
         None,
         "JSON file (one photo) or folder (several, one JSON file each). Default: standard output (one photo).",

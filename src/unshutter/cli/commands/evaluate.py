@@ -29,7 +29,7 @@ class Arguments:
     """What the command takes."""
 
     data: list[Path] = required(
-        "Folders, each a group in the tables: of undistorted photos; for pairs and video of rs_0.png, gs_0_middle.png."
+        "Folders of undistorted photos, each a group in the tables; for pairs and video, of rs_0.png, gs_0_middle.png."
     )
     estimators: str = option("all", "Names with commas between them, or all. Default: all.")
     protocol: ProtocolName = option("synthetic", "What is measured; docs/use.md says how. Default: synthetic.")
@@ -39,7 +39,7 @@ class Arguments:
         "Default: evaluation.",
         short="-o",
     )
-    photos: int | None = option(None, "At most so many photos of each folder, chosen by the seed. Default: all.")
+    photos: int | None = option(None, "Use at most N photos of each folder, chosen by the seed. Default: all.")
     per_photo: int = option(2, "Random motions for each photo. Default: 2.")
     seed: int = option(0, "Same seed, same figures. Default: 0.")
     trajectory: Path | None = option(
@@ -47,11 +47,11 @@ class Arguments:
     )
     readout_ratio: list[float] | None = option(
         None,
-        "For pairs of frames that follow one another: readout time / frame interval, one number for each folder; then "
-        "motion is found from neighbours, too.",
+        "For pairs of consecutive frames: readout time / frame interval, one number for each folder. Then also finds "
+        "motion from neighbours.",
     )
-    jobs: int | None = option(None, "Processes. Default: one for each processor.")
-    overwrite: bool = option(False, "Throw away a run with other settings that is in the folder.")
+    jobs: int | None = option(None, "Number of processes. Default: one for each processor.")
+    overwrite: bool = option(False, "Delete a run with other settings that the folder holds.")
 
 
 def run(given: Arguments) -> int:

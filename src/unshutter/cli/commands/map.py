@@ -21,7 +21,7 @@ class Arguments:
     )
     inverse: bool = option(False, "The map that distorts: from the straightened picture back to the photo.")
     size: str | None = option(
-        None, "WxH of the map, for a scaled copy of the photo. Default: the photo's own.", metavar="WxH"
+        None, "Width and height of the map, for a scaled copy of the photo. Default: the photo's own.", metavar="WxH"
     )
     reference: Reference | None = option(
         None, "Row at whose moment the picture is taken. Default: the motion file's, else first."

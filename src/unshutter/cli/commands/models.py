@@ -20,4 +20,4 @@ def run(given: Arguments) -> int:
     return 0
 
 
-COMMAND = Command("List the methods: what each does, how large it is, how well it did.", Arguments, run)
+COMMAND = Command("List the methods: what each does, how large it is, how well it does.", Arguments, run)

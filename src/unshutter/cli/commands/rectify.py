@@ -14,11 +14,11 @@ class Arguments:
     """What the command takes."""
 
     photos: list[str] = positional(
-        "Photos, or folders with photos in them and in folders below. With the extra `dask` also URLs (s3://...)."
+        "Photos, or folders of photos, including the folders below. With the extra `dask` also URLs (s3://...)."
     )
     output: str | None = option(
         None,
-        "File to write (one photo), or folder (several) that takes on the structure of the given ones. "
+        "File to write (one photo), or folder (several), which gets the structure of the given ones. "
         "Default: NAME.rectified.EXT beside each photo.",
         short="-o",
         metavar="PATH",
@@ -29,7 +29,7 @@ class Arguments:
     )
     masks: str | None = option(
         None,
-        "Also write masks of the pixels that the photo saw, NAME.EXT.png as COLMAP reads them, into this folder.",
+        "Also write masks of the pixels that the photo saw into this folder: NAME.EXT.png, as COLMAP reads them.",
         metavar="FOLDER",
     )
     find: Find = field(default_factory=Find)

@@ -19,17 +19,18 @@ class Arguments:
     )
     out: Path = option(
         Path("runs"),
-        "Folder for checkpoints, log and the exported model. A run that is there is resumed. Default: runs.",
+        "Folder for checkpoints, log and the exported model. Resumes a run that it holds. Default: runs.",
     )
-    steps: int | None = option(None, "Stop after this many steps in all, instead of the configuration's.")
+    steps: int | None = option(None, "Stop after N steps in all, instead of the configuration's number.")
     device: str = option("auto", "auto, cpu or cuda. Default: auto.")
     photos: Path | None = option(
         None, "Folder of photos, for networks that read pixels, instead of the configuration's."
     )
     base: str | None = option(
-        None, "Another configuration, by name or file, for what this one does not say itself. Default: its own."
+        None,
+        "Another configuration, by name or file, for all settings that this one does not make. Default: its own base.",
     )
-    start: Path | None = option(None, "Checkpoint of another run whose weights this one begins with.")
+    start: Path | None = option(None, "Begin with the weights of this checkpoint of another run.")
 
 
 def run(given: Arguments) -> int:
@@ -38,9 +39,10 @@ def run(given: Arguments) -> int:
         from unshutter.learn import train
     except ImportError as error:
         raise UnshutterError(f"training needs the extra: pip install 'unshutter[train]' ({error})") from None
-    train.run(
+    folder = train.run(
         given.config, given.out, given.steps, given.device, base=given.base, photos=given.photos, start=given.start
     )
+    print(f"model: {folder / train.MODEL}, its log: {folder / train.LOG}")
     return 0
 
 

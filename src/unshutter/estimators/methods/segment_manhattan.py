@@ -14,7 +14,7 @@ from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.method import Method
 from unshutter.estimators.right_angles.beliefs import SecondOpinion
-from unshutter.estimators.right_angles.search import displacement, explore
+from unshutter.estimators.right_angles.search import Posterior, displacement, explore
 from unshutter.estimators.right_angles.view import STARTS, likelihood_of, motion_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
 from unshutter.motion import Motion
@@ -57,8 +57,17 @@ class SegmentManhattan(Estimator):
         _, tilt = view.attitude_deg()
         if tilt is not None and not _SEEN_TILTS[0] <= tilt <= _SEEN_TILTS[1]:
             return motion_of(explore(likelihood_of(view, segments, size), STARTS), view, self.name)
+        posterior, answer = self.weigh(view, segments, size)
+        return motion_of(posterior, view, self.name, answer)
+
+    def weigh(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Posterior, np.ndarray]:
+        """The posterior with the network's answer weighed in, and that answer: [6] coefficients.
+
+        Args:
+            view: the photo.
+            segments, size: as :func:`segments_of` returns them.
+        """
         answer = self._network.coefficients(segments, view.up).ravel()
         doubt = 1 + (displacement(answer) / _USUAL) ** 2
         opinion = SecondOpinion(answer, self._precision / doubt)
-        posterior = explore(likelihood_of(view, segments, size, opinion), [answer])
-        return motion_of(posterior, view, self.name, answer)
+        return explore(likelihood_of(view, segments, size, opinion), [answer]), answer

@@ -16,6 +16,8 @@ from unshutter.estimators.right_angles.prior import Prior
 from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints
 from unshutter.estimators.right_angles.unknowns import UNKNOWNS
 
+_PARTS = 4  # across, and as many down
+
 
 class ManhattanLikelihood:
     """Energy (minus the logarithm of the posterior) of hypotheses [S, 10] (unknowns.py), and its derivatives.
@@ -35,6 +37,7 @@ class ManhattanLikelihood:
         prior: of the unknowns.
         known: as it was given.
         weight: [N] how much each segment counts.
+        part: [N] in which of sixteen parts of the picture each lies.
     """
 
     def __init__(
@@ -50,6 +53,7 @@ class ManhattanLikelihood:
         self.known = known or KnownCamera()
         self.prior = Prior(b, self.known, aspect, opinion)
         self._ends = EndPoints(segments[:, :2]), EndPoints(segments[:, 2:])
+        self.part = _parts(segments, aspect)
         self._turn = math.atan2(self.known.up[0], -self.known.up[1])
         length_px = np.hypot(*(segments[:, 2:] - segments[:, :2]).T) * rows
         self.weight = np.minimum(length_px / b.full_weight_px, 1) * b.independent_share
@@ -90,6 +94,10 @@ class ManhattanLikelihood:
         by_chance = self.weight.sum() * math.log(math.pi)
         return (by_chance - self._of_segments(self._residuals(unknowns))[0]) / max(self.weight.sum(), 1e-9)
 
+    def of_segments(self, unknowns: np.ndarray) -> np.ndarray:
+        """[S, 10] -> [S, N]: log-likelihood of each segment, times its weight."""
+        return self.weight * np.log(self._densities(self._residuals(unknowns))[0])
+
     def _residuals(self, unknowns: np.ndarray) -> AngleResiduals:
         return AngleResiduals(self._ends, unknowns, self._turn)
 
@@ -98,10 +106,21 @@ class ManhattanLikelihood:
 
         W is the precision of each Gaussian times the probability that the segment comes from it (EM's first step).
         """
+        total, precision = self._densities(residuals)
+        return -(self.weight * np.log(total)).sum(-1), precision * (self.weight / total)[:, None]
+
+    def _densities(self, residuals: AngleResiduals) -> tuple[np.ndarray, np.ndarray]:
+        """Of the mixture at each segment's sine [S, N], and of its Gaussians, each times its precision [S, 3, N]."""
         exponent = residuals.sine**2 * -0.5
         density = precision = 0.0
         for each_precision, peak in zip(self._precisions, self._peaks, strict=True):
             part = np.exp(exponent * each_precision) * peak
             density, precision = density + part, precision + part * each_precision
-        total = np.sum(density, 1) + self._anywhere
-        return -(self.weight * np.log(total)).sum(-1), precision * (self.weight / total)[:, None]
+        return np.sum(density, 1) + self._anywhere, np.asarray(precision)
+
+
+def _parts(segments: np.ndarray, aspect: float) -> np.ndarray:
+    """[N, 4] -> [N]: the part of the picture in which each segment's middle lies, row by row from 0."""
+    middle = (segments[:, :2] + segments[:, 2:]) / 2 / [aspect, 1] + 0.5
+    column, row = np.clip((middle * _PARTS).astype(int), 0, _PARTS - 1).T
+    return row * _PARTS + column

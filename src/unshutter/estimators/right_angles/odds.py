@@ -2,8 +2,9 @@
 
 Segments of one desk or facade repeat each other's errors, so that the evidence of the likelihood is overstated: where
 the optimum lies is right more often than whether there is one. How much such evidence is worth was learned from photos
-with known motions and without any (docs/own-model.md): a forest of small decision trees on ten figures that the search
-has anyway (weights/odds.json), and logistic regressions for the confidence, which stand here with their numbers.
+with known motions and without any (docs/own-model.md): a forest of small decision trees on nineteen figures of the
+search (weights/odds.json), and logistic regressions for the confidence, which stand here with their numbers.
+benchmarks/fit_odds.py fits both.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from unshutter.estimators.right_angles.search import Posterior, bend, displaceme
 
 _FOREST = Path(__file__).parents[2] / "weights" / "odds.json"
 _STEEPNESS = 8.0  # of the way from no motion to all of it
-_CAUTION = math.log(0.65)  # odds at which half of a motion is undone; those of photos in general count losses in full
+_CAUTION = math.log(0.8)  # odds at which half of a motion is undone; those of photos in general count losses in full
 _MOVING = math.log(0.2)  # and where the camera is known to have moved
 _PX = 256.0  # rows of the picture in which displacements are weighed
 
@@ -52,14 +53,19 @@ def judge(
     if roll_known:
         odds = _odds_upright(posterior)
     else:
-        odds = _odds_alone(posterior) if opinion is None else _forest().odds(_figures(posterior, opinion)) - _CAUTION
+        odds = _odds_alone(posterior) if opinion is None else _forest().odds(figures(posterior, opinion)) - _CAUTION
     odds += _CAUTION - _MOVING if moving else 0.0
     motion = posterior.motion / (1 + math.exp(-np.clip(_STEEPNESS * odds, -50, 50)))
     return Judgement(motion, _probability(_right(posterior, opinion, odds)))
 
 
-def _figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
-    """What the forest looks at; displacements in px of 256 rows."""
+def figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
+    """What the forest looks at; displacements in px of 256 rows.
+
+    Args:
+        posterior: of the photo's segments.
+        opinion: [6] the network's answer.
+    """
     return {
         "evidence": posterior.evidence,
         "lines_gain": posterior.lines_gain,
@@ -71,6 +77,15 @@ def _figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
         "error": _PX * posterior.expected_error,
         "size": _PX * posterior.size,
         "bend": _PX * bend(posterior.motion),
+        "breadth": posterior.breadth,
+        "against": posterior.against,
+        "in_favour": posterior.in_favour,
+        "roll": abs(math.degrees(posterior.pose.roll)),
+        "roll_at_rest": abs(math.degrees(posterior.pose_at_rest.roll)),
+        "tilt": math.degrees(posterior.pose.tilt),
+        "tilt_at_rest": math.degrees(posterior.pose_at_rest.tilt),
+        "focal": posterior.pose.log_focal,
+        "focal_at_rest": posterior.pose_at_rest.log_focal,
     }
 
 
@@ -131,15 +146,15 @@ def _right(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> flo
         return -1.626 - 1.512 * error + 0.266 * odds if odds > 0 else -0.845 - 0.835 * error - 9.461 * odds
     answer = _PX * displacement(opinion)
     if odds <= 0:
-        return 0.548 - 0.409 * math.log(answer + 0.3) - 0.174 * math.log(error + 0.1) - 0.762 * odds
+        return 0.459 - 0.240 * math.log(answer + 0.3) - 0.638 * math.log(error + 0.1) - 0.722 * odds
     apart = _PX * displacement(opinion - posterior.motion)
     return (
-        -2.546
-        - 1.010 * math.log(apart / math.hypot(1, answer / 25) + 0.3)  # the larger its answer, the more it errs
-        - 0.879 * math.log(_PX * posterior.size + 0.3)
-        + 0.357 * posterior.lines_gain
-        + 0.510 * math.log(posterior.weight)
-        + 0.217 * odds
+        -6.250
+        - 0.606 * math.log(apart / math.hypot(1, answer / 25) + 0.3)  # the larger its answer, the more it errs
+        - 0.236 * math.log(_PX * posterior.size + 0.3)
+        + 0.056 * posterior.lines_gain
+        + 1.085 * math.log(posterior.weight)
+        + 0.318 * odds
     )
 
 

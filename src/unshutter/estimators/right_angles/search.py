@@ -28,6 +28,21 @@ _SAME = 0.3 / 256  # rows: optima closer than this are one
 
 
 @dataclass(frozen=True)
+class Pose:
+    """How a camera was held.
+
+    Attributes:
+        roll: clockwise turn of the scene [rad].
+        tilt: look upwards [rad].
+        log_focal: logarithm of its focal length by the expected one.
+    """
+
+    roll: float
+    tilt: float
+    log_focal: float
+
+
+@dataclass(frozen=True)
 class Posterior:
     """What the segments and the priors say about the motion, and whether there was one.
 
@@ -39,6 +54,11 @@ class Posterior:
         lines_gain: log-likelihood ratio of the segments at the best optimum against chance [nats per unit of weight].
         weight: of all segments together: how many tell something new.
         gain_at_rest: as lines_gain, of no motion with the camera that suits it best.
+        breadth: how evenly the picture's parts speak for motion: the sum of what each says [nats] by the root of the
+            sum of squares; 4 where all sixteen say the same, negative where they speak against it.
+        against: share of what the parts say that speaks against motion.
+        in_favour: share of the segments that fit better with motion.
+        pose, pose_at_rest: of the camera that suits the best motion, and none.
     """
 
     motion: np.ndarray
@@ -47,6 +67,11 @@ class Posterior:
     lines_gain: float
     weight: float
     gain_at_rest: float
+    breadth: float
+    against: float
+    in_favour: float
+    pose: Pose
+    pose_at_rest: Pose
 
     @property
     def expected_error(self) -> float:
@@ -84,9 +109,36 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     covariances = np.linalg.inv(hessian)[:, MOTION, MOTION]
     covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
     best = found[np.argmax(moving)]
-    gain = float(likelihood.lines_gain(best[None])[0])
-    at_rest, gain_at_rest = _at_rest(likelihood, begin[:poses])
-    return Posterior(mean, covariance, evidence - at_rest, gain, float(likelihood.weight.sum()), gain_at_rest)
+    at_rest, still = _at_rest(likelihood, begin[:poses])
+    breadth, against, in_favour = _by_parts(likelihood, best, still)
+    return Posterior(
+        motion=mean,
+        covariance=covariance,
+        evidence=evidence - at_rest,
+        lines_gain=float(likelihood.lines_gain(best[None])[0]),
+        weight=float(likelihood.weight.sum()),
+        gain_at_rest=float(likelihood.lines_gain(still[None])[0]),
+        breadth=breadth,
+        against=against,
+        in_favour=in_favour,
+        pose=_pose(likelihood, best),
+        pose_at_rest=_pose(likelihood, still),
+    )
+
+
+def _by_parts(likelihood: ManhattanLikelihood, best: np.ndarray, still: np.ndarray) -> tuple[float, float, float]:
+    """Breadth, what speaks against motion, and in favour of it, as :class:`Posterior` has them."""
+    moving, resting = likelihood.of_segments(np.stack([best, still]))
+    for_motion = moving - resting
+    parts = np.bincount(likelihood.part, for_motion)
+    breadth = parts.sum() / math.sqrt(1 + (parts**2).sum())
+    against = -parts[parts < 0].sum() / (1 + np.abs(parts).sum())
+    return float(breadth), float(against), float((for_motion > 0).mean())
+
+
+def _pose(likelihood: ManhattanLikelihood, unknowns: np.ndarray) -> Pose:
+    expected = likelihood.prior.mean[LOG_FOCAL]
+    return Pose(float(unknowns[ROLL]), float(unknowns[TILT]), float(unknowns[LOG_FOCAL] - expected))
 
 
 def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int = 2) -> Float64[np.ndarray, "motions"]:
@@ -105,8 +157,8 @@ def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int
     return best + 0.5 * ((motions / likelihood.prior.sigma[MOTION]) ** 2).sum(axis=1)
 
 
-def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, float]:
-    """No motion at all, with the camera that suits it best: logarithm of its evidence [nats], and its lines' gain.
+def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, np.ndarray]:
+    """No motion at all: logarithm of its evidence [nats], and [10] with the camera that suits it best.
 
     Args:
         likelihood: of one photo.
@@ -114,8 +166,7 @@ def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float,
     """
     cameras, energy, hessian = descend(likelihood, begin, CAMERA)
     best = int(np.argmin(energy))
-    evidence = -energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1]
-    return float(evidence), float(likelihood.lines_gain(cameras[best : best + 1])[0])
+    return float(-energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1]), cameras[best]
 
 
 def descend(

@@ -146,7 +146,7 @@ PROTOCOLS = {
         "motion",
         "Windows of recorded camera rotation (t_x from turning about the vertical, r_z about the optical axis) at "
         "three strengths: readouts of 20, 50 and 100 ms, focal length 256 px, pictures of 256 px. The logs stand in "
-        "for the trajectories of Köhler et al. 2012, which the paper tests with and which could not be obtained.",
+        "for the trajectories of Köhler et al. 2012, which the paper tests with (§4.3) and which we could not obtain.",
         _with_motion(*(Suite(f"readout {ms} ms", readout_s=ms / 1000) for ms in (20, 50, 100)), recorded=True),
         by_group=False,
     ),
@@ -155,7 +155,7 @@ PROTOCOLS = {
         "still",
         "Photos as they are: every motion found is wrong. *Left alone* are those that `unshutter rectify` would not "
         "change, because the motion is too unsure or too small; *moved* counts the others. In the last suites photos "
-        "lie on their side, as phones store portrait photos, or estimators are told a readout of 30 ms and an exposure "
+        "lie on their side, as phones store portrait photos, or estimators know of a readout of 30 ms and an exposure "
         "of 1/60 s.",
         _with_motion(
             Suite("256 px", still=True),
@@ -174,10 +174,10 @@ PROTOCOLS = {
         ),
     ),
     "exposure": Protocol(
-        "Photos that tell their exposure",
+        "Photos of known exposure",
         "motion",
         "The same photos and motions, each row exposed for 1/1000 s or 1/60 s of a readout of 30 ms, blurred by its "
-        "motion meanwhile. Estimators are told both times.",
+        "motion meanwhile. Estimators know both times.",
         _with_motion(
             Suite("1/1000 s, 256 px", exposure_s=1 / 1000),
             Suite("1/60 s, 256 px", exposure_s=1 / 60),
@@ -186,11 +186,11 @@ PROTOCOLS = {
         ),
     ),
     "attitude": Protocol(
-        "Photos that tell how the camera was held",
+        "Photos of known roll and tilt",
         "motion",
-        "The same photos and motions. Estimators are told roll and tilt of the camera, each up to 1 degree off, as an "
-        "accelerometer would tell them. No set says how its cameras were held: they are measured on the undistorted "
-        "photo by its right angles, and not told where it shows none.",
+        "The same photos and motions. Estimators know roll and tilt of the camera, each up to 1 degree off, as from an "
+        "accelerometer. No set says how its cameras were held: the right angles of each undistorted photo show it; if "
+        "there are none, estimators do not know.",
         _with_motion(Suite("256 px", attitude_deg=1.0), Suite("native size", rows=None, attitude_deg=1.0)),
     ),
     "robustness": Protocol(
@@ -226,8 +226,8 @@ PROTOCOLS = {
     "video": Protocol(
         "|R_F| over consecutive frames",
         "video",
-        "The paper gives |R_F| for a video without defining it. **Our reading**: SIFT matches between two consecutive "
-        "rectified frames (middle row) that agree with one fundamental matrix (USAC, 1 px).",
+        "In a caption, the paper gives |R_F| for a video without defining it. **Our reading**: SIFT matches between "
+        "two consecutive rectified frames (middle row) that agree with one fundamental matrix (USAC, 1 px).",
         _videos,
     ),
     "sequences": Protocol(
@@ -236,7 +236,7 @@ PROTOCOLS = {
         "Each photo as 60 frames of a camera that turns about all three axes as a recorded one did (30 frames a "
         "second, 640x360 px, noise of 2 levels; logs of motion capture smoothed by 30 ms), its readout taking 0.3, 0.6 "
         "and 0.9 of a frame's time. *frames-camera* sees all frames and has to find the focal length, and the "
-        "readout ratio where it is not given; it may say that it cannot. *Covered*: the truth lies within 1.645 of its "
+        "readout ratio if it is not given; it may say that it cannot. *Covered*: the truth lies within 1.645 of its "
         "own standard deviations, as nine in ten should. Methods that see one photo get every twelfth frame "
         "and the focal length.",
         _sequences,

@@ -141,11 +141,12 @@ def _pictures(folder: str, config: PixelConfig, least: int) -> list[np.ndarray]:
         found, hint = f"{len(pictures)} pictures are drawn", "choose a larger 'drawn'"
     else:
         pictures = load_photos(Path(folder), config.canvas)
-        found = f"{len(pictures)} readable photos are in {folder}" if Path(folder).is_dir() else f"no folder {folder}"
+        here = Path(folder).is_dir()
+        found = f"{folder} holds {len(pictures)} readable photo(s)" if here else f"there is no folder {folder}"
         hint = "choose another folder with --photos"
     if len(pictures) < least:
         split = f" ({least - 1} held out for validation, one to train on)" if least > 1 else ""
-        raise UsageError(f"[data]: {found}, but at least {least} are needed{split}: {hint}")
+        raise UsageError(f"[data]: {found}; training needs at least {least}{split}: {hint}")
     return pictures
 
 

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from unshutter.errors import UsageError
 from unshutter.geometry import rows as geometry
 from unshutter.learn.config import TrainConfig, from_table
 from unshutter.learn.data.motions import cubic_motion
@@ -28,6 +29,8 @@ class SegmentRecipe(Recipe):
 
     def __init__(self, config: TrainConfig, device: torch.device):
         super().__init__(config, device)
+        if "folder" in config.data:
+            raise UsageError("segment-transformer learns from drawn scenes, not from photos: leave out --photos")
         self.network_config = from_table(SegmentTransformerConfig, config.network, "[network]")
         self.scenes = from_table(SceneConfig, config.data, "[data]")
 

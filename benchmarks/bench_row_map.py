@@ -1,0 +1,54 @@
+"""What the row block of the shipped kandula2020 has learned: its residual beside that of the true motion.
+
+    python benchmarks/bench_row_map.py PHOTOS
+
+Each photo of the folder PHOTOS (and below it) is distorted by one random motion, as in training, seed 1.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import torch
+
+from unshutter.estimators.square import SIZE
+from unshutter.learn.data.motions import draw_motions
+from unshutter.learn.data.pictures import load_photos
+from unshutter.learn.data.pixels import synthesise
+from unshutter.learn.warping import pixel_grid, rs_positions
+
+WEIGHTS = Path(__file__).parent.parent / "src" / "unshutter" / "weights" / "kandula2020.onnx"
+CANVAS = 356
+
+
+def main() -> None:
+    network = onnxruntime.InferenceSession(WEIGHTS, providers=["CPUExecutionProvider"])
+    generator = torch.Generator().manual_seed(1)
+    pairs = [residuals(network, photo, generator) for photo in load_photos(Path(sys.argv[1]), CANVAS)]
+    found, true = (np.stack(arrays) for arrays in zip(*pairs, strict=True))
+    print(f"{len(pairs)} photos; residual of the row map in rows of {SIZE}")
+    for name, values in (("row block", found), ("true motion", true)):
+        rms = np.sqrt((values**2).mean((1, 2)))
+        print(f"{name}: RMS of a photo, median {np.median(rms):.2f}; largest anywhere {np.abs(values).max():.1f}")
+    both = [np.corrcoef(a.ravel(), b.ravel())[0, 1] for a, b in zip(found, true, strict=True) if b.std() > 0.1]
+    print(f"correlation of the two over a photo's pixels, median {np.median(both):.2f} ({len(both)} photos that turn)")
+
+
+def residuals(
+    network: onnxruntime.InferenceSession, photo: np.ndarray, generator: torch.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """[r, r] rows: what the row block adds to A, and what the true motion would."""
+    top, left = ((length - CANVAS) // 2 for length in photo.shape[1:])
+    canvas = torch.from_numpy(np.ascontiguousarray(photo[:, top : top + CANVAS, left : left + CANVAS]))[None]
+    samples = synthesise(canvas, *draw_motions(1, generator), SIZE)
+    row_map = network.run(["row_map"], {"rs": samples.rs.numpy()})[0][0]
+    row = pixel_grid(SIZE, samples.rs)[1].numpy()
+    true = rs_positions(torch.stack(samples.row_motion(), 1), None)[1][0].numpy()
+    return row_map - row, true - row
+
+
+if __name__ == "__main__":
+    main()
