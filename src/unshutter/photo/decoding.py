@@ -32,22 +32,22 @@ class Decoder:
         self.source, self._header = source, header
         self._process = os.getpid()
         self._height, self._width = header.height, header.width
-        self._small_ahead: tuple[int, Future[np.ndarray]] | None = None  # decoded so many times smaller
+        self._grey_ahead: tuple[int, Future[np.ndarray]] | None = None  # short side asked for, and the copy
         self._pixels_ahead: Future[np.ndarray] | None = None
-        self._small_begun = self._pixels_begun = False
+        self._grey_begun = self._pixels_begun = False
 
     def __reduce__(self) -> tuple:  # what is decoded is decoded anew where it is wanted
         return Decoder, (self.source, self._header)
 
     def start(self, executor: Executor, grey_px: int | None, whole: bool) -> None:
-        """Decodes what a grey copy is made of, if one is wanted, then the pixels, if they are wanted ``whole``.
+        """Begins with the grey copy, if one is wanted, then the pixels, if they are wanted ``whole``.
 
         Errors are raised where the results are asked for.
         """
         shrink = 1 if grey_px is None else self._shrink(grey_px)
-        if shrink > 1 and not self._small_begun:
-            self._small_begun = True
-            self._small_ahead = shrink, executor.submit(self._decode, shrink)
+        if grey_px is not None and shrink > 1 and not self._grey_begun:
+            self._grey_begun = True
+            self._grey_ahead = grey_px, executor.submit(self._grey_of_smaller, grey_px, shrink)
         if (whole or (grey_px is not None and shrink == 1)) and not self._pixels_begun:
             self._pixels_begun = True
             self._pixels_ahead = executor.submit(self._decode)
@@ -55,7 +55,7 @@ class Decoder:
     @cached_property
     def pixels(self) -> np.ndarray:
         """See ``Photo.pixels``."""
-        self._small_begun = self._pixels_begun = True
+        self._grey_begun = self._pixels_begun = True
         if self._pixels_ahead is not None and self._has_its_threads:
             with suppress(UnshutterError):  # decoded again for its message: libvips mixes those of two threads
                 return self._pixels_ahead.result()
@@ -65,8 +65,11 @@ class Decoder:
         """See ``Photo.grey``."""
         shrink = self._shrink(short_side)
         if shrink > 1:
+            ahead, self._grey_ahead = self._grey_ahead, None  # given away once: it may be written to
             with suppress(UnshutterError):  # what is wrong with the data, decoding the pixels says
-                return self._grey_of_small(self._small_pixels(shrink), shrink, short_side)
+                if ahead is not None and ahead[0] == short_side and self._has_its_threads:
+                    return ahead[1].result()
+                return self._grey_of_smaller(short_side, shrink)
         # libvips would take a masked picture's last channel for transparency
         pixels = self.pixels[..., :-1] if self._header.coding.masked else self.pixels
         return grey_copy(as_image(pixels), *grey_size(self._height, self._width, short_side))
@@ -77,19 +80,14 @@ class Decoder:
         shrink = next((n for n in self._header.format.shrinks if side >= n * longest), 1)
         return self._decode(shrink) if shrink > 1 else self.pixels
 
-    def _small_pixels(self, shrink: int) -> np.ndarray:
-        """The pixels, decoded so many times smaller."""
-        ahead, self._small_ahead = self._small_ahead, None  # used once: not kept for as long as the photo
-        wanted = ahead is not None and ahead[0] == shrink and self._has_its_threads
-        return ahead[1].result() if ahead and wanted else self._decode(shrink)
-
     @property
     def _has_its_threads(self) -> bool:
         """Whether this is the process in which decoding was begun: after a fork nobody would ever end it."""
         return self._process == os.getpid()
 
-    def _grey_of_small(self, pixels: np.ndarray, shrink: int, short_side: int | None) -> np.ndarray:
-        small = as_image(pixels)
+    def _grey_of_smaller(self, short_side: int | None, shrink: int) -> np.ndarray:
+        """A grey copy of the pixels, decoded so many times smaller."""
+        small = as_image(self._decode(shrink))
         height, width = grey_size(self._height, self._width, short_side)
         if small.height < height:
             return grey_copy(small, round(self._height / shrink), round(self._width / shrink), 1.0, 1.0)
