@@ -8,8 +8,11 @@ pair costs less, since the flow is known.
 """
 
 import argparse
+import os
 import time
 from functools import partial
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: its idle threads spin
 
 import cv2
 import numpy as np

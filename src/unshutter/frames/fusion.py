@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import cv2
@@ -89,7 +90,7 @@ def _fuse_tile(
         mixed = _mixed(mixed, theirs, total, share)
         total, most = total + share, np.maximum(most, weight)
         valid = valid | they_saw if borrow else valid
-    np.copyto(own.pixels[at], mixed, where=valid[..., None])
+    np.copyto(own.pixels[at], mixed, where=True if valid.all() else valid[..., None])  # a mask takes ten times as long
     return valid
 
 
@@ -105,7 +106,7 @@ def _seen_and_weight(
 
 def _agreement(first: np.ndarray, second: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
     """1 where two pictures are alike, 0 where they are not."""
-    difference = cv2.absdiff(first, second).reshape(*first.shape[:2], -1).max(axis=-1).astype(np.float32)
+    difference = reduce(cv2.max, cv2.split(cv2.absdiff(first, second))).astype(np.float32)  # largest of the bands
     scale = 255 / np.iinfo(first.dtype).max / _AGREEING
     return cv2.exp(-((cv2.blur(difference, (3, 3)) * scale) ** 2))
 
