@@ -34,15 +34,15 @@ class Scene:
     def _seen(self, time):
         col, row = np.meshgrid(np.arange(WIDTH, dtype=float), np.arange(HEIGHT, dtype=float))
         moved = [self.speed[k] * time + self.gain[k] * time**2 / 2 for k in (0, 1)]
-        picture = _sampled(self.wall, col + MARGIN - moved[0], row + MARGIN - moved[1])
+        picture = sampled(self.wall, col + MARGIN - moved[0], row + MARGIN - moved[1])
         if self.board_speed is not None:
             on_board = col - 80 - self.board_speed[0] * time, row - 30 - self.board_speed[1] * time
             covers = (on_board[0] >= 0) & (on_board[0] <= 69) & (on_board[1] >= 0) & (on_board[1] <= 89)
-            picture = np.where(covers[..., None], _sampled(self.board, *on_board), picture)
+            picture = np.where(covers[..., None], sampled(self.board, *on_board), picture)
         return picture
 
 
-def _sampled(picture, col, row):
+def sampled(picture, col, row):
     maps = (np.broadcast_to(a, (HEIGHT, WIDTH)).astype(np.float32) for a in (col, row))
     return cv2.remap(picture, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
 

@@ -53,8 +53,12 @@ class Field:
     cost: Float32[np.ndarray, "height width"]
     still_cost: Float32[np.ndarray, "height width"]
 
-    def shift(self, frame: int) -> Float32[np.ndarray, "height width 2"]:
-        """How far from itself each pixel of the picture looks in a frame: (columns, rows) [px of the copy]."""
+    def shift(self, frame: float) -> Float32[np.ndarray, "height width 2"]:
+        """How far from itself each pixel of the picture looks in a frame: (columns, rows) [px of the copy].
+
+        Args:
+            frame: when its first row was exposed [frame intervals after that of frame 0]: its number at even intervals.
+        """
         grid = pixel_grid(*self.velocity.shape[:2])
         position = _look(self.velocity, self.moment, self.timing, frame)
         if np.any(self.acceleration):
@@ -150,7 +154,7 @@ def _at_moment(velocity: np.ndarray, timing: Timing, frame: int, moment: float) 
     return looked_up(velocity, position)
 
 
-def _look(velocity: np.ndarray, moment: float, timing: Timing, frame: int) -> np.ndarray:
+def _look(velocity: np.ndarray, moment: float, timing: Timing, frame: float) -> np.ndarray:
     """P of p = q + V (tau(p) - t), where V is known at q: linear in p's row."""
     grid = pixel_grid(*velocity.shape[:2])
     down = velocity[..., 1]

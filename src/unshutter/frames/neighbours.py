@@ -44,11 +44,28 @@ class Link:
     Attributes:
         earlier, later: the copies.
         flow: between them.
+        apart: time from the one to the other [frame intervals]; not 1 where frames come unevenly.
     """
 
     earlier: UInt8[np.ndarray, "height width"]
     later: UInt8[np.ndarray, "height width"]
     flow: Flow
+    apart: float = 1.0
+
+
+@dataclass(frozen=True)
+class Moving:
+    """How what a picture of one moment shows moves, about frame 0.
+
+    Attributes:
+        field: on the small copies.
+        largest_px: the farthest that anything of frame 0 moved [px of the frame].
+        reason: why the frame is better left as it is; else empty.
+    """
+
+    field: Field
+    largest_px: float
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -73,8 +90,14 @@ def copy_side(height: int, width: int) -> int:
     return max(min(min(height, width) // _LEAST_SHRINK, _MOST_ROWS), 1)
 
 
-def link(earlier: UInt8[np.ndarray, "height width"], later: UInt8[np.ndarray, "height width"]) -> Link:
+def link(
+    earlier: UInt8[np.ndarray, "height width"], later: UInt8[np.ndarray, "height width"], apart: float = 1.0
+) -> Link:
     """What connects two successive frames, from their small grey copies.
+
+    Args:
+        earlier, later: the copies.
+        apart: time from the one to the other [frame intervals].
 
     Raises:
         UnshutterError: they show different things.
@@ -87,7 +110,23 @@ def link(earlier: UInt8[np.ndarray, "height width"], later: UInt8[np.ndarray, "h
             f"the frames have too little in common ({100 * flow.consistent:.0f} % of the picture is found in both): "
             "give neighbours of the same shot"
         )
-    return Link(earlier, later, flow)
+    return Link(earlier, later, flow, apart)
+
+
+def moving_about(links: Mapping[int, Link], timing: Timing, moment: float) -> Moving:
+    """How what a picture of a moment shows moves, from what connects frame 0 with its neighbours.
+
+    Args:
+        links: -1 or 1 or both -> what connects frame 0 with that neighbour, the earlier frame first.
+        timing: the clock of the frames.
+        moment: in frame intervals from the first row of frame 0.
+    """
+    copy_timing = timing.of_copy(next(iter(links.values())).earlier.shape[0])
+    fields = {side: _field(links[side], copy_timing, moment, side) for side in links}
+    field = joined(fields[-1], fields[1]) if len(fields) == 2 else next(iter(fields.values()))
+    moved = np.linalg.norm(field.shift(0), axis=-1) * timing.height / field.velocity.shape[0]
+    reason = _unchanged(field, moved, min(each.flow.consistent for each in links.values()))
+    return Moving(field, float(moved.max()), reason)
 
 
 def render(
@@ -115,28 +154,25 @@ def render(
         New pixels; those of frame 0 itself where nothing moved, or the motion explains nothing.
     """
     height, width = frames[0].shape[:2]
-    copy_timing = timing.of_copy(next(iter(links.values())).earlier.shape[0])
-    fields = {side: _field(links[side], copy_timing, moment, side) for side in links}
-    field = joined(fields[-1], fields[1]) if len(fields) == 2 else next(iter(fields.values()))
-    moved = np.linalg.norm(field.shift(0), axis=-1) * height / field.velocity.shape[0]
-    largest = float(moved.max())
-    reason = _unchanged(field, moved, min(each.flow.consistent for each in links.values()))
-    if reason:
-        return Rendered(frames[0], np.ones((height, width), bool), largest, reason)
-    grids = {frame: _grid(field, frame, height, width) for frame in (0, *links)}
+    moving = moving_about(links, timing, moment)
+    if moving.reason:
+        return Rendered(frames[0], np.ones((height, width), bool), moving.largest_px, moving.reason)
+    grids = {frame: _grid(moving.field, frame, height, width) for frame in (0, *links)}
     warped = {
         frame: Warped(sampled_pixels(frames[frame], grid, fill or frame != 0, masked), grid, frame)
         for frame, grid in grids.items()
     }
     others = [warped[side] for side in links]
-    return Rendered(*fuse(warped[0], others, timing, moment, borrow), largest)
+    return Rendered(*fuse(warped[0], others, timing, moment, borrow), moving.largest_px)
 
 
 def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
     """The velocities between frame 0 and a neighbour."""
-    first = min(side, 0)  # number of the earlier frame
+    first, apart = min(side, 0), connection.apart  # number of the earlier frame
     earlier, later, flow = connection.earlier, connection.later, connection.flow
-    return replace(field_between(earlier, later, flow, timing, moment - first, nearest=-first), moment=moment)
+    between = replace(timing, readout_ratio=min(timing.readout_ratio / apart, 1.0))  # their own interval counts 1
+    found = field_between(earlier, later, flow, between, moment / apart - first, nearest=-first)
+    return replace(found, velocity=found.velocity / np.float32(apart), moment=moment, timing=timing)
 
 
 def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +11,11 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
 from unshutter.video.clip import Clip
+from unshutter.video.dense import Beside, Lender
 from unshutter.video.library import av
 from unshutter.video.moving import Moved
 from unshutter.video.options import UndoFrames
-from unshutter.video.warping import FrameMap, Scratch, warp_plane
+from unshutter.video.warping import FrameMap, Scratch, borrow_plane, seen, warp_plane
 from unshutter.warp.crop import largest_valid_rectangle
 from unshutter.warp.grid import Tile
 
@@ -41,7 +42,7 @@ class Warper:
     clip: Clip
     undo: UndoFrames
     window: Tile | None = None
-    _scratch: Scratch = field(default_factory=Scratch)
+    _scratches: tuple[Scratch, ...] = field(default_factory=lambda: (Scratch(), Scratch(), Scratch()))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -54,7 +55,9 @@ class Warper:
         return moved.motion.rereferenced(self.undo.reference).scaled(self.undo.strength)
 
     def __call__(self, item: Any) -> tuple[Any, Any]:
-        """(item as it came, the frame to encode); a packet is both."""
+        """(item, a frame without what is beside it; the frame to encode); a packet is both."""
+        if isinstance(item, Beside):
+            return self._densely(item)
         if not isinstance(item, Moved):
             return item, item
         motion, frame = self.motion(item), item.frame
@@ -68,6 +71,18 @@ class Warper:
             self._warp(frame, made, FrameMap.of(motion, frame.height, frame.width))
         return item, self._dressed(made, frame)
 
+    def _densely(self, item: Beside) -> tuple[Moved, VideoFrame]:
+        """By the frames beside it; where they do not say enough, by the camera's motion."""
+        moved, frame = item.moved, item.moved.frame
+        where, lenders = item.look(self.undo)
+        if where is None:
+            return self(moved)
+        made = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
+        self._warp(frame, made, where)
+        if lenders:
+            self._borrow(lenders, made, where)
+        return replace(moved, dense=True), self._dressed(made, frame)
+
     def _warp(self, frame: VideoFrame, made: VideoFrame, found: FrameMap) -> None:
         """Writes the planes of a frame, as they look after the motion is undone, into those of another."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
@@ -75,10 +90,31 @@ class Warper:
         planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(made), strict=True))
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [each for each in planes if (each[0].across, each[0].down) == (across, down)]
-            for rows, positions in found.positions(across, down, self._scratch):
+            for rows, positions in found.positions(across, down, self._scratches[0]):
                 for plane, before, after in alike:
                     black = (plane.black_full if full else plane.black) if self.undo.edges == "keep" else None
                     warp_plane(before, positions, after[rows], black, limit)
+
+    def _borrow(self, lenders: list[Lender], made: VideoFrame, own: FrameMap) -> None:
+        """What a frame did not see, from those beside it, into the planes of the frame that is made of it."""
+        pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
+        for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
+            alike = [k for k, plane in enumerate(pixels.planes) if (plane.across, plane.down) == (across, down)]
+            out = pixels.arrays(made)
+            size = out[alike[0]].shape[:2]
+            bands = [
+                each.positions(across, down, scratch)
+                for each, scratch in zip((own, *(lender.where for lender in lenders)), self._scratches, strict=False)
+            ]
+            for (rows, positions), *theirs in zip(*bands, strict=True):
+                wanted = ~seen(positions, *size)
+                for lender, (_, there) in zip(lenders, theirs, strict=True):
+                    if not wanted.any():
+                        break
+                    has = wanted & seen(there, *size)
+                    for k in alike:
+                        borrow_plane(lender.planes[k], there, out[k][rows], has, limit)
+                    wanted &= ~has
 
     def _dressed(self, made: VideoFrame, frame: VideoFrame) -> VideoFrame:
         """The new pixels as the frame that came in: its time, its colours, what lies beside them."""

@@ -31,11 +31,13 @@ class Moved:
         frame: as decoded.
         motion: of a small picture of the same shape, first row as the reference; zero, with a reason, where none is.
         cut: whether it shows another scene than the frame before it.
+        dense: whether what undoes it is not this motion, but the flow to the frames beside it.
     """
 
     frame: VideoFrame
     motion: Motion
     cut: bool = False
+    dense: bool = False
 
 
 def window(clip: Clip) -> tuple[int, int]:

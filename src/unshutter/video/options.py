@@ -9,9 +9,9 @@ from typing import Literal, get_args
 
 from unshutter.errors import UsageError
 from unshutter.geometry.readout import Readout
-from unshutter.options import Reference, option
+from unshutter.options import FrameModel, Reference, option
 
-ClipEdges = Literal["keep", "crop", "fill"]
+ClipEdges = Literal["keep", "crop", "fill", "borrow"]
 
 
 @dataclass(frozen=True)
@@ -94,25 +94,40 @@ class UndoFrames:
         reference: row at whose moment each frame is taken.
         strength: 0 (nothing) to 1 (the whole motion).
         edges: ``keep`` leaves places that a frame did not see black, ``crop`` cuts all frames to the largest rectangle
-            of the clip's shape without them, ``fill`` repeats the edge.
+            of the clip's shape without them, ``fill`` repeats the edge, ``borrow`` takes them from the frames before
+            and after, and fills what these did not see either.
+        model: ``camera``: one motion of the camera for the whole frame; ``dense``: near and far may move differently.
 
     Raises:
-        UsageError: a value that is none of its choices.
+        UsageError: a value that is none of its choices, or values that do not go together.
     """
 
     reference: Reference = option("middle", "Row whose moment each frame shall show. Default: middle.")
     strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
     edges: ClipEdges = option(
         "fill",
-        "Pixels outside the original frame: fill them with the nearest colour, keep them black, or crop all frames "
-        "alike so that none are left. Default: fill.",
+        "Pixels outside the original frame: fill them with the nearest colour, keep them black, crop all frames "
+        "alike so that none are left, or, with --model dense, borrow them from the frames before and after. "
+        "Default: fill.",
+    )
+    model: FrameModel = option(
+        "camera",
+        "camera: one motion for the whole frame. dense: near and far move differently; slower. Default: camera.",
     )
 
     def __post_init__(self) -> None:
         if not 0 <= self.strength <= 1:
             raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
         if self.edges not in get_args(ClipEdges) or self.reference not in get_args(Reference):
-            raise UsageError("unknown edges or reference row: choose keep, crop or fill, and first, middle or last")
+            raise UsageError(
+                "unknown edges or reference row: choose keep, crop, fill or borrow, and first, middle or last"
+            )
+        if self.model not in get_args(FrameModel):
+            raise UsageError(f"unknown model '{self.model}': choose camera or dense")
+        if self.edges == "borrow" and self.model != "dense":
+            raise UsageError("--edges borrow needs --model dense: choose fill, keep or crop without it")
+        if self.edges == "crop" and self.model == "dense":
+            raise UsageError("--model dense cannot crop frames: choose --edges borrow, fill or keep")
 
 
 @dataclass(frozen=True)
@@ -182,6 +197,8 @@ class RectifyClip:
     def __post_init__(self) -> None:
         if self.motion is not None and not self.shutter.is_empty:
             raise UsageError("the motion file says how the camera was read out: leave out the camera's options")
+        if self.undo.model == "dense" and (self.motion is not None or self.save_motion is not None):
+            raise UsageError("motion files hold the camera's motion, which --model dense does not undo: use camera")
         if self.fps is not None and not 0 < self.fps < 10_000:
             raise UsageError(f"--fps must be positive, got {self.fps:g}")
         if (self.start or 0) < 0 or (self.end is not None and self.end <= (self.start or 0)):

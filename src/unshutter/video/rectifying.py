@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 import tempfile
-from collections import Counter
 from collections.abc import Generator, Iterable, Iterator
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
-from math import nan
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.export.plot import check_plot, plot_turns
+from unshutter.export.plot import check_plot
+from unshutter.frames.between import SMALLEST_SIDE
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion
 from unshutter.geometry.readout import Readout
-from unshutter.motion import RotationMotion
 from unshutter.progress import Progress, Watch
 from unshutter.storage.files import check_target, remove_leftovers, written_whole
-from unshutter.storage.plain_files import open_plain
 from unshutter.video import motion_file, mp4_film, pictures
 from unshutter.video.background import ahead, side_by_side
 from unshutter.video.clip import Clip, opened
+from unshutter.video.dense import beside_each_other
 from unshutter.video.encoders import Encoder
 from unshutter.video.frames_out import Warper, common_window
 from unshutter.video.moving import FEWEST, Moved, window, with_motion
 from unshutter.video.options import RectifyClip
+from unshutter.video.outcome import Done, plot, tell
 from unshutter.video.preview import check_ending, write_preview
 from unshutter.video.readout_search import found_or_listed
 from unshutter.video.writing import Film, writing
@@ -40,39 +36,7 @@ from unshutter.warp.pixels import thread_count
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 _DECODED_AHEAD = 2  # frames; each is in memory
-
-
-@dataclass
-class Done:
-    """What was done to a clip.
-
-    Attributes:
-        frames: how many there are.
-        rectified: how many of them moved.
-        reasons: why others were left as they are, and how many.
-        cuts_s: when the scene changes [s].
-        left_out: what of the file did not find a place.
-        turns: of each frame, when it is shown [s], and how far the camera turned about x, y and z in its rows [rad].
-    """
-
-    frames: int = 0
-    rectified: int = 0
-    reasons: Counter[str] = field(default_factory=Counter)
-    cuts_s: list[float] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
-    turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
-
-    def add(self, moved: Moved) -> None:
-        """One more frame."""
-        self.frames += 1
-        self.rectified += not moved.motion.is_zero
-        if moved.motion.is_zero:
-            self.reasons[moved.motion.reason] += 1
-        time_s, motion = moved.frame.time or 0.0, moved.motion
-        if moved.cut:
-            self.cuts_s.append(round(time_s, 3))
-        known = isinstance(motion, RotationMotion)
-        self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if known else (nan,) * 3))
+_LINKED_AHEAD = 1  # the same
 
 
 def rectify_clip(
@@ -97,6 +61,8 @@ def rectify_clip(
     clip = Clip.look(source, wanted.fps)
     if wanted.fps is not None and not clip.of_pictures:
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
+    if wanted.undo.model == "dense" and min(clip.height, clip.width) < SMALLEST_SIDE:
+        raise UnshutterError(f"--model dense needs frames of at least {SMALLEST_SIDE}x{SMALLEST_SIDE} px: use camera")
     known = motion_file.load(wanted.motion) if wanted.motion is not None else None
     encoder = Encoder.choose(clip, wanted.encode) if not _is_pictures(target) else None
     ratio, readout = _readout(clip, wanted, known, found)
@@ -109,8 +75,8 @@ def rectify_clip(
     if wanted.preview is not None:
         write_preview(wanted.preview, clip, output, wanted.start or 0.0, done.frames, wanted.overwrite)
     if wanted.plot is not None:
-        _plot(wanted.plot, source, done, ratio.value * clip.interval_s, wanted.overwrite)
-    _tell(source, output, done, ratio, clip, wanted)
+        plot(wanted.plot, source, done, ratio.value * clip.interval_s, wanted.overwrite)
+    tell(source, output, done, ratio, clip, wanted)
     return done
 
 
@@ -138,8 +104,12 @@ class _Work:
         return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
 
     def made(self, all_streams: bool) -> Generator[tuple[Any, Any]]:
-        """(item as it came, frame to encode) in order."""
-        return side_by_side(self.warper, self.moved(all_streams), thread_count())
+        """(frame with its motion or packet, frame to encode) in order."""
+        items, undo = self.moved(all_streams), self.wanted.undo
+        if undo.model == "dense" and undo.strength:
+            beside = beside_each_other(self.clip, items, self.ratio.value, self.readout, undo.edges == "borrow")
+            items = ahead(beside, _LINKED_AHEAD)
+        return side_by_side(self.warper, items, thread_count())
 
 
 def _with_known(known: motion_file.ClipMotion, items: Iterable[Any]) -> Generator[Any]:
@@ -232,13 +202,6 @@ def _readout(
     return found or found_or_listed(clip, readout, wanted.shutter, wanted.span(clip.duration_s)), readout
 
 
-def _plot(path: Path, source: str, done: Done, readout_s: float, overwrite: bool) -> None:
-    """Draws how fast the camera turned."""
-    times, turns = (np.array(values, np.float64) for values in zip(*done.turns, strict=True))
-    title = f"{Path(source).name}, readout time {1000 * readout_s:.1f} ms"
-    plot_turns(times, np.degrees(turns) / readout_s, done.cuts_s, path, title, overwrite)
-
-
 def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
     """Before any work: what is to be written may be written, and is not the clip itself."""
     original = Path(source)
@@ -270,35 +233,3 @@ def _counted(items: Iterable[Any], progress: Progress) -> Iterator[Any]:
     for item in items:
         progress.advance()
         yield item
-
-
-def _tell(source: str, output: str, done: Done, ratio: ReadoutRatio, clip: Clip, wanted: RectifyClip) -> None:
-    """Says what was done, and adds it to the log."""
-    left = done.frames - done.rectified
-    note = ""
-    if left:
-        reason, count = done.reasons.most_common(1)[0]
-        others = f"; {left - count} for other reasons" if left > count else ""
-        note = f", {left} left as they are ({reason}{others})"
-    print(f"{source} -> {output}: {done.rectified} of {done.frames} frames straightened{note}", file=sys.stderr)
-    if done.left_out:
-        print(f"unshutter: such files have no place for: {', '.join(done.left_out)}", file=sys.stderr)
-    if wanted.json_log is None:
-        return
-    record = {
-        "event": "clip",
-        "source": source,
-        "output": output,
-        "frames": done.frames,
-        "rectified": done.rectified,
-        "left": dict(done.reasons),
-        "cuts_s": done.cuts_s,
-        "left_out": done.left_out,
-        "readout_ratio": ratio.value,
-        "readout_ratio_sd": ratio.error or None,
-        "readout_ms": 1000 * clip.interval_s * ratio.value,
-        "found_by": ratio.source,
-    }
-    descriptor = open_plain(wanted.json_log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    with suppress(OSError), open(descriptor, "a", encoding="utf-8") as log:
-        log.write(json.dumps(record) + "\n")

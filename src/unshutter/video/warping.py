@@ -15,15 +15,18 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from unshutter.frames.flow import looked_up
+from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion
 from unshutter.warp.grid import gs_to_rs_map
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float32, UInt
+    from unshutter.geometry.shapes import Bool, Float32, UInt
 
 _NODES = 34  # about so many rows of them, and half of that to twice as many columns
-_BAND = 4  # rows of cells that are filled in at a time, so that they stay in the processor's cache
+_BAND, _BAND_PX = 4, 128  # fewest rows of cells, and px, filled in at a time: they stay in the processor's cache
 _LEAST_STEP = 8  # px between nodes, a multiple of every subsampling
+_FINE_STEP = 4  # the same where near and far move differently
 
 
 @dataclass(frozen=True)
@@ -56,17 +59,32 @@ class FrameMap:
         small = motion.readout.frame_size(motion.height, motion.width)
         step = max(_LEAST_STEP, 1 << round(np.log2(min(height, width) / _NODES)))
         scale = np.array([small[1] / width, small[0] / height])  # px of the motion per px of the frame
-        rows, cols = (
-            (np.arange(-1, -(-size // step) + 1) + 0.5) * step * s - 0.5
-            for size, s in zip((height, width), scale[::-1], strict=True)
-        )
-        row, col = np.meshgrid(rows, cols, indexing="ij")
+        col, row = (_middles(step, height, width) + 0.5) * scale[:, None, None] - 0.5
         with np.errstate(all="ignore"):  # far outside, Newton's method may run away
             found = np.stack(gs_to_rs_map(motion)(col, row))
         found = (found + 0.5) / scale[:, None, None] - 0.5
         far = float(height + width)
         np.nan_to_num(found, copy=False, nan=-far, posinf=2 * far, neginf=-far)
         return cls(np.clip(found, -far, 2 * far).astype(np.float32), step, height, width)
+
+    @classmethod
+    def along(cls, shift: Float32[np.ndarray, "rows columns 2"], readout: Readout, height: int, width: int) -> FrameMap:
+        """Of a frame of height x width [px] in which every place looks elsewhere by a shift of its own.
+
+        Args:
+            shift: (columns, rows) [px of a small copy of the readout frame], at each pixel of that copy.
+            readout: direction in which the stored pixels were read.
+            height, width: of the stored frame [px].
+        """
+        size = readout.frame_size(height, width)
+        step = max(_FINE_STEP, 1 << int(np.log2(max(size[0] / shift.shape[0], 1))))
+        col, row = _middles(step, height, width)
+        at = np.stack(readout.points_to_frame(col, row, height, width), axis=-1)
+        scale = np.array([size[1] / shift.shape[1], size[0] / shift.shape[0]])
+        in_copy = ((at + 0.5) / scale - 0.5).astype(np.float32)
+        found = at + looked_up(shift, in_copy) * scale
+        stored = readout.points_to_stored(found[..., 0], found[..., 1], height, width)
+        return cls(np.stack(stored).astype(np.float32), step, height, width)
 
     def positions(
         self, across: int, down: int, scratch: Scratch | None = None
@@ -81,14 +99,22 @@ class FrameMap:
         height, width = -(-self.height // down), -(-self.width // across)
         step = (self.step // down, self.step // across)
         columns = slice(step[1], step[1] + width)
-        for first in range(0, self.nodes.shape[1] - 2, _BAND):
-            nodes = self.nodes[:, first : first + _BAND + 2]
+        band = max(_BAND, _BAND_PX // self.step)
+        for first in range(0, self.nodes.shape[1] - 2, band):
+            nodes = self.nodes[:, first : first + band + 2]
             top, bottom = first * step[0], min((first + nodes.shape[1] - 2) * step[0], height)
             made = scratch.array((2, nodes.shape[1] * step[0], nodes.shape[2] * step[1]))
             for each, share, out in zip(nodes, (across, down), made, strict=True):
                 cv2.resize((each + 0.5) / share - 0.5, out.shape[::-1], dst=out, interpolation=cv2.INTER_LINEAR)
             rows = slice(step[0], step[0] + bottom - top)
             yield slice(top, bottom), (made[0][rows, columns], made[1][rows, columns])
+
+
+def _middles(step: int, height: int, width: int) -> np.ndarray:
+    """[2, N, M] col and row [px of the frame] of the middles of its cells, and of those about it."""
+    rows, cols = ((np.arange(-1, -(-size // step) + 1) + 0.5) * step - 0.5 for size in (height, width))
+    row, col = np.meshgrid(rows, cols, indexing="ij")
+    return np.stack([col, row])
 
 
 class Scratch(threading.local):
@@ -125,3 +151,34 @@ def warp_plane(
     cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border, borderValue=[black or 0] * 4)
     if limit not in (0xFF, 0xFFFF):
         np.minimum(out, limit, out=out)
+
+
+def borrow_plane(
+    plane: UInt[np.ndarray, "rows columns *bands"],
+    positions: tuple[Float32[np.ndarray, "rows cols"], ...],
+    out: UInt[np.ndarray, "rows columns *bands"],
+    wanted: Bool[np.ndarray, "rows cols"],
+    limit: int,
+) -> None:
+    """Writes what a plane of another frame shows at positions into the places that are wanted.
+
+    Args:
+        plane: values as stored.
+        positions: (col, row) [px of the plane].
+        out: is written to; of the same type.
+        wanted: which pixels of it.
+        limit: greatest value.
+    """
+    columns = np.flatnonzero(wanted.any(axis=0))
+    if not columns.size:
+        return
+    lent = np.empty((len(out), columns.size, *out.shape[2:]), out.dtype)
+    warp_plane(plane, tuple(each[:, columns] for each in positions), lent, None, limit)
+    where = wanted[:, columns]
+    out[:, columns] = np.where(where if out.ndim == 2 else where[..., None], lent, out[:, columns])
+
+
+def seen(positions: tuple[Float32[np.ndarray, "rows cols"], ...], height: int, width: int) -> np.ndarray:
+    """Bool [rows, cols]: which positions lie on a plane, to the outer sides of its pixels."""
+    col, row = positions
+    return (col >= -0.5) & (col <= width - 0.5) & (row >= -0.5) & (row <= height - 0.5)

@@ -1,0 +1,102 @@
+"""What was done to a clip: counted frame by frame, said at the end, added to the log, drawn."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass, field
+from math import nan
+from pathlib import Path
+
+import numpy as np
+
+from unshutter.export.plot import plot_turns
+from unshutter.frames.ratio import ReadoutRatio
+from unshutter.motion import RotationMotion
+from unshutter.storage.plain_files import open_plain
+from unshutter.video.clip import Clip
+from unshutter.video.moving import Moved
+from unshutter.video.options import RectifyClip
+
+
+@dataclass
+class Done:
+    """What was done to a clip.
+
+    Attributes:
+        frames: how many there are.
+        rectified: how many of them moved.
+        dense: how many of these by the flow to the frames beside them.
+        reasons: why others were left as they are, and how many.
+        cuts_s: when the scene changes [s].
+        left_out: what of the file did not find a place.
+        turns: of each frame, when it is shown [s], and how far the camera turned about x, y and z in its rows [rad].
+    """
+
+    frames: int = 0
+    rectified: int = 0
+    dense: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    cuts_s: list[float] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+
+    def add(self, moved: Moved) -> None:
+        """One more frame."""
+        self.frames += 1
+        self.dense += moved.dense
+        if moved.dense or not moved.motion.is_zero:
+            self.rectified += 1
+        else:
+            self.reasons[moved.motion.reason] += 1
+        time_s, motion = moved.frame.time or 0.0, moved.motion
+        if moved.cut:
+            self.cuts_s.append(round(time_s, 3))
+        known = isinstance(motion, RotationMotion)
+        self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if known else (nan,) * 3))
+
+
+def plot(path: Path, source: str, done: Done, readout_s: float, overwrite: bool) -> None:
+    """Draws how fast the camera turned."""
+    times, turns = (np.array(values, np.float64) for values in zip(*done.turns, strict=True))
+    title = f"{Path(source).name}, readout time {1000 * readout_s:.1f} ms"
+    plot_turns(times, np.degrees(turns) / readout_s, done.cuts_s, path, title, overwrite)
+
+
+def tell(source: str, output: str, done: Done, ratio: ReadoutRatio, clip: Clip, wanted: RectifyClip) -> None:
+    """Says what was done, and adds it to the log."""
+    left = done.frames - done.rectified
+    note, by_camera = "", done.rectified - done.dense
+    if wanted.undo.model == "dense" and by_camera:
+        note = f" ({by_camera} of them by the camera's motion alone)"
+    if left:
+        reason, count = done.reasons.most_common(1)[0]
+        others = f"; {left - count} for other reasons" if left > count else ""
+        note += f", {left} left as they are ({reason}{others})"
+    print(f"{source} -> {output}: {done.rectified} of {done.frames} frames straightened{note}", file=sys.stderr)
+    if done.left_out:
+        print(f"unshutter: such files have no place for: {', '.join(done.left_out)}", file=sys.stderr)
+    if wanted.json_log is None:
+        return
+    record = {
+        "event": "clip",
+        "source": source,
+        "output": output,
+        "frames": done.frames,
+        "rectified": done.rectified,
+        "model": wanted.undo.model,
+        "rectified_densely": done.dense,
+        "left": dict(done.reasons),
+        "cuts_s": done.cuts_s,
+        "left_out": done.left_out,
+        "readout_ratio": ratio.value,
+        "readout_ratio_sd": ratio.error or None,
+        "readout_ms": 1000 * clip.interval_s * ratio.value,
+        "found_by": ratio.source,
+    }
+    descriptor = open_plain(wanted.json_log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    with suppress(OSError), open(descriptor, "a", encoding="utf-8") as log:
+        log.write(json.dumps(record) + "\n")

@@ -1,0 +1,153 @@
+"""Clips in which near and far move differently."""
+
+import json
+
+import av
+import numpy as np
+import pytest
+
+from support import clips, two_layers
+from unshutter.cli import main
+
+FRAMES = 12
+GREYS = [two_layers.frame(k) for k in range(FRAMES)]
+TRUTH = np.stack([two_layers.middle(k) for k in range(FRAMES)]).astype(float)
+
+
+def straighten(path, *flags, out="out.mkv"):
+    out = path.with_name(out)
+    how = ["--readout-ratio", str(two_layers.RATIO), "--overwrite", *flags]
+    assert main(["video", str(path), "-o", str(out), *how]) == 0
+    return out
+
+
+@pytest.fixture
+def clip(tmp_path):
+    return clips.write(tmp_path / "in.mkv", GREYS, "ffv1", "gray")
+
+
+def test_near_and_far_each_come_out_straight(clip):
+    camera = clips.luma(straighten(clip, "--model", "camera"))
+    dense = clips.luma(straighten(clip, "--model", "dense"))
+    taken = clips.psnr(clips.luma(clip), TRUTH)
+    assert clips.psnr(dense, TRUTH) > taken + 5
+    assert clips.psnr(dense, TRUTH) > clips.psnr(camera, TRUTH) + 2
+
+
+def test_camera_is_the_default(clip):
+    assert np.array_equal(clips.luma(straighten(clip)), clips.luma(straighten(clip, "--model", "camera")))
+
+
+@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "yuv444p16le", "gbrp"])
+def test_planes_of_many_kinds(tmp_path, pixel_format):
+    before = clips.write(tmp_path / "in.mkv", GREYS[:6], "ffv1", pixel_format)
+    true = clips.write(tmp_path / "true.mkv", list(TRUTH[:6].astype(np.uint8)), "ffv1", pixel_format)
+    after = straighten(before, "--model", "dense", "--edges", "borrow")
+    for was, now, seen in zip(*map(planes, (before, after, true)), strict=True):
+        for k, plane in enumerate(now):
+            assert plane.dtype == was[k].dtype
+            inner = (slice(16, -16), slice(20, -20))
+            off = [np.square(a[inner].astype(float) - seen[k][inner]).mean() for a in (was[k], plane)]
+            assert off[1] < off[0] / 2, k
+
+
+def planes(path):
+    """The planes of a clip's frames."""
+    from unshutter.video.planes import PixelFormat
+
+    with av.open(str(path)) as film:
+        return [
+            [plane.copy() for plane in PixelFormat.of(frame.format).arrays(frame)] for frame in film.decode(video=0)
+        ]
+
+
+def test_what_a_frame_did_not_see_is_borrowed(clip):
+    made = {
+        edges: clips.luma(straighten(clip, "--model", "dense", "--edges", edges))
+        for edges in ("keep", "fill", "borrow")
+    }
+    unseen = made["keep"] < 16  # the scene is nowhere so dark
+    assert unseen[1:-1].mean() > 0.004
+    assert not (made["borrow"] < 16).any()
+    off = {edges: np.abs(made[edges] - TRUTH)[unseen].mean() for edges in ("fill", "borrow")}
+    assert off["borrow"] < off["fill"] / 2
+    assert np.array_equal(made["borrow"][~unseen], made["fill"][~unseen])
+
+
+def test_half_the_strength_goes_half_the_way(clip):
+    half = clips.luma(straighten(clip, "--model", "dense", "--strength", "0.5"))
+    halfway = np.stack([two_layers.half_straight(k) for k in range(FRAMES)]).astype(float)
+    assert clips.psnr(half, halfway) > clips.psnr(clips.luma(clip), halfway) + 4
+    nothing = clips.luma(straighten(clip, "--model", "dense", "--strength", "0"))
+    assert np.array_equal(nothing, clips.luma(clip))
+
+
+@pytest.mark.parametrize("reference", ["first", "last"])
+def test_another_reference_row(clip, reference):
+    made = clips.luma(straighten(clip, "--model", "dense", "--reference", reference))
+    share = {"first": 0.0, "last": two_layers.RATIO}[reference]
+    truth = np.stack([two_layers.instant(k + share) for k in range(FRAMES)]).astype(float)
+    assert clips.psnr(made, truth) > clips.psnr(clips.luma(clip), truth) + 4
+
+
+def test_sensors_that_were_read_sideways(tmp_path):
+    before = clips.write(tmp_path / "in.mkv", [np.rot90(grey) for grey in GREYS], "ffv1", "gray")
+    flags = ["--model", "dense", "--edges", "borrow", "--readout", "left-to-right"]
+    turned = np.rot90(clips.luma(straighten(before, *flags)), -1, axes=(1, 2))
+    assert clips.psnr(turned, TRUTH) > clips.psnr(np.stack(GREYS).astype(float), TRUTH) + 5
+
+
+def test_a_still_camera_leaves_its_frames_alone(tmp_path):
+    before = clips.write(tmp_path / "in.mkv", GREYS[:1] * 8, "ffv1", "gray")
+    after = straighten(before, "--model", "dense", "--edges", "borrow")
+    assert np.array_equal(clips.luma(after), clips.luma(before))
+
+
+def test_across_a_cut_nothing_is_looked_for(tmp_path, capsys):
+    camera_only = clips.moving(10)[1]
+    other = [255 - np.rot90(grey, 2) for grey in camera_only]
+    before = clips.write(tmp_path / "in.mkv", camera_only + other, "ffv1", "gray")
+    log = tmp_path / "log.jsonl"
+    flags = ["--readout-ratio", "0.6", "--model", "dense", "--edges", "borrow", "--json-log", str(log)]
+    assert main(["video", str(before), "-o", str(tmp_path / "out.mkv"), *flags]) == 0
+    told = json.loads(log.read_text())
+    assert (told["model"], told["rectified"], told["rectified_densely"]) == ("dense", 20, 20)
+    one = clips.write(tmp_path / "one.mkv", camera_only, "ffv1", "gray")
+    assert main(["video", str(one), "-o", str(tmp_path / "alone.mkv"), *flags]) == 0
+    alone = clips.luma(tmp_path / "alone.mkv")
+    assert np.array_equal(clips.luma(tmp_path / "out.mkv")[:10], alone)
+
+
+def test_a_frame_without_neighbours_falls_back(tmp_path, capsys):
+    greys = clips.moving(16)[1]
+    times = np.arange(16) / 30 + np.where(np.arange(16) == 15, 10, 0)  # the last one comes ten seconds later
+    before = clips.write(tmp_path / "in.mkv", greys, "ffv1", "gray", times=times)
+    assert (
+        main(["video", str(before), "-o", str(tmp_path / "o.mkv"), "--readout-ratio", "0.6", "--model", "dense"]) == 0
+    )
+    assert "15 of 16 frames straightened, 1 left as they are" in capsys.readouterr().err
+    assert np.array_equal(clips.luma(tmp_path / "o.mkv")[15], clips.luma(before)[15])
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--edges", "borrow"], "needs --model dense"),
+        (["--model", "dense", "--edges", "crop"], "cannot crop"),
+        (["--model", "dense", "--save-motion", "m.json"], "motion files hold the camera's motion"),
+        (["--model", "both"], "both"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(tmp_path, clip, flags, said, capsys):
+    out = tmp_path / "out.mkv"
+    assert main(["video", str(clip), "-o", str(out), *flags]) == 2
+    assert said in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_tiny_frames_are_refused(tmp_path, capsys):
+    before = clips.write(tmp_path / "in.mkv", [grey[:48, :80] for grey in GREYS], "ffv1", "gray")
+    assert (
+        main(["video", str(before), "-o", str(tmp_path / "o.mkv"), "--readout-ratio", "0.6", "--model", "dense"]) == 1
+    )
+    assert "at least 64x64 px" in capsys.readouterr().err
