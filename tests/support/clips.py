@@ -40,7 +40,9 @@ def standing(frames=16):
 
 
 def as_frame(grey, pixel_format):
-    """A frame of a format: the picture as luma, colours that differ from place to place."""
+    """A frame of a format: the picture itself in ``gray``, else in colours that differ from place to place."""
+    if pixel_format == "gray":
+        return av.VideoFrame.from_ndarray(np.ascontiguousarray(grey), format="gray")
     colours = np.stack([grey, 255 - grey, grey // 2 + 60], axis=-1)
     return av.VideoFrame.from_ndarray(colours, format="rgb24").reformat(format=pixel_format)
 

@@ -45,4 +45,4 @@ def _seen(time):
 
 def _wall(margin):
     drawn = textured(HEIGHT + 2 * margin, WIDTH + 2 * margin, bands=1)[..., 0].astype(float)
-    return np.clip(128 + 2.0 * (drawn - drawn.mean()), 30, 225).astype(np.uint8)
+    return np.clip(128 + 1.3 * (drawn - drawn.mean()), 30, 225).astype(np.uint8)

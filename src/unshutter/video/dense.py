@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt, UInt8
 
 
+_ALMOST_ALL = 0.8  # of the picture is found in both frames
+
+
 @dataclass(frozen=True)
 class Lender:
     """A frame from which another one may borrow what it did not see.
@@ -146,6 +149,8 @@ def _connection(clip: Clip, current: _Looked, following: _Looked, ratio: float) 
     if apart is None or apart < ratio:
         return None
     try:
-        return link(current.copy, following.copy, apart)
+        found = link(current.copy, following.copy, apart)
     except UnshutterError:
         return None
+    # Corners that went apart may mean a cut, or near and far that move very differently: then nearly all must be there.
+    return None if following.moved.cut and found.flow.consistent < _ALMOST_ALL else found

@@ -14,7 +14,6 @@ import cv2
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.export.plot import check_plot
-from unshutter.frames.between import SMALLEST_SIDE
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion
 from unshutter.geometry.readout import Readout
@@ -61,8 +60,6 @@ def rectify_clip(
     clip = Clip.look(source, wanted.fps)
     if wanted.fps is not None and not clip.of_pictures:
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
-    if wanted.undo.model == "dense" and min(clip.height, clip.width) < SMALLEST_SIDE:
-        raise UnshutterError(f"--model dense needs frames of at least {SMALLEST_SIDE}x{SMALLEST_SIDE} px: use camera")
     known = motion_file.load(wanted.motion) if wanted.motion is not None else None
     encoder = Encoder.choose(clip, wanted.encode) if not _is_pictures(target) else None
     ratio, readout = _readout(clip, wanted, known, found)
