@@ -52,29 +52,6 @@ def before_after() -> None:
     pyvips.Image.arrayjoin(panels, shim=6, background=255).jpegsave(str(HERE / "before_after.jpg"), Q=88)
 
 
-def what_goes_wrong() -> None:
-    """Two photos without rolling shutter that the default estimator changes: as they are, and what it makes of them."""
-    import cv2
-    import skimage.data
-
-    import unshutter
-    from unshutter.photo import Photo
-
-    basilica = Photo.open(HERE.parent.parent / "examples" / "original" / "basilica.webp").to_array()
-    rows = []
-    for picture, known in ((askew(basilica, 3.0), {"roll_deg": 3.0}), (skimage.data.chelsea(), None)):
-        found = unshutter.estimate(picture)
-        share = 256 / found.height
-        print(f"max|t_x| {np.abs(found.tx_px).max() * share:.1f} px of 256 rows, confidence {found.confidence:.2f}")
-        panels = [picture, unshutter.rectify(picture, motion=found)]
-        panels.append(unshutter.rectify(picture, **known) if known else np.full_like(picture, 255))
-        height = round(420 * picture.shape[0] / picture.shape[1])
-        small = [cv2.resize(panel, (420, height), interpolation=cv2.INTER_AREA) for panel in panels]
-        rows.append(cv2.hconcat(small))
-    sheet = np.ascontiguousarray(cv2.vconcat(rows))
-    Photo.from_array(sheet).save(HERE / "what_goes_wrong.jpg", overwrite=True, quality=86)
-
-
 def time_against_rows() -> None:
     """When the rows of two frames are exposed, and what that does to a pole that moves evenly."""
     ratio, speed = 0.7, 0.3  # of a frame interval; frame widths per frame interval
@@ -148,21 +125,9 @@ def hand() -> RotationLog:
     return RotationLog(times, *np.radians(rates))
 
 
-def askew(picture: np.ndarray, roll_deg: float) -> np.ndarray:
-    """What a camera sees that is turned clockwise: the middle of the picture, turned the other way."""
-    import cv2
-
-    height, width = picture.shape[:2]
-    turn = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), roll_deg, 1)
-    turned = cv2.warpAffine(picture, turn, (width, height), flags=cv2.INTER_CUBIC)
-    top, left = round(0.09 * height), round(0.09 * width)
-    return np.ascontiguousarray(turned[top : height - top, left : width - left])
-
-
 if __name__ == "__main__":
     plt.switch_backend("svg")
     conventions()
     before_after()
-    what_goes_wrong()
     time_against_rows()
     two_frames()

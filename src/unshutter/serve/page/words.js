@@ -75,7 +75,7 @@ export const words = {
   readoutHelp: "Only if a program has turned or mirrored the file.",
   readoutOf: { auto: "as usual", down: "downwards", up: "upwards", right: "to the right", left: "to the left" },
   attitude: "How the camera was held",
-  attitudeHelp: "Tells a leaning house from a tilted camera like nothing else.",
+  attitudeHelp: "The surest way to tell a leaning building from a tilted camera.",
   roll: "Turned clockwise [°]",
   tilt: "Tilted up [°]",
   horizon: "Show what is level",
@@ -86,7 +86,7 @@ export const words = {
   horizonSteep: "This line is too steep to be level.",
   forget: "Forget",
   neighbours: "Taken just before or after",
-  neighboursHelp: "A frame of the same burst or clip tells more than the photo alone: near and far may move differently.",
+  neighboursHelp: "A frame of the same burst or clip shows more than the photo alone: near and far may move differently.",
   neighbourOf: { before: "Taken before…", after: "Taken after…" },
   neighbourIs: { before: (name) => `Before: ${name}`, after: (name) => `After: ${name}` },
   neighbourForget: "Leave it out",
@@ -138,8 +138,8 @@ export const words = {
   sayReadout: "If you know how long your camera takes to read out a frame, type it in below.",
   readoutTime: "Readout time",
   readoutTimeOf: { find: "find it", ms: "in milliseconds", ratio: "as a share" },
-  readoutTimeHelp: "How long the camera takes to read out one frame. A clip in which the camera moves unevenly for two seconds "
-    + "tells it.",
+  readoutTimeHelp: "How long the camera takes to read out one frame. A clip in which the camera moves unevenly for two "
+    + "seconds shows it.",
   readoutValueOf: { find: "", ms: "Milliseconds", ratio: "Share of the time from frame to frame" },
   listed: (ms) => `The clip does not show it; the table of cameras says ${ms.toFixed(1)} ms.`,
   found: (ms, sd) => `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms.`,
