@@ -50,6 +50,17 @@ def test_three_frames_know_that_the_speed_changes() -> None:
     assert off(three.pixels, truth, both) < off(two.pixels, truth, both) / 2
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+def test_frames_may_come_unevenly(side) -> None:
+    scene, ratio, apart = Scene(speed=(11, 2)), 0.8, 2.0
+    frames = {0: scene.frame(0, ratio), side: scene.frame(apart * side, ratio)}
+    pair = [small(frames[number]) for number in sorted(frames)]
+    truth = scene.at(0.4)
+    made, even = (render(frames, {side: link(*pair, each)}, Timing(ratio, HEIGHT), 0.4) for each in (apart, 1.0))
+    assert off(made.pixels, truth, made.valid) < 1.5
+    assert off(even.pixels, truth, even.valid) > 5
+
+
 def test_what_one_frame_did_not_see_is_borrowed() -> None:
     scene = Scene(speed=(24, 0))
     _, kept = rectified(scene, 0.9, 0.9, (-1, 0, 1))

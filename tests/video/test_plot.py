@@ -8,7 +8,7 @@ import pytest
 from support import clips
 from unshutter.cli import main
 from unshutter.photo import Photo
-from unshutter.video import rectifying
+from unshutter.video import outcome
 
 FRAMES = 16
 
@@ -35,7 +35,7 @@ def test_a_plot_is_a_picture(clip, tmp_path, capsys):
 
 def test_it_shows_how_the_camera_turned(clip, tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(rectifying, "plot_turns", lambda *values: drawn.append(values))
+    monkeypatch.setattr(outcome, "plot_turns", lambda *values: drawn.append(values))
     assert run(clip, tmp_path, tmp_path / "turns.svg") == 0
     ((times, rates, cuts, *_),) = drawn
     assert times == pytest.approx(np.arange(FRAMES) / 30, abs=1e-3) and cuts == []
