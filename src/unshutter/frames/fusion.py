@@ -33,12 +33,12 @@ class Warped:
     Attributes:
         pixels: uint8 or uint16 [H, W, bands]; what the frame did not see repeats its border.
         grid: where each pixel was looked up.
-        frame: its number.
+        frame: when its first row was exposed [frame intervals after that of frame 0].
     """
 
     pixels: UInt[np.ndarray, "height width bands"]
     grid: SamplingGrid
-    frame: int
+    frame: float
 
 
 def fuse(

@@ -157,9 +157,10 @@ def render(
     moving = moving_about(links, timing, moment)
     if moving.reason:
         return Rendered(frames[0], np.ones((height, width), bool), moving.largest_px, moving.reason)
-    grids = {frame: _grid(moving.field, frame, height, width) for frame in (0, *links)}
+    begun = {0: 0.0, **{side: side * links[side].apart for side in links}}
+    grids = {frame: _grid(moving.field, begun[frame], height, width) for frame in begun}
     warped = {
-        frame: Warped(sampled_pixels(frames[frame], grid, fill or frame != 0, masked), grid, frame)
+        frame: Warped(sampled_pixels(frames[frame], grid, fill or frame != 0, masked), grid, begun[frame])
         for frame, grid in grids.items()
     }
     others = [warped[side] for side in links]
@@ -186,7 +187,7 @@ def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> str:
     return ""
 
 
-def _grid(field: Field, frame: int, height: int, width: int) -> SamplingGrid:
+def _grid(field: Field, frame: float, height: int, width: int) -> SamplingGrid:
     """Where the full-size picture looks in a frame, at nodes as dense as the field."""
     rows, columns = field.velocity.shape[:2]
     step = max(round(height / rows), 1)
