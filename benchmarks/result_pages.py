@@ -24,7 +24,8 @@ from unshutter.evaluation.results import Results
 
 READING = "reading.md"  # written by hand, kept
 READINGS = "readings.toml"  # by hand, too: the line at the top of each page
-KEPT = [READING, "paper-networks-reading.md", "paper-networks.md"]  # the last by paper_networks.py
+BY_PAPER_NETWORKS = ["paper-networks", "predecessor"]  # pages
+KEPT = [READING, *(f"{name}{end}.md" for name in BY_PAPER_NETWORKS for end in ("", "-reading"))]
 SCORES = Path("src/unshutter/weights/scores.json")  # what ``unshutter models`` prints
 _ORDER = ("synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
 _ORDER += ("robustness", "pairs", "sequences", "video")
@@ -108,7 +109,7 @@ def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs
         parts += ["What photos suffer: median EPE.", _overview({"robustness": runs["robustness"]})]
     missing = [n for n in PAPER if not any(e.startswith(n) for results in runs.values() for e in results.estimators)]
     if missing:
-        where = "[the paper's networks](paper-networks.md)"
+        where = "[the predecessor's networks](predecessor.md)"
         parts.append(f"The package has no weights of {', '.join(missing)}, so it has no row; see {where}.")
     if (docs / CONFIDENCE).exists():
         parts.append(f"Some methods state a confidence: [what it is worth]({CONFIDENCE}).")
