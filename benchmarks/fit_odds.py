@@ -23,11 +23,6 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 WEIGHTS = Path(__file__).parent.parent / "src/unshutter/weights/odds.json"
-FEATURES = (
-    *("evidence", "lines_gain", "gain_at_rest", "weight", "answer_bend", "answer_size", "disagreement", "error"),
-    *("size", "bend", "breadth", "against", "in_favour", "roll", "roll_at_rest", "tilt", "tilt_at_rest"),
-    *("focal", "focal_at_rest"),
-)  # of odds.py's figures()
 PEOPLES = 4  # times as much as others count photos that people took, which are few
 MOST_AT_STAKE = 8.0  # px of 256 rows: a case counts by what undoing its motion gains or loses, up to this
 FOLDS = 4
@@ -42,13 +37,15 @@ class Cases:
         suite, photo: [N] of each.
         error, nothing: [N] mean displacement that is left when the motion found is undone, and when nothing is
             [px of 256 rows].
-        found: [N, features] what the forest looks at.
+        names: of what the forest looks at: the figures of odds.py.
+        found: [N, names] the figures.
     """
 
     suite: np.ndarray
     photo: np.ndarray
     error: np.ndarray
     nothing: np.ndarray
+    names: tuple[str, ...]
     found: np.ndarray
 
     @classmethod
@@ -57,7 +54,10 @@ class Cases:
         lines = [json.loads(line) for path in paths for line in path.open()]
         lines = [line for line in lines if line["figures"]]
         columns = {name: np.array([line[name] for line in lines]) for name in ("suite", "photo", "error", "nothing")}
-        return cls(**columns, found=np.array([[line["figures"][name] for name in FEATURES] for line in lines]))
+        names = tuple(lines[0]["figures"])
+        return cls(
+            **columns, names=names, found=np.array([[line["figures"][name] for name in names] for line in lines])
+        )
 
     @property
     def at_stake(self) -> np.ndarray:
@@ -101,7 +101,7 @@ def table(cases: Cases, odds: np.ndarray) -> str:
     return "\n".join(lines)
 
 
-def as_json(trees: HistGradientBoostingClassifier) -> dict[str, object]:
+def as_json(trees: HistGradientBoostingClassifier, names: tuple[str, ...]) -> dict[str, object]:
     """The forest as odds.py reads it."""
     nodes = [tree[0].nodes for tree in trees._predictors]
     most = max(len(each) for each in nodes)
@@ -114,7 +114,7 @@ def as_json(trees: HistGradientBoostingClassifier) -> dict[str, object]:
 
     leaf, own = (lambda n: n["is_leaf"].astype(bool)), (lambda n: np.arange(len(n)))
     return {
-        "features": list(FEATURES),
+        "features": list(names),
         "baseline": float(f"{trees._baseline_prediction.ravel()[0]:.6g}"),
         "depth": max(int(each["depth"].max()) for each in nodes),
         "feature": whole(lambda n: np.where(leaf(n), 0, n["feature_idx"])),
@@ -127,7 +127,7 @@ def as_json(trees: HistGradientBoostingClassifier) -> dict[str, object]:
 
 def confidence(cases: Cases, odds: np.ndarray) -> str:
     """The regressions for P(error < 1 px), and how well they are calibrated on photos that they have not seen."""
-    named = {name: cases.found[:, k] for k, name in enumerate(FEATURES)}
+    named = {name: cases.found[:, k] for k, name in enumerate(cases.names)}
     far = np.log(named["disagreement"] / np.hypot(1, named["answer_size"] / 25) + 0.3)
     columns = {
         "apart": far,
@@ -189,7 +189,7 @@ def main() -> None:
         print(f"\n{path.name}:\n{table(others, odds_of(whole, others.found) - caution)}")
     print(f"\n{confidence(cases, unseen)}")
     if given.write:
-        WEIGHTS.write_text(json.dumps(as_json(whole), separators=(",", ":")), encoding="utf-8")
+        WEIGHTS.write_text(json.dumps(as_json(whole, cases.names), separators=(",", ":")), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ def surface() -> dict[str, str]:
 
 
 def described(path: str, item: griffe.Object | griffe.Alias) -> Iterator[tuple[str, str]]:
-    """An object and, of a module or class, its public members; nothing inherited or imported."""
+    """An object and, of a module or class, its public members, with what a class inherits; nothing imported."""
     item = item.final_target if isinstance(item, griffe.Alias) else item
     if isinstance(item, griffe.Class):
         yield path, " ".join(["class", *map(str, item.bases), called(item)]).strip()
@@ -38,7 +38,8 @@ def described(path: str, item: griffe.Object | griffe.Alias) -> Iterator[tuple[s
         yield path, " ".join([*kind, said])
     else:
         yield path, "module"
-    for name, member in item.members.items():
+    inherited = item.inherited_members if isinstance(item, griffe.Class) else {}
+    for name, member in {**item.members, **{name: each.final_target for name, each in inherited.items()}}.items():
         exported = isinstance(item, griffe.Module) and item.exports and name in item.exports
         if exported or (not member.is_alias and member.is_public and not name.startswith("_")):
             yield from described(f"{path}.{name}", member)

@@ -19,8 +19,86 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+class Result:
+    """What became of a photo, by itself or with the help of its neighbours.
+
+    Attributes:
+        photo: the new pixels with the metadata of the original; the original itself where it was left as it is.
+        original: the photo as it was read.
+        verdict: whether anything was undone, and why not.
+    """
+
+    photo: Photo
+    original: Photo
+    verdict: Verdict
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was undone; if not, :attr:`reason` says why."""
+        return self.verdict.changes
+
+    @property
+    def reason(self) -> str:
+        """Why the photo was left as it is, ``not sure: confidence 0.03``; empty where it was changed."""
+        return self.verdict.reason
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to."""
+        return self.photo.pixels
+
+    def to_array(self) -> np.ndarray:
+        """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
+        return self.photo.to_array()
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        overwrite: bool = False,
+        quality: int | None = None,
+        subsampling: Subsampling | None = None,
+        keep_times: bool = False,
+    ) -> tuple[str, ...]:
+        """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
+
+        A photo that was left as it is is copied byte for byte, unless it is to be another format, or coded otherwise.
+
+        Returns:
+            The metadata that such files have no place for, in words, as in ``("IPTC",)``.
+
+        Raises:
+            UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
+        """
+        target, how = Path(path), Save(None, quality, subsampling, keep_times)
+        times_ns = self.photo.times_ns if keep_times else None
+        copied = self.photo.file_as(of_target(target).name, how)
+        if copied is None:
+            return self.photo.save(target, quality, overwrite, subsampling, keep_times)
+        check_target(target, overwrite, self.original.path)
+        with written_whole(target, overwrite, mode_of=self.original.path, times_ns=times_ns) as part:
+            copied.copy_to(part)
+        return ()
+
+    def encode(
+        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+    ) -> Encoded:
+        """The picture as an encoded file, and what of its metadata did not go in; else as :meth:`save`.
+
+        Args:
+            format, quality, subsampling: see :meth:`Photo.to_bytes`.
+
+        Raises:
+            UsageError, UnshutterError: see :meth:`Photo.to_bytes`.
+        """
+        copied = self.photo.file_as(format or self.photo.format, Save(format, quality, subsampling))
+        if copied is None:
+            return self.photo.encode(format, quality, subsampling)
+        return Encoded(copied.data(), ())
+
+
 @dataclass(frozen=True, repr=False)
-class Rectified:
+class Rectified(Result):
     """A rectified photo, or one that was left as it is, since nothing sure was found that would be worth undoing.
 
     Attributes:
@@ -46,82 +124,8 @@ class Rectified:
         return f"Rectified({size}, {self.verdict.told() if self.changed else f'left as it is: {self.reason}'})"
 
     @property
-    def changed(self) -> bool:
-        """Whether anything was undone; if not, :attr:`reason` says why."""
-        return self.verdict.changes
-
-    @property
-    def reason(self) -> str:
-        """Why the photo was left as it is, ``not sure: confidence 0.03``; empty where it was changed."""
-        return self.verdict.reason
-
-    @property
-    def pixels(self) -> np.ndarray:
-        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to."""
-        return self.photo.pixels
-
-    def to_array(self) -> np.ndarray:
-        """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
-        return self.photo.to_array()
-
-    @property
     def valid(self) -> np.ndarray:
         """[H, W] bool: where the rolling-shutter photo shows what belongs there (before any crop or fill)."""
         from unshutter.warp.pixels import validity_mask
 
         return validity_mask(self.motion)
-
-    def save(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        overwrite: bool = False,
-        quality: int | None = None,
-        subsampling: Subsampling | None = None,
-        keep_times: bool = False,
-    ) -> tuple[str, ...]:
-        """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
-
-        A photo that was left as it is is copied byte for byte, unless it is to be another format, or coded otherwise.
-
-        Returns:
-            The metadata that such files have no place for, in words, as in ``("IPTC",)``.
-
-        Raises:
-            UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
-        """
-        how = Save(None, quality, subsampling, keep_times)
-        return save_result(self.photo, self.original, Path(path), overwrite, how)
-
-    def encode(
-        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
-    ) -> Encoded:
-        """The picture as an encoded file, and what of its metadata did not go in; else as :meth:`save`.
-
-        Args:
-            format, quality, subsampling: see :meth:`Photo.to_bytes`.
-
-        Raises:
-            UsageError, UnshutterError: see :meth:`Photo.to_bytes`.
-        """
-        return encode_result(self.photo, Save(format, quality, subsampling))
-
-
-def save_result(photo: Photo, original: Photo, target: Path, overwrite: bool, how: Save) -> tuple[str, ...]:
-    """Writes what was made of a photo; see :meth:`Rectified.save`."""
-    times_ns = photo.times_ns if how.keep_times else None
-    copied = photo.file_as(of_target(target).name, how)
-    if copied is None:
-        return photo.save(target, how.quality, overwrite, how.subsampling, how.keep_times)
-    check_target(target, overwrite, original.path)
-    with written_whole(target, overwrite, mode_of=original.path, times_ns=times_ns) as part:
-        copied.copy_to(part)
-    return ()
-
-
-def encode_result(photo: Photo, how: Save) -> Encoded:
-    """Encodes what was made of a photo; see :meth:`Rectified.encode`."""
-    copied = photo.file_as(how.format or photo.format, how)
-    if copied is None:
-        return photo.encode(how.format, how.quality, how.subsampling)
-    return Encoded(copied.data(), ())

@@ -179,9 +179,10 @@ def test_without_the_token_nothing_is_to_be_had(page: Page, server: Server) -> N
     other.close()
 
 
-def test_a_frame_taken_after(page: Page, tmp_path: Path) -> None:
+def drop_two_frames(page: Page, folder: Path) -> list[Path]:
+    """Drops a frame, and names the one after it with the ratio of their camera; returns both files."""
     scene = Scene()
-    frames = [tmp_path / f"frame{number}.png" for number in range(2)]
+    frames = [folder / f"frame{number}.png" for number in range(2)]
     for number, frame in enumerate(frames):
         Photo.from_array(scene.frame(number, 0.8)).save(frame)
     drop(page, frames[0])
@@ -189,6 +190,11 @@ def test_a_frame_taken_after(page: Page, tmp_path: Path) -> None:
     page.set_input_files("#choose-after", frames[1])
     page.locator("#ratio").fill("0.8")
     page.locator("#ratio").press("Enter")
+    return frames
+
+
+def test_a_frame_taken_after(page: Page, tmp_path: Path) -> None:
+    frames = drop_two_frames(page, tmp_path)
     expect(page.locator("#panel .said")).to_contain_text("with the help of its neighbours")
     page.locator("#edges").select_option("keep")
     expect(page.locator("#panel .said")).to_contain_text("stay empty")
@@ -201,15 +207,7 @@ def test_a_frame_taken_after(page: Page, tmp_path: Path) -> None:
 
 
 def test_the_moment_between_frames(page: Page, tmp_path: Path) -> None:
-    scene = Scene()
-    frames = [tmp_path / f"frame{number}.png" for number in range(2)]
-    for number, frame in enumerate(frames):
-        Photo.from_array(scene.frame(number, 0.8)).save(frame)
-    drop(page, frames[0])
-    wait_for(page, "changed|alone")
-    page.set_input_files("#choose-after", frames[1])
-    page.locator("#ratio").fill("0.8")
-    page.locator("#ratio").press("Enter")
+    frames = drop_two_frames(page, tmp_path)
     page.get_by_label("Take it at another moment").check()
     expect(page.locator("output[for=at]")).to_have_text("50 % of the way to the frame after")
     page.locator("#at").fill("0.75")
