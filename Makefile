@@ -9,8 +9,8 @@ demo: .venv/core  ## rectify the photo that the repository ships
 	$(BIN)/unshutter rectify examples/demo.jpg -o examples/demo.rectified.jpg --overwrite --edges crop
 	@echo "Look at examples/demo.jpg and examples/demo.rectified.jpg"
 
-test: .venv/dev  ## all tests
-	$(BIN)/python -m pytest
+test: .venv/dev  ## all tests, on all cores
+	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
 lint: .venv/dev
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,17 @@ if TYPE_CHECKING:
     from unshutter import Motion
 
 check_shapes()  # of modules that are imported from here on
+
+
+def _hear_signals() -> None:
+    """Programs that the tests start hear what nohup and a shell's background would have them ignore."""
+    for name in ("SIGINT", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        if number is not None and signal.getsignal(number) == signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL if name == "SIGHUP" else signal.default_int_handler)
+
+
+_hear_signals()
 
 
 def draw_facade(height: int = 420, width: int = 560) -> np.ndarray:

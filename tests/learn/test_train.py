@@ -96,6 +96,14 @@ def test_a_folder_of_another_run_is_not_touched(config: Path, tmp_path: Path) ->
         run(config, tmp_path / "runs")
 
 
+def test_a_seed_of_ones_own_gives_another_run(config: Path, tmp_path: Path) -> None:
+    shipped, same, other = (weights(run(config, tmp_path / str(k), seed=k)) for k in (None, 0, 1))
+    assert all(torch.equal(shipped[name], same[name]) for name in shipped)
+    assert not all(torch.equal(shipped[name], other[name]) for name in shipped)
+    with pytest.raises(UsageError, match="another configuration"):
+        run(config, tmp_path / "1", seed=2)
+
+
 def test_two_processes_under_torchrun(config: Path, tmp_path: Path) -> None:
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))
@@ -224,8 +232,8 @@ def test_the_shipped_configurations_are_found_by_name(tmp_path: Path, monkeypatc
     assert {"segment-transformer", "kandula2020", "rengarajan2017-vanilla-bn-cpu"} <= set(shipped_configs())
     for name in shipped_configs():
         assert isinstance(load_config(name), TrainConfig)
-    short = load_config("kandula2020-no-edges", base="kandula2020-cpu-ablation")
-    assert (short.steps, short.network["width"], short.loss["rectified_edges"]) == (200, 16, 0)
+    short = load_config("kandula2020-no-edges", base="kandula2020-cpu")
+    assert (short.steps, short.network["width"], short.loss["rectified_edges"]) == (400, 16, 0)
 
 
 def test_a_file_of_ones_own_builds_on_a_shipped_configuration(tmp_path: Path) -> None:

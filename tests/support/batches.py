@@ -1,7 +1,6 @@
 """Folders of small photos, and the command run over them as users run it."""
 
 import hashlib
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -38,8 +37,6 @@ def rectify(*arguments: object) -> int:
 def start_rectify(*arguments: object, **options) -> subprocess.Popen:
     """``unshutter rectify`` in a process of its own."""
     command = [sys.executable, "-m", "unshutter", "rectify", *map(str, arguments)]
-    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # these tests run in the background of a shell
-        signal.signal(signal.SIGINT, signal.default_int_handler)
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
 
 

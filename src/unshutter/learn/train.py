@@ -41,6 +41,7 @@ def run(
     base: str | Path | None = None,
     photos: Path | None = None,
     start: Path | None = None,
+    seed: int | None = None,
 ) -> Path:
     """Trains to the end, or for so many minutes; resumes a run that is there.
 
@@ -53,6 +54,7 @@ def run(
         base: another configuration for what this one does not say itself.
         photos: instead of the configuration's ``[data] folder``.
         start: checkpoint whose weights, where they fit, a new run begins with.
+        seed: of the first weights and of the batches, instead of the configuration's.
 
     Returns:
         The run's folder.
@@ -65,6 +67,8 @@ def run(
         settings = replace(settings, data={**settings.data, "folder": str(photos)})
     if steps is not None:
         settings = replace(settings, steps=steps)
+    if seed is not None:
+        settings = replace(settings, seed=seed)
     torch.set_num_threads(settings.threads)
     torch.set_float32_matmul_precision("high")
     processes = _join_processes(device)
@@ -225,6 +229,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float)
     parser.add_argument("--photos", type=Path)
     parser.add_argument("--start", type=Path)
+    parser.add_argument("--seed", type=int)
     try:
         run(**vars(parser.parse_args()))
     except UsageError as error:

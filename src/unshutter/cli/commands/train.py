@@ -31,6 +31,7 @@ class Arguments:
         "Another configuration, by name or file, for all settings that this one does not make. Default: its own base.",
     )
     start: Path | None = option(None, "Begin with the weights of this checkpoint of another run.")
+    seed: int | None = option(None, "Seed of the first weights and of the batches, instead of the configuration's.")
 
 
 def run(given: Arguments) -> int:
@@ -40,7 +41,14 @@ def run(given: Arguments) -> int:
     except ImportError as error:
         raise UnshutterError(f"training needs the extra: pip install 'unshutter[train]' ({error})") from None
     folder = train.run(
-        given.config, given.out, given.steps, given.device, base=given.base, photos=given.photos, start=given.start
+        given.config,
+        given.out,
+        given.steps,
+        given.device,
+        base=given.base,
+        photos=given.photos,
+        start=given.start,
+        seed=given.seed,
     )
     print(f"model: {folder / train.MODEL}, its log: {folder / train.LOG}")
     return 0
