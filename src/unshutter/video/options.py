@@ -1,4 +1,4 @@
-"""What can be asked for of a clip (see options.py of the package): nothing here imports NumPy or PyAV."""
+"""What can be asked for of a clip (see the package's options/): nothing here imports NumPy or PyAV."""
 
 from __future__ import annotations
 

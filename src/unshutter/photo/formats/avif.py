@@ -41,7 +41,7 @@ class Avif(WrittenFormat):
         return _SIGNATURE.match(head) is not None
 
     def read_header(self, source: Source) -> Header:
-        """See Format. The orientation is that of the boxes, by which the decoder turns; EXIF has no say in it."""
+        """See Format. The orientation is that of the boxes, by which the decoder turns; EXIF's does not count."""
         boxes.refuse_animation(source)
         readable = _without_tangles(source)
         image = by_libvips.opened(readable, "heifload")

@@ -1,0 +1,43 @@
+"""What can be asked for: one frozen value for each kind of question, checked once, when it is made.
+
+The Python API, the command line, batches and their workers pass these values on as they are. A field's ``help`` is what
+``unshutter COMMAND --help`` prints; its flag is its name with dashes. To add an option, add a field here and use it
+where the work is done.
+
+Nothing here imports NumPy: a photo is being decoded before that.
+"""
+
+from unshutter.options.camera import DEFAULT_ESTIMATOR, MOST_ROLL_DEG, MOST_TILT_DEG, Camera, Find
+from unshutter.options.fields import option
+from unshutter.options.neighbours import Clock, FrameModel, Neighbours, model_for
+from unshutter.options.rectify import Rectify
+from unshutter.options.run import MAX_PIXELS, Run
+from unshutter.options.save import PictureFormat, Save, Subsampling
+from unshutter.options.synthesize import Synthesize
+from unshutter.options.undo import LEAST_AUTO_CROP, MIN_CONFIDENCE, Edges, Reference, Undo, check_edges
+
+__all__ = [
+    "DEFAULT_ESTIMATOR",
+    "LEAST_AUTO_CROP",
+    "MAX_PIXELS",
+    "MIN_CONFIDENCE",
+    "MOST_ROLL_DEG",
+    "MOST_TILT_DEG",
+    "Camera",
+    "Clock",
+    "Edges",
+    "Find",
+    "FrameModel",
+    "Neighbours",
+    "PictureFormat",
+    "Rectify",
+    "Reference",
+    "Run",
+    "Save",
+    "Subsampling",
+    "Synthesize",
+    "Undo",
+    "check_edges",
+    "model_for",
+    "option",
+]

@@ -1,0 +1,92 @@
+"""How a motion is found: the method, and what is known of the camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from unshutter.errors import UsageError
+from unshutter.geometry.readout import Readout
+from unshutter.options.fields import check_time, option
+
+DEFAULT_ESTIMATOR = "segment-manhattan"
+MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What you know of the camera, beside the photo itself.
+
+    Attributes:
+        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom, unless the photo shows that
+            its pixels were turned.
+        focal_px: focal length [px of the full-size photo]; None: EXIF's, else a guess.
+        roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
+        tilt_deg: how far it looked up, -90 is straight down; None: unknown.
+        exposure_s: how long each line was exposed [s]; None: as EXIF says, if it does.
+        readout_ms: time from the first line read to the last [ms]; None: as is usual for the kind of camera.
+        moving: whether the camera was on the move (in a train, on a car, in the air), so that motion is likely.
+
+    Raises:
+        UsageError: an unknown direction, a focal length or time that is not positive, an angle out of range.
+    """
+
+    readout: str = option(
+        "auto",
+        "Direction in which the sensor was read, if an editor has turned the file. Default: what the photo shows, else "
+        "top-to-bottom.",
+        choices=("auto", *Readout),
+    )
+    focal_px: float | None = option(
+        None,
+        "Focal length in px of the photo, for methods that use it. Default: EXIF's, else 0.85 (width + height).",
+    )
+    roll_deg: float | None = option(
+        None, "How far the camera was turned clockwise from upright, if you know it, for methods that use it."
+    )
+    tilt_deg: float | None = option(None, "How far the camera looked up, if you know it; -90 is straight down.")
+    exposure_s: float | None = option(
+        None, "Exposure time of the photo, in seconds. Default: EXIF's.", metavar="SECONDS"
+    )
+    readout_ms: float | None = option(
+        None,
+        "Readout time, from the first row to the last, in milliseconds. Default: what is usual for such cameras.",
+        metavar="MS",
+    )
+    moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
+
+    def __post_init__(self) -> None:
+        Readout.parse(self.readout)
+        if self.focal_px is not None and not 0 < self.focal_px < math.inf:
+            raise UsageError(f"the focal length must be positive, got {self.focal_px:g} px")
+        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
+            check_time(name, time, unit)
+        for name, angle, most in (("roll", self.roll_deg, MOST_ROLL_DEG), ("tilt", self.tilt_deg, MOST_TILT_DEG)):
+            if angle is not None and not -most <= angle <= most:
+                raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
+
+    @property
+    def direction(self) -> Readout:
+        """The readout direction, ``auto`` resolved."""
+        return Readout.parse(self.readout)
+
+    def check_unused(self) -> None:
+        """Raises UsageError where more than the readout direction is given although no motion is to be found."""
+        if self != Camera(self.readout):
+            raise UsageError(
+                "focal length, roll, tilt, exposure, readout time and --moving are for finding a motion: "
+                "leave them out when you give one"
+            )
+
+
+@dataclass(frozen=True)
+class Find:
+    """How a photo's motion is found.
+
+    Attributes:
+        estimator: name of the method, or NAME@FILE with weights of your own.
+        camera: what is known of the camera.
+    """
+
+    estimator: str = option(DEFAULT_ESTIMATOR, "Method that finds the camera's motion; `unshutter models` lists them.")
+    camera: Camera = field(default_factory=Camera)

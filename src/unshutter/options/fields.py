@@ -1,0 +1,20 @@
+"""What the fields of all options are made with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import field
+from typing import Any
+
+from unshutter.errors import UsageError
+
+
+def option(default: Any, help: str, **more: Any) -> Any:
+    """A field with its help; ``more`` is for the command line (cli/arguments.py)."""
+    return field(default=default, metadata={"help": help, **more})
+
+
+def check_time(name: str, time: float | None, unit: str) -> None:
+    """Raises UsageError where this is neither None nor a positive time."""
+    if time is not None and not 0 < time < math.inf:
+        raise UsageError(f"the {name} must take a positive time, got {time:g} {unit}")

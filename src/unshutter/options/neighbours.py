@@ -1,0 +1,137 @@
+"""The frames before and after a photo, and how fast they were taken and read out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+from unshutter.errors import UsageError
+from unshutter.options.fields import option
+from unshutter.options.undo import Undo
+
+FrameModel = Literal["camera", "dense"]
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How fast frames were taken and read out.
+
+    Attributes:
+        readout_ratio: time in which a frame is read out / time from frame to frame.
+        readout_ms, fps: the same by readout time [ms] and frames per second.
+
+    Raises:
+        UsageError: both ways at once, or numbers that cannot be.
+    """
+
+    readout_ratio: float | None = option(
+        None, "Time to read out a frame / time from frame to frame, 0 to 1. --sequence finds it if it can."
+    )
+    fps: float | None = option(None, "Frames per second; with --readout-ms, instead of the ratio.", metavar="N")
+    readout_ms: float | None = None  # a flag of the camera's
+
+    def __post_init__(self) -> None:
+        if self.readout_ratio is not None and self.fps is not None:
+            raise UsageError("say either --readout-ratio, or --readout-ms with --fps")
+        for each in (self.readout_ms, self.fps):
+            if each is not None and not 0 < each < math.inf:
+                raise UsageError(f"readout time and frame rate must be positive, got {each:g}")
+        if self.is_known and not 0 < self.ratio <= 1:
+            raise UsageError(
+                "the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, "
+                f"got {self.ratio:g}"
+            )
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the ratio was given, in one way or the other."""
+        return self.readout_ratio is not None or (self.readout_ms is not None and self.fps is not None)
+
+    @property
+    def ratio(self) -> float:
+        """Readout time / frame interval.
+
+        Raises:
+            UsageError: it was not given.
+        """
+        if self.readout_ratio is not None:
+            return self.readout_ratio
+        if self.readout_ms is None or self.fps is None:
+            raise UsageError(
+                "say how long a readout takes: --readout-ratio (readout time / time from frame to frame), or "
+                "--readout-ms with --fps"
+            )
+        return self.readout_ms * self.fps / 1000
+
+
+def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameModel | None:
+    """How motion is described: as asked for, else as other options need it; None: as the frames say.
+
+    Raises:
+        UsageError: an unknown model, or options of which no one model can do all.
+    """
+    if model not in (None, *get_args(FrameModel)):
+        raise UsageError(f"unknown model '{model}': choose camera or dense")
+    dense, camera = at is not None or undo.edges == "borrow", undo.strength != 1
+    if dense and (camera or model == "camera"):
+        wrong = "--model camera" if model == "camera" else "--strength"
+        raise UsageError(f"--at and --edges borrow are for --model dense: leave out {wrong}")
+    if camera and model == "dense":
+        raise UsageError("--model dense undoes the whole motion: leave out --strength")
+    return "dense" if dense else "camera" if camera else model
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Frames taken just before and after the photo.
+
+    Attributes:
+        before, after: their files.
+        sequence: whether the photos are frames of one camera, in order, each the neighbour of the next.
+        clock: how fast frames were taken and read out.
+        at: moment of the picture, in frame intervals from the photo's first row; None: the reference row's.
+        model: how motion is described; None: as the frames bear out.
+        fallback: whether the photo alone is asked where its neighbours say nothing.
+
+    Raises:
+        UsageError: options for neighbours without any.
+    """
+
+    before: Path | None = option(None, "Frame taken just before the photo by the same camera; shows what moved.")
+    after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.")
+    sequence: bool = option(
+        False,
+        "The photos are frames of one camera at even intervals, in the order given (in folders: by name). Finds their "
+        "motions from each other, and the readout ratio, too, if you do not give it.",
+    )
+    clock: Clock = field(default_factory=Clock)
+    at: float | None = option(
+        None,
+        "Moment of the picture, instead of a reference row, in frame intervals from the photo's first row: with "
+        "--after, 0.5 is halfway to the next frame.",
+    )
+    model: FrameModel | None = option(
+        None,
+        "camera: one motion for the whole picture. dense: near and far move differently. Default: the one that fits "
+        "the frames.",
+    )
+    fallback: bool = option(
+        False, "If the neighbours show no motion, use the photo alone. Default: leave the photo as it is."
+    )
+
+    def __post_init__(self) -> None:
+        if self.sequence and self:
+            raise UsageError("--sequence already gives each photo its neighbours: leave out --before and --after")
+        others = self.clock != Clock() or self.at is not None or self.model is not None or self.fallback
+        if not (self or self.sequence) and others:
+            raise UsageError(
+                "--readout-ratio, --fps, --at, --model and --fallback are for a photo with neighbours: "
+                "name one with --before or --after, or several with --sequence"
+            )
+        if self.at is not None and not -1 <= self.at <= 1:
+            raise UsageError(f"--at must lie between -1 and 1 frame intervals, got {self.at:g}")
+
+    def __bool__(self) -> bool:
+        return self.before is not None or self.after is not None

@@ -1,0 +1,69 @@
+"""All that is done to a photo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from unshutter.errors import UsageError
+from unshutter.options.camera import Camera, Find
+from unshutter.options.neighbours import Clock, Neighbours, model_for
+from unshutter.options.save import Save
+from unshutter.options.undo import Undo
+
+
+@dataclass(frozen=True)
+class Rectify:
+    """What is done to a photo: its motion found or given, undone, and the picture written.
+
+    Attributes:
+        find: how the motion is found.
+        motion: motion file to undo instead; None: the motion is found.
+        undo: how it is undone.
+        save: how the picture is written.
+        neighbours: frames before and after that say how the camera moved; without them, the photo alone does.
+
+    Raises:
+        UsageError: a motion, and beside it a focal length, roll, tilt or least confidence, which are for finding one;
+            neighbours, and what does not go with them.
+    """
+
+    find: Find = field(default_factory=Find)
+    motion: Path | None = None
+    undo: Undo = field(default_factory=Undo)
+    save: Save = field(default_factory=Save)
+    neighbours: Neighbours = field(default_factory=Neighbours)
+
+    def __post_init__(self) -> None:
+        if self.motion is not None:
+            self.find.camera.check_unused()
+            object.__setattr__(self, "undo", self.undo.of_given_motion())
+        if self.neighbours or self.neighbours.sequence:
+            self._check_neighbours()
+        elif self.undo.edges == "borrow":
+            raise UsageError("--edges borrow needs a neighbour: name one with --before or --after")
+        if self.neighbours.sequence:
+            object.__setattr__(self, "undo", self.undo.keeping_coordinates())
+
+    def _check_neighbours(self) -> None:
+        camera, given = self.find.camera, self.neighbours
+        if self.motion is not None:
+            raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
+        if replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout) and not given.fallback:
+            raise UsageError("roll, tilt, exposure and --moving are for single photos: leave them out")
+        if given.at is not None and self.undo.reference is not None:
+            raise UsageError("--at and --reference both set the moment of the picture: choose one")
+        if (camera.readout_ms is None) != (given.clock.fps is None) and not given.fallback:
+            raise UsageError("--readout-ms and --fps go together: what counts is their product")
+        _ = self.clock  # raises where the numbers cannot be
+        model_for(given.model, given.at, self.undo)
+
+    @property
+    def clock(self) -> Clock:
+        """How fast the neighbours were taken and read out."""
+        return replace(self.neighbours.clock, readout_ms=self.find.camera.readout_ms)
+
+    @property
+    def find_alone(self) -> Find | None:
+        """How the motion is found from each photo alone; None: it is not."""
+        return None if self.motion is not None or self.neighbours or self.neighbours.sequence else self.find

@@ -1,0 +1,64 @@
+"""How a command works through its photos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from unshutter.errors import UsageError
+from unshutter.options.fields import option
+
+_LONGEST_TIMEOUT_S = 86_400  # a day
+MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a command works through its photos; none of this changes the results.
+
+    Attributes:
+        overwrite: whether outputs that exist may be replaced; originals never are.
+        jobs: processes on this machine; None: this one.
+        scheduler: address of a Dask scheduler; None: none.
+        dry_run: only say what would be done.
+        json_log: file to add what happens to, one JSON object a line.
+        preview: picture to make of all photos, before and after side by side.
+        max_pixels: photos with more are refused.
+        timeout: time after which a photo is given up [s]; None: half an hour where processes do the work, else no
+            limit. With a limit, but without ``jobs``, one other process does the work: a decoder that hangs cannot be
+            stopped in this one.
+
+    Raises:
+        UsageError: a number below 1, both ``jobs`` and ``scheduler``, or a time limit for a scheduler's workers.
+    """
+
+    overwrite: bool = option(False, "Replace outputs that exist already, finished ones too.")
+    jobs: int | None = option(None, "Number of processes, each on one processor. Default: this one alone.")
+    scheduler: str | None = option(
+        None, "Address (tcp://HOST:PORT) of a Dask scheduler; its workers do the work (needs the extra `dask`)."
+    )
+    dry_run: bool = option(False, "Say what would be done, and write nothing.")
+    json_log: Path | None = option(None, "Append what happens to this file, one JSON object a line.")
+    preview: Path | None = option(
+        None,
+        "Also make this picture: before and after, side by side; for a folder, a sheet of all its photos.",
+        metavar="FILE",
+    )
+    max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
+    timeout: float | None = option(
+        None,
+        "Give up on a photo that takes longer, and go on with the next. Default: 1800 with --jobs, else none.",
+        metavar="SECONDS",
+    )
+
+    def __post_init__(self) -> None:
+        if self.timeout is not None and not 0 < self.timeout <= _LONGEST_TIMEOUT_S:
+            raise UsageError(f"--timeout must lie between 0 and {_LONGEST_TIMEOUT_S} s, got {self.timeout:g}")
+        if self.timeout is not None and self.scheduler is not None:
+            raise UsageError("--timeout is for this machine: the workers of a scheduler have limits of their own")
+        if self.jobs is not None and self.jobs < 1:
+            raise UsageError(f"--jobs must be at least 1, got {self.jobs}")
+        if self.max_pixels < 1:
+            raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
+        if self.jobs is not None and self.scheduler is not None:
+            raise UsageError("--jobs is for this machine, --scheduler for a cluster: choose one")

@@ -1,0 +1,78 @@
+"""How a motion is undone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+from unshutter.errors import UsageError
+from unshutter.options.fields import option
+
+MIN_CONFIDENCE = 0.02  # of a motion that is undone, unless a user says otherwise
+LEAST_AUTO_CROP = 0.8  # of a photo's area: automatic edges do not crop away more than a fifth
+
+Reference = Literal["first", "middle", "last"]
+Edges = Literal["auto", "keep", "crop", "fill", "borrow"]
+
+
+def check_edges(edges: str) -> None:
+    """Raises UsageError where nothing is known of such edges, or they need more than the photo."""
+    if edges not in get_args(Edges) or edges == "borrow":
+        raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
+
+
+@dataclass(frozen=True)
+class Undo:
+    """How a motion is undone.
+
+    Attributes:
+        reference: row at whose moment the picture is taken; None: the motion's own.
+        strength: 0 (nothing) to 1 (the whole motion).
+        edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
+            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge;
+            ``auto`` crops where that leaves at least 80 % of the area, else keeps; ``borrow`` takes them from the
+            photo's neighbours.
+        min_confidence: a photo whose motion is less sure is left as it is; 0 leaves none. Motions without a confidence
+            are undone.
+
+    Raises:
+        UsageError: a value that is none of its choices.
+    """
+
+    reference: Reference | None = option(None, "Row at whose moment the picture is taken. Default: first.")
+    strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
+    edges: Edges = option(
+        "auto",
+        "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour. auto "
+        "crops if that leaves at least 80 % of the photo, and keeps them otherwise and with --masks or --save-motion. "
+        "borrow takes them from the frames of --before and --after. Default: auto.",
+    )
+    min_confidence: float = option(
+        MIN_CONFIDENCE,
+        "Leave a photo as it is if its motion is less sure than this; 0 switches this off. Default: "
+        f"{MIN_CONFIDENCE:g}.",
+    )
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.strength <= 1:
+            raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
+        if not 0 <= self.min_confidence <= 1:
+            raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
+        if self.edges != "borrow":
+            check_edges(self.edges)
+        if self.reference not in (None, *get_args(Reference)):
+            raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
+
+    def keeping_coordinates(self) -> Undo:
+        """The same, but that automatic edges are kept: for results of which coordinates are wanted."""
+        return replace(self, edges="keep") if self.edges == "auto" else self
+
+    def of_given_motion(self) -> Undo:
+        """The same for a motion that the user gives, which is undone however sure its estimator was.
+
+        Raises:
+            UsageError: a least confidence is asked for, too.
+        """
+        if self.min_confidence not in (0, MIN_CONFIDENCE):
+            raise UsageError("a given motion is undone whatever its confidence: leave out the least confidence")
+        return replace(self, min_confidence=0)
