@@ -1,10 +1,9 @@
-"""Measures the paper's network beside others that the package does not ship, and writes a page of docs/results.
+"""Measures the ablations of the paper's network, and writes docs/results/paper-networks.md.
 
-    python benchmarks/paper_networks.py DATA RUNS [--page paper-networks] [--jobs 2]
+    python benchmarks/paper_networks.py DATA RUNS [--jobs 2]
 
-The page paper-networks is of the ablations, the page predecessor of rengarajan2017.
-DATA as for results.py. RUNS holds networks as ``unshutter train`` leaves them: RUNS/NAME/model.onnx. Their weights are
-not part of the repository (but for those of kandula2020), so ``make results`` leaves this page as it is.
+DATA as for results.py. RUNS holds what benchmarks/ablations.py leaves: RUNS/seedN/NAME/model.onnx. Their weights are
+not part of the repository, so ``make results`` leaves this page as it is.
 """
 
 from __future__ import annotations
@@ -12,18 +11,41 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 from results import REAL, TEST
 
-from unshutter.evaluation.pages.tables import tables
 from unshutter.evaluation.results import Results
 
-DOCS = Path("docs/results")  # PAGE-reading.md there is written by hand
-RUNS = {
-    "synthetic": ("Synthetic motions, 256 px", TEST, {"--photos": "40", "--per-photo": "2"}),
-    "undistorted": ("Undistorted photos: do no harm", TEST, {"--photos": "25"}),
-    "pairs": ("Real pairs", REAL, {}),
+DOCS = Path("docs/results")
+PAGE, READING = DOCS / "paper-networks.md", DOCS / "paper-networks-reading.md"  # the reading is written by hand
+NAMES = {"kandula2020-cpu": "whole", "kandula2020-": ""}  # of networks -> of rows
+
+
+def median_epe(results: Results, network: str, folder: str) -> float:
+    return float(np.median(results.values("epe", estimator=network, group=folder)))
+
+
+def gain_db(results: Results, network: str, folder: str) -> float:
+    chosen = {"estimator": network, "group": folder, "suite": results.distinct("suite")[0]}
+    pictures = [r for r in results.chosen(**chosen) if r.get("psnr") is not None]
+    return float(np.mean([r["psnr"] - r["psnr_input"] for r in pictures]))
+
+
+# protocol -> (title, folders, options, figure, how it is written)
+Figure = Callable[[Results, str, str], float]
+RUNS: dict[str, tuple[str, list[str], dict[str, str], Figure, str]] = {
+    "synthetic": (
+        "Synthetic motions: median EPE",
+        TEST,
+        {"--photos": "40", "--per-photo": "2"},
+        median_epe,
+        "{:.2f}",
+    ),
+    "undistorted": ("Undistorted photos: median EPE that is put in", TEST, {"--photos": "25"}, median_epe, "{:.2f}"),
+    "pairs": ("Real pairs, middle row: mean gain in PSNR [dB]", REAL, {}, gain_db, "{:+.2f}"),
 }
 
 
@@ -31,30 +53,44 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
     parser.add_argument("runs", type=Path)
-    parser.add_argument("--page", default="paper-networks")
     parser.add_argument("--jobs", default="2")
     given = parser.parse_args()
-    networks = {path.parent.name: path for path in sorted(given.runs.glob("*/model.onnx"))}
+    networks = sorted(path for path in given.runs.glob("seed*/*/model.onnx") if "-motion" not in path.parent.name)
     if not networks:
-        sys.exit(f"paper_networks: no {given.runs}/NAME/model.onnx")
-    names = {f"{name.partition('-')[0]}@{path}": name for name, path in networks.items()}
-    parts = [(DOCS / f"{given.page}-reading.md").read_text().strip()]
-    for protocol, (title, folders, options) in RUNS.items():
+        sys.exit(f"paper_networks: no {given.runs}/seedN/NAME/model.onnx: benchmarks/ablations.py trains them")
+    parts = [READING.read_text().strip()]
+    for protocol, (title, folders, options, figure, form) in RUNS.items():
         words = ["evaluate", "--protocol", protocol, "--data", *(str(given.data / folder) for folder in folders)]
         words += [word for option in options.items() for word in option]
-        words += ["--estimators", ",".join(["none", "kandula2020", *names])]
-        output = Path("build", given.page, protocol)
+        words += ["--estimators", ",".join(["none", "kandula2020", *(f"kandula2020@{path}" for path in networks)])]
+        output = Path("build", "paper-networks", protocol)
         command = [sys.executable, "-m", "unshutter", *words, "-o", str(output), "--jobs", given.jobs, "--overwrite"]
         if subprocess.run(command).returncode:
             sys.exit(f"paper_networks: stopped; what was measured is kept in {output}")
-        results = Results.load(output / "results.json")
-        parts += [f"## {title}", f"```sh\n{results.command}\n```", tables(results)]
-    text = "\n\n".join(parts)
-    for word, name in names.items():
-        text = text.replace(f"| {word} |", f"| {name} |")
-    page = DOCS / f"{given.page}.md"
-    page.write_text(text + "\n\n[All results](index.md)\n")
-    print(f"wrote {page}")
+        parts += [f"## {title}", table(Results.load(output / "results.json"), networks, figure, form)]
+    PAGE.write_text("\n\n".join(parts) + "\n\n[All results](index.md)\n")
+    print(f"wrote {PAGE}")
+
+
+def table(results: Results, networks: list[Path], figure: Figure, form: str) -> str:
+    """A row for each network, in a column for each folder its figure for each seed, and the mean of them all."""
+    folders = results.distinct("group")
+    rows: dict[str, list[str]] = {name: [name] for name in ("none", "kandula2020")}
+    for path in networks:
+        rows.setdefault(row_name(path.parent.name), []).append(f"kandula2020@{path}")
+    lines = ["| | " + " | ".join([*folders, "mean"]) + " |", "|---" * (len(folders) + 2) + "|"]
+    for row, seeds in rows.items():
+        values = np.array([[figure(results, network, folder) for network in seeds] for folder in folders])
+        cells = [" / ".join(form.format(value) for value in of_seeds) for of_seeds in [*values, values.mean(0)]]
+        lines.append(f"| {row} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def row_name(network: str) -> str:
+    for start, short in NAMES.items():
+        if network.startswith(start):
+            return short + network.removeprefix(start)
+    return network
 
 
 if __name__ == "__main__":

@@ -24,8 +24,7 @@ from unshutter.evaluation.results import Results
 
 READING = "reading.md"  # written by hand, kept
 READINGS = "readings.toml"  # by hand, too: the line at the top of each page
-BY_PAPER_NETWORKS = ["paper-networks", "predecessor"]  # pages
-KEPT = [READING, *(f"{name}{end}.md" for name in BY_PAPER_NETWORKS for end in ("", "-reading"))]
+KEPT = [READING, "paper-networks.md", "paper-networks-reading.md"]  # the latter two are paper_networks.py's
 SCORES = Path("src/unshutter/weights/scores.json")  # what ``unshutter models`` prints
 _ORDER = ("synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
 _ORDER += ("robustness", "pairs", "sequences", "video")
@@ -42,8 +41,6 @@ TITLES = {
         "is the best cubic t_x and r_z, fitted to both pictures.",
     ),
 }
-# of the paper's comparison, with the reason should one be missing
-PAPER = ["kandula2020", "rengarajan2017", "rengarajan2016", "purkait2017", "lao2018"]
 
 
 def write_pages(build: Path, docs: Path) -> None:
@@ -107,10 +104,6 @@ def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs
     parts += ["## Overview", _legend(), _overview({n: runs[n] for n in wide[""]})]
     if "robustness" in runs:
         parts += ["What photos suffer: median EPE.", _overview({"robustness": runs["robustness"]})]
-    missing = [n for n in PAPER if not any(e.startswith(n) for results in runs.values() for e in results.estimators)]
-    if missing:
-        where = "[the predecessor's networks](predecessor.md)"
-        parts.append(f"The package has no weights of {', '.join(missing)}, so it has no row; see {where}.")
     if (docs / CONFIDENCE).exists():
         parts.append(f"Some methods state a confidence: [what it is worth]({CONFIDENCE}).")
     if (docs / READING).exists():

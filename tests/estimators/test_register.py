@@ -97,7 +97,6 @@ def test_the_register_imports_little() -> None:
 
 def test_methods_are_described() -> None:
     assert DEFAULT_ESTIMATOR in names()
-    assert "rengarajan2017" not in names()  # its weights do not ship
     assert len({known.name for known in METHODS}) == len(METHODS)
     for known in METHODS:
         assert known.summary and "\n" not in known.summary
@@ -131,7 +130,6 @@ def test_every_method_keeps_the_contract(
         ("magic", "unknown estimator 'magic': choose one of segment-transformer, "),
         ("magic@file.onnx", "unknown estimator 'magic'"),
         ("none@file.onnx", "does not run on other weights"),
-        ("rengarajan2017", "rengarajan2017@FILE"),
     ],
 )
 def test_wrong_names_are_told_in_one_line(name: str, told: str) -> None:

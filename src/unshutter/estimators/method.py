@@ -20,7 +20,6 @@ class Method:
             the method is imported; None: it uses none.
         weights: stem of the file in ``unshutter/weights`` that it runs on; None: none of them.
         takes_weights: whether NAME@FILE runs it with the user's own weights.
-        ships: whether it also runs without them; False: NAME@FILE only.
     """
 
     name: str
@@ -29,7 +28,6 @@ class Method:
     grey_px: int | None = None
     weights: str | None = None
     takes_weights: bool = False
-    ships: bool = True
 
     @property
     def weights_path(self) -> Path | None:

@@ -41,6 +41,20 @@ METHODS = (
         takes_weights=True,
     ),
     Method(
+        "rengarajan2017",
+        "the predecessor's main network, RowColCNN (ONNX), on a square of 256 px -> motion at 15 key rows -> quadratic",
+        "unshutter.estimators.methods.rengarajan2017:Rengarajan2017",
+        weights="rengarajan2017",
+        takes_weights=True,
+    ),
+    Method(
+        "rengarajan2017-vanilla",
+        "the same with the predecessor's smaller network, VanillaCNN",
+        "unshutter.estimators.methods.rengarajan2017:Rengarajan2017",
+        weights="rengarajan2017-vanilla",
+        takes_weights=True,
+    ),
+    Method(
         "rengarajan2016",
         "curves that were straight lines -> polynomial rotations about three axes",
         "unshutter.estimators.methods.rengarajan2016:Rengarajan2016",
@@ -77,19 +91,12 @@ METHODS = (
         "leaves photos as they are: the baseline of every table",
         "unshutter.estimators.methods.none:DoNothing",
     ),
-    Method(
-        "rengarajan2017",
-        "the predecessor's network (ONNX) on a square of 256 px -> motion at 15 key rows -> quadratic",
-        "unshutter.estimators.methods.rengarajan2017:Rengarajan2017",
-        takes_weights=True,
-        ships=False,
-    ),
 )
 
 
 def names() -> list[str]:
-    """The methods that need no weights of the user's own: the package's, then those of other installed packages."""
-    built_in = [known.name for known in METHODS if known.ships]
+    """All methods: the package's, then those of other installed packages."""
+    built_in = [known.name for known in METHODS]
     return built_in + sorted(_installed().names - {known.name for known in METHODS})
 
 
@@ -114,13 +121,11 @@ def check_name(name: str) -> None:
     """Passes for the name of a method, and for NAME@FILE where it takes weights.
 
     Raises:
-        UsageError: there is no such method, it needs weights, or it takes none.
+        UsageError: there is no such method, or it takes no weights.
         UnshutterError: the package that it comes from is broken.
     """
     own, _, weights = name.partition("@")
     found = method(own)
-    if not found.ships and not weights:
-        raise UsageError(f"no weights of {own} are shipped: train it (docs/training) and say {own}@FILE.onnx")
     if weights and not found.takes_weights:
         raise UsageError(f"estimator '{own}' does not run on other weights: leave out @{weights}")
 
@@ -133,7 +138,7 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
         name: one of :func:`names`, or NAME@FILE to run it with your own weights (ONNX).
 
     Raises:
-        UsageError: there is no such method, it needs weights, or it takes none.
+        UsageError: there is no such method, or it takes no weights.
         UnshutterError: the weights cannot be used, or the package that the method comes from is broken.
     """
     check_name(name)

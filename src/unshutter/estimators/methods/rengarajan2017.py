@@ -1,6 +1,6 @@
-"""rengarajan2017: the predecessor's network (ONNX) on a square of 256 px -> motion at 15 key rows -> quadratic.
+"""rengarajan2017: either network of the predecessor (ONNX) on a square of 256 px -> 15 key rows -> quadratic motion.
 
-Trained by ``unshutter.learn``; its weights are too large to be shipped (40 MB and more): ``rengarajan2017@FILE``.
+Trained by ``unshutter.learn``; the cards beside the weights say how, and how they were made small.
 """
 
 from __future__ import annotations
