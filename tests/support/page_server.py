@@ -5,7 +5,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,3 +124,27 @@ class Asking:
 
     def post(self, path: str, **more: Any) -> httpx.Response:
         return self.request("POST", path, **more)
+
+
+def rss(pid: int) -> int:
+    """Resident memory [bytes] of a process and those that it started."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    own = next(line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("VmRSS"))
+    return 1024 * int(own.split()[1]) + sum(rss(int(child)) for child in children)
+
+
+def becomes(true: Callable[[], bool], within_s: float = 5) -> bool:
+    deadline = time.monotonic() + within_s
+    while not true() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return true()
+
+
+def part(photo: Path) -> dict[str, tuple[str, bytes]]:
+    return {"photo": (photo.name, photo.read_bytes())}
+
+
+def opened(client: httpx.Client, photo: Path) -> str:
+    answer = client.post("/api/photos", content=photo.read_bytes(), headers={"Unshutter-Name": photo.name})
+    assert answer.status_code == 201
+    return answer.json()["id"]

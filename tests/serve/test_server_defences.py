@@ -1,0 +1,123 @@
+"""The server as a process: what it bears."""
+
+import asyncio
+import json
+import struct
+import time
+import zlib
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import httpx
+import pytest
+import uvicorn
+from starlette.types import Receive, Send
+
+from support.page_server import becomes, opened, part, rss, served, temporary_folders
+from unshutter.serve import connections
+
+MB = 1_000_000
+
+
+@pytest.mark.parametrize("name", ["../../evil.jpg", "/tmp/evil.jpg", "..%2f..%2fevil.jpg", "a\\..\\evil.jpg"])
+def test_names_lead_nowhere(client: httpx.Client, photo: Path, name: str) -> None:
+    answer = client.post("/api/rectify", files={"photo": (name, photo.read_bytes())})
+    assert answer.status_code == 200
+    assert "/" not in json.loads(answer.headers["unshutter-name"])
+    bad = client.post("/api/rectify", files={"photo": (name, b"no photo")})
+    assert bad.status_code == 422
+    assert "unshutter-serve-" not in bad.json()["error"] and "\n" not in bad.json()["error"]
+
+
+@pytest.mark.parametrize("id", ["../x", "%2e%2e", "x" * 5000, "0"])
+def test_ids_lead_nowhere(client: httpx.Client, id: str) -> None:
+    assert client.get(f"/api/photos/{id}/before").status_code == 404
+
+
+def test_forms_that_are_refused(client: httpx.Client, photo: Path) -> None:
+    asked = {
+        "multipart": client.post("/api/rectify", content=b"x"),
+        "the photo is missing": client.post("/api/rectify", files={"other": b"x"}),
+        "unknown field": client.post("/api/rectify", files=part(photo), data={"colour": "red"}),
+        "is empty": client.post("/api/rectify", files={"photo": ("a.jpg", b"")}),
+    }
+    for told, answer in asked.items():
+        assert answer.status_code in (400, 422) and told in answer.json()["error"], answer.text
+    boundary = {"Content-Type": "multipart/form-data; boundary=x"}
+    damaged = client.post("/api/rectify", content=b"--x\r\nnonsense", headers=boundary)
+    assert damaged.status_code in (400, 422)
+
+
+def test_bombs_are_refused_as_on_the_command_line(client: httpx.Client) -> None:
+    head = b"IHDR" + struct.pack(">IIBBBBB", 40_000, 40_000, 8, 2, 0, 0, 0)
+    chunks = (head, b"IDAT" + zlib.compress(bytes(1000)), b"IEND")
+    bomb = b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(chunk) - 4) + chunk + struct.pack(">I", zlib.crc32(chunk)) for chunk in chunks
+    )
+    answer = client.post("/api/rectify", files={"photo": ("bomb.png", bomb)})
+    assert answer.status_code == 422
+    assert "1600 megapixels), more than the limit of 1000 megapixels" in answer.json()["error"]
+
+
+def test_a_crash_is_survived(client: httpx.Client, photo: Path) -> None:
+    id = opened(client, photo)
+    crashed = client.get(f"/api/photos/{id}/after", params={"estimator": "crashing"})
+    assert crashed.status_code == 422
+    assert crashed.json()["error"] == "its worker died: not enough memory, or a fault in a decoder"
+    assert client.get(f"/api/photos/{id}/after").status_code == 200
+    assert client.post("/api/rectify", files=part(photo)).status_code == 200
+
+
+def test_two_hundred_requests_at_once(tmp_path: Path, photo: Path) -> None:
+    """Some are done, the others told to come again; memory stays bounded, and then all is as before."""
+    data = photo.read_bytes() + bytes(2 * MB)  # what follows a JPEG's end is nobody's
+    with served(tmp_path / "home") as server, server.client() as client:
+        assert client.post("/api/wake").status_code == 204
+        before, fast = rss(server.process.pid), {"estimator": "none"}
+
+        def ask(_: int) -> int:
+            try:
+                with server.client() as own:
+                    return own.post("/api/rectify", files={"photo": ("a.jpg", data)}, data=fast).status_code
+            except httpx.HTTPError:  # refused before all of it was sent
+                return 503
+
+        with ThreadPoolExecutor(200) as threads:
+            answers = [threads.submit(ask, k) for k in range(200)]
+            most = before
+            while not all(answer.done() for answer in answers):
+                most = max(most, rss(server.process.pid))
+                time.sleep(0.05)
+        codes = [answer.result() for answer in answers]
+        assert set(codes) <= {200, 503}
+        assert codes.count(200) >= 20 and codes.count(503) >= 20
+        assert most - before < 400 * MB
+        assert client.post("/api/rectify", files=part(photo)).status_code == 200
+        assert becomes(lambda: not any(path.is_dir() for path in temporary_folders(tmp_path / "home")[0].iterdir()))
+
+
+def test_connections_without_a_request_are_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connections, "_PATIENCE_S", 0.3)
+
+    async def answer(scope: dict, receive: Receive, send: Send) -> None:
+        await send({"type": "http.response.start", "status": 204, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def ask() -> tuple[bytes, bytes, bytes]:
+        config = uvicorn.Config(answer, http=connections.Connection, lifespan="off", log_config=None, port=0)
+        server = uvicorn.Server(config)
+        serving = asyncio.create_task(server._serve())
+        while not server.started:
+            await asyncio.sleep(0.01)
+        port = server.servers[0].sockets[0].getsockname()[1]
+        silent, halting, asking = [await asyncio.open_connection("127.0.0.1", port) for _ in range(3)]
+        halting[1].write(b"GET / HTTP/1.1\r\nHost: 127")
+        asking[1].write(b"GET / HTTP/1.1\r\nHost: a\r\n\r\n")
+        got = await asyncio.gather(*(asyncio.wait_for(each[0].read(12), 3) for each in (silent, halting, asking)))
+        server.should_exit = True
+        for each in (silent, halting, asking):
+            each[1].close()
+        await serving
+        return tuple(got)
+
+    assert asyncio.run(ask()) == (b"", b"", b"HTTP/1.1 204")

@@ -1,0 +1,17 @@
+"""An estimator whose answer is known beforehand."""
+
+from unshutter import Motion
+from unshutter.estimators.base import View
+
+
+class Fixed:
+    """Answers with one motion, resized to the photo."""
+
+    name = "fixed"
+
+    def __init__(self, motion: Motion) -> None:
+        self.motion, self.seen = motion, []
+
+    def estimate(self, view: View) -> Motion:
+        self.seen.append(view)
+        return self.motion.resized(view.height, view.width)
