@@ -55,7 +55,7 @@ def main() -> None:
     parser.add_argument("runs", type=Path)
     parser.add_argument("--jobs", default="2")
     given = parser.parse_args()
-    networks = sorted(path for path in given.runs.glob("seed*/*/model.onnx") if "-motion" not in path.parent.name)
+    networks = sorted(given.runs.glob("seed*/*/model.onnx"))
     if not networks:
         sys.exit(f"paper_networks: no {given.runs}/seedN/NAME/model.onnx: benchmarks/ablations.py trains them")
     parts = [READING.read_text().strip()]
