@@ -25,27 +25,21 @@ NAMES = {"kandula2020-cpu": "whole", "kandula2020-": ""}  # of networks -> of ro
 
 
 def median_epe(results: Results, network: str, folder: str) -> float:
-    return float(np.median(results.values("epe", estimator=network, group=folder)))
+    return float(np.median(results.values("epe", estimator=network, group=folder, suite="256 px")))
 
 
 def gain_db(results: Results, network: str, folder: str) -> float:
-    chosen = {"estimator": network, "group": folder, "suite": results.distinct("suite")[0]}
-    pictures = [r for r in results.chosen(**chosen) if r.get("psnr") is not None]
+    of_row = results.chosen(estimator=network, group=folder, suite="middle row")
+    pictures = [r for r in of_row if r.get("psnr") is not None]
     return float(np.mean([r["psnr"] - r["psnr_input"] for r in pictures]))
 
 
-# protocol -> (title, folders, options, figure, how it is written)
 Figure = Callable[[Results, str, str], float]
-RUNS: dict[str, tuple[str, list[str], dict[str, str], Figure, str]] = {
-    "synthetic": (
-        "Synthetic motions: median EPE",
-        TEST,
-        {"--photos": "40", "--per-photo": "2"},
-        median_epe,
-        "{:.2f}",
-    ),
-    "undistorted": ("Undistorted photos: median EPE that is put in", TEST, {"--photos": "25"}, median_epe, "{:.2f}"),
-    "pairs": ("Real pairs, middle row: mean gain in PSNR [dB]", REAL, {}, gain_db, "{:+.2f}"),
+# protocol -> (title, folders, options, figure, how it is written)
+RUNS: dict[str, tuple[str, list[str], list[str], Figure, str]] = {
+    "synthetic": ("Synthetic motions: median EPE", TEST, ["--photos", "40", "--per-photo", "2"], median_epe, "{:.2f}"),
+    "undistorted": ("Undistorted photos: median EPE put in", TEST, ["--photos", "25"], median_epe, "{:.2f}"),
+    "pairs": ("Real pairs, middle row: mean gain in PSNR [dB]", REAL, [], gain_db, "{:+.2f}"),
 }
 
 
@@ -61,8 +55,8 @@ def main() -> None:
     parts = [READING.read_text().strip()]
     for protocol, (title, folders, options, figure, form) in RUNS.items():
         words = ["evaluate", "--protocol", protocol, "--data", *(str(given.data / folder) for folder in folders)]
-        words += [word for option in options.items() for word in option]
-        words += ["--estimators", ",".join(["none", "kandula2020", *(f"kandula2020@{path}" for path in networks)])]
+        estimators = ["none", "kandula2020", *(f"kandula2020@{path}" for path in networks)]
+        words += [*options, "--estimators", ",".join(estimators)]
         output = Path("build", "paper-networks", protocol)
         command = [sys.executable, "-m", "unshutter", *words, "-o", str(output), "--jobs", given.jobs, "--overwrite"]
         if subprocess.run(command).returncode:

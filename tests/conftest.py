@@ -19,11 +19,14 @@ check_shapes()  # of modules that are imported from here on
 
 
 def _hear_signals() -> None:
-    """Programs that the tests start hear what nohup and a shell's background would have them ignore."""
+    """Programs that the tests start hear what nohup and a shell's background would have them ignore.
+
+    A program ignores what its parent ignores, but not what its parent has a handler for.
+    """
     for name in ("SIGINT", "SIGHUP"):
         number = getattr(signal, name, None)  # Windows has no SIGHUP
         if number is not None and signal.getsignal(number) == signal.SIG_IGN:
-            signal.signal(number, signal.SIG_DFL if name == "SIGHUP" else signal.default_int_handler)
+            signal.signal(number, lambda *_: None)
 
 
 _hear_signals()

@@ -39,7 +39,7 @@ class Result:
 
     @property
     def reason(self) -> str:
-        """Why the photo was left as it is, ``not sure: confidence 0.03``; empty where it was changed."""
+        """Why the photo was left as it is, ``not sure: confidence 0.01``; empty where it was changed."""
         return self.verdict.reason
 
     @property

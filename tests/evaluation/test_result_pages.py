@@ -42,7 +42,6 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
     index, page = (docs / "index.md").read_text(), (docs / "synthetic.md").read_text()
     assert "| kandula2020 | **1.25** | **1.25** |" in index
     assert "## By hand\n\nKept." in index and (docs / "reading.md").exists() and not (docs / "old.md").exists()
-    assert "purkait2017" in index.split("no weights of")[1]  # the paper's others have no row, and it says so
     assert "unshutter evaluate --protocol synthetic --data photos/houses" in page
     assert page.startswith("# Synthetic motions, 256 px\n\n**In short:** It helps.\n\n")
     assert "In short" not in (docs / "undistorted.md").read_text()

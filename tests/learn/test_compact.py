@@ -87,8 +87,23 @@ def test_a_run_becomes_a_small_file(tmp_path: Path, capsys: pytest.CaptureFixtur
         for path in (folder / "model.onnx", tmp_path / "compact.onnx")
     )
     np.testing.assert_allclose(small, whole, atol=0.05 * np.abs(whole).max())
-    with pytest.raises(UsageError, match="not a checkpoint"):
-        compact(config, tmp_path, None, 0, False, tmp_path / "none.onnx")
+
+
+@pytest.mark.parametrize(
+    ("change", "rank", "told"),
+    [
+        ("", 0, "not a checkpoint"),
+        ("width = 8", 0, "of another network"),
+        ("", 512, "--rank must lie between 0 and 511"),
+    ],
+)
+def test_what_cannot_be_made_small_is_refused(change: str, rank: int, told: str, tmp_path: Path) -> None:
+    config = tmp_path / "small.toml"
+    config.write_text(SMALL)
+    folder = run(config, tmp_path / "runs") if change else tmp_path
+    config.write_text(SMALL.replace("width = 4", change or "width = 4", 1))
+    with pytest.raises(UsageError, match=told):
+        compact(config, folder, None, rank, False, tmp_path / "none.onnx")
     assert not (tmp_path / "none.onnx").exists()
 
 

@@ -96,6 +96,18 @@ def test_a_folder_of_another_run_is_not_touched(config: Path, tmp_path: Path) ->
         run(config, tmp_path / "runs")
 
 
+def test_a_second_phase_does_not_begin_without_the_first(config: Path, tmp_path: Path) -> None:
+    second = tmp_path / "second.toml"
+    second.write_text('base = "tiny.toml"\ncontinues = "tiny"\nsteps = 2\n')
+    with pytest.raises(UsageError, match=r"goes on from a run of tiny: --start runs/tiny/checkpoint\.pt"):
+        run(second, tmp_path / "runs")
+    assert not (tmp_path / "runs" / "second").exists()
+    first = run(config, tmp_path / "runs")
+    begun = run(second, tmp_path / "runs", steps=1, start=first / "checkpoint.pt")
+    assert log(run(second, tmp_path / "runs"))[-1]["step"] == "2"  # resumed: it has begun already
+    assert begun == tmp_path / "runs" / "second"
+
+
 def test_a_seed_of_ones_own_gives_another_run(config: Path, tmp_path: Path) -> None:
     shipped, same, other = (weights(run(config, tmp_path / str(k), seed=k)) for k in (None, 0, 1))
     assert all(torch.equal(shipped[name], same[name]) for name in shipped)

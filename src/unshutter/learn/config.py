@@ -44,6 +44,7 @@ class TrainConfig:
     log_every: int = 50  # steps between two rows of log.csv
     validate_every: int = 500  # steps between two validations; each has a row of log.csv, too
     checkpoint_minutes: float = 3.0
+    continues: str = ""  # configuration from the end of whose run this one starts: it needs --start
     keep_at: int = 0  # the checkpoint of this step is kept as checkpoint-STEP.pt, for other runs to start from
     network: dict[str, Any] = field(default_factory=dict)
     data: dict[str, Any] = field(default_factory=dict)

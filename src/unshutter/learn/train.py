@@ -54,7 +54,7 @@ def run(
         base: another configuration for what this one does not say itself.
         photos: instead of the configuration's ``[data] folder``.
         start: checkpoint whose weights, where they fit, a new run begins with.
-        seed: of the first weights and of the batches, instead of the configuration's.
+        seed: for the initial weights and the batches, instead of the configuration's.
 
     Returns:
         The run's folder.
@@ -101,6 +101,11 @@ class Trainer:
     """
 
     def __init__(self, config: TrainConfig, folder: Path, device: torch.device, start: Path | None = None):
+        if config.continues and start is None and not (folder / CHECKPOINT).exists():
+            raise UsageError(
+                f"this configuration goes on from a run of {config.continues}: "
+                f"--start runs/{config.continues}/{CHECKPOINT}"
+            )
         self.config, self.folder, self.device = config, folder, device
         self.rank = dist.get_rank() if dist.is_initialized() else 0
         self.world = dist.get_world_size() if dist.is_initialized() else 1

@@ -1,4 +1,4 @@
-"""What the fields of all options are made with."""
+"""What all options' fields are made with."""
 
 from __future__ import annotations
 

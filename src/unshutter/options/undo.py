@@ -44,8 +44,8 @@ class Undo:
     edges: Edges = option(
         "auto",
         "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour. auto "
-        "crops if that leaves at least 80 % of the photo, and keeps them otherwise and with --masks or --save-motion. "
-        "borrow takes them from the frames of --before and --after. Default: auto.",
+        "crops if that leaves at least 80 % of the photo, and keeps them otherwise and with --masks, --save-motion or "
+        "--sequence. borrow takes them from the neighbouring frames. Default: auto.",
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,

@@ -29,7 +29,8 @@ class Arguments:
     """What the command takes."""
 
     data: list[Path] = required(
-        "Folders of undistorted photos, each a group in the tables; for pairs and video, of rs_0.png, gs_0_middle.png."
+        "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png); each is a group in the "
+        "tables."
     )
     estimators: str = option("all", "Names with commas between them, or all. Default: all.")
     protocol: ProtocolName = option("synthetic", "What is measured; docs/use.md says how. Default: synthetic.")

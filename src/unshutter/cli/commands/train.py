@@ -28,10 +28,10 @@ class Arguments:
     )
     base: str | None = option(
         None,
-        "Another configuration, by name or file, for all settings that this one does not make. Default: its own base.",
+        "Configuration (name or file) that supplies all settings missing from this one. Default: its own base.",
     )
     start: Path | None = option(None, "Begin with the weights of this checkpoint of another run.")
-    seed: int | None = option(None, "Seed of the first weights and of the batches, instead of the configuration's.")
+    seed: int | None = option(None, "Seed for the initial weights and the batches, instead of the configuration's.")
 
 
 def run(given: Arguments) -> int:
