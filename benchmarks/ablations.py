@@ -15,10 +15,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-WHOLE, MOTION = "kandula2020-cpu", "kandula2020-cpu-motion"  # the second phase, and the first
+MOTION, WHOLE = "kandula2020-cpu-motion", "kandula2020-cpu-ablation"  # the first phase, and the second
 ALONE = "kandula2020-no-trajectory"
 PARTS = [f"kandula2020-{part}" for part in ("row3", "exact-inverse", "no-regeneration", "no-edges", "regressed")]
-MOTION_STEPS, STEPS = "2000", "200"  # of 32 samples
 
 
 def main() -> None:
@@ -31,12 +30,12 @@ def main() -> None:
         folder = given.runs / f"seed{seed}"
         first = folder / "first-phase"
         common = ["--photos", str(given.photos), "--seed", str(seed)]
-        shared = _train(MOTION, first, [*common, "--steps", MOTION_STEPS])
-        own = _train(ALONE, first, [*common, "--steps", MOTION_STEPS, "--base", MOTION])
+        shared = _train(MOTION, first, common)
+        own = _train(ALONE, first, [*common, "--base", MOTION])
         for config in (WHOLE, ALONE, *PARTS):
             start = own if config == ALONE else shared
             base = [] if config == WHOLE else ["--base", WHOLE]
-            _train(config, folder, [*common, "--steps", STEPS, "--start", str(start / "checkpoint.pt"), *base])
+            _train(config, folder, [*common, "--start", str(start / "checkpoint.pt"), *base])
 
 
 def _train(config: str, out: Path, words: list[str]) -> Path:

@@ -21,7 +21,7 @@ from unshutter.evaluation.results import Results
 
 DOCS = Path("docs/results")
 PAGE, READING = DOCS / "paper-networks.md", DOCS / "paper-networks-reading.md"  # the reading is written by hand
-NAMES = {"kandula2020-cpu": "whole", "kandula2020-": ""}  # of networks -> of rows
+NAMES = {"kandula2020-cpu-ablation": "whole", "kandula2020-": ""}  # of networks -> of rows
 
 
 def median_epe(results: Results, network: str, folder: str) -> float:

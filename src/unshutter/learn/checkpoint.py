@@ -47,32 +47,16 @@ def start_from(network: nn.Module, checkpoint: Path) -> None:
     Raises:
         UsageError: no such checkpoint, or none of its weights fits.
     """
-    known, own = _average(checkpoint), network.state_dict()
-    fitting = {name: value for name, value in known.items() if name in own and own[name].shape == value.shape}
-    if not fitting:
-        raise UsageError(f"cannot start from {checkpoint}: it is of another network")
-    network.load_state_dict(fitting, strict=False)
-
-
-def load_average(network: nn.Module, checkpoint: Path) -> None:
-    """Copies the averaged weights of a run's checkpoint, all of them.
-
-    Raises:
-        UsageError: no such checkpoint, or it is of another network.
-    """
-    try:
-        network.load_state_dict(_average(checkpoint))
-    except RuntimeError:
-        raise UsageError(f"{checkpoint} is of another network: its configuration is another") from None
-
-
-def _average(checkpoint: Path) -> dict[str, torch.Tensor]:
-    """The averaged weights by their names in the network."""
     try:
         state = torch.load(checkpoint, map_location="cpu", weights_only=True)["average"]
     except (OSError, KeyError, RuntimeError, pickle.UnpicklingError):
         raise UsageError(f"cannot start from {checkpoint}: it is not a checkpoint of a run") from None
-    return {name.removeprefix("module."): value for name, value in state.items() if name != "n_averaged"}
+    own = network.state_dict()
+    known = {name.removeprefix("module."): value for name, value in state.items()}
+    fitting = {name: value for name, value in known.items() if name in own and own[name].shape == value.shape}
+    if not fitting:
+        raise UsageError(f"cannot start from {checkpoint}: it is of another network")
+    network.load_state_dict(fitting, strict=False)
 
 
 def _identity(table: dict[str, Any]) -> dict[str, Any]:
