@@ -38,7 +38,6 @@ Figure = Callable[[Results, str, str], float]
 # protocol -> (title, folders, options, figure, how it is written)
 RUNS: dict[str, tuple[str, list[str], list[str], Figure, str]] = {
     "synthetic": ("Synthetic motions: median EPE", TEST, ["--photos", "40", "--per-photo", "2"], median_epe, "{:.2f}"),
-    "undistorted": ("Undistorted photos: median EPE put in", TEST, ["--photos", "25"], median_epe, "{:.2f}"),
     "pairs": ("Real pairs, middle row: mean gain in PSNR [dB]", REAL, [], gain_db, "{:+.2f}"),
 }
 

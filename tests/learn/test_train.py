@@ -9,7 +9,7 @@ import onnxruntime
 import pytest
 import torch
 
-from unshutter import UsageError
+from unshutter import UnshutterError, UsageError
 from unshutter.learn.config import TrainConfig, load_config, shipped_configs
 from unshutter.learn.train import run
 from unshutter.photo import Photo
@@ -106,6 +106,13 @@ def test_a_second_phase_does_not_begin_without_the_first(config: Path, tmp_path:
     begun = run(second, tmp_path / "runs", steps=1, start=first / "checkpoint.pt")
     assert log(run(second, tmp_path / "runs"))[-1]["step"] == "2"  # resumed: it has begun already
     assert begun == tmp_path / "runs" / "second"
+
+
+def test_a_run_that_diverges_says_so(config: Path, tmp_path: Path) -> None:
+    config.write_text(TINY.replace("steps = 6", "steps = 6\nlearning_rate = 1e30\nwarmup = 1"))
+    with pytest.raises(UnshutterError, match=r"training diverged at step [2-6]: try a smaller learning rate"):
+        run(config, tmp_path / "runs")
+    assert not (tmp_path / "runs" / "tiny" / "model.onnx").exists()
 
 
 def test_a_seed_of_ones_own_gives_another_run(config: Path, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ import torch.distributed as dist
 from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from unshutter.errors import UsageError
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.learn.checkpoint import load_checkpoint, save_checkpoint, start_from
 from unshutter.learn.config import TrainConfig, find_config, load_config
 from unshutter.learn.log import TrainingLog
@@ -61,6 +61,7 @@ def run(
 
     Raises:
         UsageError: bad configuration, or the folder holds a run of another one.
+        UnshutterError: the gradient is no number any more.
     """
     settings = load_config(config, base)
     if photos is not None:
@@ -164,6 +165,8 @@ class Trainer:
         self.optimiser.zero_grad()
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip)
+        if not torch.isfinite(norm):  # a step by it would leave no weight a number
+            raise UnshutterError(f"training diverged at step {self.step + 1}: try a smaller learning rate, or clip")
         self.optimiser.step()
         self.average.update_parameters(self.network)
         self.step += 1
@@ -237,8 +240,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int)
     try:
         run(**vars(parser.parse_args()))
-    except UsageError as error:
-        parser.exit(2, f"unshutter: {error}\n")
+    except UnshutterError as error:
+        parser.exit(2 if isinstance(error, UsageError) else 1, f"unshutter: {error}\n")
 
 
 if __name__ == "__main__":
