@@ -218,7 +218,7 @@ PARTS = {"photos": photos, "clips": clips, "cluster": cluster, "store": store}
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], default=[*PARTS])
+    parser.add_argument("parts", nargs="*", choices=[*PARTS, []], default=[])
     given = parser.parse_args()
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=EXAMPLES
@@ -226,7 +226,7 @@ def main() -> None:
     load = os.getloadavg()[0]
     print(f"Commit {commit}, {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()},")
     print(f"{load:.1f} other processes at work when it began\n\n| | |\n|---|---|")
-    for part in given.parts:
+    for part in given.parts or PARTS:
         with tempfile.TemporaryDirectory() as folder:
             for what, figure in PARTS[part](Path(folder)):
                 print(f"| {what} | {figure} |", flush=True)
