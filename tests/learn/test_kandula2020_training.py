@@ -17,6 +17,7 @@ from unshutter.learn.kandula2020.recipe import KandulaRecipe
 from unshutter.learn.optimisation import make_optimiser, rate_at
 from unshutter.learn.recipes import make_recipe
 from unshutter.learn.train import run
+from unshutter.learn.warping import sampled_motion
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -54,6 +55,15 @@ def test_training_runs_both_phases_and_resumes(tmp_path):
     states = [torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (whole, stopped)]
     for name, weights in states[0]["network"].items():
         torch.testing.assert_close(states[1]["network"][name], weights, msg=name)
+
+
+def test_where_a_motion_has_no_inverse_it_is_no_number():
+    """Newton's method may divide by zero there; the places beside it keep their motion."""
+    motion = torch.stack([torch.arange(8.0), 0.1 * torch.arange(8.0)])[None]
+    rows = torch.tensor([[[2.5, torch.nan, torch.inf]]])
+    tx, rz, _ = sampled_motion(motion)(rows)
+    torch.testing.assert_close(tx, torch.tensor([[[2.5, torch.nan, 7.0]]]), equal_nan=True)
+    torch.testing.assert_close(rz, torch.tensor([[[0.25, torch.nan, 0.7]]]), equal_nan=True)
 
 
 def test_export_is_the_network(tmp_path):

@@ -49,7 +49,8 @@ def sampled_motion(motion: Tensor) -> geometry.MotionAtRow:
         inside = v.clamp(0, last)
         below = inside.detach().floor().clamp(max=last - 1)
         weight = (inside - below).flatten(1)[:, None]  # [B, 1, h w]
-        index = below.long().flatten(1)[:, None].expand(-1, 2, -1)
+        # a motion that folds has no inverse everywhere: v may be no number, and then neither is the answer
+        index = below.nan_to_num().long().flatten(1)[:, None].expand(-1, 2, -1)
         low, high = motion.gather(2, index), motion.gather(2, index + 1)
         tx, rz = (low + (high - low) * weight).unflatten(2, v.shape[1:]).unbind(1)
         moving = (v >= 0) & (v <= last)
