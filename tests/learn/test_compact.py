@@ -121,6 +121,15 @@ def test_what_cannot_be_made_small_is_refused(name: str, rank: int, told: str, t
     assert not (tmp_path / "small.onnx").exists()
 
 
+def test_a_file_that_holds_no_network_is_refused(tmp_path: Path) -> None:
+    config, text = tmp_path / "small.toml", tmp_path / "text.onnx"
+    config.write_text(SMALL)
+    text.write_text("no network")
+    with pytest.raises(UsageError, match=r"text\.onnx holds no network"):
+        compact(text, config, None, 0, False, tmp_path / "small.onnx")
+    assert not (tmp_path / "small.onnx").exists()
+
+
 def test_what_ships_is_small() -> None:
     files = {known.weights_path for known in METHODS if known.weights_path}
     assert len(files) == 4

@@ -53,28 +53,35 @@ def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eig
     if photos is not None:
         settings = replace(settings, data={**settings.data, "folder": str(photos)})
     recipe = make_recipe(settings, torch.device("cpu"))
-    data = getattr(recipe, "data", None)
-    if data is None:
-        raise UsageError(f"{settings.model} does not read pixels")
-    if not model.is_file():
-        raise UsageError(f"no such file: {model}")
+    generator = torch.Generator().manual_seed(_SEED)
+    recipe.pictures(1, torch.Generator())  # or it says that it reads none
     print("before:", recipe.validate(Stored(model)))
     network = onnx.load(model)
     if rank:
-        generator = torch.Generator().manual_seed(_SEED)
-        pictures = (data.batch(_AT_A_TIME, generator).rs.numpy() for _ in range(_PICTURES // _AT_A_TIME))
-        narrow(network, pictures, rank)
+        batches = (recipe.pictures(_AT_A_TIME, generator).numpy() for _ in range(_PICTURES // _AT_A_TIME))
+        narrow(network, batches, rank)
     store_in_fewer_bits(network, eight_bits)
-    onnx.save(network, target)
+    part = target.with_name(f"{target.name}.part")
+    onnx.save(network, part)
+    part.replace(target)
     print("after:", recipe.validate(Stored(target)))
 
 
 class Stored(nn.Module):
-    """The network of an ONNX file, to be validated as one of torch's."""
+    """The network of an ONNX file, to be validated as one of torch's.
+
+    Raises:
+        UsageError: no such file, or it holds no network.
+    """
 
     def __init__(self, path: Path):
         super().__init__()
-        self._session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+        if not path.is_file():
+            raise UsageError(f"no such file: {path}")
+        try:
+            self._session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's own kinds have no common parent
+            raise UsageError(f"{path} holds no network: {' '.join(str(error).split())}") from None
 
     def forward(self, rs: Tensor, rows: bool = True) -> Tensor | tuple[Tensor, Tensor | None]:
         """The file's output; of kandula2020, whose outputs are two, the row map only if asked for."""

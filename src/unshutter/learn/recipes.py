@@ -51,6 +51,14 @@ class Recipe(ABC):
     def export(self, network: nn.Module, path: Path) -> None:
         """Writes the network as ONNX."""
 
+    def pictures(self, count: int, generator: torch.Generator) -> Tensor:
+        """Training pictures as the network reads them, [count, 3, r, r] in 0 ... 1.
+
+        Raises:
+            UsageError: it reads none.
+        """
+        raise UsageError(f"{self.config.model} does not read pixels")
+
 
 def make_recipe(config: TrainConfig, device: torch.device) -> Recipe:
     """The recipe that the configuration names.

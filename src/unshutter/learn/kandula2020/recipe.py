@@ -49,6 +49,10 @@ class KandulaRecipe(Recipe):
         log = {name: value.item() for name, value in losses.items()}
         return total, log | {"motion": _motion_error(motion.detach(), samples).item()}
 
+    def pictures(self, count: int, generator: torch.Generator) -> Tensor:
+        """See Recipe."""
+        return self.data.batch(count, generator).rs
+
     @torch.no_grad()
     def validate(self, network: nn.Module) -> dict[str, float]:
         """EPE on held-out photos: of the system as it is, and of its motion with the exact inverse."""

@@ -54,6 +54,10 @@ class RengarajanRecipe(Recipe):
         rows = list(KEY_ROWS)
         return motion_mse(tx, rz, true_tx[:, rows], true_rz[:, rows]), {}
 
+    def pictures(self, count: int, generator: torch.Generator) -> Tensor:
+        """See Recipe."""
+        return self.data.batch(count, generator).rs
+
     @torch.no_grad()
     def validate(self, network: nn.Module) -> dict[str, float]:
         """EPE on held-out photos."""
