@@ -35,7 +35,7 @@ QUALITY = 92
 # name: (file ending, how the floor and the photo are written)
 FORMATS = {"jpeg": (".jpg", f"jpegsave(sys.argv[2], Q={QUALITY})"), "tiff16": (".tif", "tiffsave(sys.argv[2])")}
 LIBRARIES = """
-import numpy, cv2, onnxruntime, pyvips
+import numpy, cv2, pyvips
 import unshutter
 unshutter.load("segment-transformer").prepare()
 """

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import onnxruntime
 import torch
 
+from unshutter.estimators.onnx import onnx_runtime
 from unshutter.estimators.square import SIZE
 from unshutter.learn.data.motions import draw_motions
 from unshutter.learn.data.pictures import load_photos
@@ -25,7 +26,7 @@ CANVAS = 356
 
 
 def main() -> None:
-    network = onnxruntime.InferenceSession(WEIGHTS, providers=["CPUExecutionProvider"])
+    network = onnx_runtime().InferenceSession(WEIGHTS, providers=["CPUExecutionProvider"])
     generator = torch.Generator().manual_seed(1)
     pairs = [residuals(network, photo, generator) for photo in load_photos(Path(sys.argv[1]), CANVAS)]
     found, true = (np.stack(arrays) for arrays in zip(*pairs, strict=True))
@@ -37,9 +38,7 @@ def main() -> None:
     print(f"correlation of the two over a photo's pixels, median {np.median(both):.2f} ({len(both)} photos that turn)")
 
 
-def residuals(
-    network: onnxruntime.InferenceSession, photo: np.ndarray, generator: torch.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def residuals(network: Any, photo: np.ndarray, generator: torch.Generator) -> tuple[np.ndarray, np.ndarray]:
     """[r, r] rows: what the row block adds to A, and what the true motion would."""
     top, left = ((length - CANVAS) // 2 for length in photo.shape[1:])
     canvas = torch.from_numpy(np.ascontiguousarray(photo[:, top : top + CANVAS, left : left + CANVAS]))[None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +16,7 @@ from support.checked import check_shapes
 if TYPE_CHECKING:
     from unshutter import Motion
 
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # of the onnxruntime that some tests import themselves
 check_shapes()  # of modules that are imported from here on
 
 

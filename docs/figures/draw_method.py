@@ -14,7 +14,6 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 import onnx
-import onnxruntime
 import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -22,6 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from torch import Tensor
 
+from unshutter.estimators.onnx import onnx_runtime
 from unshutter.estimators.square import SIZE
 from unshutter.geometry.rows import rs_to_gs
 from unshutter.learn.data.motions import draw_motions
@@ -70,7 +70,7 @@ def pass_through() -> Tensors:
     samples = synthesise(canvas, *draw_motions(1, torch.Generator().manual_seed(SEED)), SIZE)
     graph = onnx.load(WEIGHTS)
     graph.graph.output.extend(onnx.ValueInfoProto(name=name) for name in (BASE, RAW, COARSE))
-    session = onnxruntime.InferenceSession(graph.SerializeToString(), providers=["CPUExecutionProvider"])
+    session = onnx_runtime().InferenceSession(graph.SerializeToString(), providers=["CPUExecutionProvider"])
     answers = session.run([BASE, RAW, "motion", COARSE, "row_map"], {"rs": samples.rs.numpy()})
     found = (torch.from_numpy(answer).float() for answer in answers)
     return Tensors(canvas / 255, samples.rs, samples.rs_valid, samples.gs, *found, torch.stack(samples.row_motion(), 1))

@@ -1,7 +1,12 @@
-"""Opens and runs exported networks (ONNX), each on one thread, or says in one line why a file is not that network."""
+"""Opens and runs exported networks (ONNX), each on one thread, or says in one line why a file is not that network.
+
+The only module that imports onnxruntime: from version 1.31 it contains a telemetry client, which has to be switched
+off before the import.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Timer
@@ -14,6 +19,14 @@ if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
 LONGEST_RUN_S = 60.0  # the slowest takes a second
+
+
+def onnx_runtime() -> Any:
+    """The module onnxruntime, with its telemetry switched off."""
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # read when the library is loaded; processes started later inherit it
+    import onnxruntime
+
+    return onnxruntime
 
 
 class Network:
@@ -42,9 +55,8 @@ class Network:
             UnshutterError: it cannot be run on that, answers in other shapes, or does not come to an end.
         """
         import numpy as np
-        import onnxruntime
 
-        options: Any = onnxruntime.RunOptions()  # pyright: ignore[reportAttributeAccessIssue]
+        options = onnx_runtime().RunOptions()
         options.log_severity_level = 4  # errors are told below
         timer = Timer(LONGEST_RUN_S, setattr, (options, "terminate", True))
         timer.daemon = True
@@ -86,8 +98,7 @@ def open_network(
     """
     if weights is None:
         raise UnshutterError(f"{name} needs the weights of a network")
-    import onnxruntime
-
+    onnxruntime = onnx_runtime()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # a few milliseconds of work: threads would only spin
     options.log_severity_level = 3

@@ -20,12 +20,12 @@ from pathlib import Path
 
 import numpy as np
 import onnx
-import onnxruntime
 import torch
 from onnx import ModelProto, NodeProto, helper, numpy_helper
 from torch import Tensor, nn
 
 from unshutter.errors import UsageError
+from unshutter.estimators.onnx import onnx_runtime
 from unshutter.learn.config import load_config
 from unshutter.learn.recipes import make_recipe
 
@@ -79,7 +79,7 @@ class Stored(nn.Module):
         if not path.is_file():
             raise UsageError(f"no such file: {path}")
         try:
-            self._session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+            self._session = onnx_runtime().InferenceSession(path, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's own kinds have no common parent
             raise UsageError(f"{path} holds no network: {' '.join(str(error).split())}") from None
 
@@ -125,7 +125,7 @@ def _outputs_of(nodes: list[NodeProto], model: ModelProto, pictures: Iterable[np
     asked = ModelProto()
     asked.CopyFrom(model)
     asked.graph.output.extend(helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None) for name in names)
-    session = onnxruntime.InferenceSession(asked.SerializeToString(), providers=["CPUExecutionProvider"])
+    session = onnx_runtime().InferenceSession(asked.SerializeToString(), providers=["CPUExecutionProvider"])
     found = [[np.asarray(output) for output in session.run(names, {"rs": batch})] for batch in pictures]
     return {name: np.concatenate([batch[k] for batch in found]) for k, name in enumerate(names)}
 
