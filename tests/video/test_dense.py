@@ -76,8 +76,9 @@ def test_what_a_frame_did_not_see_is_borrowed(clip):
     assert not (made["borrow"] < 16).any()
     off = {edges: np.abs(made[edges] - TRUTH)[unseen].mean() for edges in ("fill", "borrow")}
     assert off["borrow"] < off["fill"] / 2
-    inner = (..., slice(16, -16))
-    assert np.array_equal(made["borrow"][inner], made["fill"][inner])
+    whole = made["keep"] == made["fill"]  # all that bicubic interpolation looked at was seen
+    assert whole.mean() > 0.8
+    assert np.array_equal(made["borrow"][whole], made["fill"][whole])
 
 
 def test_half_the_strength_goes_half_the_way(clip):

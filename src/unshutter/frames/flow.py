@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/frames-attempts.md
 _DESCENTS, _REFINEMENTS = 25, 5
-_NO_SECOND_MAP = np.empty(0)
+_NO_SECOND_MAP: Any = None  # OpenCV's stubs do not know that it may be None; 5.0 reads an empty array as a map
 _CONSISTENT = 1.5  # px from a pixel to its partner and back
 
 
