@@ -1,16 +1,28 @@
-# The two commands: `make demo` and `make test`. Both set up what they need in .venv.
+# The two commands: `make demo` and `make test`. Each sets up what it needs:
+# .venv has the versions of constraints.txt, .venv-newest what pip resolves today, .venv-lowest the oldest ones allowed.
 PYTHON ?= python3
+TESTS ?= tests
 BIN := .venv/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install -q -c constraints.txt
+INSTALL := -m pip --disable-pip-version-check install -q
+PIP := $(BIN)/python $(INSTALL) -c constraints.txt
+PIP_NEWEST := .venv-newest/bin/python $(INSTALL)
+PIP_LOWEST := .venv-lowest/bin/python $(INSTALL) -c .venv-lowest/libraries.txt -c .venv-lowest/tools.txt
+PYTEST := -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-.PHONY: demo test lint types docs layers bench results release-check clean
+.PHONY: demo test test-newest test-lowest lint types docs layers bench results release-check clean
 
-demo: .venv/core  ## rectify the photo that the repository ships
-	$(BIN)/unshutter rectify examples/demo.jpg -o examples/demo.rectified.jpg --overwrite --edges crop
+demo: .venv-newest/core  ## rectify the photo that the repository ships, with what users get from pip
+	.venv-newest/bin/unshutter rectify examples/demo.jpg -o examples/demo.rectified.jpg --overwrite --edges crop
 	@echo "Look at examples/demo.jpg and examples/demo.rectified.jpg"
 
-test: .venv/dev  ## all tests, on all cores
-	$(BIN)/python -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
+test: .venv/dev  ## all tests, on all cores (TESTS=tests/frames: some of them)
+	$(BIN)/python $(PYTEST) $(TESTS)
+
+test-newest: .venv-newest/dev  ## the same with the newest version of everything
+	.venv-newest/bin/python $(PYTEST) $(TESTS)
+
+test-lowest: .venv-lowest/dev  ## the same with the oldest libraries that pyproject.toml allows; these use much that is deprecated
+	.venv-lowest/bin/python $(PYTEST) -W ignore::DeprecationWarning $(TESTS)
 
 lint: .venv/dev
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .
@@ -34,20 +46,32 @@ results: .venv/dev  ## measures all methods (within an hour) and writes docs/res
 release-check:  ## builds what is published, and tries it in fresh environments; publishes nothing
 	.ci/release-check
 
-.venv/python:
+.venv/python .venv-newest/python .venv-lowest/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "unshutter needs Python 3.11 or newer: make PYTHON=/path/to/python3.11 ...")'
-	$(PYTHON) -m venv .venv
-	@touch $@
-
-.venv/core: .venv/python pyproject.toml constraints.txt
-	$(PIP) -e .
+	$(PYTHON) -m venv $(@D)
 	@touch $@
 
 # torch first and by its exact version: without it, the registry's newest build brings several GB of CUDA.
-.venv/dev: .venv/core
+.venv/dev: .venv/python pyproject.toml constraints.txt
 	$(PIP) torch==2.13.0
 	$(PIP) -e '.[dev]'
 	@touch $@
 
+.venv-newest/core: .venv-newest/python pyproject.toml
+	$(PIP_NEWEST) --upgrade -e .
+	@touch $@
+
+.venv-newest/dev: .venv-newest/core
+	$(PIP_NEWEST) torch==2.13.0
+	$(PIP_NEWEST) --upgrade --upgrade-strategy eager -e '.[dev]'
+	@touch $@
+
+.venv-lowest/dev: .venv-lowest/python pyproject.toml constraints.txt .ci/lowest.py
+	$(PYTHON) .ci/lowest.py libraries > .venv-lowest/libraries.txt
+	$(PYTHON) .ci/lowest.py tools > .venv-lowest/tools.txt
+	$(PIP_LOWEST) torch==2.13.0
+	$(PIP_LOWEST) -e '.[dev]'
+	@touch $@
+
 clean:
-	rm -rf .venv site dist build .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-newest .venv-lowest site dist build .pytest_cache .ruff_cache .hypothesis

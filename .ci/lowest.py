@@ -1,19 +1,38 @@
-"""Prints a constraint, name==version, for the oldest version of each library that pyproject.toml allows.
+"""Prints constraints, name==version, for the tests with the oldest versions that pyproject.toml allows.
 
-Tools of the tests (extras dev and docs) are left out, and torch: its old builds need another Python.
+    lowest.py libraries    the oldest version of each library of the product
+    lowest.py tools        the versions in constraints.txt of all that is no such library
+
+torch keeps its version of constraints.txt: older builds are for other Pythons.
 """
 
 import re
+import sys
 import tomllib
 from pathlib import Path
 
-TOOLS = {"dev", "docs"}
-NEWEST_ONLY = {"torch"}
+ROOT = Path(__file__).parent.parent
+OF_TOOLS = {"dev", "docs"}  # extras
+PINNED = {"torch"}
+# what the libraries ask for in turn: pip chooses
+CHOSEN_BY_PIP = {"anyio", "dask", "h11"}
 
-project = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-extras = project["optional-dependencies"]
-libraries = project["dependencies"] + [each for name in sorted(extras.keys() - TOOLS) for each in extras[name]]
-for library in libraries:
-    name, lowest = re.fullmatch(r"([\w.-]+)(?:\[\w+\])?>=([\d.]+).*", library).groups()
-    if name not in NEWEST_ONLY:
-        print(f"{name}=={lowest}")
+
+def lowest() -> dict[str, str]:
+    """Library -> oldest version allowed."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    required = project["dependencies"] + [each for name in extras.keys() - OF_TOOLS for each in extras[name]]
+    pairs = (re.fullmatch(r"([\w.-]+)(?:\[[\w,]+\])?>=([\d.]+).*", each).groups() for each in required)
+    return {name: version for name, version in pairs if name not in PINNED}
+
+
+def tools() -> dict[str, str]:
+    """Everything else in constraints.txt -> its version there."""
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = dict(line.split("==") for line in lines if line and not line.startswith("#"))
+    return {name: pinned[name] for name in pinned.keys() - lowest().keys() - CHOSEN_BY_PIP}
+
+
+for name, version in sorted({"libraries": lowest, "tools": tools}[sys.argv[1]]().items()):
+    print(f"{name}=={version}")
