@@ -77,6 +77,21 @@ def test_impossible_networks_are_refused(change):
         Kandula2020Config(**change)
 
 
+def test_the_mirror_average_answers_to_mirror_images_alike():
+    torch.manual_seed(0)
+    network = Kandula2020(Kandula2020Config(**NETWORK, mirror_average=True, row_input="trajectory")).eval()
+    nn.init.normal_(network.row_block.layers[-1].weight, std=0.1)
+    rs = torch.rand(3, 3, 64, 64)
+    with torch.no_grad():
+        (motion, row_map), (other, other_map) = network(rs), network(rs.flip(-1))
+        once = Kandula2020(Kandula2020Config(**NETWORK, row_input="trajectory")).eval()
+        once.load_state_dict(network.state_dict())
+        first, second = once(rs)[0], once(rs.flip(-1))[0]
+    torch.testing.assert_close(other, -motion)
+    torch.testing.assert_close(other_map, row_map.flip(-1))
+    torch.testing.assert_close(motion, (first - second) / 2)
+
+
 def test_trajectory_is_the_least_squares_cubic():
     noise = torch.randn(3, 2, 40, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     module = Trajectory(40, 3).double()

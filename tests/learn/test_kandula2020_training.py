@@ -13,11 +13,11 @@ from support.small_kandula2020 import DATA, NETWORK, PICTURE_LOSSES
 from unshutter.errors import UsageError
 from unshutter.learn.config import TrainConfig, as_table, load_config, shipped_configs
 from unshutter.learn.kandula2020.losses import LossConfig
-from unshutter.learn.kandula2020.recipe import KandulaRecipe
+from unshutter.learn.kandula2020.recipe import KandulaRecipe, row_map_error
 from unshutter.learn.optimisation import make_optimiser, rate_at
 from unshutter.learn.recipes import make_recipe
 from unshutter.learn.train import run
-from unshutter.learn.warping import sampled_motion
+from unshutter.learn.warping import rs_positions, sampled_motion
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -55,6 +55,33 @@ def test_training_runs_both_phases_and_resumes(tmp_path):
     states = [torch.load(folder / "checkpoint.pt", weights_only=True) for folder in (whole, stopped)]
     for name, weights in states[0]["network"].items():
         torch.testing.assert_close(states[1]["network"][name], weights, msg=name)
+
+
+def test_the_row_block_learns_the_true_row_map_in_the_first_phase(tmp_path):
+    """Given the trajectory it can tell in which row a pixel was seen; the log says how far off it is."""
+    config = write_config(
+        tmp_path / "rows.toml",
+        "regress_steps = 100\nregress_photos = 0\nrow_residual = 1.0",
+        'row_input = "trajectory"',
+    )
+    config.write_text(config.read_text().replace("steps = 6\nbatch = 2", "steps = 40\nbatch = 8\nlearning_rate = 0.01"))
+    log = read_log(run(config, tmp_path, device="cpu"))
+    first, last = (float(row["row_map"]) for row in (log[0], log[-1]))
+    assert last < 0.8 * first
+    assert {"train_epe", "train_epe_as_seen"} <= set(log[-1])
+
+
+def test_row_maps_are_compared_with_the_rows_that_saw_the_pixels():
+    samples = next(KandulaRecipe(TrainConfig("kandula2020", network=NETWORK, data=DATA), CPU).data.validation())
+    true = rs_positions(torch.stack(samples.row_motion(), 1), None)[1]
+    assert row_map_error(true, samples) < 0.003
+    assert row_map_error(true + 4, samples).item() == pytest.approx(0.5, abs=0.003)
+
+
+@pytest.mark.parametrize("norm", ["square", "distance"])
+def test_norms_of_the_first_phase(tmp_path, norm):
+    config = write_config(tmp_path / "norm.toml", f'regress_steps = 4\nregress_norm = "{norm}"')
+    assert float(read_log(run(config, tmp_path, steps=1, device="cpu"))[-1]["loss"]) > 0
 
 
 def test_where_a_motion_has_no_inverse_it_is_no_number():
@@ -167,4 +194,8 @@ def test_optimisers_and_schedules():
     assert rate_at(4, config) == pytest.approx(0.25, abs=0.005) and rate_at(50, config) == pytest.approx(0.25)
     assert rate_at(99, replace(config, schedule="constant")) == 0.5
     stairs = replace(config, schedule="stairs", stair=40)
+    late = replace(config, schedule="late", tail=0.4)
+    assert [rate_at(s, late) for s in (20, 60, 80, 100)] == pytest.approx([0.5, 0.5, 0.25, 0.0])
+    with pytest.raises(UsageError, match="tail"):
+        replace(config, tail=0.0)
     assert [rate_at(s, stairs) for s in (20, 39, 40, 80)] == pytest.approx([0.5, 0.5, 0.05, 0.005])

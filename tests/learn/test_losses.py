@@ -14,7 +14,7 @@ from unshutter.learn.kandula2020.losses import (
     sobel,
     visible_mse,
 )
-from unshutter.learn.motion_errors import motion_mse
+from unshutter.learn.motion_errors import motion_distance, motion_mse
 
 torch.set_num_threads(1)
 
@@ -106,3 +106,9 @@ def test_motion_gradients():
 def test_unknown_mask_is_refused():
     with pytest.raises(UsageError, match="grid or black"):
         LossConfig(mask="grey")
+
+
+def test_motion_distance_by_hand():
+    zero = torch.zeros(1, 2)
+    found = motion_distance(torch.tensor([[3.0, 0.0]]), torch.tensor([[0.04, 0.1]]), zero, zero)
+    assert found.item() == pytest.approx((0.05 + 0.1) / 2, rel=1e-4)

@@ -10,6 +10,7 @@ import torch
 from unshutter.errors import UsageError
 from unshutter.learn.data.pictures import draw_picture, load_photos
 from unshutter.learn.data.pixels import PixelConfig, PixelData, Samples, synthesise
+from unshutter.learn.data.views import view_homography
 from unshutter.learn.motion_errors import epe, epe_of_nothing
 from unshutter.learn.warping import pixel_grid, sample
 from unshutter.motion import RowMotion
@@ -182,3 +183,65 @@ def test_samples_know_their_frame():
     assert isinstance(samples, Samples) and samples.size == 64 and samples.center == (31.5, 31.5)
     col, row = pixel_grid(3, samples.rs)
     assert col.tolist() == [[0, 1, 2]] and row.tolist() == [[0], [1], [2]]
+
+
+# ---- more from each photo ---------------------------------------------------------------------------------
+
+
+def varied(**more) -> PixelData:
+    return PixelData(PixelConfig(size=64, canvas=88, drawn=6, held_out=2, **more), CPU)
+
+
+def test_the_distorted_picture_of_another_camera_is_its_own_distorted():
+    """What the other camera sees is one picture: distorting that picture gives the same as distorting its view."""
+    smooth = torch.nn.functional.avg_pool2d(noise(120).float(), 9, 1, 4).round().to(torch.uint8)
+    angles = [torch.tensor([math.radians(a)]) for a in (3.0, 8.0, -10.0)]
+    view = view_homography(*angles, torch.tensor([150.0]), torch.tensor([1.2]), torch.tensor([[2.0, -3.0]]))
+    motion = shear(0.1, 0.05)
+    ours = synthesise(smooth, *motion, 64, view)
+    wide = synthesise(smooth, *shear(0.0), 88, view)  # the same view, with a margin
+    expected = synthesise((wide.gs * 255).round().to(torch.uint8), *motion, 64)
+    valid = (expected.rs_valid * ours.rs_valid).bool().expand_as(ours.rs)
+    assert valid.float().mean() > 0.9
+    assert (ours.rs - expected.rs)[valid].abs().max() < 0.03
+    assert (ours.gs - expected.gs).abs().max() < 0.01
+
+
+def test_varied_training_pictures_and_unchanged_held_out_ones():
+    plain = varied()
+    other = varied(views={"share": 1.0}, light={"share": 1.0}, motions={"hand": 0.5})
+    assert not torch.equal(plain.batch(4, dice()).rs, other.batch(4, dice()).rs)
+    assert torch.equal(next(plain.validation()).rs, next(other.validation()).rs)
+    first, again = other.batch(4, dice(1)), other.batch(4, dice(1))
+    assert torch.equal(first.rs, again.rs) and torch.equal(first.gs, again.gs)
+    assert first.rs.min() >= 0 and first.rs.max() <= 1
+    assert not (first.rs * (1 - first.rs_valid)).any()
+
+
+def test_the_undistorted_pictures_can_be_left_out():
+    for data in (varied(), varied(views={"share": 1.0}, light={"share": 1.0})):
+        whole, half = data.batch(3, dice()), data.batch(3, dice(), with_gs=False)
+        assert torch.equal(whole.rs, half.rs) and half.gs.shape == (3, 0, 64, 64)
+        assert half[1:].gs.shape == (2, 0, 64, 64)
+
+
+def test_a_share_of_the_training_pictures_is_drawn(tmp_path):
+    for name in "abc":
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((100, 100, 3), 77, np.uint8))
+    data = varied(folder=str(tmp_path), drawn_share=0.25)
+    photo = (data.batch(400, dice()).gs == 77 / 255).flatten(1).all(1).float().mean().item()
+    assert photo == pytest.approx(0.75, abs=0.06)
+
+
+def test_other_checks_are_the_same_at_each_call():
+    data = varied(motions={"hand": 0.2, "pan": 0.1}, light={"share": 1.0})
+    checks = [{name: next(iter(batches)) for name, batches in data.other_checks().items()} for _ in range(2)]
+    assert list(checks[0]) == ["val_epe_hand", "val_epe_pan", "train_epe", "train_epe_as_seen"]
+    for name, samples in checks[0].items():
+        assert len(samples.rs) == 4 and torch.equal(samples.rs, checks[1][name].rs)
+    assert list(varied().other_checks()) == ["train_epe", "train_epe_as_seen"]
+
+
+def test_unknown_settings_of_what_varies_are_refused():
+    with pytest.raises(UsageError, match=r"data.views.*unknown setting 'rol'"):
+        varied(views={"rol": 1.0})

@@ -30,8 +30,11 @@ class TrainConfig:
     batch: int = 64  # samples per step and process
     learning_rate: float = 1e-3
     warmup: int = 100  # steps of linear warm-up, then the schedule
-    schedule: str = "cosine"  # cosine to zero | constant | stairs: divided by ten every ``stair`` steps
+    # cosine to zero | constant | stairs: divided by ten every ``stair`` steps | late: constant, then linear to zero
+    # over the last ``tail`` of the steps, so that the number of steps may be set while the run is under way
+    schedule: str = "cosine"
     stair: int = 0
+    tail: float = 0.3
     optimiser: str = "adamw"  # adamw | adam | sgd; the last two take weight_decay as an L2 penalty
     momentum: float = 0.9  # of SGD, or Adam's first beta
     beta2: float = 0.98  # Adam's second
@@ -56,8 +59,10 @@ class TrainConfig:
                 raise UsageError(f"'{name}' must be at least 1, got {getattr(self, name)}")
         if self.optimiser not in ("adamw", "adam", "sgd"):
             raise UsageError(f"unknown optimiser '{self.optimiser}': choose adamw, adam or sgd")
-        if self.schedule not in ("cosine", "constant", "stairs"):
-            raise UsageError(f"unknown schedule '{self.schedule}': choose cosine, constant or stairs")
+        if self.schedule not in ("cosine", "constant", "stairs", "late"):
+            raise UsageError(f"unknown schedule '{self.schedule}': choose cosine, constant, stairs or late")
+        if not 0 < self.tail <= 1:
+            raise UsageError(f"'tail', the share of the steps with a falling rate, must be in 0 ... 1, got {self.tail}")
         if self.schedule == "stairs" and self.stair < 1:
             raise UsageError(f"'stair', the steps from one stair to the next, must be at least 1, got {self.stair}")
 

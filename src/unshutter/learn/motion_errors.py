@@ -17,6 +17,15 @@ def motion_mse(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) -> Tens
     return 0.5 * (((tx - true_tx) / TX_UNIT).square().mean() + (rz - true_rz).square().mean())
 
 
+def motion_distance(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) -> Tensor:
+    """Mean distance in (t_x / 100 px, r_z / 1 rad) over rows and batch, each [B, rows].
+
+    Near a pixel's hundredth it is rounded off, so that its gradient has no jump at zero.
+    """
+    squared = ((tx - true_tx) / TX_UNIT).square() + (rz - true_rz).square()
+    return (squared + 1e-8).sqrt().mean()
+
+
 def epe(col: Tensor, row: Tensor, samples: Samples) -> Tensor:
     """[B] mean distance [px] of estimated RS positions [B, r, r] from the true ones.
 

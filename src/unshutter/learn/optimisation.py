@@ -28,6 +28,8 @@ def rate_at(step: int, config: TrainConfig) -> float:
         share = 0.5 + 0.5 * math.cos(math.pi * step / config.steps)
     elif config.schedule == "stairs":
         share = 0.1 ** (step // config.stair)
+    elif config.schedule == "late":
+        share = min(1.0, (1 - step / config.steps) / config.tail)
     else:
         share = 1.0
     return config.learning_rate * warmup * share

@@ -1,16 +1,71 @@
-"""Random motions in batches: the predecessor's quadratics."""
+"""Random motions in batches: the predecessor's quadratics, and motions as people make them.
+
+Quadratics are what the paper and its predecessor measure with; real hands shake far less, and people who turn with a
+camera shear the picture evenly. All have the first row as their reference.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from unshutter.errors import UsageError
 from unshutter.geometry import rows as geometry
 from unshutter.learn.data.dice import Dice
 
 _FIRST, _SPAN = 50 / 356, 256 / 356  # the middle 256 of the 356 canvas rows: canvas row / 356 = _FIRST + _SPAN * u
+
+# standard deviations of the coefficients of u, u^2, u^3: of t_x in rows of the picture, of r_z in radians
+_HAND = ((0.05, 0.015, 0.004), (0.02, 0.006, 0.002))
+_PAN = ((0.06, 0.004, 0.002), (0.004, 0.003, 0.001))
+KINDS = ("quadratic", "hand", "pan")
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """Shares of the kinds of motion; the rest are the predecessor's quadratics.
+
+    Raises:
+        UsageError: shares that are negative or more than 1 together.
+    """
+
+    hand: float = 0.0  # shake of a hand that holds still
+    pan: float = 0.0  # a camera that turns evenly
+
+    def __post_init__(self) -> None:
+        if min(self.hand, self.pan) < 0 or self.hand + self.pan > 1:
+            raise UsageError("[data.motions]: shares must not be negative, nor more than 1 together")
+
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds that occur."""
+        shares = {"quadratic": 1 - self.hand - self.pan, "hand": self.hand, "pan": self.pan}
+        return tuple(kind for kind in KINDS if shares[kind] > 0)
+
+
+def draw_mixture(batch: int, generator: torch.Generator, config: MotionConfig) -> tuple[Tensor, Tensor]:
+    """Motions of all kinds in their shares: coefficients as of :func:`draw_motions`."""
+    tx, rz = draw_motions(batch, generator)
+    if config.kinds() == ("quadratic",):
+        return tx, rz
+    die = Dice(generator, batch).each()[:, None]
+    for kind, low, high in (("hand", 0.0, config.hand), ("pan", config.hand, config.hand + config.pan)):
+        other_tx, other_rz = draw_kind(kind, batch, generator)
+        of_kind = (die >= low) & (die < high)
+        tx, rz = torch.where(of_kind, other_tx, tx), torch.where(of_kind, other_rz, rz)
+    return tx, rz
+
+
+def draw_kind(kind: str, batch: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Motions of one kind: coefficients as of :func:`draw_motions`."""
+    if kind == "quadratic":
+        return draw_motions(batch, generator)
+    dice = Dice(generator, batch)
+    widths = torch.tensor({"hand": _HAND, "pan": _PAN}[kind], device=generator.device)
+    tx, rz = (dice.normal(2, 3) * widths).unbind(1)
+    return tx, rz
 
 
 def draw_motions(

@@ -4,14 +4,18 @@ A square window of a photo is the predecessor's canvas (356 px). A random motion
 centre of its middle 256 px, which are what the networks see. Every batch is made anew, so that no two samples are
 alike. Needs torch, NumPy and OpenCV only.
 
+Training windows may be seen by another camera (views.py), under other light (light.py), and moved as people move
+cameras (motions.py); pictures held out for validation stay what they are.
+
 Positions are as in warping.py, in px of the picture shown to the network; motions have the first row as reference.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,11 +23,15 @@ from torch import Tensor
 
 from unshutter.errors import UsageError
 from unshutter.geometry import rows as geometry
-from unshutter.learn.data.motions import draw_motions
+from unshutter.learn.config import from_table
+from unshutter.learn.data.light import Light, LightConfig
+from unshutter.learn.data.motions import MotionConfig, draw_kind, draw_mixture
 from unshutter.learn.data.pictures import draw_picture, load_photos
+from unshutter.learn.data.views import ViewConfig, draw_views, move
 from unshutter.learn.warping import pixel_grid, polynomial_motion, sample
 
 _VALIDATION_SEED, _VALIDATION_BATCH = 2**40, 32
+_DRAWN_SEED = 2**20  # of the drawn pictures among photos
 
 
 @dataclass(frozen=True)
@@ -35,12 +43,16 @@ class PixelConfig:
     held_out: int = 40  # photos kept from training when there is no validation folder
     photos: int = 0  # photos to train on, chosen by ``seed``; 0: all
     validation_motions: int = 2  # per held-out photo
-    drawn: int = 120  # pictures to draw when there is no folder
+    drawn: int = 120  # pictures to draw when there is no folder, or when some training pictures are drawn
+    drawn_share: float = 0.0  # of the training pictures that are drawn ones, not photos
     size: int = 256  # of the picture that the network sees [px]
     canvas: int = 356  # of the window that is distorted [px]
     random_window: bool = True  # training windows lie anywhere along the photo's longer side, else in its middle
     flip: bool = True  # half the training windows are mirrored left to right
     seed: int = 0
+    views: dict[str, Any] = field(default_factory=dict)  # other cameras: fields of ViewConfig
+    light: dict[str, Any] = field(default_factory=dict)  # other light: fields of LightConfig
+    motions: dict[str, Any] = field(default_factory=dict)  # kinds of motion: fields of MotionConfig
 
 
 @dataclass(frozen=True)
@@ -49,6 +61,7 @@ class Samples:
 
     Attributes:
         rs, gs: [B, 3, r, r] RGB in 0 ... 1; ``rs`` is black where the canvas ended.
+            ``gs`` may be left out: [B, 0, r, r].
         rs_valid: [B, 1, r, r] 1 where ``rs`` shows the canvas, else 0.
         tx_coefficients, rz_coefficients: [B, 4] of u^0 ... u^3 with u = row / r; px and rad.
     """
@@ -95,31 +108,85 @@ class PixelData:
         if config.canvas < config.size or (config.canvas - config.size) % 2:
             raise UsageError(f"[data]: canvas {config.canvas} must be size {config.size} plus an even margin")
         self.config, self.device = config, device
+        self.views = from_table(ViewConfig, config.views, "[data.views]")
+        self.light = from_table(LightConfig, config.light, "[data.light]")
+        self.motions = from_table(MotionConfig, config.motions, "[data.motions]")
         pictures, held_out = _training_and_held_out(config)
         self.photos = [torch.from_numpy(picture).to(device) for picture in pictures]
         self.held_out = [torch.from_numpy(picture).to(device) for picture in held_out]
+        drawn = config.drawn if config.drawn_share else 0
+        self.drawn = [torch.from_numpy(draw_picture(config.canvas, _DRAWN_SEED + i)).to(device) for i in range(drawn)]
 
-    def batch(self, count: int, generator: torch.Generator, first_photos: int | None = None) -> Samples:
-        """Training samples drawn with ``generator``, from all photos or the first so many."""
+    def batch(
+        self, count: int, generator: torch.Generator, first_photos: int | None = None, *, with_gs: bool = True
+    ) -> Samples:
+        """Training samples drawn with ``generator``, from all photos or the first so many.
+
+        Args:
+            count: how many.
+            generator: of the numbers.
+            first_photos: None: all.
+            with_gs: whether the undistorted pictures are needed.
+        """
+        canvas = self._windows(count, generator, first_photos)
+        motions = draw_mixture(count, generator, self.motions)
+        views = None
+        if self.views.share:
+            views = draw_views(self.views, generator, count, self.config.size, self.config.canvas)
+        samples = synthesise(canvas, *motions, self.config.size, views, with_gs=with_gs)
+        if not self.light.share:
+            return samples
+        light = Light(self.light, generator, count)
+        gs = light.on_scene(samples.gs) if with_gs else samples.gs
+        rs = light.through_camera(light.on_scene(samples.rs)) * samples.rs_valid
+        return replace(samples, rs=rs, gs=gs)
+
+    def validation(self, kind: str = "quadratic") -> Iterator[Samples]:
+        """Samples of held-out photos, middle window, the same at each call."""
+        return self._unchanged(self.held_out, kind)
+
+    def other_checks(self) -> dict[str, Iterator[Samples]]:
+        """What else to measure, by the figure's name in the log; the same samples at each call.
+
+        Other kinds of motion on the held-out photos; and as many training photos, once made as the held-out ones are,
+        once as training sees them. The last two tell what was memorised.
+        """
+        kinds = [kind for kind in self.motions.kinds() if kind != "quadratic"]
+        checks = {f"val_epe_{kind}": self.validation(kind) for kind in kinds}
+        return checks | {
+            "train_epe": self._unchanged(self.photos[: len(self.held_out)], "quadratic"),
+            "train_epe_as_seen": self._as_seen(len(self.held_out) * self.config.validation_motions),
+        }
+
+    def _as_seen(self, count: int) -> Iterator[Samples]:
+        generator = torch.Generator(self.device).manual_seed(_VALIDATION_SEED)
+        for first in range(0, count, _VALIDATION_BATCH):
+            yield self.batch(min(_VALIDATION_BATCH, count - first), generator, with_gs=False)
+
+    def _windows(self, count: int, generator: torch.Generator, first_photos: int | None) -> Tensor:
+        """[B, 3, canvas, canvas] uint8."""
         photos = self.photos[:first_photos]
         dice = torch.rand(3, count, generator=generator, device=self.device)
         index, place, side = dice.tolist()
+        chosen = [photos[int(i * len(photos))] for i in index]
+        if self.drawn:
+            is_drawn, which = torch.rand(2, count, generator=generator, device=self.device).tolist()
+            pairs = zip(chosen, is_drawn, which, strict=True)
+            chosen = [self.drawn[int(w * len(self.drawn))] if d < self.config.drawn_share else c for c, d, w in pairs]
         windows = [
-            _window(photos[int(i * len(photos))], self.config.canvas, p if self.config.random_window else 0.5)
-            for i, p in zip(index, place, strict=True)
+            _window(photo, self.config.canvas, p if self.config.random_window else 0.5)
+            for photo, p in zip(chosen, place, strict=True)
         ]
         mirrored = [self.config.flip and s < 0.5 for s in side]
-        canvas = torch.stack([w.flip(-1) if m else w for w, m in zip(windows, mirrored, strict=True)])
-        return synthesise(canvas, *draw_motions(count, generator), self.config.size)
+        return torch.stack([w.flip(-1) if m else w for w, m in zip(windows, mirrored, strict=True)])
 
-    def validation(self) -> Iterator[Samples]:
-        """Samples of held-out photos, middle window, the same at each call."""
+    def _unchanged(self, photos: list[Tensor], kind: str) -> Iterator[Samples]:
         generator = torch.Generator(self.device).manual_seed(_VALIDATION_SEED)
-        repeated = [p for p in self.held_out for _ in range(self.config.validation_motions)]
+        repeated = [p for p in photos for _ in range(self.config.validation_motions)]
         windows = [_window(p, self.config.canvas, 0.5) for p in repeated]
         for first in range(0, len(windows), _VALIDATION_BATCH):
             canvas = torch.stack(windows[first : first + _VALIDATION_BATCH])
-            yield synthesise(canvas, *draw_motions(len(canvas), generator), self.config.size)
+            yield synthesise(canvas, *draw_kind(kind, len(canvas), generator), self.config.size)
 
 
 def _training_and_held_out(config: PixelConfig) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -150,7 +217,9 @@ def _pictures(folder: str, config: PixelConfig, least: int) -> list[np.ndarray]:
     return pictures
 
 
-def synthesise(canvas: Tensor, tx: Tensor, rz: Tensor, size: int) -> Samples:
+def synthesise(
+    canvas: Tensor, tx: Tensor, rz: Tensor, size: int, views: Tensor | None = None, *, with_gs: bool = True
+) -> Samples:
     """Distorts canvases and cuts out their middle.
 
     Args:
@@ -159,17 +228,31 @@ def synthesise(canvas: Tensor, tx: Tensor, rz: Tensor, size: int) -> Samples:
             (as :func:`draw_motions` gives them).
         rz: [B, 3] the same for r_z [rad].
         size: of the middle part [px].
+        views: [B, 3, 3] homographies of other cameras (views.py); None: the canvas as it is.
+        with_gs: False leaves out the undistorted pictures.
     """
     constant = torch.zeros_like(tx[:, :1])
     tx, rz = torch.cat([constant, tx * size], -1), torch.cat([constant, rz], -1)
-    margin = (canvas.shape[-1] - size) // 2
-    whole = canvas.float() / 255
-    gs = whole[..., margin : margin + size, margin : margin + size]
+    margin, middle = (canvas.shape[-1] - size) // 2, (size - 1) / 2
+    whole = canvas.float().div_(255)
     col, row = pixel_grid(size, whole)
     t, r, _ = polynomial_motion(tx, rz, size)(row)
-    gs_col, gs_row = geometry.rs_to_gs(col, row, t, r, ((size - 1) / 2, (size - 1) / 2))
-    rs, valid = sample(whole, gs_col + margin, gs_row + margin)
-    return Samples(rs, gs.contiguous(), valid, tx, rz)
+    gs_col, gs_row = geometry.rs_to_gs(col, row, t, r, (middle, middle))
+    gs = whole[:, :0, :size, :size]
+    if views is None:
+        rs, valid = sample(whole, gs_col + margin, gs_row + margin)
+        if with_gs:
+            gs = whole[..., margin : margin + size, margin : margin + size]
+        return Samples(rs, gs.contiguous(), valid, tx, rz)
+
+    def seen(col: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
+        at_col, at_row = move(views, col - middle, row - middle)
+        return sample(whole, at_col + (middle + margin), at_row + (middle + margin))
+
+    rs, valid = seen(gs_col, gs_row)
+    if with_gs:
+        gs, _ = seen(col, row)
+    return Samples(rs, gs, valid, tx, rz)
 
 
 def _window(photo: Tensor, side: int, place: float) -> Tensor:

@@ -33,12 +33,17 @@ class LossConfig:
     # Weight of the regression, which gives the gradients of both phases about the same size: Adam divides by the size
     # it remembers, and with a weight of 1 the second phase's first steps would be several times too long.
     regress: float = 30.0
+    regress_norm: str = "square"  # square | distance: mean squared error, or mean distance, which outliers rule less
+    # Weight of the row map's own error in the first phase; ours: the paper's row block learns from pictures alone.
+    row_residual: float = 0.0
     at_a_time: int = 0  # pictures whose losses are computed together, as few fit into a CPU's cache; 0: all
     regress_only: bool = False  # the paper's own ablation: no second phase, all photos
 
     def __post_init__(self) -> None:
         if self.mask not in ("grid", "black"):
             raise UsageError(f"[loss]: unknown mask '{self.mask}': choose grid or black")
+        if self.regress_norm not in ("square", "distance"):
+            raise UsageError(f"[loss]: unknown regress_norm '{self.regress_norm}': choose square or distance")
 
 
 def visible_mse(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:

@@ -44,6 +44,8 @@ class Kandula2020Config:
     trajectory_degree: int = 3  # of the trajectory module; -1: none, rows are independent (ablation)
     row_layers: int = 5  # convolutions of the row block; 0: none, the exact inverse instead (ablation)
     row_width: int = 32  # channels of the row block
+    row_input: str = "picture"  # picture | trajectory: the row block sees, next to the picture, the motion too (ours)
+    mirror_average: bool = False  # in use, the answers to a picture and to its mirror image are averaged (ours)
 
     def __post_init__(self) -> None:
         if self.size % 64:
@@ -54,6 +56,8 @@ class Kandula2020Config:
             raise UsageError(f"[network]: unknown pooling '{self.pooling}': choose max or mean")
         if self.row_layers and self.row_layers < 2:
             raise UsageError("[network]: row_layers must be 0 (exact inverse) or at least 2")
+        if self.row_input not in ("picture", "trajectory"):
+            raise UsageError(f"[network]: unknown row_input '{self.row_input}': choose picture or trajectory")
 
 
 class Kandula2020(nn.Module):
@@ -71,11 +75,25 @@ class Kandula2020(nn.Module):
 
     def forward(self, rs: Tensor, rows: bool = True) -> tuple[Tensor, Tensor | None]:
         """Trajectory and row map."""
+        if self.config.mirror_average and not self.training:
+            return self._mirror_average(rs, rows)
+        return self._once(rs, rows)
+
+    def _mirror_average(self, rs: Tensor, rows: bool) -> tuple[Tensor, Tensor | None]:
+        """A mirrored picture has moved and turned the other way, in the same rows."""
+        motion, row_map = self._once(torch.cat([rs, rs.flip(-1)]), rows)
+        motion = motion.unflatten(0, (2, -1))
+        if row_map is not None:
+            maps = row_map.unflatten(0, (2, -1))
+            row_map = (maps[0] + maps[1].flip(-1)) / 2
+        return (motion[0] - motion[1]) / 2, row_map
+
+    def _once(self, rs: Tensor, rows: bool) -> tuple[Tensor, Tensor | None]:
         x = (4 * rs - 2).contiguous(memory_format=torch.channels_last)
         motion = self.motion_block(x)
         if self.trajectory is not None:
             motion = self.trajectory(motion)
-        return motion, self.row_block(x) if rows and self.row_block is not None else None
+        return motion, self.row_block(x, motion.detach()) if rows and self.row_block is not None else None
 
 
 class MotionBlock(nn.Module):
@@ -143,7 +161,8 @@ class RowBlock(nn.Module):
     def __init__(self, config: Kandula2020Config):
         super().__init__()
         strides = [*_ROW_STRIDES, *[1] * config.row_layers][: config.row_layers]
-        channels = [3, *[config.row_width] * (config.row_layers - 1)]
+        self.sees_motion = config.row_input == "trajectory"
+        channels = [6 if self.sees_motion else 3, *[config.row_width] * (config.row_layers - 1)]
         kernels = [7, *[5] * (config.row_layers - 1)]
         layers = [
             _layer(before, after, kernel, stride)
@@ -155,10 +174,18 @@ class RowBlock(nn.Module):
         self.layers = nn.Sequential(*layers, last)
         self.size = config.size
 
-    def forward(self, x: Tensor) -> Tensor:
-        """[B, 3, r, r] -> [B, r, r] row map [px]."""
+    def forward(self, x: Tensor, motion: Tensor) -> Tensor:
+        """[B, 3, r, r] and the trajectory [B, 2, r] -> [B, r, r] row map [px]."""
+        if self.sees_motion:
+            x = torch.cat([x, self._motion_planes(motion)], 1)
         residual = F.interpolate(self.layers(x).float(), size=(self.size, self.size), mode="bilinear")[:, 0]
         return _ROW_SCALE * residual + pixel_grid(self.size, residual)[1]
+
+    def _motion_planes(self, motion: Tensor) -> Tensor:
+        """[B, 3, r, r] t_x, r_z and what r_z lifts a pixel by: all of about one."""
+        col = pixel_grid(self.size, motion)[0] / (self.size / 2) - 1  # [1, r]
+        tx, rz = (motion[:, 0] / _TX_SCALE)[..., None], (motion[:, 1] / _RZ_SCALE)[..., None]  # [B, r, 1]
+        return torch.stack(torch.broadcast_tensors(tx, rz, 4 * rz * col), 1)
 
 
 def rectify(rs: Tensor, valid: Tensor, motion: Tensor, row_map: Tensor | None) -> tuple[Tensor, Tensor]:

@@ -8,14 +8,17 @@ import torch
 from torch import Tensor, nn
 
 from unshutter.errors import UsageError
+from unshutter.geometry import rows as geometry
 from unshutter.learn.config import TrainConfig, from_table
 from unshutter.learn.data.pixels import PixelConfig, PixelData, Samples
 from unshutter.learn.kandula2020.losses import LossConfig, edge_loss, literal_edge_loss, not_black, visible_mse
 from unshutter.learn.kandula2020.network import Kandula2020, Kandula2020Config, rectify, regenerate
-from unshutter.learn.motion_errors import epe, epe_of_nothing, motion_mse, validation_figures
+from unshutter.learn.motion_errors import epe, epe_of_nothing, motion_distance, motion_mse, validation_figures
 from unshutter.learn.onnx_export import export_onnx
 from unshutter.learn.recipes import Recipe
-from unshutter.learn.warping import from_first_row, rs_positions
+from unshutter.learn.warping import from_first_row, pixel_grid, rs_positions
+
+_ROW_STEP = 8  # px between the pixels at which row maps are compared, as the row block's own grid is coarse
 
 
 class KandulaRecipe(Recipe):
@@ -37,11 +40,7 @@ class KandulaRecipe(Recipe):
     def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
         """First phase: error of the motion, on a few photos. Second phase: the paper's Eq. 2."""
         if self.weights.regress_only or step < self.weights.regress_steps:
-            photos = None if self.weights.regress_only else self.weights.regress_photos or None
-            samples = self.data.batch(self.config.batch, generator, photos)
-            motion, _ = network(samples.rs, rows=False)
-            error = _motion_error(motion, samples)
-            return self.weights.regress * error + _idle(network), {"motion": error.item()}
+            return self._regression(network, generator)
         samples = self.data.batch(self.config.batch, generator)
         motion, row_map = network(samples.rs)
         losses = picture_losses(samples, motion, row_map, self.weights)
@@ -49,22 +48,46 @@ class KandulaRecipe(Recipe):
         log = {name: value.item() for name, value in losses.items()}
         return total, log | {"motion": _motion_error(motion.detach(), samples).item()}
 
+    def _regression(self, network: nn.Module, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
+        """Error of the motion and, with ``row_residual``, of the row map."""
+        photos = None if self.weights.regress_only else self.weights.regress_photos or None
+        samples = self.data.batch(self.config.batch, generator, photos, with_gs=False)
+        rows = self.weights.row_residual > 0
+        motion, row_map = network(samples.rs, rows=rows)
+        square = _motion_error(motion, samples)
+        error = square if self.weights.regress_norm == "square" else _motion_distance(motion, samples)
+        figures = {"motion": square.item()}
+        loss = self.weights.regress * error
+        if row_map is None:
+            return loss + _idle(network), figures
+        row_error = row_map_error(row_map, samples)
+        return loss + self.weights.row_residual * row_error, figures | {"row_map": row_error.item()}
+
     def pictures(self, count: int, generator: torch.Generator) -> Tensor:
         """See Recipe."""
         return self.data.batch(count, generator).rs
 
     @torch.no_grad()
     def validate(self, network: nn.Module) -> dict[str, float]:
-        """EPE on held-out photos: of the system as it is, and of its motion with the exact inverse."""
+        """EPE on held-out photos: of the system as it is, and of its motion with the exact inverse.
+
+        Beside it the system's EPE for other kinds of motion, and for training photos, unchanged and as training
+        sees them.
+        """
+        rows = not self.weights.regress_only
         system, exact, nothing = [], [], []
         for samples in self.data.validation():
-            motion, row_map = network(samples.rs, rows=not self.weights.regress_only)
+            motion, row_map = network(samples.rs, rows=rows)
             motion0, shift = from_first_row(motion)
             system.append(epe(*rs_positions(motion, row_map), samples))
             exact.append(epe(*rs_positions(motion0, None, shift), samples))
             nothing.append(epe_of_nothing(samples))
-        both = validation_figures(torch.cat(system), torch.cat(nothing))
-        return both | {"val_epe_exact_inverse": torch.cat(exact).median().item()}
+        figures = validation_figures(torch.cat(system), torch.cat(nothing))
+        figures["val_epe_exact_inverse"] = torch.cat(exact).median().item()
+        for name, batches in self.data.other_checks().items():
+            errors = [epe(*rs_positions(*network(samples.rs, rows=rows)), samples) for samples in batches]
+            figures[name] = torch.cat(errors).median().item()
+        return figures
 
     def export(self, network: nn.Module, path: Path) -> None:
         """ONNX: rs [batch, 3, r, r] RGB in 0 ... 1 -> motion [batch, 2, r], row_map [batch, r, r] (if trained)."""
@@ -126,6 +149,18 @@ def _losses_of(samples: Samples, motion: Tensor, row_map: Tensor | None, config:
         losses["regenerated"] = visible_mse(regenerated, samples.rs, mask)
         losses["regenerated_edges"] = edges(regenerated, samples.rs, mask)
     return {name: value for name, value in losses.items() if getattr(config, name)}
+
+
+def row_map_error(row_map: Tensor, samples: Samples) -> Tensor:
+    """Mean distance [rows / 8] of row maps [B, r, r] from the true ones, on every eighth pixel."""
+    col, row = (line.flatten()[_ROW_STEP // 2 :: _ROW_STEP] for line in pixel_grid(samples.size, samples.rs))
+    _, true = geometry.gs_to_rs(col[None], row[:, None] + 0 * col, samples.motion, samples.center)
+    found = row_map[:, _ROW_STEP // 2 :: _ROW_STEP, _ROW_STEP // 2 :: _ROW_STEP]
+    return (found - true).abs().mean() / _ROW_STEP
+
+
+def _motion_distance(motion: Tensor, samples: Samples) -> Tensor:
+    return motion_distance(motion[:, 0], motion[:, 1], *samples.row_motion())
 
 
 def _motion_error(motion: Tensor, samples: Samples) -> Tensor:

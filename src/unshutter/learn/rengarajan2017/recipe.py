@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from unshutter.errors import UsageError
 from unshutter.learn.config import TrainConfig, from_table
-from unshutter.learn.data.pixels import PixelConfig, PixelData
+from unshutter.learn.data.pixels import PixelConfig, PixelData, Samples
 from unshutter.learn.motion_errors import epe, epe_of_nothing, motion_mse, validation_figures
 from unshutter.learn.onnx_export import export_onnx
 from unshutter.learn.recipes import Recipe
@@ -42,13 +42,13 @@ class RengarajanRecipe(Recipe):
         """A new network, with the mean of some RS pictures."""
         network: VanillaCNN | RowColCNN = build(self.network_config)
         generator = torch.Generator(self.device).manual_seed(_MEAN_SEED)
-        means = [self.data.batch(16, generator).rs.mean(0) for _ in range(_MEAN_BATCHES)]
+        means = [self.data.batch(16, generator, with_gs=False).rs.mean(0) for _ in range(_MEAN_BATCHES)]
         network.mean.copy_(torch.stack(means).mean(0))
         return network
 
     def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
         """MSE of (t_x / 100 px, r_z / rad) at the key rows."""
-        samples = self.data.batch(self.config.batch, generator)
+        samples = self.data.batch(self.config.batch, generator, with_gs=False)
         tx, rz = network(samples.rs).unbind(1)
         true_tx, true_rz = samples.row_motion()
         rows = list(KEY_ROWS)
@@ -60,16 +60,23 @@ class RengarajanRecipe(Recipe):
 
     @torch.no_grad()
     def validate(self, network: nn.Module) -> dict[str, float]:
-        """EPE on held-out photos."""
+        """EPE on held-out photos, for other kinds of motion, and on training photos."""
         error, nothing = [], []
         for samples in self.data.validation():
-            motion, shift = from_first_row(quadratic(network(samples.rs)))
-            error.append(epe(*rs_positions(motion, None, shift), samples))
+            error.append(_epe(network, samples))
             nothing.append(epe_of_nothing(samples))
-        return validation_figures(torch.cat(error), torch.cat(nothing))
+        figures = validation_figures(torch.cat(error), torch.cat(nothing))
+        for name, batches in self.data.other_checks().items():
+            figures[name] = torch.cat([_epe(network, samples) for samples in batches]).median().item()
+        return figures
 
     def export(self, network: nn.Module, path: Path) -> None:
         """ONNX: rs [batch, 3, 256, 256] RGB in 0 ... 1 -> key_rows [batch, 2, 15] (t_x [px], r_z [rad])."""
         example = torch.rand(1, 3, SIZE, SIZE)
         free = {"rs": {0: "batch"}, "key_rows": {0: "batch"}}
         export_onnx(network.eval().cpu(), (example,), path, ["rs"], ["key_rows"], free)
+
+
+def _epe(network: nn.Module, samples: Samples) -> Tensor:
+    motion, shift = from_first_row(quadratic(network(samples.rs)))
+    return epe(*rs_positions(motion, None, shift), samples)
