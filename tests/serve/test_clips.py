@@ -3,7 +3,6 @@
 import json
 import os
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import av
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from support import clips
-from support.page_server import TOKEN, Asking, desk, served, temporary_folders
+from support.page_server import TOKEN, Asking, desk, events, served, temporary_folders
 from unshutter.cli import main
 from unshutter.cli.arguments import parse
 from unshutter.cli.commands.video import COMMAND
@@ -59,13 +58,8 @@ def _saving(client: httpx.Client, id: str, to: str = "file", options: dict[str, 
     return answer.json()
 
 
-def _events(client: httpx.Client, id: str) -> Iterator[dict]:
-    with client.stream("GET", f"/api/saves/{id}/events") as stream:
-        yield from (json.loads(line[6:]) for line in stream.iter_lines() if line.startswith("data: "))
-
-
 def _wait_for_frames(client: httpx.Client, id: str) -> None:
-    for told in _events(client, id):
+    for told in events(client, id):
         assert told["state"] == "working"
         if told["now"] and told["now"].get("done"):
             return
@@ -106,7 +100,7 @@ def test_a_clip_is_the_command_lines(
     assert main(["video", str(lossless), "-o", str(tmp_path / "expected.mkv"), *flags]) == 0
     id = _opened(client, lossless, "walk.mkv")
     saving = _saving(client, id, options=options)
-    told = list(_events(client, saving["id"]))[-1]
+    told = list(events(client, saving["id"]))[-1]
     assert told["state"] == "finished" and told["done"][0]["frames"] == 20
     answer = client.get(f"/api/saves/{saving['id']}/file")
     assert json.loads(answer.headers["unshutter-name"]) == "walk.rectified.mkv"
@@ -118,7 +112,7 @@ def test_a_clip_is_the_command_lines(
 def test_one_request_for_programs(client: httpx.Client, lossless: Path, tmp_path: Path) -> None:
     asked = client.post("/api/video", files={"clip": (lossless.name, lossless.read_bytes())}, data=RATIO)
     assert asked.status_code == 202
-    told = list(_events(client, asked.json()["id"]))[-1]
+    told = list(events(client, asked.json()["id"]))[-1]
     assert told["state"] == "finished"
     assert main(["video", str(lossless), "-o", str(tmp_path / "expected.mkv"), "--readout-ratio", "0.6"]) == 0
     _are_alike(_fetched(client, told["id"], tmp_path / "saved.mkv"), tmp_path / "expected.mkv")
@@ -168,7 +162,7 @@ def test_photos_and_clips_in_one_folder(tmp_path: Path, photo: Path, walk: Path)
         street = client.post("/api/photos", content=photo.read_bytes(), headers=name).json()["id"]
         items = [{"id": street}, {"id": _opened(client, walk), "options": RATIO}]
         saving = client.post("/api/saves", json={"to": "folder", "photos": items}).json()
-        told = list(_events(client, saving["id"]))[-1]
+        told = list(events(client, saving["id"]))[-1]
     assert [one["result"] for one in told["done"]] == ["street.rectified.jpg", "walk.rectified-2.mp4"]
     assert (folder / "walk.rectified.mp4").read_bytes() == b"mine"
     assert len(clips.luma(folder / "walk.rectified-2.mp4")) == 20
@@ -222,7 +216,7 @@ def test_clips_that_cannot_be_used(client: httpx.Client, walk: Path, tmp_path: P
     for path, told in ((sound, "no film in it"), (cut, "cannot read the clip"), (letter, "no film that can be read")):
         id = _opened(client, path)
         _refused(client.get(f"/api/clips/{id}/before"), 422, told)
-        last = list(_events(client, _saving(client, id)["id"]))[-1]
+        last = list(events(client, _saving(client, id)["id"]))[-1]
         assert last["state"] == "finished" and told in last["done"][0]["error"]
 
 
@@ -232,7 +226,7 @@ def test_a_clip_that_ends_too_soon_is_not_saved(client: httpx.Client, tmp_path: 
     (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) * 2 // 3])
     id = _opened(client, tmp_path / "cut.mp4")
     saving = _saving(client, id)
-    error = list(_events(client, saving["id"]))[-1]["done"][0]["error"]
+    error = list(events(client, saving["id"]))[-1]["done"][0]["error"]
     assert "the clip" in error and "/" not in error and "\n" not in error
     assert client.get(f"/api/saves/{saving['id']}/file").status_code == 404
 
@@ -243,12 +237,13 @@ def test_requests_that_are_refused(client: httpx.Client, walk: Path) -> None:
     _refused(client.get(f"/api/clips/{id}/after", params={"readout-ms": "40"}), 400, "33.33 ms apart")
     _refused(client.get(f"/api/clips/{id}/after", params={"save-motion": "/tmp/x"}), 400, "unknown field")
     _refused(client.get(f"/api/clips/{id}/after", params=RATIO | {"start": "30"}), 422, "no frame at 30.0 s")
+    _refused(client.get(f"/api/photos/{id}/after", params=RATIO | {"before": id}), 400, "walk.mp4 is a clip")
     _refused(client.post("/api/video", content=b"x"), 400, "the part 'clip'")
     _refused(client.post("/api/video", files={"photo": ("a.mp4", b"x")}), 400, "the clip is missing")
     two = [{"id": id}, {"id": id}]
     _refused(client.post("/api/saves", json={"to": "file", "photos": two}), 400, "choose zip")
     nameless = _opened(client, walk, "walk")
-    assert "what kind of film" in list(_events(client, _saving(client, nameless)["id"]))[-1]["done"][0]["error"]
+    assert "what kind of film" in list(events(client, _saving(client, nameless)["id"]))[-1]["done"][0]["error"]
 
 
 def test_a_playlist_is_no_clip(client: httpx.Client, walk: Path, tmp_path: Path) -> None:

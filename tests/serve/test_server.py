@@ -10,7 +10,7 @@ import pytest
 
 from support.batches import rectify
 from support.frame_pairs import Scene
-from support.page_server import opened, part, served
+from support.page_server import events, opened, part, served
 from unshutter.cli import main
 from unshutter.photo import Photo
 from unshutter.serve import openapi
@@ -100,16 +100,11 @@ def test_every_address_is_described(client: httpx.Client) -> None:
 # ---- saving many ---------------------------------------------------------------------------------------
 
 
-def _events(client: httpx.Client, id: str) -> list[dict]:
-    with client.stream("GET", f"/api/saves/{id}/events") as stream:
-        return [json.loads(line[6:]) for line in stream.iter_lines() if line.startswith("data: ")]
-
-
 def test_a_zip_file_of_all(client: httpx.Client, photo: Path, tmp_path: Path) -> None:
     ids = [opened(client, photo) for _ in range(2)]
     photos = [{"id": ids[0]}, {"id": ids[1], "options": {"strength": "0.5"}}]
     saving = client.post("/api/saves", json={"to": "zip", "photos": photos}).json()
-    told = _events(client, saving["id"])[-1]
+    told = list(events(client, saving["id"]))[-1]
     assert told["state"] == "finished" and [one["changed"] for one in told["done"]] == [True, True]
     packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
     assert packed.namelist() == ["street.rectified.jpg", "street.rectified-2.jpg"]
@@ -126,7 +121,7 @@ def test_a_folder_is_never_written_over(tmp_path: Path, photo: Path) -> None:
         broken = client.post("/api/photos", content=b"no photo", headers=name).json()["id"]
         photos = [{"id": opened(client, photo)}, {"id": broken}]
         saving = client.post("/api/saves", json={"to": "folder", "photos": photos}).json()
-        told = _events(client, saving["id"])[-1]["done"]
+        told = list(events(client, saving["id"]))[-1]["done"]
     assert told[0]["result"] == "street.rectified-2.jpg"
     assert "is not a JPEG" in told[1]["error"] and str(tmp_path) not in told[1]["error"]
     assert sorted(path.name for path in folder.iterdir()) == ["street.rectified-2.jpg", "street.rectified.jpg"]
@@ -155,8 +150,18 @@ def test_saving_is_cancelled(client: httpx.Client, photo: Path) -> None:
         (b'{"to": "folder", "photos": [{"id": "x"}]}', "start it with --folder"),
         (b'{"to": "zip", "photos": ["x"]}', "each photo is"),
         (b'{"to": "zip", "photos": [{"id": "x", "options": {"strength": 1}}]}', "each photo is"),
+        (b"[" * 100_000, "send JSON"),
+        (b'{"to": "zip", "photos": ' + b'[{"a":' * 30_000, "send JSON"),
+        (b'{"to": "zip", "photos": [{"id": ' + b"[" * 900 + b"]" * 900 + b"}]}", "each photo is"),
     ],
 )
 def test_savings_that_are_refused(client: httpx.Client, body: bytes, told: str) -> None:
     answer = client.post("/api/saves", content=body)
     assert answer.status_code == 400 and told in answer.json()["error"]
+
+
+def test_half_a_character_is_quoted(client: httpx.Client, photo: Path) -> None:
+    options = b'{"\\ud800 \\n": "x"}'
+    body = b'{"to": "zip", "photos": [{"id": "%s", "options": %s}]}' % (opened(client, photo).encode(), options)
+    answer = client.post("/api/saves", content=body)
+    assert answer.status_code == 400 and answer.json()["error"].startswith("unknown field '\\ud800 \\n'")

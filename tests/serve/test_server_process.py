@@ -69,9 +69,12 @@ def test_nothing_is_said_of_the_photos(tmp_path: Path, photo: Path) -> None:
         client.post("/api/rectify", files={"photo": ("secret.jpg", photo.read_bytes())})
         client.post("/api/rectify", files={"photo": ("secret.jpg", b"x")})
         client.get("/api/photos/secret/before")
+        form = {"Content-Type": "multipart/form-data; boundary=x"}
+        assert client.post("/api/rectify", content=b"--secret", headers=form).status_code == 400
         server.process.send_signal(signal.SIGTERM)
         out, _ = server.process.communicate(timeout=20)
     assert "secret" not in out and "POST" not in out
+    assert all(line.startswith("unshutter: ") for line in out.splitlines() if line), out
 
 
 def test_idle_it_takes_little(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """`unshutter serve` in a process of its own, as users start it."""
 
 import asyncio
+import json
 import os
 import signal
 import subprocess
@@ -148,3 +149,9 @@ def opened(client: httpx.Client, photo: Path) -> str:
     answer = client.post("/api/photos", content=photo.read_bytes(), headers={"Unshutter-Name": photo.name})
     assert answer.status_code == 201
     return answer.json()["id"]
+
+
+def events(client: httpx.Client, id: str) -> Iterator[dict[str, Any]]:
+    """How far a saving is, again and again until its end."""
+    with client.stream("GET", f"/api/saves/{id}/events") as stream:
+        yield from (json.loads(line[6:]) for line in stream.iter_lines() if line.startswith("data: "))

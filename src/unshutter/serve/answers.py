@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.serve.lanes import Busy
 from unshutter.serve.store import Full, Missing
 
@@ -24,17 +25,22 @@ def told_header(told: Any) -> str:
 async def refused(request: Request, error: Exception) -> Response:
     """The answer to a request that came to nothing: its status, and ``{"error": one line}``."""
     if isinstance(error, HTTPException):
-        return JSONResponse({"error": error.detail}, error.status_code, headers=error.headers)
+        return _refusal(error.detail, error.status_code, error.headers)
     if isinstance(error, Busy):
-        return JSONResponse({"error": str(error)}, 503, headers={"retry-after": "1"})
+        return _refusal(str(error), 503, {"retry-after": "1"})
     if isinstance(error, UnshutterError):
-        return JSONResponse({"error": str(error)}, _status_of(error))
+        return _refusal(str(error), _status_of(error))
     if isinstance(error, OSError):  # a full disc, say
-        return JSONResponse({"error": error.strerror or "the system refuses"}, 500)
+        return _refusal(error.strerror or "the system refuses", 500)
     if os.environ.get("UNSHUTTER_DEBUG"):
         raise error
     print(f"unshutter: unexpected {type(error).__name__} (UNSHUTTER_DEBUG=1 shows more)", file=sys.stderr)
-    return JSONResponse({"error": f"unexpected {type(error).__name__}: please report it"}, 500)
+    return _refusal(f"unexpected {type(error).__name__}: please report it", 500)
+
+
+def _refusal(line: str, status: int, headers: Mapping[str, str] | None = None) -> Response:
+    """What it quotes of the request may hold half a character (a lone surrogate in JSON), which is spelled out."""
+    return JSONResponse({"error": visible(line).encode("utf-8", "backslashreplace").decode()}, status, headers)
 
 
 def _status_of(error: UnshutterError) -> int:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from starlette.requests import Request
 
+from unshutter.errors import UsageError
 from unshutter.serve.held import Held
 from unshutter.serve.lanes import Lanes
 from unshutter.serve.settings import Settings
@@ -47,9 +48,17 @@ class Desk:
         self.lanes.close()
         self.long_lanes.close()
 
-    def path(self, id: str) -> Path:
-        """The file of an open photo or clip; Missing where it is not open."""
-        return self.store.get(id).path
+    def photo_path(self, id: str) -> Path:
+        """The file of an open photo, which an option names.
+
+        Raises:
+            Missing: it is not open.
+            UsageError: it is a clip.
+        """
+        stored = self.store.get(id)
+        if stored.kind != "photo":
+            raise UsageError(f"{stored.name} is a clip: the photos before and after a photo are photos, too")
+        return stored.path
 
     def held(self, stored: Stored) -> Held:
         """A photo or clip as lanes take it."""

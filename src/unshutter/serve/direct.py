@@ -12,10 +12,8 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
 from unshutter.batch.job import Outcome
-from unshutter.batch.targets import picture_name
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Rectify
-from unshutter.photo.formats import of_suffix
 from unshutter.serve import work
 from unshutter.serve.answers import told_header
 from unshutter.serve.desk import Desk, desk_of
@@ -23,6 +21,7 @@ from unshutter.serve.fields import Wanted, read
 from unshutter.serve.held import without_path
 from unshutter.serve.incoming import form_of, stored_of, texts_of
 from unshutter.serve.lanes import Urgency
+from unshutter.serve.names import motion_name, photo_result
 from unshutter.serve.store import Stored
 
 
@@ -30,7 +29,7 @@ async def rectify(request: Request) -> Response:
     """``POST /api/rectify``: multipart form -> the picture."""
     desk = desk_of(request)
     async with form_of(request) as form, stored_of(desk, form, "photo", "before", "after", keep=True) as stored:
-        wanted = read(_options(form, stored), desk.path).rectify
+        wanted = read(_options(form, stored), desk.photo_path).rectify
         given = form.get("motion")
         if isinstance(given, UploadFile):
             file = stored["photo"].path.with_name("given.json")
@@ -43,7 +42,7 @@ async def estimate(request: Request) -> Response:
     """``POST /api/estimate``: multipart form -> the motion as JSON."""
     desk = desk_of(request)
     async with form_of(request) as form, stored_of(desk, form, "photo") as stored:
-        return await motion(desk, stored["photo"], read(_options(form, stored), desk.path))
+        return await motion(desk, stored["photo"], read(_options(form, stored), desk.photo_path))
 
 
 async def picture(desk: Desk, stored: Stored, wanted: Rectify, closing: Sequence[Stored] = ()) -> Response:
@@ -55,7 +54,7 @@ async def picture(desk: Desk, stored: Stored, wanted: Rectify, closing: Sequence
         wanted: what is to be done to it.
         closing: photos that are closed when the answer was sent.
     """
-    name = result_name(stored, wanted.save.format)
+    name = photo_result(stored.name, wanted.save.format)
     target = stored.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
 
     def sent() -> None:
@@ -75,20 +74,8 @@ async def motion(desk: Desk, stored: Stored, wanted: Wanted) -> Response:
         raise UsageError("what is found from neighbours is no motion of the camera alone: leave them out")
     reference = wanted.undo.reference or "first"
     text = await desk.lanes.do(Urgency.NOW, work.estimated, desk.held(stored), wanted.find, reference)
-    name = f"{PurePosixPath(stored.name).stem}.json"
-    return Response(text, media_type="application/json", headers={"unshutter-name": told_header(name)})
-
-
-def result_name(stored: Stored, format: str | None) -> str:
-    """What the result of a photo is called, as on the command line: ``street.rectified.jpg``.
-
-    Raises:
-        UsageError: the photo's name does not tell its format.
-    """
-    name = PurePosixPath(stored.name)
-    if of_suffix(name.suffix) is None and format is None:
-        raise UsageError(f"the name '{name}' does not say the picture's format: choose one for the result")
-    return picture_name(name, format)  # pyright: ignore[reportArgumentType]
+    headers = {"unshutter-name": told_header(motion_name(stored.name))}
+    return Response(text, media_type="application/json", headers=headers)
 
 
 def raise_if_failed(outcome: Outcome, stored: Stored) -> None:

@@ -70,7 +70,7 @@ async def motion(request: Request) -> Response:
 
 def _wanted(request: Request) -> Wanted:
     given = {name: value for name, value in request.query_params.items() if name not in _OWN}
-    return read(given, desk_of(request).path)
+    return read(given, desk_of(request).photo_path)
 
 
 def urgency_of(request: Request) -> Urgency:

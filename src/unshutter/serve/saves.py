@@ -8,16 +8,17 @@ import zipfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError
 from unshutter.serve import clip_work, work
 from unshutter.serve.clip_work import HowFar
 from unshutter.serve.desk import Desk
-from unshutter.serve.direct import outcome_told, raise_if_failed, result_name
+from unshutter.serve.direct import outcome_told, raise_if_failed
 from unshutter.serve.fields import Wanted
 from unshutter.serve.lanes import Urgency
+from unshutter.serve.names import clip_result, free_name, photo_result
 from unshutter.serve.store import Stored
 from unshutter.storage.files import remove_leftovers
 from unshutter.video.options import RectifyClip
@@ -98,18 +99,23 @@ class Saving:
         facts: dict[str, Any] = {"photo": stored.id, "name": stored.name}
         try:
             if isinstance(wanted, RectifyClip):
-                target = free_name(self.folder, clip_name(stored))
+                target = self._free_name(clip_result(stored.name))
                 told = await self._clip(desk, stored, target, wanted)
             else:
-                target = free_name(self.folder, result_name(stored, wanted.save.format))
+                target = self._free_name(photo_result(stored.name, wanted.save.format))
                 outcome = await desk.lanes.do(Urgency.LATER, work.saved, desk.held(stored), target, wanted.rectify)
                 raise_if_failed(outcome, stored)
                 told = outcome_told(outcome)
         except UnshutterError as error:
             return {**facts, "error": str(error)}
+        except OSError as error:
+            return {**facts, "error": f"cannot write it: {error.strerror}"}
         if self.to == "zip":
             await asyncio.to_thread(_move_into_zip, target, self.folder / _ZIP_NAME)
         return {**facts, "result": target.name, **told}
+
+    def _free_name(self, name: str) -> Path:
+        return free_name(self.folder, name, self.folder / _ZIP_NAME if self.to == "zip" else None)
 
     async def _clip(self, desk: Desk, stored: Stored, target: Path, wanted: RectifyClip) -> dict[str, Any]:
         """Makes one clip, and tells how far it is meanwhile."""
@@ -140,18 +146,6 @@ class Saving:
         self.changed = asyncio.Event()
 
 
-def clip_name(stored: Stored) -> str:
-    """What the result of a clip is called: ``walk.rectified.mp4``.
-
-    Raises:
-        UsageError: the clip's name does not tell what kind of film it is.
-    """
-    name = PurePosixPath(stored.name)
-    if not name.suffix:
-        raise UsageError(f"the name '{name}' does not say what kind of film it is: give it an ending such as .mp4")
-    return f"{name.stem}.rectified{name.suffix}"
-
-
 async def _swept(folder: Path) -> None:
     """Removes what a process that was ended has left half written, as soon as it has let go of it."""
     for _ in range(_SWEEPS):
@@ -160,24 +154,6 @@ async def _swept(folder: Path) -> None:
             if not any(folder.glob(".unshutter-*.part*")):
                 return
         await asyncio.sleep(_SWEEP_S)
-
-
-def free_name(folder: Path, name: str) -> Path:
-    """A place for a result in a folder where nothing is in its way: ``a.rectified.jpg``, else ``a.rectified-2.jpg``."""
-    pure = PurePosixPath(name)
-    number, path = 1, folder / name
-    taken = _names_in(folder / _ZIP_NAME)
-    while path.name in taken or path.exists() or path.is_symlink():
-        number += 1
-        path = folder / f"{pure.stem}-{number}{pure.suffix}"
-    return path
-
-
-def _names_in(file: Path) -> set[str]:
-    if not file.exists():
-        return set()
-    with zipfile.ZipFile(file) as packed:
-        return set(packed.namelist())
 
 
 def _move_into_zip(file: Path, packed: Path) -> None:

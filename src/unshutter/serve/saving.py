@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Iterable, Sequence
 from typing import Any
 
 from starlette.requests import Request
@@ -100,7 +100,7 @@ async def _body(request: Request) -> dict[str, Any]:
             raise Full("the request is too long")
     try:
         parsed = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):  # not JSON, or nested too deep
         parsed = None
     if not isinstance(parsed, dict):
         raise UsageError('send JSON: {"to": "zip", "photos": [{"id": ..., "options": {...}}]}')
@@ -121,11 +121,15 @@ def _parsed(desk: Desk, given: dict[str, Any]) -> tuple[To, list[tuple[Stored, W
 
 
 def _one_of(desk: Desk, each: Any) -> tuple[Stored, Wanted | RectifyClip]:
-    options = each.get("options", {}) if isinstance(each, dict) else None
-    if not isinstance(options, dict) or not all(isinstance(value, str) for value in options.values()):
+    id, options = (each.get("id"), each.get("options", {})) if isinstance(each, dict) else (None, None)
+    if not (isinstance(id, str) and isinstance(options, dict) and _are_texts(options.values())):
         raise UsageError('each photo is {"id": ..., "options": {name: text}}')
-    stored = desk.store.get(str(each.get("id")))
-    return stored, read_clip(options) if stored.kind == "clip" else read(options, desk.path)
+    stored = desk.store.get(id)
+    return stored, read_clip(options) if stored.kind == "clip" else read(options, desk.photo_path)
+
+
+def _are_texts(values: Iterable[Any]) -> bool:
+    return all(isinstance(value, str) for value in values)
 
 
 def _make_room(savings: dict[str, Saving]) -> None:

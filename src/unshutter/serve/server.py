@@ -37,7 +37,8 @@ def serve(settings: Settings) -> int:
     from unshutter.serve.store import temporary_folder
 
     token = settings.token or secrets.token_urlsafe(18)
-    logging.getLogger("uvicorn").setLevel(logging.CRITICAL)  # of requests, nobody needs to read
+    for library in ("uvicorn", "python_multipart"):
+        logging.getLogger(library).setLevel(logging.CRITICAL)  # of requests, nobody needs to read
     with _listening(settings.host, settings.port) as listener, temporary_folder() as folder:
         port = listener.getsockname()[1]
         desk = Desk.made(settings, folder)

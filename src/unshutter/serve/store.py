@@ -15,6 +15,7 @@ from typing import Literal, TypeAlias
 
 from unshutter.errors import UnshutterError
 from unshutter.photo.formats import of_suffix
+from unshutter.serve.names import clean_name
 
 try:
     import fcntl
@@ -23,8 +24,6 @@ except ImportError:  # Windows
 
 _PREFIX = "unshutter-serve-"
 _LOCK = "lock"
-_UNUSUAL = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"|?*\u200e\u200f\u202a-\u202e\u2066-\u2069]')
-_LONGEST_NAME, _LONGEST_SUFFIX = 120, 10
 _FILM = re.compile(r"\.[a-z0-9]{2,5}")  # an ending that may be a clip's
 
 Kind: TypeAlias = Literal["photo", "clip"]
@@ -126,22 +125,6 @@ class Store:
         self._open.pop(stored.id, None)
         self._sizes.pop(stored.id, None)
         shutil.rmtree(stored.path.parent, ignore_errors=True)
-
-
-def clean_name(name: str, otherwise: str = "photo") -> str:
-    """The last part of a file's name, without what could lead elsewhere or is no text.
-
-    Args:
-        name: any text.
-        otherwise: the name if nothing is left.
-    """
-    last = re.split(r"[/\\]", name)[-1]
-    last = _UNUSUAL.sub("", last.encode("utf-8", "ignore").decode()).strip()
-    stem, _, suffix = last.rpartition(".")
-    if not suffix or len(suffix) > _LONGEST_SUFFIX or last == suffix:
-        stem, suffix = last, ""
-    stem = stem.lstrip(".")[: _LONGEST_NAME - len(suffix)].strip() or otherwise
-    return f"{stem}.{suffix}" if suffix else stem
 
 
 @contextmanager

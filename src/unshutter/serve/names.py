@@ -1,0 +1,143 @@
+"""Names of files: what browsers send is made safe, results are named after it, and no name is too long."""
+
+from __future__ import annotations
+
+import os
+import re
+import unicodedata
+import zipfile
+from pathlib import Path, PurePosixPath
+
+from unshutter.batch.inputs import RECTIFIED
+from unshutter.batch.targets import picture_name
+from unshutter.errors import UsageError
+from unshutter.photo.formats import of_suffix
+from unshutter.video.pictures import is_pattern
+
+MOST_BYTES = 255  # of a file's name in UTF-8; file systems that encrypt names may allow fewer
+
+_UNUSUAL = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"|?*\u200e\u200f\u202a-\u202e\u2066-\u2069]')
+_LONGEST_NAME, _LONGEST_SUFFIX = 120, 10  # characters
+_JOINER = "\u200d"
+
+# Films of one file. Not among them: endings of pictures, of which FFmpeg writes one for each frame, and of playlists
+# (.m3u8, .mpd), next to which it writes the film in pieces.
+_FILM = re.compile(
+    r"\.(3g2|3gp|asf|avi|dv|f4v|flv|gif|h264|hevc|ivf|lrv|m1v|m2t|m2ts|m2v|m4v|mj2|mjpeg|mk3d|mkv|mov|mp4|mpe?g|mts|mxf|nut|"
+    r"obu|og[gv]|ts|vob|webm|wmv|wtv|y4m)",
+    re.IGNORECASE,
+)
+
+
+def clean_name(name: str, otherwise: str = "photo") -> str:
+    """The last part of a file's name, without what could lead elsewhere or is no text.
+
+    Args:
+        name: any text.
+        otherwise: the name if nothing is left.
+    """
+    last = re.split(r"[/\\]", name)[-1]
+    last = _UNUSUAL.sub("", last.encode("utf-8", "ignore").decode()).strip()
+    stem, _, suffix = last.rpartition(".")
+    if not suffix or len(suffix) > _LONGEST_SUFFIX or last == suffix:
+        stem, suffix = last, ""
+    stem = stem.lstrip(".")[: _LONGEST_NAME - len(suffix)].strip() or otherwise
+    return f"{stem}.{suffix}" if suffix else stem
+
+
+def photo_result(name: str, format: str | None) -> str:
+    """What the result of a photo is called, as on the command line: ``street.rectified.jpg``.
+
+    Args:
+        name: of the photo.
+        format: of the result; None: the photo's own.
+
+    Raises:
+        UsageError: the photo's name does not tell its format.
+    """
+    pure = PurePosixPath(name)
+    if of_suffix(pure.suffix) is None and format is None:
+        raise UsageError(f"the name '{name}' does not say the picture's format: choose one for the result")
+    return fitting(picture_name(pure, format))  # pyright: ignore[reportArgumentType]
+
+
+def clip_result(name: str) -> str:
+    """What the result of a clip is called: ``walk.rectified.mp4``.
+
+    Raises:
+        UsageError: the clip's name does not tell what kind of film it is.
+    """
+    pure = PurePosixPath(name)
+    if not _FILM.fullmatch(pure.suffix):
+        raise UsageError(f"the name '{name}' does not say what kind of film it is: give it an ending such as .mp4")
+    result = f"{pure.stem}{RECTIFIED}{pure.suffix}"
+    if is_pattern(result):  # it would be a film in pictures, x00001.mp4 ...
+        result = result.replace("%", "_")
+    return fitting(result)
+
+
+def motion_name(name: str) -> str:
+    """What the motion file of a photo is called: ``street.json``."""
+    ending = ".json"
+    return _cut(PurePosixPath(name).stem, MOST_BYTES - len(ending)) + ending
+
+
+def free_name(folder: Path, name: str, archive: Path | None = None) -> Path:
+    """A place for a result in a folder where nothing is in its way: ``a.rectified.jpg``, else ``a.rectified-2.jpg``.
+
+    Args:
+        folder: where it goes.
+        name: of the result.
+        archive: zip file in which the name must be free, too.
+    """
+    most, taken, number = _most_bytes(folder), _names_in(archive), 1
+    path = folder / fitting(name, most=most)
+    while _folded(path.name) in taken or path.exists() or path.is_symlink():
+        number += 1
+        path = folder / fitting(name, f"-{number}", most)
+    return path
+
+
+def fitting(result: str, number: str = "", most: int = MOST_BYTES) -> str:
+    """The name of a result with a number, short enough for file systems; what is cut off are whole letters.
+
+    Args:
+        result: ``street.rectified.jpg``.
+        number: goes before the ending: ``-2``.
+        most: bytes that it may have in UTF-8.
+    """
+    stem, mark, ending = result.rpartition(RECTIFIED)
+    tail = f"{mark}{number}{ending}"
+    return _cut(stem, most - len(tail.encode())) + tail
+
+
+def _cut(text: str, most: int) -> str:
+    """The beginning of a text: at most so many bytes in UTF-8, accents and the like not torn from their letters."""
+    end = len(text.encode()[: max(most, 0)].decode("utf-8", "ignore"))
+    while 0 < end < len(text) and (_continues(text[end]) or text[end - 1] == _JOINER):
+        end -= 1
+    return text[:end] if end == len(text) else text[:end].rstrip(" .")
+
+
+def _continues(character: str) -> bool:
+    """Whether it belongs to the letter before it: accents, vowel signs, joined emoji, parts of a Korean syllable."""
+    return unicodedata.category(character)[0] == "M" or character == _JOINER or "\u1160" <= character <= "\u11ff"
+
+
+def _most_bytes(folder: Path) -> int:
+    try:
+        return min(os.pathconf(folder, "PC_NAME_MAX"), MOST_BYTES)
+    except (AttributeError, OSError, ValueError):  # Windows, and file systems that do not say
+        return MOST_BYTES
+
+
+def _names_in(archive: Path | None) -> set[str]:
+    if archive is None or not archive.exists():
+        return set()
+    with zipfile.ZipFile(archive) as packed:
+        return {_folded(name) for name in packed.namelist()}
+
+
+def _folded(name: str) -> str:
+    """Names that are one to some file systems are one text."""
+    return unicodedata.normalize("NFC", name).casefold()
