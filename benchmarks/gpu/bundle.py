@@ -1,0 +1,60 @@
+"""Everything that a bare GPU machine lacks, in one folder: small photos, and the sources that training imports.
+
+    python benchmarks/gpu/bundle.py PHOTOS BUNDLE
+
+Photos are scaled to the canvas of the networks' windows and stored as WebP: 1,647 of them take 30 MB or so. With the
+folder BUNDLE, benchmarks/gpu/train.py needs a Python with torch, NumPy and OpenCV, and nothing installed besides.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import shutil
+from pathlib import Path
+
+import cv2
+from bundle_names import PHOTOS, SOURCES
+
+from unshutter.learn.data.pictures import load_photos
+from unshutter.learn.data.pixels import PixelConfig
+
+PACKAGES = ("unshutter", "array_api_compat")  # pure Python, with their configurations
+_KINDS = {".py", ".toml"}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("photos", type=Path)
+    parser.add_argument("bundle", type=Path)
+    parser.add_argument("--quality", type=int, default=75)
+    given = parser.parse_args()
+    count = add_photos(given.photos, given.bundle / PHOTOS, given.quality)
+    add_sources(given.bundle / SOURCES)
+    size = sum(file.stat().st_size for file in given.bundle.rglob("*") if file.is_file())
+    print(f"{given.bundle}: {count} photos, {size / 2**20:.1f} MiB in all")
+
+
+def add_photos(source: Path, target: Path, quality: int) -> int:
+    """Writes every photo of a folder, scaled; returns how many. Their order stays."""
+    target.mkdir(parents=True, exist_ok=True)
+    photos = load_photos(source, PixelConfig().canvas)
+    for number, photo in enumerate(photos):
+        bgr = photo.transpose(1, 2, 0)[..., ::-1]
+        cv2.imwrite(str(target / f"{number:05}.webp"), bgr, [cv2.IMWRITE_WEBP_QUALITY, quality])
+    return len(photos)
+
+
+def add_sources(target: Path) -> None:
+    """Copies the packages' Python files and configurations."""
+    for name in PACKAGES:
+        folder = Path(str(importlib.import_module(name).__file__)).parent
+        for file in folder.rglob("*"):
+            if file.suffix in _KINDS:
+                copy = target / name / file.relative_to(folder)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, copy)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,25 @@
+"""Makes runs of the parcels that a lent machine gave back: RUNS/NAME with its checkpoint and log.
+
+python benchmarks/gpu/unpack.py PARCELS RUNS
+unshutter train --config NAME --out RUNS --photos FOLDER    # of a finished run it only writes model.onnx
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import parcels
+
+
+def main() -> None:
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
+    folder, runs = map(Path, sys.argv[1:])
+    for name in parcels.names(folder):
+        parcels.unpack(name, folder, runs)
+        print(runs / name)
+
+
+if __name__ == "__main__":
+    main()
