@@ -86,6 +86,14 @@ def start(home: Path, *arguments: object) -> subprocess.Popen:
     )
 
 
+def run_command(*arguments: object) -> None:
+    """The command line in a process of its own, as people have it.
+
+    Where NumPy was imported before, as it was by the tests, it multiplies on several threads, and rounds otherwise.
+    """
+    subprocess.run([sys.executable, "-m", "unshutter", *map(str, arguments)], check=True, stderr=subprocess.DEVNULL)
+
+
 @contextmanager
 def desk(settings: Settings | None = None) -> Iterator[Desk]:
     """A desk in this process; its lanes start their processes when they are used."""
