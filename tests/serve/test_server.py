@@ -8,10 +8,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from support.batches import rectify
 from support.frame_pairs import Scene
 from support.page_server import events, opened, part, run_command, served
-from unshutter.cli import main
 from unshutter.photo import Photo
 from unshutter.serve import openapi
 
@@ -40,14 +38,14 @@ def test_a_picture_is_the_command_lines_to_the_byte(
 
 
 def test_a_motion_is_the_command_lines(client: httpx.Client, photo: Path, tmp_path: Path) -> None:
-    assert main(["estimate", str(photo), "-o", str(tmp_path / "motion.json"), "--reference", "last"]) == 0
+    run_command("estimate", photo, "-o", tmp_path / "motion.json", "--reference", "last")
     answer = client.post("/api/estimate", files=part(photo), data={"reference": "last"})
     assert answer.text == (tmp_path / "motion.json").read_text()
 
 
 def test_a_motion_can_be_given(client: httpx.Client, photo: Path, facade_motion, tmp_path: Path) -> None:
     facade_motion.save(tmp_path / "motion.json")
-    assert rectify(photo, "-o", tmp_path / "expected.jpg", "--motion", tmp_path / "motion.json") == 0
+    run_command("rectify", photo, "-o", tmp_path / "expected.jpg", "--motion", tmp_path / "motion.json")
     given = part(photo) | {"motion": ("m.json", (tmp_path / "motion.json").read_bytes())}
     assert client.post("/api/rectify", files=given).content == (tmp_path / "expected.jpg").read_bytes()
     damaged = client.post("/api/rectify", files=part(photo) | {"motion": ("m.json", b"{}")})
@@ -60,7 +58,7 @@ def test_neighbours_are_parts_of_the_form(client: httpx.Client, tmp_path: Path) 
         Photo.from_array(Scene().frame(number, 0.8)).save(frame)
     given = part(frames[0]) | {"after": (frames[1].name, frames[1].read_bytes())}
     answer = client.post("/api/rectify", files=given, data={"readout-ratio": "0.8"})
-    assert rectify(frames[0], "-o", tmp_path / "out.png", "--after", frames[1], "--readout-ratio", "0.8") == 0
+    run_command("rectify", frames[0], "-o", tmp_path / "out.png", "--after", frames[1], "--readout-ratio", "0.8")
     assert answer.content == (tmp_path / "out.png").read_bytes()
     Photo.from_array(Scene().frame(1, 0.8)[:100]).save(tmp_path / "smaller.png")
     given["after"] = ("smaller.png", (tmp_path / "smaller.png").read_bytes())
