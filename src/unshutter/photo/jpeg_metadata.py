@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import BinaryIO
 
 from unshutter.photo.containers.motion_photo import film_of
-from unshutter.photo.containers.segments import APP0, APP1, APP2, APP13, APP14, COMMENT, before_the_scan
+from unshutter.photo.containers.segments import APP0, APP1, APP2, APP13, APP14, COMMENT, before_the_scan, bytes_behind
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.tags import exif, iptc, xmp
 
@@ -49,8 +49,12 @@ def with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     film = film_of(file, xmp.film_bytes(metadata.xmp))
     if film is not None:
         left_behind += film.left_behind
-    if len(_beginning(segments, APP1, exif.PREFIX)) > 1:
-        left_behind.append("a second EXIF")
+    for prefix, name in ((exif.PREFIX, "a second EXIF"), (XMP, "a second XMP")):
+        if len(_beginning(segments, APP1, prefix)) > 1:
+            left_behind.append(name)
+    has_pictures = _beginning(segments, APP2, _PICTURES) or xmp.has_gain_map(metadata.xmp)  # which have names
+    if not has_pictures and bytes_behind(file) > (film.taken_from if film else 0):
+        left_behind.append("data behind the picture")
     return replace(
         metadata,
         exif=blob,

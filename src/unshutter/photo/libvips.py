@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError, UsageError
@@ -79,6 +80,35 @@ def _cause(notes: str) -> str:
     told = [line for line in system if not line.startswith("Unknown error")]
     lines = [line for line in lines if "bad seek" not in line]  # how libheif finds the end of a stream
     return (told or lines or ["unknown"])[0]
+
+
+# ---- threads -------------------------------------------------------------------------------------------
+
+_encoders = Lock()  # held while these are changed:
+_encoding, _usual_threads = 0, 0
+
+
+@contextmanager
+def threads(count: int) -> Iterator[None]:
+    """Makes libvips use so many threads, whatever the machine has and VIPS_CONCURRENCY says.
+
+    For encoders whose output depends on that number. It is one number for the whole process: until the last block that
+    asks for it is left, all of libvips goes by it.
+    """
+    global _encoding, _usual_threads
+    vips = libvips().vips_lib
+    with _encoders:
+        if not _encoding:
+            _usual_threads = vips.vips_concurrency_get()
+            vips.vips_concurrency_set(count)
+        _encoding += 1
+    try:
+        yield
+    finally:
+        with _encoders:
+            _encoding -= 1
+            if not _encoding:
+                vips.vips_concurrency_set(_usual_threads)
 
 
 # ---- images --------------------------------------------------------------------------------------------

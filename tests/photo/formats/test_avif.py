@@ -46,6 +46,20 @@ def test_grey_avif_stays_grey_inside():
     assert np.abs(photo.to_array().astype(int) - pixels).mean() < 8
 
 
+def test_the_file_is_the_same_however_many_threads_there_are():
+    """Batches use one for each photo, a single photo all: the encoder would cut it into as many tiles."""
+    photo, before = Photo.from_array(textured(512, 768)), pyvips.concurrency_get()
+    try:
+        made = []
+        for threads in (1, 2, 8):
+            pyvips.concurrency_set(threads)
+            made.append(photo.to_bytes("avif"))
+            assert pyvips.concurrency_get() == threads
+    finally:
+        pyvips.concurrency_set(before)
+    assert made[0] == made[1] == made[2]
+
+
 def box(name: bytes, content: bytes, size: int | None = None) -> bytes:
     """A box; with a size of 64 bits (1), or one that means all that follows (0)."""
     if size == 1:

@@ -10,10 +10,11 @@ from PIL.JpegImagePlugin import get_sampling
 from support.drawn_photos import drawn, encoded
 from support.tagged_files import TITLE, exif_blob, full_exif, image_resources, jpeg_with
 from unshutter.photo import Photo
+from unshutter.photo.containers import segments
 from unshutter.photo.tags.directories import EXIF, GPS, Entry, Tree, encoded_number
 from unshutter.photo.tags.exif import of_tiff
 
-PHOTOSHOP = b"Photoshop 3.0\0"
+PHOTOSHOP, ADOBE = b"Photoshop 3.0\0", b"http://ns.adobe.com/xap/1.0/\0"
 
 
 def result(data: bytes, target=None, **options):
@@ -73,10 +74,22 @@ def test_resources_in_several_segments_are_joined() -> None:
         ((0xE2, b"MPF\0MM\0*\0\0\0\x08"), "previews or further pictures"),
         ((0xE4, b"of a program"), "data of other programs (APP4)"),
         ((0xE1, exif_blob()), "a second EXIF"),
+        ((0xE1, ADOBE + b"<b/>"), "a second XMP"),
     ],
 )
 def test_what_no_result_gets_is_named(segment, name) -> None:
-    assert result(jpeg_with(drawn(), (0xE1, exif_blob()), segment)).left_out == (name,)
+    assert result(jpeg_with(drawn(), (0xE1, exif_blob()), (0xE1, ADOBE + b"<a/>"), segment)).left_out == (name,)
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+def test_data_behind_the_picture_are_named(progressive: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(segments, "_PIECE", 100)  # so that markers are cut in two
+    data = encoded(drawn(), "JPEG", progressive=progressive, restart_marker_blocks=3)
+    for fill in (b"", bytes(3000), b"\xff\xff", b"\r\n"):
+        assert result(data + fill).left_out == ()
+    for more in (b"PK\3\4 of a program", data):
+        assert result(data + bytes(5) + more).left_out == ("data behind the picture",)
+    assert segments.bytes_behind(io.BytesIO(data[:-2])) == 0  # where nothing tells the end
 
 
 @pytest.mark.parametrize("subsampling", ["4:4:4", "4:2:0"])

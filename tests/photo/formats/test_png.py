@@ -216,16 +216,51 @@ def test_hdr_is_refused(transfer):
 
 
 @pytest.mark.parametrize(
-    ("pair", "name"), [((b"caBX", b"signed"), "content credentials"), ((b"prVW", b"small"), "a preview")]
+    ("pair", "name"),
+    [
+        ((b"caBX", b"signed"), "content credentials"),
+        ((b"prVW", b"small"), "a preview"),
+        ((b"sBIT", b"\5\6\5"), "significant bits (sBIT)"),
+        ((b"sPLT", b"six\0\x08" + bytes(6)), "a suggested palette (sPLT)"),
+        ((b"bKGD", b"\0"), "background colour (bKGD)"),  # too short for three channels
+        ((b"dSIG", b"signed"), "digital signature (dSIG)"),
+    ],
 )
 def test_chunks_that_new_pixels_make_false_are_named(pair, name):
     assert Photo.from_bytes(png_with(pair)).encode().left_out == (name,)
 
 
+@pytest.mark.parametrize(
+    ("mode", "told", "kept"),
+    [
+        ("P", b"\1", (30, 20, 10)),  # the second colour of the palette
+        ("1", b"\0\1", (255,)),
+        ("L", b"\0\x70", (0x70,)),
+        ("RGB", bytes([0, 1, 0, 2, 0, 3]), (1, 2, 3)),
+    ],
+)
+def test_the_background_colour_is_kept_in_whatever_form_it_stands(mode, told, kept):
+    picture = Image.new("P" if mode == "P" else mode, (80, 48))
+    if mode == "P":
+        picture.putpalette(bytes([1, 2, 3, 30, 20, 10]))
+    stream = io.BytesIO()
+    picture.save(stream, "PNG")
+    data = stream.getvalue()
+    at = data.index(b"IDAT") - 4
+    photo = Photo.from_bytes(data[:at] + chunk(b"bKGD", told) + data[at:])
+    file = photo.with_pixels(photo.pixels).encode()
+    assert (b"bKGD", struct.pack(f">{len(kept)}H", *kept)) in chunks_of(file.data) and file.left_out == ()
+    assert photo.encode("webp").left_out == ("background colour (bKGD)",)
+
+
+def test_data_behind_the_last_chunk_are_named():
+    data = png_with()
+    assert Photo.from_bytes(data + bytes(100)).encode().left_out == ()  # fill
+    assert Photo.from_bytes(data + b"PK\3\4 of a program").encode().left_out == ("data behind the picture",)
+
+
 def test_chunks_of_the_old_coding_go_without_a_word():
-    assert [name for name, _ in chunks_of(again(png_with((b"sBIT", b"\5\6\5"), (b"iDOT", bytes(28)))))] == [
-        *(b"IHDR", b"IDAT", b"IEND")
-    ]
+    assert [name for name, _ in chunks_of(again(png_with((b"iDOT", bytes(28)))))] == [b"IHDR", b"IDAT", b"IEND"]
 
 
 def test_a_damaged_chunk_is_left_out_and_named():

@@ -2,6 +2,7 @@
 
 import io
 import struct
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from support.tagged_files import (
     EXIF,
     GPS,
     TITLE,
+    exif_blob,
     full_exif,
 )
 from unshutter import RowMotion, UnshutterError, rectify
 from unshutter.photo import Photo
+from unshutter.photo.formats import tiff
 from unshutter.photo.tags import exif
 from unshutter.photo.tags.directories import Entry, in_classic
 
@@ -234,6 +237,27 @@ def test_resolution_keeps_its_unit(unit):
         assert picture.info.get("jfif_density", (1, 1))[0] != 7620
 
 
+@pytest.mark.parametrize("dpi", [72, 180, 230, 240, 300, 350])
+def test_a_resolution_is_not_rounded(dpi, monkeypatch):
+    """libvips makes 229.999 of 230."""
+    given = encoded(drawn(), "TIFF", dpi=(dpi, 2 * dpi))
+    for big in (False, True):
+        monkeypatch.setattr(tiff, "_CLASSIC_BYTES", 0 if big else tiff._CLASSIC_BYTES)
+        for photo in (Photo.from_bytes(given), Photo.from_bytes(encoded(drawn(), "PNG", dpi=(dpi, 2 * dpi)))):
+            with Image.open(io.BytesIO(photo.to_bytes("tiff"))) as picture:
+                per_inch = 1 if picture.tag_v2[296] == 2 else 2.54
+                told = [Fraction(picture.tag_v2[tag].numerator, picture.tag_v2[tag].denominator) for tag in (282, 283)]
+            error = 1e-9 if photo.format == "tiff" else 3e-4  # PNG counts whole pixels in a metre
+            assert [float(each) * per_inch for each in told] == pytest.approx([dpi, 2 * dpi], rel=error)
+
+
+def test_the_place_on_the_page_is_kept():
+    photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo={286: 1.5, 287: 2.25}))
+    for format in ("tiff", "jpeg"):
+        with Image.open(io.BytesIO(photo.to_bytes(format))) as picture:
+            assert [picture.getexif()[tag] for tag in (286, 287)] == [1.5, 2.25]
+
+
 def test_a_description_goes_along_as_exif_does():
     photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo={270: "a street"}))
     for format in ("tiff", "jpeg", "png"):
@@ -245,6 +269,8 @@ def test_a_description_goes_along_as_exif_does():
 def test_tags_that_nobody_knows_are_named():
     photo = Photo.from_bytes(encoded(drawn(), "TIFF", tiffinfo={65000: "mine", 37724: b"layers"}))
     assert photo.encode().left_out == ("Photoshop's layers", "tag 65000")
+    photo = Photo.from_bytes(encoded(drawn(), "JPEG", exif=exif_blob(**{"37510": "misplaced", "59932": b"free"})))
+    assert photo.encode("tiff").left_out == ("tag 37510",) and photo.encode("png").left_out == ()
 
 
 def test_colours_multiplied_by_their_opacity_are_divided_by_it():

@@ -10,6 +10,7 @@ from unshutter.photo import Photo
 from unshutter.photo.tags import exif, moved_note
 from unshutter.photo.tags.directories import EXIF, MAKER_NOTE, Entry, Tree, read_tree
 
+NIKON = b"Nikon\0\2\x10\0\0"
 VALUES = {7: b"lens 24-70 mm\0", 9: b"serial number 0123456789\0", 12: struct.pack("<9H", *range(9))}
 
 
@@ -81,3 +82,50 @@ def test_what_lies_outside_the_note_is_left_there() -> None:
     after = moved_note.moved(bytes(changed), "<", 700, 90_000)
     struct.pack_into("<I", expected := bytearray(note_at(90_000, "<")), at, 12)
     assert after == bytes(expected)
+
+
+def test_a_note_near_the_beginning_of_exif_is_not_mistaken_for_one_that_counts_from_itself() -> None:
+    """Where all offsets make sense in both ways of counting, values begin where the directory ends."""
+    place = 300
+    note = note_at(place, "<")
+    note += bytes(1000)  # so that the offsets lie in the note, counted from its own beginning, too
+    assert moved_note.moved(note, "<", place, 9000) == note_at(9000, "<") + bytes(1000)
+    own = note_at(0, "<") + bytes(1000)
+    assert moved_note.moved(own, "<", 8, 9000) == own
+
+
+def test_an_entry_that_a_camera_left_empty_does_no_harm() -> None:
+    table = struct.pack("<HHHIIHHII", 2, 7, 7, 9, 700 + 2 + 24 + 4, 0, 0, 0, 0) + bytes(4)
+    after = moved_note.moved(table + b"some text", "<", 700, 9000)
+    assert struct.unpack_from("<I", after, 10) == (9000 + 2 + 24 + 4,)
+
+
+def test_values_elsewhere_in_exif_are_brought_into_a_note_that_moves() -> None:
+    """As with an Olympus C720UZ, whose note ends behind the directory."""
+    whole = note_at(48, "<")  # behind the header, the first directory, EXIF's
+    cut = len(whole) - sum(map(len, VALUES.values()))
+    directory = {EXIF: {MAKER_NOTE: Entry(7, cut, whole[:cut])}}
+    blob = exif.of_tiff(Tree("<", [directory]))
+    assert blob is not None and blob.index(whole[:cut]) == len(exif.PREFIX) + 8 + 18 + 18
+    moved = note_at(44, "<")
+    blob = blob.replace(whole[:cut], moved[:cut]) + moved[cut:]
+    tiff = Photo.from_bytes(encoded(drawn(), "JPEG", exif=blob)).encode("tiff")
+    assert values_in(tiff.data, b"", "<")[1] == VALUES and tiff.left_out == ()
+
+
+def test_parts_of_a_note_that_a_tiff_has_elsewhere_are_named() -> None:
+    def left_out(note: bytes) -> tuple[str, ...]:
+        """Of a TIFF whose note is that, and is written again."""
+        details = {MAKER_NOTE: Entry(7, len(note), note)}
+        stream = io.BytesIO(encoded(drawn(), "TIFF"))
+        assert exif.add_to_tiff(stream, exif.of_tiff(Tree("<", [{EXIF: details}])), 48, 80)
+        return Photo.from_bytes(stream.getvalue()).encode().left_out
+
+    def preview_at(place: int) -> bytes:
+        """A note of Nikon's with a preview of 99 bytes."""
+        first = struct.pack("<HHHIII", 1, 0x0011, 4, 1, 26, 0)
+        second = struct.pack("<HHHIIHHIII", 2, 0x0201, 4, 1, place, 0x0202, 4, 1, 99, 0)
+        return NIKON + b"II*\0" + struct.pack("<I", 8) + first + second + bytes(99)
+
+    assert left_out(preview_at(26 + len(struct.pack("<HHHIIHHIII", *range(10))))) == ()
+    assert left_out(preview_at(5000)) == ("parts of the maker's note",)

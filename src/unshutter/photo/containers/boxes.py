@@ -118,10 +118,8 @@ def read_coding(file: BinaryIO) -> BoxCoding:
     """Reads the properties of the primary picture (boxes pitm, ipco, ipma); defaults if damaged."""
     try:
         meta = dict(inside(top_level(file, b"meta")[4:]))
-        pitm, iprp = meta[b"pitm"], dict(inside(meta[b"iprp"]))
-        (primary,) = struct.unpack_from(">I" if pitm[0] else ">H", pitm, 4)
-        properties = list(inside(iprp[b"ipco"]))
-        listed = [properties[i - 1] for i in _associations(iprp[b"ipma"], primary) if i]
+        (primary,) = struct.unpack_from(">I" if meta[b"pitm"][0] else ">H", meta[b"pitm"], 4)
+        listed = properties(meta, primary)
         own = dict(listed)
         colours = [
             struct.unpack_from(">HH", data, 4) for name, data in listed if (name, data[:4]) == (b"colr", b"nclx")
@@ -139,6 +137,18 @@ def read_coding(file: BinaryIO) -> BoxCoding:
         subsampled=coding & 0x0C == 0x0C,
         code_points=colours[0] if colours else (2, 2),
     )
+
+
+def properties(meta: dict[bytes, bytes], item: int) -> list[tuple[bytes, bytes]]:
+    """(type, content) of the properties of an item; KeyError, IndexError or struct.error where they are damaged.
+
+    Args:
+        meta: content of the boxes in ``meta``, by type.
+        item: its number.
+    """
+    iprp = dict(inside(meta[b"iprp"]))
+    listed = list(inside(iprp[b"ipco"]))
+    return [listed[i - 1] for i in _associations(iprp[b"ipma"], item) if i]
 
 
 def _associations(ipma: bytes, item: int) -> list[int]:

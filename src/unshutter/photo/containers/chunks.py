@@ -52,6 +52,11 @@ def of_file(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
         yield Chunk(name, data if checksum == struct.pack(">I", zlib.crc32(name + data)) else None)
 
 
+def has_data_behind(file: BinaryIO) -> bool:
+    """Whether something follows the last chunk of a PNG, of which :func:`of_file` has just been read to the end."""
+    return bool(file.read(_LARGEST)[4:].strip(b"\0\r\n"))  # behind a checksum
+
+
 def encoded(name: bytes, data: bytes) -> bytes:
     """The bytes of a chunk."""
     return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
@@ -81,6 +86,8 @@ def in_words(chunks: Sequence[tuple[bytes, bytes]], has_profile: bool) -> Iterat
     )
     if not has_profile and names & {b"gAMA", b"cHRM"} and not are_usual:
         yield "colours (gAMA and cHRM)"
+    if b"bKGD" in names:
+        yield "background colour (bKGD)"
     if b"mDCV" in names or b"cLLI" in names:
         yield "brightness of the screen (mDCV, cLLI)"
     if any(name not in _NAMED for name in names):

@@ -29,12 +29,14 @@ class Film(NamedTuple):
         data: all that comes behind the picture.
         at: where in it the film begins.
         length: of the film [bytes].
+        taken_from: how many bytes at the end of the old file this is made of.
         left_behind: names of blocks that were true of the old pixels alone.
     """
 
     data: bytes
     at: int
     length: int
+    taken_from: int
     left_behind: tuple[str, ...] = ()
 
     @property
@@ -72,7 +74,7 @@ def film_of(file: BinaryIO, told: int | None) -> Film | None:
         return None
     file.seek(-told, io.SEEK_END)
     data = file.read(told)
-    return Film(data, 0, told) if _is_film(data) else None
+    return Film(data, 0, told, told) if _is_film(data) else None
 
 
 def _is_film(data: bytes) -> bool:
@@ -81,40 +83,43 @@ def _is_film(data: bytes) -> bool:
 
 def _in_trailer(file: BinaryIO) -> Film | None:
     """The film of Samsung's trailer, with the blocks that stay true; None where there is none."""
-    version, blocks = _blocks(file)
+    version, blocks, length = _blocks(file)
     film = next((block for block in blocks if block.kind == _FILM), None)
     if film is None or not _is_film(film.data[film.content_at :]):
         return None
     kept = [block for block in blocks if block.kind in _STAY_TRUE]
     before = sum(len(block.data) for block in kept[: kept.index(film)])
     gone = tuple(f"{_printable(block.name)} (Samsung)" for block in blocks if block.kind not in _STAY_TRUE)
-    return Film(_trailer(version, kept), before + film.content_at, len(film.data) - film.content_at, gone)
+    return Film(_trailer(version, kept), before + film.content_at, len(film.data) - film.content_at, length, gone)
 
 
-def _blocks(file: BinaryIO) -> tuple[int, list[_Block]]:
-    """The version of a trailer, and its blocks in their order; none where it contradicts itself, or is not there."""
+def _blocks(file: BinaryIO) -> tuple[int, list[_Block], int]:
+    """The version of a trailer, its blocks in their order, and its length [bytes].
+
+    No blocks where it contradicts itself, or is not there.
+    """
     end = file.seek(0, io.SEEK_END) - 8
     file.seek(max(end, 0))
     foot = file.read(8)
     length = int.from_bytes(foot[:4], "little")
     if foot[4:] != _FOOT or not 12 <= length <= min(_LONGEST_DIRECTORY, end):
-        return 0, []
+        return 0, [], 0
     file.seek(end - length)
     directory = file.read(length)
     version, count = struct.unpack_from("<II", directory, 4)
     if not directory.startswith(_HEAD) or 12 + 12 * count > length:
-        return 0, []
+        return 0, [], 0
     entries = [struct.unpack_from("<2xHII", directory, 12 + 12 * k) for k in range(count)]
     blocks, free = [], end - length  # free: bytes before the directory that no block has yet
     for kind, before, size in sorted(entries, key=lambda entry: -entry[1]):
         if not 8 <= size <= before <= free:
-            return 0, []
+            return 0, [], 0
         file.seek(end - length - before)
         blocks.append(_Block(kind, file.read(size)))
         free = before - size
         if blocks[-1].content_at > size:
-            return 0, []
-    return version, blocks
+            return 0, [], 0
+    return version, blocks, 8 + length + max((before for _, before, _ in entries), default=0)
 
 
 def _trailer(version: int, blocks: list[_Block]) -> bytes:

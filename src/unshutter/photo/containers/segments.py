@@ -5,6 +5,8 @@ Source: ITU-T T.81, annex B.
 
 from __future__ import annotations
 
+import io
+import re
 import struct
 from collections.abc import Iterator
 from typing import BinaryIO
@@ -12,9 +14,12 @@ from typing import BinaryIO
 from unshutter.photo.tags import exif
 
 # markers; what the applications' segments hold, they say in their first bytes
-SCAN, APP0, APP1, APP2, APP13, APP14, COMMENT = 0xDA, 0xE0, 0xE1, 0xE2, 0xED, 0xEE, 0xFE
+END, SCAN, APP0, APP1, APP2, APP13, APP14, COMMENT = 0xD9, 0xDA, 0xE0, 0xE1, 0xE2, 0xED, 0xEE, 0xFE
 LONGEST = 65_533  # bytes of content
 _MOST_FILL = 1 << 16  # bytes before a marker
+_IN_A_SCAN = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # a marker that ends coded data, as restarts do not
+_PIECE = 1 << 20  # bytes
+_FILL = b"\0\xff \r\n\t"
 
 
 def before_the_scan(file: BinaryIO, wanted: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
@@ -38,6 +43,35 @@ def _marker(file: BinaryIO) -> int | None:
     for _ in range(_MOST_FILL):
         if (byte := file.read(1)) != b"\xff":
             return byte[0] if byte else None
+    return None
+
+
+def bytes_behind(file: BinaryIO) -> int:
+    """How many bytes follow the end of the picture; 0 where these are only fill, or the picture has no end."""
+    for _ in before_the_scan(file, ()):
+        pass
+    while (marker := _after_segment(file)) not in (None, END):
+        pass
+    at = file.tell()
+    if marker is None or not any(piece.strip(_FILL) for piece in iter(lambda: file.read(_PIECE), b"")):
+        return 0
+    return file.seek(0, io.SEEK_END) - at
+
+
+def _after_segment(file: BinaryIO) -> int | None:
+    """Leaves a segment whose marker was read, and the coded data that may follow it, behind: the next marker, read."""
+    size = file.read(2)
+    if len(size) < 2:
+        return None
+    at = file.tell() + int.from_bytes(size, "big") - 2
+    file.seek(at)
+    while len(piece := file.read(_PIECE)) > 1:
+        found = _IN_A_SCAN.search(piece)
+        if found is not None:
+            file.seek(at + found.end())
+            return piece[found.end() - 1]
+        at += len(piece) - 1  # a marker may be cut in two
+        file.seek(at)
     return None
 
 

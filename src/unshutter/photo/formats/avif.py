@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
 from unshutter.photo import by_libvips
-from unshutter.photo.containers import boxes, items
+from unshutter.photo.containers import boxes, extras, items
 from unshutter.photo.format import Coding, Header, WrittenFormat
-from unshutter.photo.libvips import field
+from unshutter.photo.libvips import field, threads
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
 from unshutter.photo.tags import colours, exif
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
+_THREADS = 4  # of the encoder, on every machine: it cuts the picture into tiles by their number
 _SIGNATURE = re.compile(rb"....ftyp(avis|(....)*avif)", re.DOTALL)
 
 
@@ -46,11 +47,11 @@ class Avif(WrittenFormat):
         readable = _without_tangles(source)
         image = by_libvips.opened(readable, "heifload")
         with source.stream() as stream:
-            own = boxes.read_coding(stream)
+            own, left_behind = boxes.read_coding(stream), extras.in_words(stream)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
-        metadata = Metadata.of_image(image)
+        metadata = replace(Metadata.of_image(image), left_behind=left_behind)
         if readable is not source:
-            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)",))
+            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *left_behind))
         metadata = replace(metadata, exif=exif.with_header(metadata.exif))
         if metadata.icc is None:
             metadata = replace(metadata, icc=colours.profile_of(*own.code_points, source))
@@ -77,7 +78,8 @@ class Avif(WrittenFormat):
             "bitdepth": deep if image.format == "ushort" else 8,
             "subsample_mode": "on" if coding.subsampled else "off",
         }
-        return by_libvips.encoded(image, "heifsave", path, with_exif=True, **options)
+        with threads(_THREADS):
+            return by_libvips.encoded(image, "heifsave", path, with_exif=True, **options)
 
     def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """See WrittenFormat. Appends the blob, and makes the item of the old one, which is zeroed, point to it."""

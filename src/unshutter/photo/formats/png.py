@@ -30,12 +30,18 @@ if TYPE_CHECKING:
 _AFTER_HEADER = 33  # bytes: signature and the chunk IHDR
 _PIXELS = (b"IDAT", b"fdAT")
 _CARRIED = TEXTS | COLOURS | {b"pHYs", b"tIME"}
-# What belongs to the coding of the old pixels, and says nothing to a photographer: palettes, significant bits, Apple's
-# list of offsets, frames of a still picture.
-_OF_THE_CODING = frozenset(
-    {b"IHDR", b"PLTE", b"tRNS", b"hIST", b"sPLT", b"sBIT", b"iCCP", b"acTL", b"fcTL", b"iDOT", b"bKGD", b"dSIG"}
-)
-_IN_WORDS = {b"caBX": "content credentials", b"prVW": "a preview"}
+# What belongs to the coding of the old pixels, and says nothing to a photographer: palettes, Apple's list of offsets,
+# frames of a still picture.
+_OF_THE_CODING = frozenset({b"IHDR", b"PLTE", b"tRNS", b"hIST", b"iCCP", b"acTL", b"fcTL", b"iDOT"})
+_IN_WORDS = {
+    b"caBX": "content credentials",
+    b"prVW": "a preview",
+    b"sBIT": "significant bits (sBIT)",
+    b"sPLT": "a suggested palette (sPLT)",
+    b"bKGD": "background colour (bKGD)",
+    b"dSIG": "digital signature (dSIG)",
+}
+_PALETTE, _BACKGROUND_BYTES = 3, {0: 2, 2: 6, 4: 2, 6: 6}  # by colour type
 _DAMAGED_EXIF = "EXIF (damaged)"
 _ONE_FRAME = struct.pack(">I", 1)
 
@@ -111,7 +117,7 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
     found: dict[str, bytes] = {}
     carried: list[tuple[bytes, bytes]] = []
     lost: list[str] = []
-    background_bytes = _background_bytes(file)
+    coding, palette = _coding(file), b""
     for name, data in chunks.of_file(file, skipped=_PIXELS):
         if data is None:
             lost.append("damaged chunks")
@@ -121,12 +127,26 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
             if not meant.data:
                 lost.append(f"{meant.attribute.upper()} (damaged)")
             found.setdefault(meant.attribute, meant.data)
-        elif name in _CARRIED or (name == b"bKGD" and len(data) == background_bytes) or chunks.is_safe_to_copy(name):
-            carried.append((name, data))
+        elif name == b"PLTE":
+            palette = data
         elif name == b"acTL" and data[:4] > _ONE_FRAME:
             raise UnshutterError(f"{source} is an animation: unshutter takes single photos")
+        elif (kept := _carried(name, data, coding, palette)) is not None:
+            carried.append((name, kept))
         elif name not in _OF_THE_CODING:
             lost.append(_IN_WORDS.get(name, f"chunk {name.decode('latin-1')}"))
+    return _metadata(source, found, carried, lost + ["data behind the picture"] * chunks.has_data_behind(file))
+
+
+def _carried(name: bytes, data: bytes, coding: tuple[int, int], palette: bytes) -> bytes | None:
+    """The data of a chunk for the result; None where it does not go along."""
+    if name == b"bKGD":
+        return _background(data, *coding, palette)
+    return data if name in _CARRIED or chunks.is_safe_to_copy(name) else None
+
+
+def _metadata(source: Source, found: dict[str, bytes], carried: list[tuple[bytes, bytes]], lost: list[str]) -> Metadata:
+    """The metadata of what was found, by attribute, of chunks that go along, and of names of what does not."""
     blob = found.get("exif", b"")
     if exif.is_tangled(blob):
         lost.append(_DAMAGED_EXIF)
@@ -150,8 +170,20 @@ def _profile_told(source: Source, carried: list[tuple[bytes, bytes]]) -> bytes |
     return colours.profile_of(told[0], told[1], source) if len(told) == 4 else None
 
 
-def _background_bytes(file: BinaryIO) -> int:
-    """Length of the chunk bKGD that holds for results, too; 0 where pixels change their form on the way to them."""
+def _coding(file: BinaryIO) -> tuple[int, int]:
+    """Bits of a sample and colour type."""
     file.seek(chunks.SIGNATURE_BYTES + 16)
     depth, colour_type = file.read(2).ljust(2, b"\0")
-    return {0: 2, 2: 6, 4: 2, 6: 6}.get(colour_type, 0) if depth >= 8 else 0
+    return depth, colour_type
+
+
+def _background(data: bytes, depth: int, colour_type: int, palette: bytes) -> bytes | None:
+    """The chunk bKGD for the pixels as they are decoded: no palette, no less than 8 bits; None where it is damaged."""
+    if colour_type == _PALETTE:
+        colour = palette[3 * data[0] : 3 * data[0] + 3] if data else b""
+        return struct.pack(">3H", *colour) if len(colour) == 3 else None
+    if len(data) != _BACKGROUND_BYTES.get(colour_type):
+        return None
+    if depth >= 8:
+        return data
+    return struct.pack(">H", min(struct.unpack(">H", data)[0], (1 << depth) - 1) * 255 // ((1 << depth) - 1))

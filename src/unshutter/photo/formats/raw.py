@@ -25,7 +25,7 @@ from unshutter.photo.libvips import libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
 from unshutter.photo.stray_lines import kept_back
-from unshutter.photo.tags import exif, iptc, xmp
+from unshutter.photo.tags import exif, iptc, moved_note, xmp
 from unshutter.photo.tags.directories import EXIF, GPS, SUBFILE_TYPE, Directory, Tree, read_tree
 
 if TYPE_CHECKING:
@@ -180,9 +180,14 @@ def read_tags(file: BinaryIO) -> Tree | None:
 
 def exif_of(tree: Tree) -> bytes | None:
     """EXIF of a raw file's tags. Panasonic has all of it, the maker's note too, in a JPEG in one of them."""
+    return _whole_exif(tree) or exif.of_tiff(tree)
+
+
+def _whole_exif(tree: Tree) -> bytes | None:
+    """EXIF as it is in the JPEG that Panasonic has in a tag; None without one."""
     preview = tree.data(_PANASONIC_JPEG)
     whole = segments.exif_of(io.BytesIO(preview)) if preview and preview.startswith(b"\xff\xd8") else None
-    return whole if exif.read(whole) else exif.of_tiff(tree)
+    return whole if exif.read(whole) else None
 
 
 def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
@@ -191,6 +196,8 @@ def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
         yield "EXIF (of this kind of raw file it is not read)"
     elif _PRIVATE_DATA in tree.pages[0]:
         yield "the maker's private data"
+    if tree is not None and _whole_exif(tree) is None and moved_note.is_incomplete(tree):
+        yield "parts of the maker's note"
     file.seek(0)
     if file.read(12)[4:] == b"ftypcrx ":
         found = list(boxes.top_level_extents(file))

@@ -10,6 +10,7 @@ import re
 import struct
 from collections.abc import Iterator
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
@@ -19,7 +20,7 @@ from unshutter.photo.format import Coding, Header, WrittenFormat
 from unshutter.photo.libvips import field
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
-from unshutter.photo.tags import exif, iptc
+from unshutter.photo.tags import exif, iptc, moved_note
 from unshutter.photo.tags.directories import CLASSIC, SUBFILE_TYPE, Tree, header_of, read_tree, slots
 
 if TYPE_CHECKING:
@@ -32,7 +33,10 @@ _OLD_JPEG, _JPEG = 6, 7  # compressions
 _COLOURS = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}  # samples that they take, by photometric interpretation
 _UNSPECIFIED, _TRANSPARENCY = 0, (1, 2)  # meanings of an extra sample; colours multiplied by it (1) libvips divides
 _PRIVATE, _LAYERS, _ICC = 0x8000, 0x935C, 0x8773
-_CARRIED = {iptc.IPTC_TAG, iptc.RESOURCES_TAG, _ICC}
+_CARRIED = {iptc.IPTC_TAG, iptc.RESOURCES_TAG, _ICC, 0xEA1C}  # and what Windows keeps free
+_RESOLUTION, _RESOLUTION_UNIT = (0x011A, 0x011B), 0x0128
+_FRACTION, _MOST_PARTS = 5, 1000  # TIFF type; denominator: 9000/127 a centimetre are 180 an inch
+_PER_MM = {2: 25.4, 3: 10.0}  # by unit
 _MOST_TAGS = 4096  # in a directory
 _SMALLER_COPY, _MASK = 1, 4  # bits of a subfile's type
 _CLASSIC_BYTES = 3_500_000_000  # more go into a BigTIFF
@@ -90,11 +94,13 @@ class Tiff(WrittenFormat):
 
     def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
         """See WrittenFormat."""
+        _put_resolution(file, image)
         more = iptc.tiff_tags(field(image, "iptc-data", b""))
         added = exif.add_to_tiff(file, field(image, "exif-data"), image.height, image.width, more)
         if field(image, "tiff-masked"):
             _put_number(file, _EXTRA_SAMPLES, _UNSPECIFIED)  # libvips calls it transparency
-        return [] if added else ["EXIF and IPTC (the TIFF is too large)"]
+        tree = exif.read(field(image, "exif-data"))
+        return [*(_unknown_tags(tree) if tree else ())] if added else ["EXIF and IPTC (the TIFF is too large)"]
 
 
 def _check_kind(source: Source, numbers: dict[int, int]) -> None:
@@ -118,7 +124,14 @@ def _extra_samples(numbers: dict[int, int]) -> int:
 
 
 def _left_behind(tree: Tree) -> Iterator[str]:
-    """Private tags that no result gets, in words; those below are TIFF's own, and carried or of the old coding."""
+    """What no result gets, in words: unknown tags, and parts of the maker's note."""
+    yield from _unknown_tags(tree)
+    if moved_note.is_incomplete(tree):
+        yield "parts of the maker's note"
+
+
+def _unknown_tags(tree: Tree) -> Iterator[str]:
+    """Private tags that no TIFF gets, in words; those with lower numbers are carried, or of the old coding."""
     for tag in tree.pages[0]:
         if tag == _LAYERS:
             yield "Photoshop's layers"
@@ -160,6 +173,23 @@ def _put_number(file: BinaryIO, tag: int, number: int) -> None:
     if tag in places:
         file.seek(places[tag][1])
         file.write(struct.pack(order + "H", number))
+
+
+def _put_resolution(file: BinaryIO, image: pyvips.Image) -> None:
+    """Tells the resolution by exact fractions: libvips rounds it, 230 pixels an inch to 229.999."""
+    found, (order, places) = header_of(file), _places(file)
+    by_unit = _PER_MM.get(_numbers(file).get(_RESOLUTION_UNIT, 0))
+    for tag, told in zip(_RESOLUTION, (image.xres, image.yres), strict=True):
+        kind, at = places.get(tag, (0, 0))
+        if found is None or by_unit is None or kind != _FRACTION:
+            continue
+        exact = Fraction(told * by_unit).limit_denominator(_MOST_PARTS)
+        if found[1] is CLASSIC:  # eight bytes, which do not fit into the entry
+            file.seek(at)
+            (at,) = struct.unpack(order + "I", file.read(4))
+        if 0 < exact.numerator < 1 << 32:
+            file.seek(at)
+            file.write(struct.pack(order + "II", exact.numerator, exact.denominator))
 
 
 def _pictures(tree: Tree) -> int:

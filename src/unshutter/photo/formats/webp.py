@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, final
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
 from unshutter.photo import by_libvips
 from unshutter.photo.format import Coding, Header, WrittenFormat
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     import pyvips
 
 _SIGNATURE = re.compile(rb"RIFF....WEBP", re.DOTALL)
+_METADATA = {b"EXIF": "exif", b"XMP ": "xmp", b"XMP\0": "xmp"}  # the last is how some programs spell it
+_OF_THE_CODING = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ICCP", b"ANIM", b"ANMF"})
+_LONGEST = 1 << 28  # bytes of a chunk that is read
 
 
 @final
@@ -45,9 +49,10 @@ class Webp(WrittenFormat):
         image = by_libvips.opened(readable, "webpload")
         with source.stream() as stream:
             lossless = _is_lossless(stream)
-        coding, metadata = Coding(subsampled=not lossless, lossless=lossless), Metadata.of_image(image)
+            metadata = _with_chunks(Metadata.of_image(image), stream)
+        coding = Coding(subsampled=not lossless, lossless=lossless)
         if readable is not source:
-            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)",))
+            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *metadata.left_behind))
         return by_libvips.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
@@ -80,16 +85,77 @@ class Webp(WrittenFormat):
         return []
 
 
+# ---- chunks --------------------------------------------------------------------------------------------
+
+
+class _Chunk(NamedTuple):
+    """A chunk by its name, and where its data are."""
+
+    name: bytes
+    at: int
+    size: int
+
+
+def _chunks(file: BinaryIO) -> Iterator[_Chunk]:
+    """The chunks of a file, as long as it says that it is."""
+    file.seek(4)
+    at, end = 12, 8 + int.from_bytes(file.read(4), "little")
+    while at + 8 <= end:
+        file.seek(at)
+        head = file.read(8)
+        if len(head) < 8:
+            return
+        name, size = struct.unpack("<4sI", head)
+        yield _Chunk(name, at + 8, size)
+        at += 8 + size + size % 2
+
+
+def _data(file: BinaryIO, chunk: _Chunk) -> bytes:
+    file.seek(chunk.at)
+    return file.read(min(chunk.size, _LONGEST))
+
+
+def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
+    """The metadata that libvips found with those that it did not: the header must announce them, and spell XMP right.
+
+    Args:
+        metadata: as libvips sees them.
+        file: the WebP.
+    """
+    found: dict[str, bytes] = {}
+    lost: list[str] = []
+    for chunk in _chunks(file):
+        attribute = _METADATA.get(chunk.name)
+        if attribute in found:
+            lost.append(f"a second {attribute.upper()}")
+        elif attribute is not None:
+            found[attribute] = _data(file, chunk)
+        elif chunk.name not in _OF_THE_CODING:
+            lost.append(f"chunk {chunk.name.decode('latin-1').strip()}" if chunk.name.isalnum() else "odd chunks")
+    if _has_data_behind(file):
+        lost.append("data behind the picture")
+    return replace(
+        metadata,
+        exif=metadata.exif or found.get("exif") or None,
+        xmp=metadata.xmp or found.get("xmp") or None,
+        left_behind=tuple(dict.fromkeys(lost)),
+    )
+
+
+def _has_data_behind(file: BinaryIO) -> bool:
+    """Whether something follows what the file says that it is."""
+    file.seek(4)
+    file.seek(8 + int.from_bytes(file.read(4), "little"))
+    return bool(file.read(_LONGEST).strip(b"\0"))
+
+
 def _without_tangles(source: Source) -> Source:
     """The data, with EXIF that libvips would be caught in made unreadable for it."""
     places = []
     with suppress(OSError), source.stream() as stream:
-        stream.seek(12)
-        while len(head := stream.read(8)) == 8:
-            size, at = int.from_bytes(head[4:], "little"), stream.tell()
-            if head[:4] == b"EXIF" and exif.is_tangled(blob := stream.read(size)):
-                places.append(at + len(blob) - len(blob.removeprefix(exif.PREFIX)))
-            stream.seek(at + size + size % 2)
+        for chunk in _chunks(stream):
+            if chunk.name == b"EXIF" and exif.is_tangled(blob := _data(stream, chunk)):
+                places.append(chunk.at + len(blob) - len(blob.removeprefix(exif.PREFIX)))
         if places:
             return source.patched(places, b"none")
     return source
@@ -97,10 +163,4 @@ def _without_tangles(source: Source) -> Source:
 
 def _is_lossless(file: BinaryIO) -> bool:
     """Whether the picture is in WebP's lossless coding (chunk VP8L)."""
-    file.seek(12)
-    while len(head := file.read(8)) == 8:
-        name, size = struct.unpack("<4sI", head)
-        if name in (b"VP8L", b"VP8 "):
-            return name == b"VP8L"
-        file.seek(size + size % 2, 1)
-    return False
+    return next((chunk.name == b"VP8L" for chunk in _chunks(file) if chunk.name in (b"VP8L", b"VP8 ")), False)

@@ -34,10 +34,10 @@ from unshutter.photo.tags.directories import (
 from unshutter.photo.tags.exif_editor import PREFIX, Editor
 
 # What a TIFF's first directory says about the photo rather than about the storage of its pixels: names of document and
-# page, page number, description, make, model, software, date, artist, computer, colours of white and primaries,
-# ratings, copyright, titles of Windows, print matching, unique name and serial number of the camera, lens.
+# page, place on the page, page number, description, make, model, software, date, artist, computer, colours of white and
+# primaries, ratings, copyright, titles of Windows, print matching, unique name and serial number of the camera, lens.
 _CAMERA_TAGS = frozenset(
-    {0x010D, 0x010E, 0x010F, 0x0110, 0x011D, 0x0129, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F}
+    {0x010D, 0x010E, 0x010F, 0x0110, 0x011D, 0x011E, 0x011F, 0x0129, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F}
     | {0x4746, 0x4749, 0x8298, *range(0x9C9B, 0x9CA0), 0xC4A5, 0xC614, 0xC62F, 0xC630}
 )
 # Where the picture lies on the earth (OGC GeoTIFF 1.1), and what GDAL adds to that.
@@ -121,18 +121,7 @@ def of_tiff(tree: Tree) -> bytes | None:
 def _blob_of(directory: Directory, tree: Tree) -> bytes:
     """A blob of a directory that comes from a tree."""
     head = struct.pack(tree.order + "2sHI", b"II" if tree.order == "<" else b"MM", 42, 8)
-    return PREFIX + head + _with_note(encoded(directory, 8, tree.order), 8, directory, tree)
-
-
-def _with_note(written: bytes, at: int, directory: Directory, tree: Tree) -> bytes:
-    """An encoded directory at a place, its maker's note made to fit there after it stood in a tree."""
-    details = directory.get(EXIF)
-    note = details.get(MAKER_NOTE) if isinstance(details, dict) else None
-    found = written.find(note.data) if isinstance(note, Entry) and tree.note_at is not None else -1
-    if found < 0 or tree.note_at is None or not isinstance(note, Entry):
-        return written
-    follows = moved_note.moved(note.data, tree.order, tree.note_at, at + found)
-    return written[:found] + follows + written[found + len(follows) :]
+    return PREFIX + head + moved_note.in_place(encoded(directory, 8, tree.order), 8, directory, tree)
 
 
 def add_to_tiff(
@@ -161,8 +150,9 @@ def add_to_tiff(
     if target is None or (target.layout is CLASSIC and end + length + _ROOM_IN_TIFF >= 1 << 32):
         return False
     added: Directory = {}
-    if tree is not None:
+    if tree is not None and blob is not None:
         added = _of_the_camera(tree)
+        moved_note.complete(added, tree, blob.removeprefix(PREFIX))
         added = added if tree.order == target.order else in_other_order(added)
     details = added.get(EXIF)
     if isinstance(details, dict):
@@ -174,7 +164,7 @@ def add_to_tiff(
     file.seek(end)
     whole, layout = added | dict(more) | target.pages[0] | winning, target.layout
     written = encoded(whole, start, target.order, layout)
-    file.write(bytes(end % 2) + (written if tree is None else _with_note(written, start, added, tree)))
+    file.write(bytes(end % 2) + (written if tree is None else moved_note.in_place(written, start, added, tree)))
     file.seek(layout.header)
     file.write(struct.pack(target.order + layout.offset, start))
     return True
