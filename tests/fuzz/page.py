@@ -171,8 +171,10 @@ def run(family: str, requests: int, seed: int) -> int:
             ask: Callable[[], None] = getattr(fuzz, family)
             ask()
             memory, before, start = rss(server.process.pid), _lying(home), time.monotonic()
-            for _ in range(requests):
+            for number in range(requests):
                 ask()
+                if number % 500 == 499:
+                    print(f"{family}: {number + 1} in {time.monotonic() - start:.0f} s", file=sys.stderr)
                 if len(fuzz.failures) >= MOST_FAILURES:
                     break
             took_s = time.monotonic() - start
