@@ -132,9 +132,9 @@ class Fuzz:
         told = [last["error"]] if "error" in last else [one["error"] for one in last["done"] if "error" in one]
         whole = last["state"] == "finished" and len(last["done"]) == last["total"]
         file = self.client.get(f"/api/saves/{id}/file").status_code
-        self.client.delete(f"/api/saves/{id}")
-        if not whole or file not in (200, 404) or not all(map(self._is_a_line, told)):
-            return f"a saving ended as {last!r:.600}, its file {file}"
+        forgotten = self.client.delete(f"/api/saves/{id}").status_code
+        if not whole or file not in (200, 404) or forgotten != 200 or not all(map(self._is_a_line, told)):
+            return f"a saving ended as {last!r:.600}, its file {file}, forgotten {forgotten}"
         return None
 
     def _is_a_line(self, told: object) -> bool:

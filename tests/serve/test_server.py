@@ -158,8 +158,14 @@ def test_savings_that_are_refused(client: httpx.Client, body: bytes, told: str) 
     assert answer.status_code == 400 and told in answer.json()["error"]
 
 
-def test_half_a_character_is_quoted(client: httpx.Client, photo: Path) -> None:
-    options = b'{"\\ud800 \\n": "x"}'
+@pytest.mark.parametrize("options", [b'{"\\ud800": "x"}', b'{"estimator": "\\ud800"}'])
+def test_half_a_character_is_no_text(client: httpx.Client, photo: Path, options: bytes) -> None:
     body = b'{"to": "zip", "photos": [{"id": "%s", "options": %s}]}' % (opened(client, photo).encode(), options)
     answer = client.post("/api/saves", content=body)
-    assert answer.status_code == 400 and answer.json()["error"].startswith("unknown field '\\ud800 \\n'")
+    assert answer.status_code == 400 and "each photo is" in answer.json()["error"]
+
+
+def test_refusals_are_one_line(client: httpx.Client, photo: Path) -> None:
+    item = {"id": opened(client, photo), "options": {"a\nb\x1b": "x"}}
+    answer = client.post("/api/saves", json={"to": "zip", "photos": [item]})
+    assert answer.status_code == 400 and answer.json()["error"].startswith("unknown field 'a\\nb\\x1b'")

@@ -39,8 +39,7 @@ async def refused(request: Request, error: Exception) -> Response:
 
 
 def _refusal(line: str, status: int, headers: Mapping[str, str] | None = None) -> Response:
-    """What it quotes of the request may hold half a character (a lone surrogate in JSON), which is spelled out."""
-    return JSONResponse({"error": visible(line).encode("utf-8", "backslashreplace").decode()}, status, headers)
+    return JSONResponse({"error": visible(line)}, status, headers)
 
 
 def _status_of(error: UnshutterError) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from collections.abc import AsyncIterator, Iterable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from typing import Any
 
 from starlette.requests import Request
@@ -122,14 +122,21 @@ def _parsed(desk: Desk, given: dict[str, Any]) -> tuple[To, list[tuple[Stored, W
 
 def _one_of(desk: Desk, each: Any) -> tuple[Stored, Wanted | RectifyClip]:
     id, options = (each.get("id"), each.get("options", {})) if isinstance(each, dict) else (None, None)
-    if not (isinstance(id, str) and isinstance(options, dict) and _are_texts(options.values())):
+    if not (isinstance(id, str) and isinstance(options, dict) and _are_texts(options)):
         raise UsageError('each photo is {"id": ..., "options": {name: text}}')
     stored = desk.store.get(id)
     return stored, read_clip(options) if stored.kind == "clip" else read(options, desk.photo_path)
 
 
-def _are_texts(values: Iterable[Any]) -> bool:
-    return all(isinstance(value, str) for value in values)
+def _are_texts(options: dict[str, Any]) -> bool:
+    """Whether all values are texts, and no half of a character is in them or the names, as JSON allows."""
+    if not all(isinstance(value, str) for value in options.values()):
+        return False
+    try:
+        "".join([*options, *options.values()]).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _make_room(savings: dict[str, Saving]) -> None:
