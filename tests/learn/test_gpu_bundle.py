@@ -18,22 +18,7 @@ from unshutter.learn.train import run
 
 GPU = Path(__file__).parents[2] / "benchmarks" / "gpu"
 # what the machine does not have, though this one may
-_LACKING = [
-    "onnx",
-    "onnxruntime",
-    "onnxscript",
-    "pyvips",
-    "rich",
-    "scipy",
-    "jaxtyping",
-    "beartype",
-    "PIL",
-    "av",
-    "tomlkit",
-    "pi_heif",
-    "rawpy",
-    "shtab",
-]
+_LACKING = ["onnx", "onnxruntime", "onnxscript", "pyvips", "rich", "scipy", "jaxtyping", "beartype", "PIL", "av"]
 _BARE = f"""
 import runpy, sys
 sys.modules |= dict.fromkeys({_LACKING})  # each import of them fails
