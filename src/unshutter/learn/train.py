@@ -24,10 +24,12 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.learn.checkpoint import load_checkpoint, save_checkpoint, start_from
 from unshutter.learn.config import TrainConfig, find_config, load_config
+from unshutter.learn.exported import load_exported
 from unshutter.learn.log import TrainingLog
 from unshutter.learn.optimisation import make_optimiser, rate_at
 from unshutter.learn.recipes import Recipe, make_recipe
 
+_START_PICTURES, _START_SEED = 128, 2**40  # that show what an exported network's layers are given
 CHECKPOINT, LOG, MODEL = "checkpoint.pt", "log.csv", "model.onnx"
 
 
@@ -53,7 +55,7 @@ def run(
         minutes: save and stop after this time.
         base: another configuration for what this one does not say itself.
         photos: instead of the configuration's ``[data] folder``.
-        start: checkpoint whose weights, where they fit, a new run begins with.
+        start: checkpoint or exported network (.onnx) whose weights, where they fit, a new run begins with.
         seed: for the initial weights and the batches, instead of the configuration's.
 
     Returns:
@@ -95,7 +97,7 @@ class Trainer:
         config: of the run.
         folder: of the run; a checkpoint in it is resumed.
         device: that it runs on.
-        start: checkpoint of another run whose weights this one begins with.
+        start: checkpoint or exported network of another run, whose weights this one begins with.
 
     Raises:
         UsageError: bad configuration, or the folder holds a run of another one.
@@ -114,7 +116,7 @@ class Trainer:
         self.recipe: Recipe = make_recipe(config, device)
         self.network = self.recipe.build().to(device)
         if start is not None:
-            start_from(self.network, start)
+            self._start_from(start)
         self.average = AveragedModel(self.network, multi_avg_fn=get_ema_multi_avg_fn(config.average), use_buffers=True)
         self.optimiser = make_optimiser(self.network, config)
         self.step, self.seconds = 0, 0.0
@@ -152,6 +154,13 @@ class Trainer:
         """Writes the averaged weights as ONNX."""
         self.average.eval()
         self.recipe.export(self.average.module, path)
+
+    def _start_from(self, start: Path) -> None:
+        if start.suffix == ".onnx":
+            pictures = self.recipe.pictures(_START_PICTURES, torch.Generator(self.device).manual_seed(_START_SEED))
+            load_exported(self.network, start, pictures)
+        else:
+            start_from(self.network, start)
 
     def _one_step(self) -> dict[str, float]:
         self.network.train()

@@ -30,7 +30,9 @@ class Arguments:
         None,
         "Configuration (name or file) that supplies all settings missing from this one. Default: its own base.",
     )
-    start: Path | None = option(None, "Begin with the weights of this checkpoint of another run.")
+    start: Path | None = option(
+        None, "Begin with the weights of another run: its checkpoint or its exported network (.onnx)."
+    )
     seed: int | None = option(None, "Seed for the initial weights and the batches, instead of the configuration's.")
 
 

@@ -1,0 +1,140 @@
+"""The weights of an exported network, for a run that starts from them: ``--start kandula2020.onnx``.
+
+Export merges each batch normalisation into the convolution before it, and compact.py makes fully connected layers
+narrow. Here both are undone: a narrow pair is multiplied out, and a batch normalisation gets the mean and spread that
+its inputs have for training pictures, so that the network computes the same in training and in use.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from unshutter.errors import UsageError
+
+_KERNEL_NORM = 3**-0.5  # of each output channel of a new convolution; with batch normalisation it is free to choose
+
+
+def load_exported(network: nn.Module, path: Path, pictures: Tensor) -> None:
+    """Gives a network the weights of an exported one, where name and shape agree; the others stay.
+
+    Args:
+        network: in training mode; changed.
+        path: of the ONNX file.
+        pictures: [B, 3, r, r] training pictures as the network reads them.
+
+    Raises:
+        UsageError: no such file, or none of its weights fits.
+    """
+    own = network.state_dict()
+    found = {name: torch.tensor(value) for name, value in exported_weights(path).items()}
+    fitting = {name: value for name, value in found.items() if name in own and own[name].shape == value.shape}
+    if not fitting:
+        raise UsageError(f"cannot start from {path}: it is of another network")
+    merged, modules = [], dict(network.named_modules())
+    for name, norm in modules.items():
+        before = _before(name)
+        convolution = modules.get(before)
+        if isinstance(norm, nn.BatchNorm2d) and isinstance(convolution, nn.Conv2d) and f"{before}.weight" in fitting:
+            merged.append(_Merged(convolution, norm, found[f"{before}.bias"]))
+    network.load_state_dict(fitting, strict=False)
+    _restore(network, merged, pictures)
+
+
+def exported_weights(path: Path) -> dict[str, np.ndarray]:
+    """Weights and biases in 32 bits, by the name that they have in the network.
+
+    Raises:
+        UsageError: no such file, or it is not ONNX.
+    """
+    import onnx
+    from onnx import numpy_helper
+
+    try:
+        graph = onnx.load(path).graph
+    except Exception as error:  # onnx's own kinds have no common parent
+        raise UsageError(f"cannot start from {path}: {' '.join(str(error).split())}") from None
+    known = {weights.name: numpy_helper.to_array(weights) for weights in graph.initializer}
+    narrow: dict[str, np.ndarray] = {}  # output of the first layer of a narrow pair -> its weights
+    weights: dict[str, np.ndarray] = {}
+    for node in graph.node:
+        given = [known.get(name) for name in node.input]
+        if node.op_type == "Cast" and given[0] is not None:
+            known[node.output[0]] = given[0].astype(np.float32)
+        elif node.op_type == "DequantizeLinear" and given[0] is not None and given[1] is not None:
+            scale = given[1].reshape(-1, *[1] * (given[0].ndim - 1))
+            known[node.output[0]] = given[0].astype(np.float32) * scale
+        elif node.op_type == "Gemm" and len(node.input) == 2 and given[1] is not None:
+            narrow[node.output[0]] = given[1]
+        elif node.op_type in ("Conv", "Gemm") and given[1] is not None:
+            name = _module_of(node.output[0])
+            first = narrow.get(node.input[0])
+            weights[f"{name}.weight"] = given[1] if first is None else given[1] @ first
+            if len(given) > 2 and given[2] is not None:
+                weights[f"{name}.bias"] = given[2]
+    return weights
+
+
+def _module_of(output: str) -> str:
+    """/network/block/base/base.0/base.0.1/Conv_output_0 -> block.base.0.1: scopes with dots repeat their parents."""
+    *parents, last = [scope for scope in output.strip("/").split("/")[:-1] if scope != "network"]
+    root = last.partition(".")[0]
+    return ".".join([*(scope for scope in parents if scope.partition(".")[0] != root), last])
+
+
+def _before(name: str) -> str:
+    """Name of the module before this one in a sequence."""
+    parent, _, number = name.rpartition(".")
+    return f"{parent}.{int(number) - 1}" if number.isdigit() else ""
+
+
+@dataclass
+class _Merged:
+    """A convolution and the normalisation that export merged into it."""
+
+    convolution: nn.Conv2d
+    norm: nn.BatchNorm2d
+    bias: Tensor  # what the normalisation added
+    mean: Tensor | None = None  # of the convolution's outputs for the pictures
+    variance: Tensor | None = None
+
+    def only_adds(self) -> None:
+        """For the time being the normalisation adds the bias and does nothing else."""
+        for values, value in ((self.norm.weight, 1.0), (self.norm.running_mean, 0.0)):
+            values.data.fill_(value)  # type: ignore[union-attr]  # it keeps running statistics
+        self.norm.running_var.data.fill_(1.0 - self.norm.eps)  # type: ignore[union-attr]
+        self.norm.bias.data.copy_(self.bias)
+
+    def watch(self, _norm: nn.Module, given: tuple[Tensor, ...]) -> None:
+        """Takes the statistics of what the normalisation is given."""
+        self.mean, self.variance = given[0].mean((0, 2, 3)), given[0].var((0, 2, 3), correction=0)
+
+    def split(self) -> None:
+        """The normalisation takes these statistics for its own, the kernels the size of new ones."""
+        assert self.mean is not None and self.variance is not None
+        kernel, norm = self.convolution.weight, self.norm
+        scale = _KERNEL_NORM / kernel.flatten(1).norm(dim=1).clamp(min=1e-6)
+        kernel.mul_(scale[:, None, None, None])
+        norm.running_mean.copy_(self.mean * scale)  # type: ignore[union-attr]
+        norm.running_var.copy_(self.variance * scale**2)  # type: ignore[union-attr]
+        norm.weight.copy_((self.variance + norm.eps / scale**2).sqrt())
+        norm.bias.add_(self.mean)
+
+
+@torch.no_grad()
+def _restore(network: nn.Module, merged: list[_Merged], pictures: Tensor) -> None:
+    """Splits what was merged: each normalisation takes the mean and spread that its inputs have for the pictures."""
+    handles = []
+    for pair in merged:
+        pair.only_adds()
+        handles.append(pair.norm.register_forward_pre_hook(pair.watch))
+    training = network.training
+    network.eval()(pictures)
+    network.train(training)
+    for handle, pair in zip(handles, merged, strict=True):
+        handle.remove()
+        pair.split()
