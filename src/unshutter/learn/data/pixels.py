@@ -24,6 +24,7 @@ from torch import Tensor
 from unshutter.errors import UsageError
 from unshutter.geometry import rows as geometry
 from unshutter.learn.config import from_table
+from unshutter.learn.data.facades import draw_facades
 from unshutter.learn.data.light import Light, LightConfig
 from unshutter.learn.data.motions import MotionConfig, draw_kind, draw_mixture
 from unshutter.learn.data.pictures import draw_picture, load_photos
@@ -32,6 +33,7 @@ from unshutter.learn.warping import pixel_grid, polynomial_motion, sample
 
 _VALIDATION_SEED, _VALIDATION_BATCH = 2**40, 32
 _DRAWN_SEED = 2**20  # of the drawn pictures among photos
+_DRAWINGS = {"streets": draw_picture, "facades": draw_facades}
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class PixelConfig:
     validation_motions: int = 2  # per held-out photo
     drawn: int = 120  # pictures to draw when there is no folder, or when some training pictures are drawn
     drawn_share: float = 0.0  # of the training pictures that are drawn ones, not photos
+    drawn_kind: str = "streets"  # streets (pictures.py) | facades (textured, in perspective: facades.py)
     size: int = 256  # of the picture that the network sees [px]
     canvas: int = 356  # of the window that is distorted [px]
     random_window: bool = True  # training windows lie anywhere along the photo's longer side, else in its middle
@@ -108,14 +111,16 @@ class PixelData:
         if config.canvas < config.size or (config.canvas - config.size) % 2:
             raise UsageError(f"[data]: canvas {config.canvas} must be size {config.size} plus an even margin")
         self.config, self.device = config, device
+        if config.drawn_kind not in _DRAWINGS:
+            raise UsageError(f"[data]: unknown drawn_kind '{config.drawn_kind}': choose {' or '.join(_DRAWINGS)}")
         self.views = from_table(ViewConfig, config.views, "[data.views]")
         self.light = from_table(LightConfig, config.light, "[data.light]")
         self.motions = from_table(MotionConfig, config.motions, "[data.motions]")
         pictures, held_out = _training_and_held_out(config)
         self.photos = [torch.from_numpy(picture).to(device) for picture in pictures]
         self.held_out = [torch.from_numpy(picture).to(device) for picture in held_out]
-        drawn = config.drawn if config.drawn_share else 0
-        self.drawn = [torch.from_numpy(draw_picture(config.canvas, _DRAWN_SEED + i)).to(device) for i in range(drawn)]
+        drawn = _drawn(config, _DRAWN_SEED) if config.drawn_share else []
+        self.drawn = [torch.from_numpy(picture).to(device) for picture in drawn]
 
     def batch(
         self, count: int, generator: torch.Generator, first_photos: int | None = None, *, with_gs: bool = True
@@ -204,7 +209,7 @@ def _training_and_held_out(config: PixelConfig) -> tuple[list[np.ndarray], list[
 def _pictures(folder: str, config: PixelConfig, least: int) -> list[np.ndarray]:
     """[3, h, w] uint8 RGB each, short side = canvas: the photos of a folder; drawn ones where none is given."""
     if not folder:
-        pictures = [draw_picture(config.canvas, config.seed + i) for i in range(config.drawn)]
+        pictures = _drawn(config, config.seed)
         found, hint = f"{len(pictures)} pictures are drawn", "choose a larger 'drawn'"
     else:
         pictures = load_photos(Path(folder), config.canvas)
@@ -215,6 +220,11 @@ def _pictures(folder: str, config: PixelConfig, least: int) -> list[np.ndarray]:
         split = f" ({least - 1} held out for validation, one to train on)" if least > 1 else ""
         raise UsageError(f"[data]: {found}; training needs at least {least}{split}: {hint}")
     return pictures
+
+
+def _drawn(config: PixelConfig, seed: int) -> list[np.ndarray]:
+    draw = _DRAWINGS[config.drawn_kind]
+    return [draw(config.canvas, seed + i) for i in range(config.drawn)]
 
 
 def synthesise(
