@@ -119,11 +119,18 @@ def _clutter(dice: np.random.Generator, picture: np.ndarray) -> None:
     side = len(picture)
     for _ in range(dice.integers(0, 4)):
         col, top = dice.uniform(0, side), dice.uniform(0.1, 0.6) * side
-        ends = [(int(col), int(top)), (int(col), int(side * dice.uniform(0.6, 1)))]
-        cv2.line(picture, *ends, tuple(dice.uniform(0, 200, 3).tolist()), int(dice.integers(1, 8)), cv2.LINE_AA)
+        foot = int(col), int(side * dice.uniform(0.6, 1))
+        cv2.line(
+            picture,
+            (int(col), int(top)),
+            foot,
+            tuple(dice.uniform(0, 200, 3).tolist()),
+            int(dice.integers(1, 8)),
+            cv2.LINE_AA,
+        )
     for _ in range(dice.integers(0, 4)):
-        wire = dice.uniform(0, side, (2, 2)).astype(int)
-        cv2.line(picture, *wire.tolist(), (40.0, 40.0, 40.0), int(dice.integers(1, 3)), cv2.LINE_AA)
+        start, end = dice.uniform(0, side, (2, 2)).astype(int).tolist()
+        cv2.line(picture, start, end, (40.0, 40.0, 40.0), int(dice.integers(1, 3)), cv2.LINE_AA)
     for _ in range(dice.integers(0, 40)):
         middle = int(dice.uniform(0, side)), int(dice.normal(0.6, 0.1) * side)
         axes = int(dice.uniform(2, 30)), int(dice.uniform(2, 30))
