@@ -101,7 +101,7 @@ class Odd:
                 return value * self.random.randint(0, _LONGEST_LIST)
             return [*value[:at], *([] if how < 0.25 else [self._changed(value[at])]), *value[at + 1 :]]
         nested: Any = value
-        for _ in range(self.one((0, 1, 3, 900)) if self.chance(0.3) else 0):
+        for _ in range(self.one((0, 1, 3, 200)) if self.chance(0.3) else 0):
             nested = [nested]
         return nested if nested is not value else self.one(VALUES)
 
