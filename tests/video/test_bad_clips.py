@@ -12,20 +12,10 @@ import numpy as np
 import pytest
 
 from support import clips
+from support.refusals import left_behind, refused
 from unshutter.cli import main
 
 GREYS = clips.moving(16)[1]
-
-
-def refused(capsys, words, code, *told):
-    assert main(["video", *map(str, words)]) == code
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and all(word in lines[0] for word in told), lines
-    return lines[0]
-
-
-def left_behind(folder):
-    return sorted(path.name for path in folder.iterdir() if path.name.startswith((".", "out")))
 
 
 @pytest.fixture
@@ -86,6 +76,37 @@ def test_too_small(tmp_path, capsys):
     refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "48x32", "64 px")
 
 
+def test_too_large(tmp_path, capsys, clip):
+    words = ["-o", tmp_path / "out.mp4", "--readout-ratio", "0.6", "--max-pixels"]
+    refused(capsys, [clip, *words, 192 * 144 - 1], 1, "192x144 px", "--max-pixels")
+    assert main(["video", *map(str, [clip, *words, 192 * 144])]) == 0
+
+
+def test_so_large_that_memory_would_not_do(tmp_path, capsys):
+    path = tmp_path / "in.y4m"
+    path.write_bytes(b"YUV4MPEG2 W8000 H8000 F30:1 Ip C420jpeg\nFRAME\n" + bytes(1000))
+    refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "8000x8000 px (64 megapixels)", "limit of 38 megapixels")
+
+
+def test_a_pipe_is_not_waited_for(tmp_path, capsys, clip):
+    pipe, folder = tmp_path / "pipe.mp4", tmp_path / "pictures"
+    folder.mkdir()
+    for path in (pipe, folder / "0001.png"):
+        os.mkfifo(path)
+    for source in (pipe, folder, folder / "%04d.png"):
+        refused(capsys, [source, "-o", tmp_path / "out.mp4"], 1, "it is a pipe or a device, not a file")
+    refused(capsys, [clip, "-o", tmp_path / "out.mp4", "--motion", pipe], 1, "it is a pipe or a device, not a file")
+
+
+def test_names_do_not_reach_the_terminal_as_they_are(tmp_path, capsys):
+    """Neither those of files nor those in them."""
+    path = clips.write(tmp_path / "in\x1b[31m\nb.mkv", GREYS, subtitles="text", stream_tags={"handler_name": "\x1b[1m"})
+    assert main(["video", str(path), "-o", str(tmp_path / "out\x1b[32m.mp4"), "--readout-ratio", "0.6"]) == 0
+    said = capsys.readouterr().err
+    assert "\x1b" not in said and len(said.splitlines()) == said.count("\n") <= 2
+    assert r"in\x1b[31m\nb.mkv" in said
+
+
 def test_interlaced(tmp_path, capsys):
     flags = {"options": {"flags": "+ildct+ilme", "x264-params": "tff=1"}}
     path = clips.write(tmp_path / "in.mp4", GREYS, **flags)
@@ -107,7 +128,14 @@ def test_a_still_camera_says_nothing_of_its_readout(tmp_path, capsys):
         (["--readout-ms", "40"], 2, "33.33 ms apart"),
         (["--readout-ms", "20", "--readout-ratio", "0.5"], 2, "either"),
         (["--start", "5", "--end", "3"], 2, "--end after it"),
+        (["--start", "nan"], 2, "--start must be 0 or later"),
+        (["--start", "inf"], 2, "--start must be 0 or later"),
+        (["--start", "1e300"], 2, "--start must be 0 or later"),
+        (["--end", "nan"], 2, "--end after it"),
+        (["--end", "1e300"], 2, "--end after it"),
+        (["--max-pixels", "0"], 2, "at least 1"),
         (["--start", "50", "--readout-ratio", "0.6"], 1, "no frames there"),
+        (["--start", "999999999", "--readout-ratio", "0.6"], 1, "no frames there"),
         (["--motion", "none.json"], 1, "none.json"),
         (["--fps", "25", "--readout-ratio", "0.6"], 2, "pictures"),
     ],
@@ -176,7 +204,7 @@ def test_stopped(tmp_path, long_clip, number, code):
     process.send_signal(number)
     _, told = process.communicate(timeout=60)
     assert process.returncode == code
-    assert told.strip().splitlines() == ["unshutter: stopped; what was finished is kept"]
+    assert told.strip().splitlines() == ["unshutter: stopped; no half-written file is left"]
     assert left_behind(tmp_path) == []
 
 
@@ -190,6 +218,19 @@ def test_killed_and_begun_anew(tmp_path, long_clip, capsys):
     assert main([*words, "--preset", "ultrafast"]) == 0
     assert "starts from the beginning" in capsys.readouterr().err
     assert left_behind(tmp_path) == ["out.mp4"]
+
+
+@pytest.mark.parametrize("name", ["out", "out/%04d.png"])
+def test_pictures_of_a_killed_run_are_removed_by_the_next(tmp_path, long_clip, capsys, name):
+    words = ["video", str(long_clip), "-o", str(tmp_path / name), "--readout-ratio", "0.6"]
+    process = subprocess.Popen([sys.executable, "-m", "unshutter", *words], stderr=subprocess.PIPE, text=True)
+    at_work(tmp_path)
+    process.kill()
+    process.communicate(timeout=60)
+    assert len(left_behind(tmp_path)) == 1
+    assert main([*words, "--end", "0.2"]) == 0
+    assert "starts from the beginning" in capsys.readouterr().err
+    assert left_behind(tmp_path) == ["out"]
 
 
 def test_no_room_on_the_disc(tmp_path, clip):

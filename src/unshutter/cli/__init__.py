@@ -73,7 +73,7 @@ def main(words: list[str] | None = None) -> int:
     except MemoryError:
         return _say("not enough memory", 1)
     except KeyboardInterrupt as stop:
-        return _say("stopped; what was finished is kept", stop.exit_code if isinstance(stop, Stopped) else 130)
+        return _say("stopped before anything was done", _exit_code(stop))
 
 
 def _run_command(words: list[str]) -> int:
@@ -88,10 +88,17 @@ def _run_command(words: list[str]) -> int:
             given = parse(name, command, words[1:])
         except SystemExit:  # its help was asked for
             return 0
-        return command.run(given)
+        try:
+            return command.run(given)
+        except KeyboardInterrupt as stop:
+            return _say(f"stopped; {command.when_stopped}", _exit_code(stop))
     else:
         raise UsageError(f"unknown command '{name}': choose one of {', '.join(COMMANDS)} (see unshutter --help)")
     return 0
+
+
+def _exit_code(stop: KeyboardInterrupt) -> int:
+    return stop.exit_code if isinstance(stop, Stopped) else 130
 
 
 def _help() -> str:

@@ -29,11 +29,13 @@ class Command:
         description: what it does: a line, and after an empty one what else there is to know.
         arguments: dataclass of what it takes.
         run: does it; takes such a value, returns the exit code.
+        when_stopped: what is true once it was stopped in the middle.
     """
 
     description: str
     arguments: type
     run: Callable[[Any], int]
+    when_stopped: str = "what was finished is kept"
 
 
 def positional(help: str, optional: bool = False) -> Any:

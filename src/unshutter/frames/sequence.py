@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 NAME = "frames-camera"
 STOOD_STILL = "the camera stood still"
+PASSED = "the camera stood still; what moved in front of it is not straightened"
 _CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
 SEARCHED = 60  # frames from which the readout ratio is found
 _PATIENCE = 240  # frames after which it is given up
@@ -206,7 +207,7 @@ class CameraMotion:
         if shot.before + len(shot.waiting) < self.fewest:
             return None, "the shot is too short to say how the camera moved"
         if shot.still:
-            return None, STOOD_STILL
+            return None, PASSED if shot.passed else STOOD_STILL
         if self.ratio is None:
             return None, shot.why_unknown
         if self._focal is None:

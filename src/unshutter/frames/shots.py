@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 APART = "the frames beside it show another scene, or near and far move too differently in them"
 _LEAST_CORNERS = 24  # that a picture has which says something
+_CHANCE = 2  # pairs of frames in which something may seem to move that does not
 
 
 @dataclass(eq=False)
@@ -61,11 +62,17 @@ class Shot:
     _last: Seen | None = None
     _next: Background | None = None
     _moving: list[bool] = field(default_factory=list)
+    _passing: list[bool] = field(default_factory=list)
 
     @property
     def still(self) -> bool:
         """Whether nothing says that the camera moved."""
         return not any(self._moving)
+
+    @property
+    def passed(self) -> bool:
+        """Whether something moved before the camera."""
+        return sum(self._passing) > _CHANCE
 
     def joins(self, seen: Seen, ratio: ReadoutRatio | None) -> bool:
         """Whether a frame shows the same scene as the one before it."""
@@ -87,6 +94,7 @@ class Shot:
         if self._last is not None and self._next is not None:
             self.pairs.append(self._next.tracks)
             self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
+            self._passing.append(self._next.passing)
             seen.at = self._last.at + seen.after
             seen.number = self._last.number + 1
             self._last.grey = seen.grey[:0]  # no longer needed
@@ -104,6 +112,6 @@ class Shot:
         del self.waiting[:many]
         self.before += many
         surplus = max(self.before - margin, 0)
-        del self.pairs[:surplus], self._moving[:surplus], self.times[:surplus]
+        del self.pairs[:surplus], self._moving[:surplus], self._passing[:surplus], self.times[:surplus]
         self.first += surplus
         self.before -= surplus

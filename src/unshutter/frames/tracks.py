@@ -24,6 +24,7 @@ _SHARP = 0.4  # share of those tracks that must end within a third of that dista
 _SPREAD = 4.0  # times the usual distance from the homography: tracks farther away are left out
 _LEAST = 0.0005  # of the diagonal (0.4 px of 640 x 360): as far away every track may be
 _STILL = 0.0003  # of the diagonal: what has moved less stands still
+_PASSES, _FEW_PASS = 0.003, 0.05  # of the diagonal: what has moved more passes by; of the tracks: fewer may be mistakes
 _CELLS = (6, 8)  # rows and columns of the cells in which tracks are counted
 _GUESSED_RATIO = 0.5
 
@@ -102,11 +103,13 @@ class Background:
         tracks: those of the background.
         joined: whether both are frames of one scene; else there is a cut between them.
         still: whether the camera stood still, whatever moved before it.
+        passing: whether something did, though the camera stood still.
     """
 
     tracks: Tracks
     joined: bool
     still: bool = False
+    passing: bool = False
 
 
 def background(tracks: Tracks, readout_ratio: float | None = None) -> Background:
@@ -133,9 +136,10 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
     plane = _of_one_plane(at_once, at_once + speed, diagonal)
     elsewhere = (plane & still).sum() < still.sum() / 2
     if elsewhere and _spread(tracks.start[still], tracks):
-        return Background(tracks.only(still), joined=True, still=True)
+        return Background(tracks.only(still), joined=True, still=True, passing=True)
     joined = plane.sum() >= max(_FEWEST, _AGREE * len(tracks))
-    return Background(tracks.only(plane), joined=bool(joined))
+    passing = np.hypot(*moved.T) > _PASSES * diagonal
+    return Background(tracks.only(plane), joined=bool(joined), passing=passing.sum() > _FEW_PASS * len(tracks))
 
 
 def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.ndarray:

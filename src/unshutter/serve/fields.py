@@ -18,7 +18,7 @@ from unshutter.video.options import RectifyClip
 _NOT_HERE: dict[type, tuple[str, ...]] = {
     Save: ("keep_times", "only_changed", "keep_names"),
     Neighbours: ("sequence",),
-    RectifyClip: ("fps", "motion", "save_motion", "preview", "plot", "overwrite", "json_log"),
+    RectifyClip: ("fps", "motion", "save_motion", "preview", "plot", "overwrite", "json_log", "max_pixels"),
 }
 _YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
 

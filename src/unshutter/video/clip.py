@@ -2,34 +2,31 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from fractions import Fraction
-from itertools import pairwise
-from pathlib import Path
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
-from unshutter.video.library import av
-from unshutter.video.pictures import as_pattern
+from unshutter.video.clock import Clock, Times
+from unshutter.video.containers import damaged, decoded, film_of, first_times, opened, packets, time_of
+from unshutter.video.ending import Ending, Extent
+from unshutter.video.file_length import FileLength, file_length
+from unshutter.video.options import MAX_CLIP_PIXELS
+from unshutter.video.pictures import Numbered
 from unshutter.video.planes import PixelFormat
 
 if TYPE_CHECKING:
-    from av import Packet, VideoFrame
+    from av import VideoFrame
 
-MOST_PIXELS, SMALLEST_SIDE = 1 << 28, 64  # px
-_LOOKED_AT = 120  # packets that tell the usual frame interval
+SMALLEST_SIDE = 64  # px
 _WHOLE = 0.03  # of a frame interval: times are taken to be this close to even ones
 _LONGEST_GAP = 4  # frame intervals; what lies farther apart is no motion
-# FFmpeg's names of the files that are opened. Not among them: lists of other files (HLS, concat), which could have it
-# open any file of this machine, or fetch one.
-_KINDS = (
-    "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,av1,obu,ivf,mjpeg,flv,ogg,asf,mxf,nut,dv,"
-    "wtv,yuv4mpegpipe,gif"
-)
 _PROGRESSIVE = (0, 1)  # FFmpeg's field orders: unknown, progressive
+_LEAD_S = 10.0  # s in which files that have no index have a key frame
+_NO_TABLES = ("mpegts", "mpeg", "h264", "hevc", "mpegvideo", "m4v", "mjpeg", "obu")  # whose lengths FFmpeg estimates
 
 
 @dataclass(frozen=True)
@@ -46,9 +43,12 @@ class Clip:
         duration_s: of the clip [s]; 0: unknown.
         tags: of the container and of the film, later ones first.
         ticks: units in a second of the times of its frames, at most a million.
-        of_pictures: whether it is a sequence of pictures.
         side_data: what lies beside the first frame, by FFmpeg's names; later frames are not asked, since PyAV then
             keeps them for good.
+        lead_s: by how much earlier than wanted the file has to be read, so that a key frame comes first [s].
+        extent: how much of it there should be.
+        clock: when its frames are shown.
+        pictures: of a sequence of pictures; None: a film.
     """
 
     path: str
@@ -61,41 +61,65 @@ class Clip:
     duration_s: float
     tags: dict[str, str]
     ticks: int
-    of_pictures: bool
     side_data: dict[str, bytes]
+    lead_s: float = field(repr=False)
+    extent: Extent = field(repr=False)
+    clock: Clock = field(repr=False)
+    pictures: Numbered | None = None
 
     @classmethod
-    def look(cls, path: str | os.PathLike[str], fps: float | None = None) -> Clip:
+    def look(cls, path: str | os.PathLike[str], fps: float | None = None, max_pixels: int = MAX_CLIP_PIXELS) -> Clip:
         """What a file says.
 
         Args:
             path: a film, a folder of pictures, or a pattern of their names.
             fps: of pictures; a film says it itself.
+            max_pixels: of a frame; clips of larger ones are refused.
 
         Raises:
             UnshutterError: it is no film, or one that nothing can be done to.
         """
-        place, of_pictures = as_pattern(path)
-        with opened(place, fps) as container:
+        place, pictures = os.fspath(path), Numbered.at(path)
+        with opened(place, pictures, fps) as container:
             stream = film_of(container, place)
             context = stream.codec_context
-            if not stream.width or not stream.height or stream.width * stream.height > MOST_PIXELS:
-                raise UnshutterError(f"{place}: frames of {stream.width}x{stream.height} px cannot be worked on")
-            if min(stream.width, stream.height) < SMALLEST_SIDE:
-                small = f"{stream.width}x{stream.height} px; both sides must be at least {SMALLEST_SIDE} px"
-                raise UnshutterError(f"{place}: its frames are {small}")
+            _check_size(place, stream.width, stream.height, max_pixels)
             if context.field_order not in _PROGRESSIVE:
                 raise _interlaced(place)
+            kind, base = container.format.name, float(stream.time_base)
             length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) / 1_000_000
             tags = {**dict(container.metadata), **dict(stream.metadata)}
             known = (place, PixelFormat.of(context.format), context.name, stream.height, stream.width)
             ticks = min(stream.time_base.denominator, 1_000_000)
-            interval = _interval(container, stream)
-            frames = stream.frames or (round(float(length) / interval) if of_pictures else 0)
-        beside = _beside_first_frame(place, fps)
+            start_s = (stream.start_time or 0) * base
+            by_tables = bool(stream.duration) and kind not in _NO_TABLES
+            interval, first, before = first_times(container, stream)
+            frames = stream.frames or (round(float(length) / interval) if pictures else 0)
+        end_s = start_s + float(length) if by_tables else None
+        extent = Extent(
+            file_length(place, kind) if pictures is None else FileLength(),
+            0 if pictures else frames,
+            kind == "avi",
+            interval,
+            start_s,
+            end_s,
+        )
+        beside, delay = _first_frame(place, pictures, fps)
         if "SPHERICAL" in beside:
             raise UnshutterError(f"{place} is a 360-degree clip: its rows are no rows of the sensor")
-        return cls(*known, interval, frames, float(length), tags, ticks, of_pictures, beside)
+        step = max(1, round(interval / base))
+        clock = Clock((first or 0) - before * step if first is not None else 0, step, delay if kind == "avi" else None)
+        lead_s = math.inf if first is None else _LEAD_S if kind in _NO_TABLES else 0.0
+        return cls(*known, interval, frames, float(length), tags, ticks, beside, lead_s, extent, clock, pictures)
+
+    @property
+    def of_pictures(self) -> bool:
+        """Whether it is a sequence of pictures."""
+        return self.pictures is not None
+
+    def opened(self) -> AbstractContextManager[Any]:
+        """The file as PyAV reads it; UnshutterError where it cannot be read any more."""
+        return opened(self.path, self.pictures, 1 / self.interval_s if self.pictures else None)
 
     def items(self, start: float | None = None, end: float | None = None, all_streams: bool = False) -> Iterator:
         """Frames in the order in which they are shown, and packets of the other streams where they lie between them.
@@ -107,25 +131,43 @@ class Clip:
         Raises:
             UnshutterError: the file is damaged, or ends before it should.
         """
-        with opened(self.path, 1 / self.interval_s if self.of_pictures else None) as container:
+        with self.opened() as container:
             film = film_of(container, self.path)
             film.thread_type = "AUTO"
-            if start:
-                container.seek(int(start / film.time_base), stream=film)
-            met = 0
-            for packet in _packets(container, None if all_streams else film, self.path):
-                if packet.stream.index != film.index:  # that of the last, empty packets is 0
-                    if packet.dts is not None and _wanted(_time(packet), start, end):
+            if start and start - self.lead_s > self.extent.start_s:
+                container.seek(int((start - self.lead_s) / film.time_base), stream=film)
+            times, ending = Times(self.clock), Ending(self.path, self.extent)
+            for packet in packets(container, None, self.path):
+                of_film = packet.stream.index == film.index  # packet.stream_index of the last, empty packets is 0
+                ending.add(packet, of_film)
+                if not of_film:
+                    if all_streams and packet.dts is not None and _wanted(time_of(packet), start, end):
                         yield packet
                     continue
-                met += packet.size > 0
-                for frame in _decoded(packet, self.path):
+                for frame in decoded(packet, self.path):
+                    times.set(frame)
                     if _wanted(frame.time, start, end):
                         yield self._checked(frame)
                     elif not all_streams and end is not None and (frame.time or 0) >= end:
                         return
-            if not start and film.frames and met < film.frames:
-                raise UnshutterError(f"{self.path} ends after {met} of its {film.frames} frames: the file is cut off")
+            ending.check(start, end)
+
+    def check_whole(self, start: float | None = None, end: float | None = None) -> None:
+        """Checks that a film goes on as long as it is wanted, where its size alone says that the file was cut off.
+
+        Args:
+            start, end: what is wanted [s]; None: all.
+
+        Raises:
+            UnshutterError: it ends before.
+        """
+        if not self.extent.length.cut:
+            return
+        with self.opened() as container:
+            film, ending = film_of(container, self.path), Ending(self.path, self.extent)
+            for packet in packets(container, None, self.path):
+                ending.add(packet, packet.stream.index == film.index)
+            ending.check(None, end)
 
     def since(self, before: VideoFrame | None, frame: VideoFrame) -> float | None:
         """Time from one frame to the next in usual frame intervals; None where they are no neighbours."""
@@ -139,7 +181,7 @@ class Clip:
 
     def _checked(self, frame: VideoFrame) -> VideoFrame:
         if frame.is_corrupt:
-            raise _damaged(self.path, frame.time)
+            raise damaged(self.path, frame.time)
         if frame.interlaced_frame:
             raise _interlaced(self.path)
         if (frame.width, frame.height, frame.format.name) != (self.width, self.height, self.pixels.name):
@@ -147,93 +189,39 @@ class Clip:
         return frame
 
 
-@contextmanager
-def opened(place: str, fps: float | None = None) -> Iterator:
-    """The file as PyAV reads it.
+def _check_size(place: str, width: int, height: int, most: int) -> None:
+    """Raises UnshutterError for frames that are too small or too large to be worked on."""
+    if not width or not height:
+        raise UnshutterError(f"{place} does not say how large its frames are")
+    size = f"{width}x{height} px"
+    if width * height > most:
+        millions = f"({width * height / 1e6:.0f} megapixels), more than the limit of {most / 1e6:g} megapixels"
+        raise UnshutterError(f"{place} has frames of {size} {millions}: see --max-pixels")
+    if min(width, height) < SMALLEST_SIDE:
+        raise UnshutterError(f"{place}: its frames are {size}; both sides must be at least {SMALLEST_SIDE} px")
+
+
+def _first_frame(place: str, pictures: Numbered | None, fps: float | None) -> tuple[dict[str, bytes], int]:
+    """The first frame's side data, and how much later than its packet's its decoding time is [ticks].
 
     Raises:
-        UnshutterError: there is none, or it is no film.
+        UnshutterError: the clip is interlaced, which only frames tell, or has no frame.
     """
-    how: dict[str, Any] = {"options": {"format_whitelist": _KINDS}}
-    if "%" in Path(place).name:
-        how = {"format": "image2", "options": {"framerate": str(Fraction(fps or 30).limit_denominator(100_000))}}
-        first = next((k for k in range(100_000) if os.path.exists(place % k)), 0)
-        how["options"]["start_number"] = str(first)
-    try:
-        container = av().open(place, metadata_errors="replace", **how)
-    except (OSError, ValueError) as error:
-        told = "no film that can be read" if isinstance(error, (ValueError, av().error.InvalidDataError)) else None
-        told = told or (error.strerror if isinstance(error, OSError) else "") or "no film that can be read"
-        raise UnshutterError(f"cannot read {place}: {told}") from None
-    try:
-        yield container
-    finally:
-        container.close()
-
-
-def film_of(container, place: str):
-    """The first stream of pictures that move; UnshutterError where there is none."""
-    films = [s for s in container.streams.video if not s.disposition & 0x400]  # an attached picture is a cover
-    if not films or films[0].codec_context is None:
-        raise UnshutterError(f"{place} has no film in it, or one of an unknown kind")
-    return films[0]
-
-
-def _interval(container, stream) -> float:
-    """The usual time from frame to frame [s]: the median of the first ones'."""
-    times = []
-    for packet in _packets(container, stream, "the clip"):
-        if packet.pts is not None:
-            times.append(packet.pts)
-        if len(times) > _LOOKED_AT:
-            break
-    times = sorted(set(times))[:-4] if len(times) > 8 else sorted(set(times))  # the last ones may still lack some
-    gaps = sorted(b - a for a, b in pairwise(times))
-    if gaps:
-        usual = float(gaps[len(gaps) // 2] * stream.time_base)
-        said = [1 / float(rate) for rate in (stream.guessed_rate, stream.average_rate) if rate]
-        return next((s for s in said if abs(s - usual) <= 1.01 * stream.time_base), usual)
-    return 1 / float(stream.guessed_rate or stream.average_rate or 30)
-
-
-def _beside_first_frame(place: str, fps: float | None) -> dict[str, bytes]:
-    """The first frame's side data; refuses interlaced clips, which only frames tell."""
-    with opened(place, fps) as container:
-        film = film_of(container, place)
-        for packet in _packets(container, film, place):
-            for frame in _decoded(packet, place):
+    with opened(place, pictures, fps) as container:
+        film, begun = film_of(container, place), None
+        for packet in packets(container, film, place):
+            begun = packet.dts if begun is None else begun
+            for frame in decoded(packet, place):
                 if frame.interlaced_frame:
                     raise _interlaced(place)
                 beside: Any = frame.side_data
-                return {data.type.name: bytes(data) for data in beside}
+                delay = frame.dts - begun if frame.dts is not None and begun is not None else 0
+                return {data.type.name: bytes(data) for data in beside}, delay
     raise UnshutterError(f"{place} has no frame that can be decoded")
-
-
-def _packets(container, stream, place: str) -> Iterator[Packet]:
-    try:
-        yield from container.demux(stream) if stream is not None else container.demux()
-    except av().error.FFmpegError as error:
-        raise UnshutterError(f"cannot read {place} to its end: {error.strerror}") from None
-
-
-def _decoded(packet: Packet, place: str) -> list[VideoFrame]:
-    try:
-        return packet.decode()
-    except av().error.FFmpegError:
-        raise _damaged(place, _time(packet)) from None
-
-
-def _time(packet: Packet) -> float | None:
-    return None if packet.pts is None else float(packet.pts * packet.time_base)
 
 
 def _wanted(at: float | None, start: float | None, end: float | None) -> bool:
     return at is None or ((start is None or at >= start - 1e-6) and (end is None or at < end))
-
-
-def _damaged(place: str, at: float | None) -> UnshutterError:
-    where = "" if at is None else f" at {at:.1f} s"
-    return UnshutterError(f"{place} is damaged{where}: take what is whole with --start and --end")
 
 
 def _interlaced(place: str) -> UnshutterError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError, UsageError
@@ -30,6 +31,9 @@ _X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", 
 _PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
 _QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
 _PRORES = {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"}
+_CONSTANT_RATE = {"mpeg1video", "mpeg2video"}  # whose frames are counted, and have no times of their own
+_COARSE = {"mpeg4", "msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"}  # whose times have at most 16 bits a second
+_MOST_TICKS = 65_535  # of these
 _LAMBDA = 118  # FFmpeg's units of a quality of 1
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 
@@ -99,7 +103,7 @@ class Encoder:
             raise UnshutterError(f"a file of the kind '{container.format.name}' cannot hold {self.name}") from None
         context, source = stream.codec_context, like.codec_context
         stream.height, stream.width, stream.pix_fmt = *size, self.pixel_format
-        context.time_base = like.time_base
+        context.time_base = _time_base(self.name, like.time_base or 1 / Fraction(rate), Fraction(rate))
         for name in _COLOURS:
             setattr(context, name, getattr(source, name))
         if like.sample_aspect_ratio:
@@ -143,6 +147,22 @@ def _speed(name: str, preset: str | None) -> dict[str, str]:
     if preset not in _PRESETS[name]:
         raise UsageError(f"{name} has no preset '{preset}': choose one of {', '.join(_PRESETS[name])}")
     return {"preset": preset}
+
+
+def _time_base(name: str, wanted: Fraction, rate: Fraction) -> Fraction:
+    """The unit of time that an encoder is given: the film's own, as far as it takes it.
+
+    Args:
+        name: of the encoder.
+        wanted: the film's own unit [s].
+        rate: frames a second.
+    """
+    if name in _CONSTANT_RATE:
+        return 1 / rate
+    if name in _COARSE and wanted.denominator > _MOST_TICKS:
+        rate = rate.limit_denominator(1001)
+        return Fraction(1, rate.numerator * max(_MOST_TICKS // rate.numerator, 1))
+    return wanted
 
 
 def _follow(stream: Any, source: Any) -> None:

@@ -11,11 +11,12 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, visible
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.storage.files import written_whole
+from unshutter.storage.plain_files import check_plain
 from unshutter.version import __version__
 from unshutter.video.clip import Clip
 from unshutter.video.moving import ROWS, Moved
@@ -118,6 +119,7 @@ def load(path: Path) -> ClipMotion:
         UnshutterError: it cannot be read, or is none.
     """
     try:
+        check_plain(path)
         if path.stat().st_size > _LARGEST:
             raise UnshutterError(f"{path} is too large for a motion file")
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -144,7 +146,7 @@ def _made(data: dict[str, Any]) -> ClipMotion:
     motions: list[Motion] = []
     for frame in data["frames"]:
         if frame["rotations_rad"] is None:
-            motions.append(RowMotion.zero(ROWS, small, readout=readout, reason=str(frame.get("reason", ""))))
+            motions.append(RowMotion.zero(ROWS, small, readout=readout, reason=visible(str(frame.get("reason", "")))))
             continue
         kept = np.array(frame["rotations_rad"], np.float64)
         if kept.shape != (_KEPT, 3):

@@ -12,6 +12,8 @@ from unshutter.geometry.readout import Readout
 from unshutter.options import FrameModel, Reference, option
 
 ClipEdges = Literal["keep", "crop", "fill", "borrow"]
+MAX_CLIP_PIXELS = 38_000_000  # of a frame, unless a user allows more: 8K
+_LONGEST_S = 1e9
 
 
 @dataclass(frozen=True)
@@ -174,9 +176,10 @@ class RectifyClip:
         plot: picture to write of the camera's motion.
         overwrite: whether outputs that exist may be replaced.
         json_log: file to add what happens to.
+        max_pixels: of a frame; clips of larger ones are refused.
 
     Raises:
-        UsageError: options that do not go together.
+        UsageError: options that do not go together, or numbers that cannot be.
     """
 
     shutter: Shutter = field(default_factory=Shutter)
@@ -193,6 +196,7 @@ class RectifyClip:
     plot: Path | None = option(None, "Also plot how fast the camera turned (.png, .svg, .pdf). Needs the extra `plot`.")
     overwrite: bool = option(False, "Replace output files that exist already, but never the clip itself.")
     json_log: Path | None = option(None, "Append a record of the run to this file: one JSON object per line.")
+    max_pixels: int = option(MAX_CLIP_PIXELS, "Refuse clips with larger frames. Default: 38 000 000 pixels (8K).")
 
     def __post_init__(self) -> None:
         if self.motion is not None and not self.shutter.is_empty:
@@ -201,8 +205,11 @@ class RectifyClip:
             raise UsageError("motion files hold the camera's motion, which --model dense does not undo: use camera")
         if self.fps is not None and not 0 < self.fps < 10_000:
             raise UsageError(f"--fps must be positive, got {self.fps:g}")
-        if (self.start or 0) < 0 or (self.end is not None and self.end <= (self.start or 0)):
-            raise UsageError("--start must be 0 or later, and --end after it")
+        start, end = self.start or 0.0, math.inf if self.end is None else self.end
+        if not 0 <= start < _LONGEST_S or not (end > start and (self.end is None or end < _LONGEST_S)):
+            raise UsageError("--start must be 0 or later, and --end after it, in seconds")
+        if self.max_pixels < 1:
+            raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
 
     def span(self, duration_s: float) -> tuple[float, float]:
         """What is kept of a clip of that length [s]; a minute where the length is not known (0)."""

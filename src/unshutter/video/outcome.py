@@ -8,11 +8,13 @@ import sys
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import nan
 from pathlib import Path
 
 import numpy as np
 
+from unshutter.errors import visible
 from unshutter.export.plot import plot_turns
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.motion import RotationMotion
@@ -20,6 +22,8 @@ from unshutter.storage.plain_files import open_plain
 from unshutter.video.clip import Clip
 from unshutter.video.moving import Moved
 from unshutter.video.options import RectifyClip
+
+_GAP, _GAP_S = 10, 1.0  # frame intervals and seconds without a frame that are told the user
 
 
 @dataclass
@@ -59,6 +63,18 @@ class Done:
         self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if known else (nan,) * 3))
 
 
+def _say(line: str) -> None:
+    """One line for the user, whatever names hold."""
+    print(visible(line), file=sys.stderr)
+
+
+def _longest_gap(done: Done, interval_s: float) -> tuple[float, float] | None:
+    """Where frames are farther apart than frames usually are: from when on, and for how long [s]; None: nowhere."""
+    times = [time_s for time_s, _ in done.turns]
+    longest, at = max(((b - a, a) for a, b in pairwise(times)), default=(0.0, 0.0))
+    return (at, longest) if longest > max(_GAP * interval_s, _GAP_S) else None
+
+
 def plot(path: Path, source: str, done: Done, readout_s: float, overwrite: bool) -> None:
     """Draws how fast the camera turned."""
     times, turns = (np.array(values, np.float64) for values in zip(*done.turns, strict=True))
@@ -76,9 +92,12 @@ def tell(source: str, output: str, done: Done, ratio: ReadoutRatio, clip: Clip, 
         reason, count = done.reasons.most_common(1)[0]
         others = f"; {left - count} for other reasons" if left > count else ""
         note += f", {left} left as they are ({reason}{others})"
-    print(f"{source} -> {output}: {done.rectified} of {done.frames} frames straightened{note}", file=sys.stderr)
+    _say(f"{source} -> {output}: {done.rectified} of {done.frames} frames straightened{note}")
     if done.left_out:
-        print(f"unshutter: such files have no place for: {', '.join(done.left_out)}", file=sys.stderr)
+        _say(f"unshutter: such files have no place for: {', '.join(done.left_out)}")
+    if (gap := _longest_gap(done, clip.interval_s)) is not None:
+        at, seconds = gap
+        _say(f"unshutter: {source} has no frames for {seconds:.1f} s after {at:.1f} s: part of it may be missing")
     if wanted.json_log is None:
         return
     record = {

@@ -4,48 +4,63 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
+from unshutter.storage.plain_files import check_plain
 
 if TYPE_CHECKING:
     from av import VideoFrame
 
-_NUMBERED = re.compile(r"(.*?)(\d+)(\.[A-Za-z]+)")
-_PATTERN = re.compile(r"[^%]*%0?\d*d[^%]*")
+_NAME = re.compile(r"(.*?)(\d+)(\.[A-Za-z]+)", re.ASCII)
+_PATTERN = re.compile(r"((?:[^%]|%%)*)%(?:0?(\d{1,2}))?d((?:[^%]|%%)*)")
 ENDINGS = {".png": "png", ".jpg": "mjpeg", ".jpeg": "mjpeg", ".tif": "tiff", ".tiff": "tiff"}
 
 
-def as_pattern(path: str | os.PathLike[str]) -> tuple[str, bool]:
-    """What FFmpeg opens, and whether it is a sequence of pictures.
+@dataclass(frozen=True)
+class Numbered:
+    """Pictures that are a clip.
 
-    Args:
-        path: a file, a folder of numbered pictures, or a pattern like ``frames/%05d.png``.
-
-    Raises:
-        UnshutterError: a folder without numbered pictures, or of several kinds of them.
+    Attributes:
+        pattern: of their names, with ``%%`` for each other ``%``, of the folder's name too.
+        first: number of the first one.
     """
-    place = os.fspath(path)
-    if not os.path.isdir(place):
-        if is_pattern(place):
-            if not any(os.path.exists(place % k) for k in range(100_000)):
-                raise UnshutterError(f"there is no picture {place}")
-            return place, True
-        return place, False
-    kinds: dict[tuple[str, int, str], int] = {}
-    for name in sorted(os.listdir(place)):
-        if (found := _NUMBERED.fullmatch(name)) and found[3].lower() in ENDINGS:
-            kind = (found[1], len(found[2]), found[3])
-            kinds[kind] = kinds.get(kind, 0) + 1
-    if len(kinds) != 1:
-        what = "several kinds of numbered pictures" if kinds else "no numbered pictures (00001.png ...)"
-        raise UnshutterError(f"{place} has {what} in it: say which with a pattern, such as {place}/%05d.png")
-    (stem, digits, ending), _ = kinds.popitem()
-    return str(Path(place) / f"{stem.replace('%', '%%')}%0{digits}d{ending}"), True
+
+    pattern: str
+    first: int
+
+    @classmethod
+    def at(cls, path: str | os.PathLike[str]) -> Numbered | None:
+        """The pictures at a place; None: it is a film, or nothing.
+
+        Args:
+            path: a file, a folder of numbered pictures, or a pattern like ``frames/%05d.png``.
+
+        Raises:
+            UnshutterError: no pictures, a folder of several kinds of them, some are missing between others, or one is
+                no file.
+        """
+        place = Path(path)
+        if place.is_dir():
+            folder, (stem, digits, ending) = place, _only_kind(place)
+        elif is_pattern(os.fspath(path)) and not place.is_file() and (found := _PATTERN.fullmatch(place.name)):
+            folder, digits = place.parent, int(found[2] or 1)
+            stem, ending = found[1].replace("%%", "%"), found[3].replace("%%", "%")
+        else:
+            return None
+        numbers = _numbers(folder, stem, digits, ending)
+        if not numbers:
+            raise UnshutterError(f"there is no picture {place}")
+        pattern = f"{_escaped(os.fspath(folder))}{os.sep}{_escaped(stem)}%0{digits}d{_escaped(ending)}"
+        for before, after in pairwise(numbers):
+            if after != before + 1:
+                raise UnshutterError(f"{pattern % (before + 1)} is missing: number the pictures without gaps")
+        for number in numbers:
+            check_plain(Path(pattern % number))
+        return cls(pattern, numbers[0])
 
 
 def is_pattern(place: str) -> bool:
@@ -53,15 +68,42 @@ def is_pattern(place: str) -> bool:
     return bool(_PATTERN.fullmatch(Path(place).name))
 
 
+def _only_kind(folder: Path) -> tuple[str, int, str]:
+    """What stands before the numbers of a folder's pictures, how many digits they have, and what stands behind."""
+    kinds = {
+        (found[1], len(found[2]), found[3])
+        for name in os.listdir(folder)
+        if (found := _NAME.fullmatch(name)) and found[3].lower() in ENDINGS
+    }
+    if len(kinds) != 1:
+        what = "several kinds of numbered pictures" if kinds else "no numbered pictures (00001.png ...)"
+        raise UnshutterError(f"{folder} has {what} in it: say which with a pattern, such as {folder}/%05d.png")
+    return kinds.pop()
+
+
+def _numbers(folder: Path, stem: str, digits: int, ending: str) -> list[int]:
+    """The numbers of the pictures of a folder that are called so, in order."""
+    name = re.compile(rf"{re.escape(stem)}(\d{{{digits},18}}){re.escape(ending)}", re.ASCII)
+    try:
+        found = [match[1] for each in os.listdir(folder) if (match := name.fullmatch(each))]
+    except OSError:
+        return []
+    return sorted(int(each) for each in found if each == f"{int(each):0{digits}d}")
+
+
+def _escaped(name: str) -> str:
+    return name.replace("%", "%%")
+
+
 # ---- written --------------------------------------------------------------------------------------------
 
 
-def folder_and_name(target: Path, like: str) -> tuple[Path, str]:
+def folder_and_name(target: Path, like: Numbered | None) -> tuple[Path, str]:
     """Where pictures go and what they are called.
 
     Args:
         target: a folder, or a pattern.
-        like: a name or pattern that says how they are called where the target does not.
+        like: pictures that say how they are called where the target does not.
 
     Raises:
         UnshutterError: pictures of this ending cannot be written.
@@ -69,32 +111,10 @@ def folder_and_name(target: Path, like: str) -> tuple[Path, str]:
     if is_pattern(str(target)):
         folder, name = target.parent, target.name
     else:
-        folder, name = target, Path(like).name if is_pattern(like) else "%05d.png"
+        folder, name = target, "%05d.png" if like is None else Path(like.pattern).name
     if Path(name).suffix.lower() not in ENDINGS:
         raise UnshutterError(f"cannot write pictures called {name}: choose .png, .jpg or .tif")
     return folder, name
-
-
-@contextmanager
-def new_folder(folder: Path) -> Iterator[Path]:
-    """A folder that gets its name when the block ends well, and goes otherwise.
-
-    Raises:
-        UnshutterError: there is something of that name, or it cannot be made.
-    """
-    if os.path.lexists(folder) and not (folder.is_dir() and not folder.is_symlink() and not os.listdir(folder)):
-        raise UnshutterError(f"{folder} exists already: pictures go into a new folder")
-    part = folder.with_name(f".{folder.name}.{os.urandom(4).hex()}.part")
-    try:
-        part.mkdir()
-        yield part
-        if folder.is_dir():
-            folder.rmdir()
-        part.rename(folder)
-    except OSError as error:
-        raise UnshutterError(f"cannot write {folder}: {error.strerror}") from None
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
 
 
 def write(frame: VideoFrame, path: Path) -> None:

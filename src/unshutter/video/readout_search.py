@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, visible
 from unshutter.frames.focal import focal_from_motion
 from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
 from unshutter.frames.sequence import CameraMotion
@@ -69,7 +69,7 @@ def found_or_listed(
             raise
         name, ms = listed
         why = str(error).removesuffix(f": {WHAT_TO_DO}")
-        print(f"unshutter: {why}; the table of cameras says {ms:.1f} ms for {name}", file=sys.stderr)
+        print(visible(f"unshutter: {why}; the table of cameras says {ms:.1f} ms for {name}"), file=sys.stderr)
         return ReadoutRatio(min(ms / 1000 / clip.interval_s, 1.0), 0.0, "table of cameras")
     tell(ratio, clip.interval_s)
     return ratio
@@ -92,7 +92,7 @@ def find_ratio(
         UnshutterError: the clip cannot be read.
     """
     found: list[ReadoutRatio] = []
-    why = "the camera stood still"
+    why = f"no {_FEWEST} frames in a row show one scene clearly"
     with Progress(_MOST_PARTS, "readout time", watch) as progress:
         for part in _parts(clip, readout, span):
             focal = None if focal_px is None else focal_px * 256 / part.pairs[0].height

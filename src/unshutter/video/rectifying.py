@@ -19,9 +19,10 @@ from unshutter.frames.sequence import CameraMotion
 from unshutter.geometry.readout import Readout
 from unshutter.progress import Progress, Watch
 from unshutter.storage.files import check_target, remove_leftovers, written_whole
+from unshutter.storage.new_folders import new_folder, remove_left_folders
 from unshutter.video import motion_file, mp4_film, pictures
 from unshutter.video.background import ahead, side_by_side
-from unshutter.video.clip import Clip, opened
+from unshutter.video.clip import Clip
 from unshutter.video.dense import beside_each_other
 from unshutter.video.encoders import Encoder
 from unshutter.video.frames_out import Warper, common_window
@@ -57,9 +58,10 @@ def rectify_clip(
     cv2.setNumThreads(1)  # the threads are in the pipeline
     target = Path(output)
     _check_targets(source, target, wanted)
-    clip = Clip.look(source, wanted.fps)
+    clip = Clip.look(source, wanted.fps, wanted.max_pixels)
     if wanted.fps is not None and not clip.of_pictures:
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
+    clip.check_whole(wanted.start, wanted.end)
     known = motion_file.load(wanted.motion) if wanted.motion is not None else None
     encoder = Encoder.choose(clip, wanted.encode) if not _is_pictures(target) else None
     ratio, readout = _readout(clip, wanted, known, found)
@@ -129,7 +131,7 @@ def _film_out(work: _Work, target: Path) -> Done:
         motions = stack.enter_context(
             motion_file.motion_written(wanted.save_motion, wanted.overwrite, clip, work.ratio, work.readout)
         )
-        source = stack.enter_context(opened(clip.path, 1 / clip.interval_s if clip.of_pictures else None))
+        source = stack.enter_context(clip.opened())
         frames = stack.enter_context(tempfile.TemporaryFile(dir=target.parent)) if grafted else None
         place = frames if frames is not None else part
         container = stack.enter_context(writing(place, target.suffix, clip.ticks))
@@ -159,9 +161,9 @@ def _film_out(work: _Work, target: Path) -> Done:
 def pictures_out(work: _Work, target: Path) -> Done:
     """Writes pictures into a new folder, which gets its name when all of them are there."""
     clip, wanted, done = work.clip, work.wanted, Done()
-    folder, name = pictures.folder_and_name(target, clip.path if clip.of_pictures else "00001.png")
+    folder, name = pictures.folder_and_name(target, clip.pictures)
     with ExitStack() as stack:
-        part = stack.enter_context(pictures.new_folder(folder))
+        part = stack.enter_context(new_folder(folder))
         motions = stack.enter_context(
             motion_file.motion_written(wanted.save_motion, wanted.overwrite, clip, work.ratio, work.readout)
         )
@@ -211,9 +213,10 @@ def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
             if path.absolute() == target.absolute():
                 raise UsageError(f"{path} is to be written twice: choose another name")
     if _is_pictures(target):
-        return
-    check_target(target, wanted.overwrite, original, wanted.motion)
-    left = remove_leftovers(target.parent)
+        left = remove_left_folders(target.parent if pictures.is_pattern(str(target)) else target)
+    else:
+        check_target(target, wanted.overwrite, original, wanted.motion)
+        left = remove_leftovers(target.parent)
     if left:
         print("unshutter: an earlier run was killed here; this one starts from the beginning", file=sys.stderr)
 

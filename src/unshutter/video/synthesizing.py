@@ -16,11 +16,11 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Synthesize
 from unshutter.photo import Photo
 from unshutter.progress import Progress
+from unshutter.storage.new_folders import new_folder, remove_left_folders
 from unshutter.synthesis.rotation_log import RotationLog
 from unshutter.synthesis.sequences import TurningCamera
 from unshutter.video.library import av
 from unshutter.video.options import SynthesizeClip
-from unshutter.video.pictures import new_folder
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt8
@@ -83,6 +83,7 @@ def synthesize_clip(photo: Path, output: Path, pictures: Synthesize, clip: Synth
     seen = Photo.open(photo).to_array()
     if seen.dtype != np.uint8 or seen.ndim != 3:
         raise UnshutterError(f"{photo}: clips are made from colour photos of 8 bits")
+    remove_left_folders(output)
     with new_folder(output) as folder, Progress(2 * camera.frames, "frames") as progress:
         for name, taken in (("rs.mp4", camera), ("gs.mp4", Instants.of(camera))):
             _write(folder / name, taken.rendered(seen[..., :3]), camera, progress)

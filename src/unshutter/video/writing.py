@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from unshutter.errors import UnshutterError
-from unshutter.video.clip import Clip, film_of
+from unshutter.video import pictures
+from unshutter.video.clip import Clip
+from unshutter.video.containers import film_of
 from unshutter.video.encoders import Encoder
 from unshutter.video.library import av
 
@@ -59,6 +61,8 @@ class Film:
             if source.chapters():
                 container.set_chapters(source.chapters())
         self._shift = start_s  # becomes the moment 0
+        self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
+        self._last = -(1 << 62)  # time of the frame before [units of the encoder]
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
 
@@ -86,8 +90,11 @@ class Film:
         if frame.format.name != self._pixel_format:
             frame = frame.reformat(format=self._pixel_format)
         frame.pict_type = 0  # the encoder decides which are key frames
-        if self._shift and frame.pts is not None and frame.time_base is not None:
-            frame.pts -= round(self._shift / frame.time_base)
+        if frame.pts is not None and frame.time_base is not None:
+            base = self._stream.codec_context.time_base
+            ticks = round((frame.pts - round(self._shift / frame.time_base)) * frame.time_base / base)
+            frame.pts = self._last = max(ticks, self._last + 1)
+            frame.time_base = base
         self._put(lambda: self._container.mux(self._stream.encode(frame)))
 
     def add_packet(self, packet: Packet) -> None:
@@ -114,6 +121,8 @@ class Film:
             step()
         except av().error.FFmpegError as error:
             told = "the disc is full" if error.errno == errno.ENOSPC else error.strerror
+            if error.errno == errno.EINVAL:
+                told = f"{self._kind} does not take its frames or their times; try another --codec, or .mkv"
             raise UnshutterError(f"cannot encode the clip: {told}") from None
 
 
@@ -134,6 +143,8 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
         options = {"movie_timescale": str(ticks)}
         if isinstance(place, Path):
             options["movflags"] = "use_metadata_tags+faststart"
+    if ending.lower() in pictures.ENDINGS:
+        raise UnshutterError(f"'{ending}' is no film: name a new folder for pictures, or a pattern: out/%05d{ending}")
     try:
         if isinstance(place, Path):
             container = av().open(str(place), "w", container_options=options)

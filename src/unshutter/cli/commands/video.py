@@ -32,4 +32,5 @@ The frames show how the camera moved, and usually how long it takes to read one 
 timestamps stay as they are. Needs the extra `video`.""",
     Arguments,
     run,
+    when_stopped="no half-written file is left",
 )

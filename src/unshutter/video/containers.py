@@ -1,0 +1,120 @@
+"""Films' files as PyAV reads them: opened, their film found, their packets and frames one by one."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from unshutter.errors import UnshutterError
+from unshutter.storage.plain_files import check_plain
+from unshutter.video.library import av
+from unshutter.video.pictures import Numbered
+
+if TYPE_CHECKING:
+    from av import Packet, VideoFrame
+
+_LOOKED_AT = 120  # packets that tell the usual frame interval
+# FFmpeg's names of the files that are opened. Not among them: lists of other files (HLS, concat), which could have it
+# open any file of this machine, or fetch one.
+_KINDS = (
+    "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,av1,obu,ivf,mjpeg,flv,ogg,asf,mxf,nut,dv,"
+    "wtv,yuv4mpegpipe,gif"
+)
+_LARGEST_FRAME = 1 << 28  # px; a decoder asks for memory before anybody else knows its frames' size
+
+
+@contextmanager
+def opened(place: str, pictures: Numbered | None = None, fps: float | None = None) -> Iterator[Any]:
+    """The file as PyAV reads it.
+
+    Args:
+        place: of a film; a sequence of pictures is only called so.
+        pictures: a sequence of them; None: a film.
+        fps: of pictures.
+
+    Raises:
+        UnshutterError: there is none, or it is no film.
+    """
+    if pictures is None:
+        check_plain(Path(place))
+        name, how = place, {"options": {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME)}}
+    else:
+        rate = str(Fraction(fps or 30).limit_denominator(100_000))
+        settings = {"framerate": rate, "start_number": str(pictures.first), "pattern_type": "sequence"}
+        name, how = pictures.pattern, {"format": "image2", "options": settings}
+    try:  # by its whole path: what stands before a colon would be taken for a protocol
+        container = av().open(os.path.abspath(name), metadata_errors="replace", **how)
+    except (OSError, ValueError, av().error.FFmpegError) as error:
+        told = error.strerror if isinstance(error, OSError) else ""
+        raise UnshutterError(f"cannot read {place}: {told or 'no film that can be read'}") from None
+    try:
+        yield container
+    finally:
+        container.close()
+
+
+def film_of(container: Any, place: str) -> Any:
+    """The first stream of pictures that move; UnshutterError where there is none."""
+    films = [s for s in container.streams.video if not s.disposition & 0x400]  # an attached picture is a cover
+    if not films or films[0].codec_context is None:
+        raise UnshutterError(f"{place} has no film in it, or one of an unknown kind")
+    return films[0]
+
+
+def packets(container: Any, stream: Any, place: str) -> Iterator[Packet]:
+    """The packets of a stream (None: of all) to the end of the file; UnshutterError where they cannot be read."""
+    try:
+        yield from container.demux(stream) if stream is not None else container.demux()
+    except IndexError:  # PyAV, at the end, after the empty packets of all streams but those that began in mid-file
+        return
+    except av().error.FFmpegError as error:
+        raise UnshutterError(f"cannot read {place} to its end: {error.strerror}") from None
+
+
+def decoded(packet: Packet, place: str) -> list[VideoFrame]:
+    """The frames that a packet completes; UnshutterError where it is damaged."""
+    try:
+        return packet.decode()
+    except av().error.FFmpegError:
+        raise damaged(place, time_of(packet)) from None
+
+
+def time_of(packet: Packet) -> float | None:
+    """When a packet is shown or heard [s]; None: unknown."""
+    return None if packet.pts is None else float(packet.pts * packet.time_base)
+
+
+def damaged(place: str, at: float | None) -> UnshutterError:
+    """What is said of a film that is damaged at a moment [s]."""
+    where = "" if at is None else f" at {at:.1f} s"
+    return UnshutterError(f"{place} is damaged{where}: take what is whole with --start and --end")
+
+
+def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
+    """What a film's first packets say of its times.
+
+    Returns:
+        The usual time from frame to frame [s], the median of theirs; the earliest time that one of them has [ticks of
+        the stream], None: none has; and how many come before the first that has one.
+    """
+    times, before = [], 0
+    for packet in packets(container, stream, "the clip"):
+        if packet.pts is not None:
+            times.append(packet.pts)
+        elif not times and packet.size:
+            before += 1
+        if len(times) + before > _LOOKED_AT:
+            break
+    first = min(times, default=None)
+    times = sorted(set(times))[:-4] if len(times) > 8 else sorted(set(times))  # the last ones may still lack some
+    gaps = sorted(b - a for a, b in pairwise(times))
+    said = [1 / float(rate) for rate in (stream.guessed_rate, stream.average_rate) if rate]
+    if not gaps:
+        return (said or [1 / 30])[0], first, before
+    usual = float(gaps[len(gaps) // 2] * stream.time_base)
+    return next((s for s in said if abs(s - usual) <= 1.01 * stream.time_base), usual), first, before

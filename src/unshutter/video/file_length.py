@@ -1,0 +1,196 @@
+"""How long a film's file says that it is, in bytes and in seconds, where FFmpeg does not hand it on.
+
+Sources: RFC 8794 and 9559 (EBML, Matroska); ISO/IEC 14496-12 (MP4); Adobe's FLV specification 10.1; Microsoft's AVI
+RIFF and ASF references; ISO/IEC 13818-1 (MPEG streams).
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import BinaryIO
+
+_MOST_PARTS = 100_000  # of a file that are looked at
+_LARGEST_HEADER = 1 << 20  # bytes
+_FLV_HEAD = 1 << 16  # bytes in which a film's length is told
+_TS_PACKETS = ((188, 0), (192, 4), (204, 0), (208, 0))  # bytes of a packet, and where in it the first 0x47 is
+_UNTIL_CLUSTER = 0x1F43B675
+_SEGMENT, _INFO, _SCALE, _DURATION = 0x18538067, 0x1549A966, 0x2AD7B1, 0x4489
+_ASF_FILE = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
+
+
+@dataclass(frozen=True)
+class FileLength:
+    """What a file's own headers say of its length.
+
+    Attributes:
+        cut: whether it has fewer bytes than they say; None: they do not say how many it should have.
+        seconds: at which the longest of its streams ends; None: they do not say that.
+    """
+
+    cut: bool | None = None
+    seconds: float | None = None
+
+
+def file_length(path: str, kind: str) -> FileLength:
+    """What a file says of its length.
+
+    Args:
+        path: of it.
+        kind: FFmpeg's name of such files.
+    """
+    reader = _READERS.get(kind.partition(",")[0])
+    if reader is not None:
+        with suppress(OSError, struct.error, ValueError, OverflowError, IndexError), open(path, "rb") as stream:
+            return reader(stream, os.fstat(stream.fileno()).st_size)
+    return FileLength()
+
+
+# ---- Matroska, WebM -----------------------------------------------------------------------------------------
+
+
+def _matroska(stream: BinaryIO, size: int) -> FileLength:
+    for name, start, length in _elements(stream, 0, size):
+        if name == _SEGMENT:
+            cut = None if length is None else start + length > size
+            for inner, at, inner_length in _elements(stream, start, size):
+                if inner == _INFO and inner_length is not None:
+                    return FileLength(cut, _matroska_seconds(stream, at, min(inner_length, _LARGEST_HEADER)))
+                if inner == _UNTIL_CLUSTER:
+                    break
+            return FileLength(cut)
+    return FileLength()
+
+
+def _matroska_seconds(stream: BinaryIO, start: int, length: int) -> float | None:
+    scale, duration = 1_000_000, None
+    for name, at, inner in _elements(stream, start, start + length):
+        stream.seek(at)
+        if name == _SCALE and inner:
+            scale = int.from_bytes(stream.read(min(inner, 8)), "big")
+        if name == _DURATION and inner in (4, 8):
+            (duration,) = struct.unpack(">f" if inner == 4 else ">d", stream.read(inner))
+    return duration * scale / 1e9 if duration and 0 < duration * scale / 1e9 < 1e9 else None
+
+
+def _elements(stream: BinaryIO, at: int, end: int) -> Iterator[tuple[int, int, int | None]]:
+    """(name, where its content begins, how long that is; None: unknown) of EBML elements side by side."""
+    for _ in range(_MOST_PARTS):
+        if at >= end:
+            return
+        stream.seek(at)
+        head = stream.read(12)
+        wide = 9 - head[0].bit_length()
+        name = int.from_bytes(head[:wide], "big")
+        longer = 9 - head[wide].bit_length()
+        if wide > 4 or longer > 8:
+            return
+        length: int | None = int.from_bytes(head[wide : wide + longer], "big") & ((1 << 7 * longer) - 1)
+        if length == (1 << 7 * longer) - 1:
+            length = None
+        yield name, at + wide + longer, length
+        if length is None:
+            return
+        at += wide + longer + length
+
+
+# ---- others -------------------------------------------------------------------------------------------------
+
+
+def _boxes(stream: BinaryIO, size: int) -> FileLength:
+    """MP4 and QuickTime: FFmpeg hands on how long they are, but not whether the last box is all there."""
+    at = 0
+    for _ in range(_MOST_PARTS):
+        stream.seek(at)
+        head = stream.read(16)
+        if len(head) < 8:
+            break
+        length, name = struct.unpack(">I4s", head[:8])
+        if length == 1:
+            (length,) = struct.unpack(">Q", head[8:16])
+        if length < 8:  # to the end
+            break
+        at += length
+        if at > size:
+            return FileLength(name in (b"mdat", b"moof", b"moov"))
+    return FileLength(False)
+
+
+def _riff(stream: BinaryIO, size: int) -> FileLength:
+    at = 0
+    for _ in range(_MOST_PARTS):
+        stream.seek(at)
+        head = stream.read(8)
+        if len(head) < 8 or head[:4] != b"RIFF":
+            break
+        (length,) = struct.unpack("<I", head[4:])
+        if length in (0, 0xFFFFFFFF):  # not known when it was written
+            return FileLength()
+        at += 8 + length + (length & 1)
+        if at > size + 1:
+            return FileLength(True)
+    return FileLength(False)
+
+
+def _flv(stream: BinaryIO, size: int) -> FileLength:
+    head = stream.read(_FLV_HEAD)
+    at = head.find(b"\0\x08duration\0") + 11
+    seconds = struct.unpack(">d", head[at : at + 8])[0] if at >= 11 else None
+    stream.seek(max(size - 4, 0))
+    (last,) = struct.unpack(">I", stream.read(4))
+    cut = True
+    if 11 <= last <= size - 4:
+        stream.seek(size - 4 - last)
+        tag = stream.read(4)
+        cut = int.from_bytes(tag[1:], "big") + 11 != last
+    return FileLength(cut, seconds if seconds is not None and 0 < seconds < 1e9 else None)
+
+
+def _asf(stream: BinaryIO, size: int) -> FileLength:
+    head = stream.read(_FLV_HEAD)
+    at = head.find(_ASF_FILE)
+    if at < 0:
+        return FileLength()
+    (told,) = struct.unpack_from("<Q", head, at + 40)
+    played, _, ahead_ms, flags = struct.unpack_from("<QQQI", head, at + 64)
+    if flags & 1 or not played:  # a broadcast, whose length was not known
+        return FileLength()
+    return FileLength(told > size, played / 1e7 - ahead_ms / 1e3)
+
+
+def _transport_stream(stream: BinaryIO, size: int) -> FileLength:
+    head = stream.read(4 * 208)
+    for length, at in _TS_PACKETS:
+        if head[at::length][:3] == b"GGG":
+            return FileLength(size % length != 0)
+    return FileLength()
+
+
+def _program_stream(stream: BinaryIO, size: int) -> FileLength:
+    """MPEG-PS: whether its last packet is all there."""
+    start = max(size - 3 * 0xFFFF, 0)
+    stream.seek(start)
+    tail = stream.read()
+    at = len(tail)
+    while (at := tail.rfind(b"\0\0\1", 0, at)) >= 0:
+        code = tail[at + 3] if at + 3 < len(tail) else 0
+        if code == 0xB9:
+            return FileLength(False)
+        if code in (0xBD, 0xBE) or 0xC0 <= code <= 0xEF:
+            (length,) = struct.unpack_from(">H", tail, at + 4)
+            return FileLength(at + 6 + length > len(tail))
+    return FileLength()
+
+
+_READERS: dict[str, Callable[[BinaryIO, int], FileLength]] = {
+    "matroska": _matroska,
+    "mov": _boxes,
+    "avi": _riff,
+    "flv": _flv,
+    "asf": _asf,
+    "mpegts": _transport_stream,
+    "mpeg": _program_stream,
+}

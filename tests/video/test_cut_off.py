@@ -1,0 +1,105 @@
+"""Films whose files end early are refused in one line, and whole ones never; what is there can be had."""
+
+import re
+
+import pytest
+
+from support import clips
+from support.refusals import left_behind, refused
+from unshutter.cli import main
+from unshutter.video.clip import Clip
+from unshutter.video.file_length import file_length
+
+GREYS = clips.moving(30)[1]
+RATIO = ["--readout-ratio", "0.6", "--strength", "0"]
+FRAGMENTS = {"container": {"movflags": "frag_keyframe+empty_moov"}, "options": {"g": "10"}}
+KINDS = {
+    "mkv": ("libx264", "aac", {}),
+    "webm": ("libvpx-vp9", "libopus", {"options": {"cpu-used": "8"}}),
+    "flv": ("libx264", "aac", {}),
+    "ts": ("libx264", "mp2", {}),
+    "mp4": ("libx264", "aac", FRAGMENTS),
+    "mpg": ("mpeg2video", "mp2", {}),
+    "wmv": ("wmv2", False, {}),
+    "avi": ("mjpeg", "mp2", {"pixel_format": "yuvj420p"}),
+}
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory):
+    """One of each kind."""
+    folder = tmp_path_factory.mktemp("films")
+    return {
+        kind: clips.write(folder / f"whole.{kind}", GREYS, codec, sound=sound, **more)
+        for kind, (codec, sound, more) in KINDS.items()
+    }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_whole_films_are_whole(films, kind):
+    clip = Clip.look(films[kind])
+    assert not clip.extent.length.cut
+    assert len(list(clip.items())) == len(GREYS)
+    assert len(list(clip.items(clip.extent.start_s + 0.3))) in range(20, 25)  # some begin a little later than at 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_cut_off(tmp_path, capsys, films, kind):
+    data, cut = films[kind].read_bytes(), tmp_path / f"in.{kind}"
+    for share in (0.4, 0.6) if kind == "wmv" else (0.6, 0.9):  # of which the last third is no film
+        cut.write_bytes(data[: int(share * len(data)) + 1])
+        refused(capsys, [cut, "-o", tmp_path / f"out.{kind}", *RATIO], 1, f"in.{kind}", "the file is cut off")
+    assert left_behind(tmp_path) == []
+
+
+@pytest.mark.parametrize("kind", ["mkv", "flv", "webm"])
+def test_how_much_is_missing(tmp_path, capsys, films, kind):
+    """And how to keep what is there."""
+    data, cut = films[kind].read_bytes(), tmp_path / f"in.{kind}"
+    cut.write_bytes(data[: len(data) * 6 // 10])
+    said = refused(capsys, [cut, "-o", tmp_path / f"out.{kind}", *RATIO], 1, "ends early")
+    found = re.search(r"after (0\.\d) of 1\.\d s: the file is cut off; --end (0\.\d) keeps", said)
+    assert found is not None and float(found[1]) - float(found[2]) < 0.11
+    assert main(["video", str(cut), "-o", str(tmp_path / f"out.{kind}"), *RATIO, "--end", found[2]]) == 0
+    assert 8 < len(clips.luma(tmp_path / f"out.{kind}")) < 30
+
+
+@pytest.mark.parametrize("kind", ["mkv", "webm", "avi"])
+def test_what_lies_behind_the_last_frame_may_be_missing(films, tmp_path, kind):
+    """Such as an index: no frame is lost."""
+    (tmp_path / f"in.{kind}").write_bytes(films[kind].read_bytes()[:-1])
+    clip = Clip.look(tmp_path / f"in.{kind}")
+    clip.check_whole()
+    assert len(list(clip.items())) == len(GREYS)
+
+
+def test_an_end_that_was_never_written(tmp_path, capsys):
+    """A file of full length, but empty from the middle of the film on, as some downloads and recorders leave it."""
+    clusters = {"container": {"cluster_time_limit": "300"}, "options": {"bf": "0"}}
+    data = bytearray(clips.write(tmp_path / "whole.mkv", GREYS, **clusters).read_bytes())
+    at = [found.start() for found in re.finditer(rb"\x1f\x43\xb6\x75", data)][1]
+    data[at:] = bytes(len(data) - at)
+    (tmp_path / "in.mkv").write_bytes(data)
+    refused(capsys, [tmp_path / "in.mkv", "-o", tmp_path / "out.mkv", *RATIO], 1, "ends early", "of 1.")
+
+
+def test_a_hole_is_told(tmp_path, capsys):
+    """The film goes on after it: nobody knows whether something is missing."""
+    times = [k / 30 + (2.0 if k > 15 else 0.0) for k in range(30)]
+    path = clips.write(tmp_path / "in.mp4", GREYS, times=times)
+    assert main(["video", str(path), "-o", str(tmp_path / "out.mp4"), *RATIO]) == 0
+    assert "no frames for 2.0 s after 0.5 s" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("more", [0, 1, 7])
+def test_files_of_which_nothing_is_known(tmp_path, more):
+    path = tmp_path / "short"
+    path.write_bytes(b"\x1a\x45\xdf\xa3RIFFGG"[: more + 1])
+    for kind in ("matroska,webm", "mov,mp4", "avi", "flv", "asf", "mpegts", "mpeg", "gif"):
+        assert file_length(str(path), kind).seconds is None
+
+
+def test_tables_of_mp4_that_come_first(tmp_path, capsys):
+    whole = clips.write(tmp_path / "whole.mp4", GREYS, container={"movflags": "faststart"}).read_bytes()
+    (tmp_path / "in.mp4").write_bytes(whole[: len(whole) * 2 // 3])
+    refused(capsys, [tmp_path / "in.mp4", "-o", tmp_path / "out.mp4", *RATIO], 1, "ends early, after 0.", "of 1.0 s")
