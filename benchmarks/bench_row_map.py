@@ -1,6 +1,8 @@
-"""What the row block of the shipped kandula2020 has learned: its residual beside that of the true motion.
+"""What the row block of kandula2020 has learned: its residual beside that of the true motion.
 
-    python benchmarks/bench_row_map.py PHOTOS
+    python benchmarks/bench_row_map.py PHOTOS [NETWORK]
+
+NETWORK is an exported one; without it, the shipped one is measured.
 
 Each photo of the folder PHOTOS (and below it) is distorted by one random motion, as in training, seed 1.
 """
@@ -26,7 +28,8 @@ CANVAS = 356
 
 
 def main() -> None:
-    network = onnx_runtime().InferenceSession(WEIGHTS, providers=["CPUExecutionProvider"])
+    weights = Path(sys.argv[2]) if len(sys.argv) > 2 else WEIGHTS
+    network = onnx_runtime().InferenceSession(weights, providers=["CPUExecutionProvider"])
     generator = torch.Generator().manual_seed(1)
     pairs = [residuals(network, photo, generator) for photo in load_photos(Path(sys.argv[1]), CANVAS)]
     found, true = (np.stack(arrays) for arrays in zip(*pairs, strict=True))
