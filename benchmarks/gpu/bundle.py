@@ -2,8 +2,8 @@
 
     python benchmarks/gpu/bundle.py PHOTOS BUNDLE
 
-Photos are scaled to the canvas of the networks' windows and stored as WebP: 1,647 of them take 30 MB or so. With the
-folder BUNDLE, benchmarks/gpu/train.py needs a Python with torch, NumPy and OpenCV, and nothing installed besides.
+Photos are scaled to the canvas of the networks' windows and stored as WebP: 1,647 of them take 26 MiB. With the folder
+BUNDLE, benchmarks/gpu/train.py needs a Python with torch, NumPy and OpenCV, and nothing installed besides.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import shutil
+import sys
 from pathlib import Path
 
 import cv2
@@ -18,16 +19,21 @@ from bundle_names import PHOTOS, SOURCES
 
 from unshutter.learn.data.pictures import load_photos
 from unshutter.learn.data.pixels import PixelConfig
+from unshutter.learn.recipes import RECIPES
 
-PACKAGES = ("unshutter", "array_api_compat")  # pure Python, with their configurations
-_KINDS = {".py", ".toml"}
+PACKAGES = ("unshutter", "array_api_compat")  # of which training imports modules; pure Python
+TRAINING = (
+    "unshutter.learn.train",
+    *(recipe.partition(":")[0] for recipe in RECIPES.values()),
+    "array_api_compat.torch",
+)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("photos", type=Path)
     parser.add_argument("bundle", type=Path)
-    parser.add_argument("--quality", type=int, default=75)
+    parser.add_argument("--quality", type=int, default=50)
     given = parser.parse_args()
     count = add_photos(given.photos, given.bundle / PHOTOS, given.quality)
     add_sources(given.bundle / SOURCES)
@@ -46,14 +52,16 @@ def add_photos(source: Path, target: Path, quality: int) -> int:
 
 
 def add_sources(target: Path) -> None:
-    """Copies the packages' Python files and configurations."""
-    for name in PACKAGES:
-        folder = Path(str(importlib.import_module(name).__file__)).parent
-        for file in folder.rglob("*"):
-            if file.suffix in _KINDS:
-                copy = target / name / file.relative_to(folder)
-                copy.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(file, copy)
+    """Copies the modules that training imports, and the configurations."""
+    for name in TRAINING:
+        importlib.import_module(name)
+    files = [Path(str(module.__file__)) for name, module in sys.modules.items() if name.partition(".")[0] in PACKAGES]
+    files += Path(str(sys.modules["unshutter.learn"].__file__)).parent.rglob("*.toml")
+    for file in files:
+        package = next(parent for parent in file.parents if parent.name in PACKAGES)
+        copy = target / file.relative_to(package.parent)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
 
 
 if __name__ == "__main__":

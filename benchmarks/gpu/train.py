@@ -34,6 +34,7 @@ def main() -> None:
     parser.add_argument("--device", default="auto")
     parser.add_argument("--steps", type=int, help="instead of the configurations': to try it out")
     parser.add_argument("--batch", type=int, help="likewise")
+    parser.add_argument("--held-out", type=int, help="photos for validation, likewise")
     given = parser.parse_args()
     started = time.monotonic()
     sys.path.insert(0, str(given.bundle / SOURCES))
@@ -59,7 +60,8 @@ def train(config: str, given: argparse.Namespace, minutes: float) -> None:
     settings = load_config(config)
     settings = replace(settings, steps=given.steps or settings.steps, batch=given.batch or settings.batch)
     if "folder" in settings.data:
-        settings = replace(settings, data={**settings.data, "folder": str(given.bundle / PHOTOS)})
+        fewer = {} if given.held_out is None else {"held_out": given.held_out}
+        settings = replace(settings, data={**settings.data, **fewer, "folder": str(given.bundle / PHOTOS)})
     name = Path(config).stem
     torch.set_num_threads(settings.threads)
     torch.set_float32_matmul_precision("high")
