@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from unshutter.estimators.onnx import onnx_runtime
+from unshutter.estimators.onnx_process import onnx_runtime
 from unshutter.estimators.square import SIZE
 from unshutter.learn.data.motions import draw_motions
 from unshutter.learn.data.pictures import load_photos

@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from torch import Tensor
 
-from unshutter.estimators.onnx import onnx_runtime
+from unshutter.estimators.onnx_process import onnx_runtime
 from unshutter.estimators.square import SIZE
 from unshutter.geometry.rows import rs_to_gs
 from unshutter.learn.data.motions import draw_motions

@@ -20,5 +20,9 @@ class MissingFileError(UnshutterError, FileNotFoundError):
     """A photo, a motion file or weights that are not there."""
 
 
+class WeightsError(UnshutterError):
+    """Weights that cannot be used, whatever the photo."""
+
+
 class UsageError(UnshutterError):
     """The request itself is wrong, whatever the input (exit code 2)."""

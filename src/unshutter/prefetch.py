@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, WeightsError
 from unshutter.estimators.register import load, method
 from unshutter.options import MAX_PIXELS, Camera, Find, Undo
 from unshutter.photo import Photo
@@ -147,8 +147,12 @@ class Coming:
             UnshutterError: see :func:`unshutter.rectification.estimate_photo`.
         """
         if self._motion is not None:
-            with suppress(UnshutterError):  # once more, for its message: libvips mixes those of two threads
+            try:
                 return self._motion.result()
+            except WeightsError:  # it may have taken a minute
+                raise
+            except UnshutterError:  # once more, for its message: libvips mixes those of two threads
+                return self._estimate()
         return self._estimate()
 
     def _estimate(self) -> Motion:

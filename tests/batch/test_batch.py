@@ -108,8 +108,8 @@ def test_only_what_changed_is_done_again(archive: Path, motion: Path, tmp_path: 
 
 
 def test_other_weights_are_another_option(archive: Path, tmp_path: Path, capsys) -> None:
-    shipped = Path(unshutter.__file__).parent / "weights" / "segment-transformer.onnx"
-    weights = tmp_path / "mine.onnx"
+    shipped = Path(unshutter.__file__).parent / "weights" / "segment-transformer.npz"
+    weights = tmp_path / "mine.npz"
     weights.write_bytes(shipped.read_bytes())
     for expected in ("4 of 4 photos done", "4 finished already", "4 of 4 photos done"):
         assert rectify(archive, "-o", tmp_path / "out", "--estimator", f"segment-transformer@{weights}") == 0

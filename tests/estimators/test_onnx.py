@@ -1,16 +1,22 @@
 """Files of networks: opened, run, refused in one line."""
 
+import gc
+import os
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import unshutter
 from support.networks import identity, made, square_only
 from unshutter.cli import main
+from unshutter.estimators.onnx import Network, open_network
 from unshutter.photo import Photo
 
 
@@ -21,7 +27,10 @@ def test_weights_that_are_none_are_told_in_one_line(
     photo, text = tmp_path / "photo.png", tmp_path / "text.onnx"
     Photo.from_array(rolling_facade).save(photo)
     text.write_text("no network")
-    other = files("unshutter") / "weights" / ("segment-transformer.onnx" if "20" in name else "kandula2020.onnx")
+    if "20" in name:
+        other = made(tmp_path / "other.onnx", identity, square_only)
+    else:
+        other = files("unshutter") / "weights" / "kandula2020.onnx"
     for command in (["rectify", str(photo), "-o", str(tmp_path / "out.png")], ["estimate", str(photo)]):
         for weights, told in ((text, "PROTOBUF"), (other, "they are not of")):
             assert main([*command, "--estimator", f"{name}@{weights}"]) == 1
@@ -56,28 +65,173 @@ def endless(helper, types) -> list:
     ]
 
 
+def integer(helper, types, name: str, values: list[int], kind: str = "INT32"):
+    """A node that gives these numbers."""
+    return helper.make_node(
+        "Constant", [], [name], value=helper.make_tensor(name, getattr(types, kind), [len(values)], values)
+    )
+
+
+def crash_at_opening(helper, types) -> list:
+    """The least integer divided by -1, which processors do not do."""
+    return [
+        integer(helper, types, "least", [-(2**31)]),
+        integer(helper, types, "minus", [-1]),
+        helper.make_node("Div", ["least", "minus"], ["quotient"]),
+        helper.make_node("Cast", ["quotient"], ["number"], to=types.FLOAT),
+        helper.make_node("Mul", ["rs", "number"], ["key_rows"]),
+    ]
+
+
+def crash_at_running(helper, types) -> list:
+    """The same with a divisor that depends on the picture (whose darkest value is less than 1)."""
+    return [
+        integer(helper, types, "least", [-(2**31)]),
+        integer(helper, types, "one", [1]),
+        helper.make_node("ReduceMin", ["rs"], ["darkest"], keepdims=0),
+        helper.make_node("Cast", ["darkest"], ["zero"], to=types.INT32),
+        helper.make_node("Sub", ["zero", "one"], ["minus"]),
+        helper.make_node("Div", ["least", "minus"], ["quotient"]),
+        helper.make_node("Cast", ["quotient"], ["number"], to=types.FLOAT),
+        helper.make_node("Mul", ["rs", "number"], ["key_rows"]),
+    ]
+
+
+def slow(helper, types) -> list:
+    """One operation that takes long."""
+    return [
+        integer(helper, types, "shape", [8000, 8000], "INT64"),
+        helper.make_node("ReduceMax", ["rs"], ["brightest"], keepdims=0),
+        helper.make_node("Expand", ["brightest", "shape"], ["large"]),
+        helper.make_node("MatMul", ["large", "large"], ["product"]),
+        helper.make_node("ReduceMax", ["product"], ["number"], keepdims=0),
+        helper.make_node("Mul", ["rs", "number"], ["key_rows"]),
+    ]
+
+
 @pytest.mark.parametrize(
     ("nodes", "rs", "told"),
     [
         (identity, (1, 3, 256, 256), "they are not of rengarajan2017"),
         (identity, (1, 3, 64, 64), "invalid dimensions"),
         (identity, (1, 256), "Invalid rank"),
-        (endless, (1, 3, 256, 256), "it was not done after 0.5 s"),
+        (crash_at_opening, (1, 3, 256, 256), "it makes its process crash"),
+        (crash_at_running, (1, 3, 256, 256), "it makes its process crash"),
     ],
-    ids=["another answer", "another size", "another rank", "a loop without an end"],
+    ids=["another answer", "another size", "another rank", "a crash at opening", "a crash at running"],
 )
 def test_a_file_of_another_network_is_told_in_one_line(
-    nodes, rs: tuple, told: str, tmp_path: Path, rolling_facade: np.ndarray, capsys, monkeypatch
+    nodes, rs: tuple, told: str, tmp_path: Path, photo: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("unshutter.estimators.onnx.LONGEST_RUN_S", 0.5)
-    photo = tmp_path / "photo.png"
-    Photo.from_array(rolling_facade).save(photo)
     weights = made(tmp_path / "odd.onnx", nodes, square_only, rs)
-    start = time.monotonic()
     assert main(["estimate", str(photo), "--estimator", f"rengarajan2017@{weights}"]) == 1
     message = capsys.readouterr().err
     assert message.count("\n") == 1 and f"cannot use the weights {weights}: " in message and told in message
-    assert time.monotonic() - start < 20
+
+
+@pytest.mark.parametrize("nodes", [endless, slow])
+def test_a_network_without_an_end_is_ended_at_the_limit(
+    nodes, tmp_path: Path, rolling_facade: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weights = made(tmp_path / "long.onnx", nodes, square_only)
+    estimator = unshutter.load(f"rengarajan2017@{weights}")
+    monkeypatch.setattr("unshutter.estimators.onnx.LONGEST_RUN_S", 0.5)
+    start = time.monotonic()
+    with pytest.raises(unshutter.UnshutterError, match=r"it was not done after 0\.5 s"):
+        unshutter.estimate(rolling_facade, estimator=estimator)
+    assert time.monotonic() - start < 6
+
+
+def test_a_photo_is_not_tried_twice_with_a_network_without_an_end(
+    tmp_path: Path, photo: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("unshutter.estimators.onnx.LONGEST_RUN_S", 2.0)
+    asked = []
+    run = Network.answers
+    monkeypatch.setattr(Network, "answers", lambda *given: asked.append(given) or run(*given))
+    weights = made(tmp_path / "endless.onnx", endless, square_only)
+    assert main(["estimate", str(photo), "--estimator", f"rengarajan2017@{weights}"]) == 1
+    assert "it was not done after 2 s" in capsys.readouterr().err
+    assert len(asked) == 1
+
+
+def test_after_a_crash_the_next_photo_is_tried(tmp_path: Path) -> None:
+    weights = made(tmp_path / "sometimes.onnx", crash_at_running, square_only)
+    network = open_network("any", weights, ["rs"], "key_rows")
+    dark, bright = (np.full((1, 3, 256, 256), value, np.float32) for value in (0, 3))
+    for _ in range(2):
+        with pytest.raises(unshutter.UnshutterError, match="crash"):
+            network.answers({"rs": dark}, dark.shape)
+        assert (network.answers({"rs": bright}, bright.shape)[0] == 3 * (-(2**31) // 2)).all()
+
+
+def test_one_process_serves_all_photos_and_threads_and_ends_with_its_network(tmp_path: Path) -> None:
+    weights = made(tmp_path / "identity.onnx", identity, square_only)
+    network = open_network("any", weights, ["rs"], "key_rows")
+    process = network._process._process
+    given = [np.full((1, 3, 256, 256), k, np.float32) for k in range(12)]
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(lambda rs, asked=network: asked.answers({"rs": rs}, rs.shape)[0], given))
+    for rs, answer in zip(given, found, strict=True):
+        np.testing.assert_array_equal(answer, rs)
+    assert network._process._process is process and process.poll() is None
+    del network
+    gc.collect()
+    assert process.poll() is not None
+
+
+ABANDONED = """
+import os, sys
+from pathlib import Path
+from unshutter.estimators.onnx import open_network
+network = open_network("any", Path(sys.argv[1]), ["rs"], "key_rows")
+print(network._process._process.pid, flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="looks at processes as POSIX has them")
+def test_it_ends_when_who_asked_was_killed(tmp_path: Path) -> None:
+    weights = made(tmp_path / "identity.onnx", identity, square_only)
+    done = subprocess.run([sys.executable, "-c", ABANDONED, weights], stdout=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == -9
+    for _ in range(100):
+        try:
+            os.kill(int(done.stdout), 0)
+        except ProcessLookupError:
+            return
+        with suppress(OSError):  # ended, but not yet waited for by whoever adopted it
+            if ") Z " in Path(f"/proc/{int(done.stdout)}/stat").read_text():
+                return
+        time.sleep(0.05)
+    pytest.fail("it still runs")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
+def test_a_forked_process_has_its_own(tmp_path: Path) -> None:
+    weights = made(tmp_path / "identity.onnx", identity, square_only)
+    network = open_network("any", weights, ["rs"], "key_rows")
+    rs = np.ones((1, 3, 256, 256), np.float32)
+    child = os.fork()
+    if child == 0:
+        try:
+            os._exit(0 if (network.answers({"rs": rs}, rs.shape)[0] == 1).all() else 1)
+        finally:
+            os._exit(2)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert (network.answers({"rs": rs}, rs.shape)[0] == 1).all()
+
+
+@pytest.mark.parametrize("name", ["segment-manhattan", "kandula2020"])
+def test_without_onnxruntime_it_says_what_to_install(
+    name: str, tmp_path: Path, photo: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = made(tmp_path / "identity.onnx", identity, square_only)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    assert main(["estimate", str(photo), "--estimator", f"{name}@{weights}"]) == 1
+    message = capsys.readouterr().err
+    assert message == "unshutter: networks in ONNX files need the extra: pip install 'unshutter[onnx]'\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")

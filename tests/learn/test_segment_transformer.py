@@ -5,14 +5,19 @@ import pytest
 import torch
 
 from unshutter import Motion, RowMotion
+from unshutter.estimators.register import method
+from unshutter.estimators.segment_network import SegmentNetwork
+from unshutter.estimators.segment_transformer.weights import read_weights
 from unshutter.learn.config import TrainConfig
 from unshutter.learn.data.scenes import SceneConfig, Scenes, draw_scenes
+from unshutter.learn.segment_transformer import weights
 from unshutter.learn.segment_transformer.network import (
     SegmentTransformer,
     SegmentTransformerConfig,
     _legendre_to_powers,
 )
 from unshutter.learn.segment_transformer.recipe import MirroredStep, SegmentRecipe, motion_epe
+from unshutter.learn.segment_transformer.weights import network_of
 
 SMALL = SegmentTransformerConfig(width=16, layers=1, heads=2)
 
@@ -63,14 +68,16 @@ def test_the_exported_form_is_antisymmetric_under_mirroring(network: SegmentTran
     )
 
 
-def test_onnx_gives_what_torch_gives(network: SegmentTransformer, tmp_path: Path) -> None:
-    import onnxruntime
+def recipe_of(network: SegmentTransformer) -> SegmentRecipe:
+    sizes = {"width": network.config.width, "layers": network.config.layers, "heads": network.config.heads}
+    return SegmentRecipe(TrainConfig("segment-transformer", network=sizes), torch.device("cpu"))
 
-    recipe = SegmentRecipe(
-        TrainConfig("segment-transformer", network={"width": 16, "layers": 1, "heads": 2}), torch.device("cpu")
-    )
-    recipe.export(network, tmp_path / "m.onnx")
+
+def test_both_exported_files_give_what_torch_gives(network: SegmentTransformer, tmp_path: Path) -> None:
+    onnxruntime = pytest.importorskip("onnxruntime", reason="compares with onnxruntime")
+    recipe_of(network).export(network, tmp_path / "m.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "m.onnx")
+    numpy_network = SegmentNetwork(tmp_path / "m.npz").open()
     for batch, count in ((1, 5), (3, 77)):  # any number of segments
         drawn = draw_scenes(batch, SceneConfig(tokens=count), torch.Generator().manual_seed(count))
         (ours,) = session.run(None, {"tokens": drawn.tokens.numpy(), "mask": drawn.mask.numpy()})
@@ -78,6 +85,45 @@ def test_onnx_gives_what_torch_gives(network: SegmentTransformer, tmp_path: Path
         for _ in range(network.config.iterations_in_use):
             theirs = MirroredStep(network).eval()(drawn.tokens, drawn.mask, theirs)
         np.testing.assert_allclose(ours, theirs.detach().numpy(), atol=1e-4)
+        for tokens, mask, expected in zip(drawn.tokens.numpy(), drawn.mask.numpy(), theirs.detach(), strict=True):
+            np.testing.assert_allclose(numpy_network(tokens[mask]), expected.numpy(), atol=1e-4)
+
+
+def test_the_shipped_network_gives_the_same_in_numpy_onnxruntime_and_torch(tmp_path: Path) -> None:
+    onnxruntime = pytest.importorskip("onnxruntime", reason="compares with onnxruntime")
+    shipped = method("segment-transformer").weights_path
+    assert shipped is not None
+    network = network_of(read_weights(shipped, "segment-transformer")).eval()
+    recipe_of(network).export(network, tmp_path / "shipped.onnx")
+    assert (tmp_path / "shipped.npz").read_bytes() == shipped.read_bytes()
+    session = onnxruntime.InferenceSession(tmp_path / "shipped.onnx")
+    numpy_network = SegmentNetwork(shipped).open()
+    generator = np.random.default_rng(0)
+    for count in (3, 40, 320):
+        tokens = generator.uniform(-0.5, 0.5, (count, 6)).astype(np.float32)
+        ours = numpy_network(tokens)
+        (theirs,) = session.run(None, {"tokens": tokens[None], "mask": np.ones((1, count), bool)})
+        np.testing.assert_allclose(ours, theirs[0], atol=2e-6)
+        motion, mask = torch.zeros(1, 2, 3), torch.ones(1, count, dtype=torch.bool)
+        for _ in range(network.config.iterations_in_use):
+            motion = MirroredStep(network)(torch.from_numpy(tokens[None]), mask, motion)
+        np.testing.assert_allclose(ours, motion.detach()[0].numpy(), atol=2e-6)
+
+
+def test_an_exported_onnx_file_becomes_the_same_npz(
+    network: SegmentTransformer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for parameter in network.parameters():  # as after a training: of equal ones, ONNX keeps one
+        torch.nn.init.normal_(parameter)
+    recipe_of(network).export(network, tmp_path / "m.onnx")
+    words = ["weights", str(tmp_path / "m.onnx"), "--heads", "2", "-o", str(tmp_path / "again.npz")]
+    monkeypatch.setattr("sys.argv", words)
+    weights.main()
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "m.npz").read_bytes()
+    (tmp_path / "m.onnx").write_text("no network")
+    with pytest.raises(SystemExit, match="2"):
+        weights.main()
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_legendre_rows_are_the_polynomials_less_their_start() -> None:

@@ -18,7 +18,7 @@ class Method:
         home: ``module:class`` of its :class:`Estimator`.
         grey_px: short side [px] of the grey copy that it works on (``View.grey``), so that decoding can start before
             the method is imported; None: it uses none.
-        weights: stem of the file in ``unshutter/weights`` that it runs on; None: none of them.
+        weights: file in ``unshutter/weights`` that it runs on (``.onnx`` may be left out); None: none of them.
         takes_weights: whether NAME@FILE runs it with the user's own weights.
     """
 
@@ -32,4 +32,6 @@ class Method:
     @property
     def weights_path(self) -> Path | None:
         """The weights in the package that it runs on, if any."""
-        return None if self.weights is None else _WEIGHTS / f"{self.weights}.onnx"
+        if self.weights is None:
+            return None
+        return _WEIGHTS / (self.weights if "." in self.weights else f"{self.weights}.onnx")

@@ -1,45 +1,54 @@
-"""Opens and runs exported networks (ONNX), each on one thread, or says in one line why a file is not that network.
+"""Exported networks (ONNX), each in a process of its own, or in one line why a file is not that network.
 
-The only module that imports onnxruntime: from version 1.31 it contains a telemetry client, which has to be switched
-off before the import.
+A file may hold anything: divisions that kill the process, or work without an end. Its process is ended then, not ours.
 """
 
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+import weakref
 from collections.abc import Sequence
+from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
-from threading import Timer
+from threading import Event, Lock, Timer
 from typing import TYPE_CHECKING, Any
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, WeightsError
 
 if TYPE_CHECKING:
     import numpy as np
-    from onnxruntime import InferenceSession
 
-LONGEST_RUN_S = 60.0  # the slowest takes a second
-
-
-def onnx_runtime() -> Any:
-    """The module onnxruntime, with its telemetry switched off."""
-    os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # read when the library is loaded; processes started later inherit it
-    import onnxruntime
-
-    return onnxruntime
+LONGEST_RUN_S = 60.0  # to open a network, and to run it once; the slowest of ours takes a second
+_GRACE_S = 5.0  # after which the other process ends by itself, should this one be gone
+_NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # on Windows
 
 
 class Network:
-    """An exported network, open. Several threads may use it at once.
+    """An exported network. Several threads may use it at once: they take turns.
+
+    Its process is started when it is opened, started again where it had to be ended, or in a forked process, and ends
+    with this object or with this process, however that ends.
 
     Args:
-        session: onnxruntime's.
         name: of the estimator.
-        weights: the file that it came from.
+        weights: the file that it comes from.
+        inputs: names of what it takes.
+        answer: name of its first output.
+        opens_fast: skip the optimisation of the graph. Right for a small one with a loop: it runs no slower (40 ms
+            either way), but opens in 27 ms instead of 95.
+
+    Raises:
+        UnshutterError: onnxruntime is not installed, or the file is not this network.
     """
 
-    def __init__(self, session: InferenceSession, name: str, weights: Path):
-        self._session, self._name, self._weights = session, name, weights
+    def __init__(self, name: str, weights: Path, inputs: Sequence[str], answer: str, opens_fast: bool = False):
+        self._name, self._weights = name, weights
+        self._inputs, self._answer, self._opens_fast = list(inputs), answer, opens_fast
+        self._turn, self._owner = Lock(), os.getpid()
+        self._process: _Process | None = self._opened()
 
     def answers(self, given: dict[str, np.ndarray], *shapes: tuple[int, ...]) -> list[np.ndarray]:
         """Runs it.
@@ -52,69 +61,144 @@ class Network:
             The answers, float64.
 
         Raises:
-            UnshutterError: it cannot be run on that, answers in other shapes, or does not come to an end.
+            WeightsError: it cannot be run on that, answers in other shapes, or does not come to an end.
         """
         import numpy as np
 
-        options = onnx_runtime().RunOptions()
-        options.log_severity_level = 4  # errors are told below
-        timer = Timer(LONGEST_RUN_S, setattr, (options, "terminate", True))
-        timer.daemon = True
-        timer.start()
-        try:
-            outputs = [np.asarray(output) for output in self._session.run(None, given, options)]
-        except Exception as error:  # onnxruntime's own kinds have no common parent
-            if options.terminate:
-                raise self._refusal(f"it was not done after {LONGEST_RUN_S:g} s") from None
-            raise self._refusal(_cause(error)) from None
-        finally:
-            timer.cancel()
+        if self._owner != os.getpid():  # forked: the pipes are our parent's, and so may be the lock
+            self._turn, self._process, self._owner = Lock(), None, os.getpid()
+        with self._turn:
+            process, self._process = self._process or self._opened(), None  # it ends if anything goes wrong
+            try:
+                _, outputs = process.ask({"inputs": list(given)}, list(given.values()))
+            except _EndedError as ended:
+                raise self._refusal(str(ended)) from None
+            except _RefusedError as refused:
+                self._process = process
+                raise self._refusal(str(refused)) from None
+            self._process = process
         got = [output.shape for output in outputs]
-        if got != list(shapes[: max(len(got), 1)]) or not all(output.dtype.kind == "f" for output in outputs):
+        if got != list(shapes[: max(len(got), 1)]):
             raise self._refusal(f"they are not of {self._name}")
         if not all(np.isfinite(output).all() for output in outputs):
             raise self._refusal("its answer is no number")
         return [output.astype(np.float64) for output in outputs]
 
-    def _refusal(self, why: str) -> UnshutterError:
-        return UnshutterError(f"cannot use the weights {self._weights}: {why}")
+    def _opened(self) -> _Process:
+        """A process that has opened the file and found this network in it."""
+        if find_spec("onnxruntime") is None:
+            raise UnshutterError("networks in ONNX files need the extra: pip install 'unshutter[onnx]'")
+        process = _Process()
+        try:
+            told, _ = process.ask({"open": str(self._weights.absolute()), "opens_fast": self._opens_fast})
+        except (_EndedError, _RefusedError) as error:
+            raise self._refusal(str(error)) from None
+        if told["inputs"] != self._inputs or told["outputs"][:1] != [self._answer]:
+            raise self._refusal(f"they are not of {self._name}")
+        return process
+
+    def _refusal(self, why: str) -> WeightsError:
+        return WeightsError(f"cannot use the weights {self._weights}: {why}")
+
+
+class _RefusedError(Exception):
+    """The other process says why not."""
+
+
+class _EndedError(Exception):
+    """The other process was ended, or has ended by itself."""
+
+
+class _Process:
+    """Another process, which runs one network. It ends with this object.
+
+    Raises:
+        UnshutterError: it cannot be started, or onnxruntime cannot be loaded there.
+    """
+
+    def __init__(self) -> None:
+        # where this process finds modules, and nothing more: -P leaves out the current folder
+        paths = os.pathsep.join(os.getcwd() if path == "" else path for path in sys.path)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "unshutter.estimators.onnx_process"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env=os.environ | {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
+                creationflags=_NO_WINDOW,
+                start_new_session=True,  # a terminal's Ctrl-C is not for it
+            )
+        except OSError as error:
+            raise UnshutterError(f"cannot start a process for the network: {error.strerror}") from None
+        weakref.finalize(self, _end, self._process, os.getpid())
+        try:
+            self._receive()
+        except (_EndedError, _RefusedError) as error:
+            raise UnshutterError(f"cannot load onnxruntime: {error}") from None
+
+    def ask(self, words: dict[str, Any], arrays: Sequence[np.ndarray] = ()) -> tuple[dict[str, Any], list[np.ndarray]]:
+        """The answer to a request.
+
+        Raises:
+            _RefusedError: it cannot be answered.
+            _EndedError: the process is no more.
+        """
+        from unshutter.estimators.onnx_messages import send
+
+        limit_s, late = LONGEST_RUN_S, Event()
+
+        def expire() -> None:
+            late.set()
+            self._process.kill()
+
+        clock = Timer(limit_s, expire)
+        clock.daemon = True
+        clock.start()
+        try:
+            send(self._process.stdin, {**words, "limit_s": limit_s + _GRACE_S}, arrays)  # pyright: ignore[reportArgumentType]
+            return self._receive()
+        except (OSError, _EndedError):
+            told = f"it was not done after {limit_s:g} s" if late.is_set() else "it makes its process crash"
+            raise _EndedError(told) from None
+        finally:
+            clock.cancel()
+
+    def _receive(self) -> tuple[dict[str, Any], list[np.ndarray]]:
+        from unshutter.estimators.onnx_messages import receive
+
+        try:
+            words, arrays = receive(self._process.stdout)  # pyright: ignore[reportArgumentType]
+        except (EOFError, ValueError):
+            raise _EndedError("its process ended") from None
+        if "refusal" in words:
+            raise _RefusedError(words["refusal"])
+        return words, arrays
+
+
+def _end(process: subprocess.Popen, owner: int) -> None:
+    """Ends a process at once; a forked process leaves that of its parent alone."""
+    is_ours = os.getpid() == owner
+    if is_ours:
+        process.kill()
+    for pipe in (process.stdin, process.stdout):
+        with suppress(OSError):
+            if pipe is not None:
+                pipe.close()
+    if is_ours:
+        process.wait()
+    else:
+        process.returncode = 0  # or Python would warn of a process that was left behind
 
 
 def open_network(
     name: str, weights: Path | None, inputs: Sequence[str], answer: str, opens_fast: bool = False
 ) -> Network:
-    """Opens the network of an estimator.
-
-    Args:
-        name: of the estimator.
-        weights: the exported network.
-        inputs: names of what it takes.
-        answer: name of its first output.
-        opens_fast: skip the optimisation of the graph. Right for a small one with a loop: it runs no slower (40 ms
-            either way), but opens in 27 ms instead of 95.
+    """Opens the network of an estimator; see :class:`Network`.
 
     Raises:
-        UnshutterError: there is no file, or it is not this network.
+        UnshutterError: there is no file, onnxruntime is not installed, or the file is not this network.
     """
     if weights is None:
         raise UnshutterError(f"{name} needs the weights of a network")
-    onnxruntime = onnx_runtime()
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # a few milliseconds of work: threads would only spin
-    options.log_severity_level = 3
-    if opens_fast:
-        options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
-        options.add_free_dimension_override_by_name("batch_size", 1)  # the more is known, the less there is to plan
-        options.enable_mem_reuse = False  # planning it takes a third of the opening, and saves nothing measurable
-    try:
-        session = onnxruntime.InferenceSession(str(weights), options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime's own kinds have no common parent
-        raise UnshutterError(f"cannot use the weights {weights}: {_cause(error)}") from None
-    answers = [output.name for output in session.get_outputs()]
-    if [i.name for i in session.get_inputs()] != list(inputs) or answers[:1] != [answer]:
-        raise UnshutterError(f"cannot use the weights {weights}: they are not of {name}")
-    return Network(session, name, weights)
-
-
-def _cause(error: Exception) -> str:
-    return next(iter(str(error).splitlines()), type(error).__name__)
+    return Network(name, weights, inputs, answer, opens_fast)

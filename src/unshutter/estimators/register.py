@@ -27,10 +27,10 @@ _GROUP = "unshutter.estimators"
 METHODS = (
     Method(
         "segment-transformer",
-        "line segments of the photo -> a small transformer (ONNX) -> row motion",
+        "line segments of the photo -> a small transformer -> row motion",
         "unshutter.estimators.methods.segment_transformer:SegmentTransformer",
         grey_px=512,
-        weights="segment-transformer",
+        weights="segment-transformer.npz",
         takes_weights=True,
     ),
     Method(
@@ -77,7 +77,7 @@ METHODS = (
         "segment-transformer's answer and the Manhattan likelihood, weighed against each other",
         "unshutter.estimators.methods.segment_manhattan:SegmentManhattan",
         grey_px=768,
-        weights="segment-transformer",
+        weights="segment-transformer.npz",
         takes_weights=True,
     ),
     Method(
@@ -135,7 +135,8 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     """The estimator of that name, ready for any number of photos; built once per process.
 
     Args:
-        name: one of :func:`names`, or NAME@FILE to run it with your own weights (ONNX).
+        name: one of :func:`names`, or NAME@FILE to run it with your own weights: what a training wrote
+            (ONNX, or .npz of the segment transformer).
 
     Raises:
         UsageError: there is no such method, or it takes no weights.

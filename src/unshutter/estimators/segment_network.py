@@ -1,25 +1,31 @@
-"""The small transformer (ONNX) that turns line segments into a row motion; several methods ask it.
+"""The small transformer that turns line segments into a row motion, from either kind of file; several methods ask it.
 
 Trained by ``unshutter.learn`` on drawn scenes; the card beside the weights says how.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
 
 import numpy as np
 
-from unshutter.estimators.onnx import Network, open_network
+from unshutter.errors import WeightsError
+from unshutter.estimators.onnx import open_network
 
 MOST_SEGMENTS = 320  # it was trained on no more; the longest are kept
+_NAME = "segment-transformer"
+_START_OF_NPZ = b"PK"
+
+Network = Callable[[np.ndarray], np.ndarray]  # tokens [N, 6] -> coefficients [2, 3]
 
 
 class SegmentNetwork:
-    """The exported network, opened when it is first needed. Several threads may use it at once.
+    """The network, opened when it is first needed. Several threads may use it at once.
 
     Args:
-        weights: the exported network.
+        weights: an .npz, which NumPy runs, or an exported network (ONNX).
     """
 
     def __init__(self, weights: Path | None):
@@ -31,12 +37,11 @@ class SegmentNetwork:
         """The network; opens it the first time.
 
         Raises:
-            UnshutterError: there is no file, or it is not this network.
+            WeightsError: there is no file, or it is not this network.
         """
         with self._opening:
             if self._network is None:
-                inputs, answer = ["tokens", "mask"], "coefficients"
-                self._network = open_network("segment-transformer", self._weights, inputs, answer, opens_fast=True)
+                self._network = _opened(self._weights)
             return self._network
 
     def coefficients(self, segments: np.ndarray, up: tuple[int, int] = (0, -1)) -> np.ndarray:
@@ -50,9 +55,43 @@ class SegmentNetwork:
             [2, 3] coefficients of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
 
         Raises:
-            UnshutterError: the file is not this network, after all.
+            WeightsError: the file is not this network, after all.
         """
         tokens = np.concatenate([segments, np.broadcast_to(np.asarray(up), (len(segments), 2))], axis=1)
-        mask = np.ones((1, len(tokens)), dtype=bool)
-        given = {"tokens": tokens[None].astype(np.float32), "mask": mask}
-        return self.open().answers(given, (1, 2, 3))[0][0]
+        return self.open()(tokens.astype(np.float32))
+
+
+def _opened(weights: Path | None) -> Network:
+    if weights is None:
+        raise WeightsError(f"{_NAME} needs the weights of a network")
+    try:
+        with open(weights, "rb") as stream:
+            is_npz = stream.read(len(_START_OF_NPZ)) == _START_OF_NPZ
+    except OSError as error:
+        raise WeightsError(f"cannot read the weights {weights}: {error.strerror or error}") from None
+    return _in_numpy(weights) if is_npz else _in_onnx(weights)
+
+
+def _in_numpy(weights: Path) -> Network:
+    from unshutter.estimators.segment_transformer.network import SegmentTransformer
+    from unshutter.estimators.segment_transformer.weights import read_weights
+
+    network = SegmentTransformer(read_weights(weights, _NAME))
+
+    def run(tokens: np.ndarray) -> np.ndarray:
+        coefficients = network.coefficients(tokens)
+        if not np.isfinite(coefficients).all():
+            raise WeightsError(f"cannot use the weights {weights}: their answer is not a number")
+        return coefficients.astype(np.float64)
+
+    return run
+
+
+def _in_onnx(weights: Path) -> Network:
+    network = open_network(_NAME, weights, ["tokens", "mask"], "coefficients", opens_fast=True)
+
+    def run(tokens: np.ndarray) -> np.ndarray:
+        given = {"tokens": tokens[None], "mask": np.ones((1, len(tokens)), dtype=bool)}
+        return network.answers(given, (1, 2, 3))[0][0]
+
+    return run

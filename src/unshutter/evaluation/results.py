@@ -7,8 +7,9 @@ import io
 import json
 import platform
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,15 @@ _LIBRARIES = ("numpy", "opencv-python-headless", "onnxruntime", "pyvips")
 _EXAMPLES = (0.3, 0.55, 0.8, 0.95)  # of the pictures, ordered by how much they are distorted
 _CURVE_ROWS = 33
 _FORMER_NAMES = {"environment": "about", "oracles": "rivals"}  # of keys, in files of earlier versions
+
+
+def _versions() -> dict[str, str]:
+    """Versions of the libraries that figures depend on; those that are not installed are left out."""
+    found = {}
+    for name in _LIBRARIES:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
 
 
 @dataclass(frozen=True)
@@ -52,7 +62,7 @@ class Results:
     def of(cls, request: Request, estimators: list[str], oracles: list[str], records: list[Record]) -> Results:
         """Results measured here and now."""
         environment = {"unshutter": __version__, "code": code_digest(), "machine": platform.machine()}
-        environment |= {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
+        environment |= {"python": platform.python_version(), **_versions()}
         return cls(request, estimators, oracles, records, environment)
 
     @property

@@ -90,7 +90,7 @@ def code_digest() -> str:
     """Digest of the package's code and weights, which tells records of other code from new ones."""
     digest = hashlib.sha256()
     root = Path(unshutter.__file__).parent
-    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".onnx")):
+    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".npz", ".onnx")):
         digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 

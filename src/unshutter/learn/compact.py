@@ -25,7 +25,7 @@ from onnx import ModelProto, NodeProto, helper, numpy_helper
 from torch import Tensor, nn
 
 from unshutter.errors import UsageError
-from unshutter.estimators.onnx import onnx_runtime
+from unshutter.estimators.onnx_process import onnx_runtime
 from unshutter.learn.config import load_config
 from unshutter.learn.recipes import make_recipe
 

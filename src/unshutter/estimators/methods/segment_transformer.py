@@ -1,4 +1,4 @@
-"""segment-transformer: line segments of the photo -> a small transformer (ONNX) -> row motion."""
+"""segment-transformer: line segments of the photo -> a small transformer -> row motion."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SHORT_SIDE = 512  # of the grey copy in which segments are found [px]
 
 
 class SegmentTransformer(Estimator):
-    """Runs the exported network on the segments of a photo."""
+    """Runs the network on the segments of a photo."""
 
     def __init__(self, method: Method, weights: Path | None = None):
         super().__init__(method, weights)

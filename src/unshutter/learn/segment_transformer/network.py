@@ -7,14 +7,13 @@ seen them, and the same network corrects what is left, ``iterations`` times.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from unshutter.geometry import rows as geometry
+from unshutter.estimators.segment_transformer.features import FEATURES, features, moved
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class SegmentTransformer(nn.Module):
         super().__init__()
         self.config = config
         d = config.width
-        self.embed = nn.Sequential(nn.Linear(_FEATURES, d), nn.GELU(), nn.Linear(d, d))
+        self.embed = nn.Sequential(nn.Linear(FEATURES, d), nn.GELU(), nn.Linear(d, d))
         self.blocks = nn.ModuleList(_Block(d, config.heads) for _ in range(config.layers))
         self.latents = nn.Parameter(torch.randn(config.latents, d) * 0.5)
         self.pool = _Attention(d, config.heads)
@@ -67,7 +66,7 @@ class SegmentTransformer(nn.Module):
 
     def correct(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
         """What is missing from ``motion`` [B, 2, 3], and the camera [B, 3]."""
-        x = self.embed(_features(tokens, _moved(tokens, motion)))
+        x = self.embed(features(tokens, moved(tokens, motion)))
         bias = torch.zeros_like(mask, dtype=x.dtype).masked_fill(~mask, -1e4)[:, None, None]  # [B, 1, 1, N]
         for block in self.blocks:
             x = block(x, bias)
@@ -104,47 +103,6 @@ class _Block(nn.Module):
         y = self.norm1(x)
         x = x + self.attention(y, y, bias)
         return x + self.mlp(self.norm2(x))
-
-
-def _moved(tokens: Tensor, motion: Tensor) -> Tensor:
-    """End points [B, N, 4] where a global shutter would have seen them, were this the motion (Eq. 1)."""
-    x, y = tokens[..., 0:4:2], tokens[..., 1:4:2]  # [B, N, 2 ends]
-    u = y + 0.5
-    constant = torch.zeros_like(motion[:, :, :1])
-    coefficients = torch.cat([constant, motion], -1)[:, :, None, None]  # [B, 2, 1, 1, 4]
-    tx, rz = geometry.polynomial(coefficients[:, 0], u), geometry.polynomial(coefficients[:, 1], u)
-    x, y = geometry.rs_to_gs(x, y, tx, rz)
-    return torch.stack([x[..., 0], y[..., 0], x[..., 1], y[..., 1]], -1)
-
-
-_FOURIER = 4
-_FEATURES = 2 + 2 + 1 + 2 * 5 + 4 + 2 + 4 * _FOURIER + 2
-
-
-def _features(tokens: Tensor, moved: Tensor) -> Tensor:
-    """[B, N, features] of the moved segments; nothing depends on which end comes first."""
-    first, second = moved[..., :2], moved[..., 2:]
-    middle = (first + second) / 2
-    step = second - first
-    length = step.square().sum(-1, keepdim=True).clamp(min=1e-12).sqrt()
-    cos, sin = (step / length).unbind(-1)
-    # all even in the direction's sign: double angles, and the deviation from vertical and from horizontal
-    cos2, sin2 = cos * cos - sin * sin, 2 * sin * cos
-    angles = [cos2, sin2]
-    for _ in range(4):  # 4, 8, 16, 32 times the angle
-        c, s = angles[-2], angles[-1]
-        angles += [c * c - s * s, 2 * s * c]
-    lean = cos * torch.sign(sin + 1e-9)
-    rise = sin * torch.sign(cos + 1e-9)
-    fine = [torch.tanh(k * a) for a in (lean, rise) for k in (6.0, 25.0)]
-    rows = tokens[..., 1:4:2]  # when each end was read
-    rows = torch.stack([rows.amin(-1), rows.amax(-1)], -1)
-    waves = [f(2 * math.pi * 2.0**k / 4 * middle[..., i]) for k in range(_FOURIER) for i in (0, 1) for f in _WAVES]
-    scalars = torch.stack(angles + fine + waves, -1)
-    return torch.cat([middle, step.abs() / (length + 0.02), torch.log(length) + 3, scalars, rows, tokens[..., 4:]], -1)
-
-
-_WAVES = (torch.sin, torch.cos)
 
 
 def _legendre_to_powers() -> Tensor:

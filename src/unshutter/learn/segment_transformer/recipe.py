@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from unshutter.errors import UsageError
+from unshutter.estimators.segment_transformer.weights import write_weights
 from unshutter.geometry import rows as geometry
 from unshutter.learn.config import TrainConfig, from_table
 from unshutter.learn.data.motions import cubic_motion
@@ -17,6 +18,7 @@ from unshutter.learn.motion_errors import validation_figures
 from unshutter.learn.recipes import Recipe
 from unshutter.learn.segment_transformer.network import SegmentTransformer, SegmentTransformerConfig
 from unshutter.learn.segment_transformer.onnx_loop import export_loop
+from unshutter.learn.segment_transformer.weights import weights_of
 
 _GRID = 16  # the EPE is taken on a grid of this many points squared
 _CAMERA_SPREAD = (0.05, 0.15, 0.35)  # typical roll [rad], tilt [rad], log focal length: equal footing
@@ -61,7 +63,11 @@ class SegmentRecipe(Recipe):
         return validation_figures(torch.cat(errors), torch.cat(untouched))
 
     def export(self, network: nn.Module, path: Path) -> None:
-        """ONNX: tokens [batch, segments, 6], mask [batch, segments] -> coefficients [batch, 2, 3]."""
+        """ONNX: tokens [batch, segments, 6], mask [batch, segments] -> coefficients [batch, 2, 3].
+
+        Beside it an .npz with the same weights, which unshutter runs without onnxruntime.
+        """
+        write_weights(path.with_suffix(".npz"), weights_of(network))  # type: ignore[arg-type]
         step = MirroredStep(network).eval().cpu()
         example = (torch.rand(1, 16, 6) - 0.5, torch.ones(1, 16, dtype=torch.bool), torch.zeros(1, 2, 3))
         export_loop(step, example, path, iterations=self.network_config.iterations_in_use)
