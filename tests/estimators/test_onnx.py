@@ -168,13 +168,13 @@ def test_after_a_crash_the_next_photo_is_tried(tmp_path: Path) -> None:
 def test_one_process_serves_all_photos_and_threads_and_ends_with_its_network(tmp_path: Path) -> None:
     weights = made(tmp_path / "identity.onnx", identity, square_only)
     network = open_network("any", weights, ["rs"], "key_rows")
-    process = network._process._process
+    process = network._runner._process
     given = [np.full((1, 3, 256, 256), k, np.float32) for k in range(12)]
     with ThreadPoolExecutor(4) as threads:
         found = list(threads.map(lambda rs, asked=network: asked.answers({"rs": rs}, rs.shape)[0], given))
     for rs, answer in zip(given, found, strict=True):
         np.testing.assert_array_equal(answer, rs)
-    assert network._process._process is process and process.poll() is None
+    assert network._runner._process is process and process.poll() is None
     del network
     gc.collect()
     assert process.poll() is not None
@@ -185,7 +185,7 @@ import os, sys
 from pathlib import Path
 from unshutter.estimators.onnx import open_network
 network = open_network("any", Path(sys.argv[1]), ["rs"], "key_rows")
-print(network._process._process.pid, flush=True)
+print(network._runner._process.pid, flush=True)
 os.kill(os.getpid(), 9)
 """
 

@@ -48,7 +48,7 @@ class Network:
         self._name, self._weights = name, weights
         self._inputs, self._answer, self._opens_fast = list(inputs), answer, opens_fast
         self._turn, self._owner = Lock(), os.getpid()
-        self._process: _Process | None = self._opened()
+        self._runner: Runner | None = self._opened()
 
     def answers(self, given: dict[str, np.ndarray], *shapes: tuple[int, ...]) -> list[np.ndarray]:
         """Runs it.
@@ -66,17 +66,17 @@ class Network:
         import numpy as np
 
         if self._owner != os.getpid():  # forked: the pipes are our parent's, and so may be the lock
-            self._turn, self._process, self._owner = Lock(), None, os.getpid()
+            self._turn, self._runner, self._owner = Lock(), None, os.getpid()
         with self._turn:
-            process, self._process = self._process or self._opened(), None  # it ends if anything goes wrong
+            runner, self._runner = self._runner or self._opened(), None  # it ends if anything goes wrong
             try:
-                _, outputs = process.ask({"inputs": list(given)}, list(given.values()))
-            except _EndedError as ended:
+                _, outputs = runner.ask({"inputs": list(given)}, list(given.values()))
+            except EndedError as ended:
                 raise self._refusal(str(ended)) from None
-            except _RefusedError as refused:
-                self._process = process
+            except RefusedError as refused:
+                self._runner = runner
                 raise self._refusal(str(refused)) from None
-            self._process = process
+            self._runner = runner
         got = [output.shape for output in outputs]
         if got != list(shapes[: max(len(got), 1)]):
             raise self._refusal(f"they are not of {self._name}")
@@ -84,32 +84,32 @@ class Network:
             raise self._refusal("its answer is no number")
         return [output.astype(np.float64) for output in outputs]
 
-    def _opened(self) -> _Process:
+    def _opened(self) -> Runner:
         """A process that has opened the file and found this network in it."""
         if find_spec("onnxruntime") is None:
             raise UnshutterError("networks in ONNX files need the extra: pip install 'unshutter[onnx]'")
-        process = _Process()
+        runner = Runner()
         try:
-            told, _ = process.ask({"open": str(self._weights.absolute()), "opens_fast": self._opens_fast})
-        except (_EndedError, _RefusedError) as error:
+            told, _ = runner.ask({"open": str(self._weights.absolute()), "opens_fast": self._opens_fast})
+        except (EndedError, RefusedError) as error:
             raise self._refusal(str(error)) from None
         if told["inputs"] != self._inputs or told["outputs"][:1] != [self._answer]:
             raise self._refusal(f"they are not of {self._name}")
-        return process
+        return runner
 
     def _refusal(self, why: str) -> WeightsError:
         return WeightsError(f"cannot use the weights {self._weights}: {why}")
 
 
-class _RefusedError(Exception):
+class RefusedError(Exception):
     """The other process says why not."""
 
 
-class _EndedError(Exception):
+class EndedError(Exception):
     """The other process was ended, or has ended by itself."""
 
 
-class _Process:
+class Runner:
     """Another process, which runs one network. It ends with this object.
 
     Raises:
@@ -134,15 +134,15 @@ class _Process:
         weakref.finalize(self, _end, self._process, os.getpid())
         try:
             self._receive()
-        except (_EndedError, _RefusedError) as error:
+        except (EndedError, RefusedError) as error:
             raise UnshutterError(f"cannot load onnxruntime: {error}") from None
 
     def ask(self, words: dict[str, Any], arrays: Sequence[np.ndarray] = ()) -> tuple[dict[str, Any], list[np.ndarray]]:
         """The answer to a request.
 
         Raises:
-            _RefusedError: it cannot be answered.
-            _EndedError: the process is no more.
+            RefusedError: it cannot be answered.
+            EndedError: the process is no more.
         """
         from unshutter.estimators.onnx_messages import send
 
@@ -158,9 +158,9 @@ class _Process:
         try:
             send(self._process.stdin, {**words, "limit_s": limit_s + _GRACE_S}, arrays)  # pyright: ignore[reportArgumentType]
             return self._receive()
-        except (OSError, _EndedError):
+        except (OSError, EndedError):
             told = f"it was not done after {limit_s:g} s" if late.is_set() else "it makes its process crash"
-            raise _EndedError(told) from None
+            raise EndedError(told) from None
         finally:
             clock.cancel()
 
@@ -170,9 +170,9 @@ class _Process:
         try:
             words, arrays = receive(self._process.stdout)  # pyright: ignore[reportArgumentType]
         except (EOFError, ValueError):
-            raise _EndedError("its process ended") from None
+            raise EndedError("its process ended") from None
         if "refusal" in words:
-            raise _RefusedError(words["refusal"])
+            raise RefusedError(words["refusal"])
         return words, arrays
 
 
