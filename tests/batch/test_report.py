@@ -2,11 +2,12 @@
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from support.batches import make_photos, rectify, results
+from support.batches import make_photos, rectify, results, start_rectify
 from unshutter import Motion
 
 
@@ -38,10 +39,12 @@ def test_the_json_log_says_what_happened(archive: Path, motion: Path, tmp_path: 
 
 
 def test_a_photo_is_no_log(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
-    before = results(archive)
-    assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--json-log", archive / "a.jpg") == 1
-    assert "no log" in capsys.readouterr().err
-    assert results(archive) == before
+    make_photos(tmp_path, ["another.jpg"])
+    before = results(tmp_path)
+    for photo, why in ((archive / "a.jpg", "is an original"), (tmp_path / "another.jpg", "no log of unshutter's")):
+        assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--json-log", photo) == 1
+        assert why in capsys.readouterr().err
+    assert results(tmp_path) == before
 
 
 @pytest.mark.parametrize(
@@ -84,3 +87,22 @@ def test_names_and_reasons_do_not_break_lines_or_terminals(tmp_path: Path, motio
     motion.write_text(json.dumps(data | {"reference": ["first"]}))
     assert rectify(tmp_path / "in" / f"{ODD}.jpg", "-o", tmp_path / "b.jpg", "--motion", motion) in (1, 2)
     assert "unknown reference row" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs limits of file sizes")
+@pytest.mark.parametrize("jobs", [[], ["--jobs", 1]], ids=["one process", "jobs"])
+def test_a_log_that_finds_no_room_is_named(jobs: list, archive: Path, motion: Path, tmp_path: Path) -> None:
+    import resource
+
+    log, limit = tmp_path / "log.jsonl", 200_000
+    log.write_text('{"event": "done"}\n' * (limit // 18))
+    before = log.read_bytes()
+    room = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
+    words = [archive, "-o", tmp_path / "out", "--motion", motion]
+    with start_rectify(*words, "--json-log", log, *jobs, preexec_fn=room) as process:
+        errors = process.communicate(timeout=120)[1]
+    assert process.returncode == 1
+    assert errors.splitlines()[-1] == f"unshutter: cannot write {log}: File too large"
+    assert errors.count("log.jsonl") == 1 and "Traceback" not in errors
+    assert log.read_bytes()[: len(before)] == before
+    assert rectify(*words) == 0  # goes on where that one ended

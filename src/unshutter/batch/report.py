@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from unshutter.batch.inputs import Inputs
 from unshutter.batch.job import Job, Outcome
 from unshutter.batch.preview import Preview
 from unshutter.errors import UnshutterError, visible
 from unshutter.progress import Progress, rate
+from unshutter.storage.json_log import JsonLog
 from unshutter.storage.places import Place
-from unshutter.storage.plain_files import open_plain
 from unshutter.storage.protection import Protection
 
-_FIRST_WORDS = b'{"event":'  # of every JSON log
 Tell = Callable[[str], None]  # says a line to the user
 
 
@@ -52,7 +49,7 @@ class Report:
         self._left: Counter[str] = Counter()  # photos that were left as they are, by cause; "": changed
         self._start = time.monotonic()
         self._inputs = inputs or Inputs()
-        self._log = _open_log(log, protection or Protection([])) if log is not None else None
+        self._log = JsonLog(log, protection or Protection([])) if log is not None else None
         self._bar = Progress(to_do)
         self.preview: Preview | None = None  # to be made of what is done
 
@@ -68,8 +65,6 @@ class Report:
         if self._inputs.passed_over:
             summary["not_taken"] = self._inputs.counts()
         self._note("end", **summary, seconds=round(time.monotonic() - self._start, 3))
-        if self._log is not None:
-            self._log.close()
 
     def done(self, job: Job, outcome: Outcome) -> None:
         """A photo was changed, or is left as it is."""
@@ -123,15 +118,9 @@ class Report:
     def _note(self, event: str, **about: Any) -> None:
         if self._log is None:
             return
-        at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
-        try:
-            self._log.write(json.dumps({"event": event, "at": at, **about}) + "\n")
-            self._log.flush()
-        except OSError as error:
-            log, self._log = self._log, None
-            with suppress(OSError):
-                log.close()
-            raise UnshutterError(f"cannot write {log.name}: {error.strerror}") from None
+        log, self._log = self._log, None  # one that cannot be written is complained of once
+        log.add(event, at=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), **about)
+        self._log = log
 
     def _fates(self) -> str:
         """How many photos were changed, and why not: ``3 changed, 2 left as they are (2 not sure)``."""
@@ -156,19 +145,6 @@ class Report:
 def _spoken(seconds: float) -> str:
     hours, rest = divmod(round(seconds), 3600)
     return f"{hours} h {rest // 60} min" if hours else f"{rest // 60} min {rest % 60} s" if rest >= 60 else f"{rest} s"
-
-
-def _open_log(path: Path, protection: Protection) -> TextIO:
-    """A log to add to; another file of that name, such as a photo, is left alone."""
-    descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-    try:
-        if os.read(descriptor, len(_FIRST_WORDS)) not in (b"", _FIRST_WORDS):
-            raise UnshutterError(f"{path} is no log of unshutter's: choose another name for --json-log")
-        protection.check(path)
-    except UnshutterError:
-        os.close(descriptor)
-        raise
-    return open(descriptor, "a", encoding="utf-8")
 
 
 def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:

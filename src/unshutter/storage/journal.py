@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
 from unshutter.storage.places import Place, make_folder, objects_below, read_place, remove, write_place
-from unshutter.storage.plain_files import open_plain
+from unshutter.storage.plain_files import add_bytes, is_torn, open_plain
 
 if TYPE_CHECKING:
     from upath import UPath
@@ -92,11 +92,7 @@ class FileJournal(Journal):
         try:
             descriptor = open_plain(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
             try:
-                size = os.fstat(descriptor).st_size
-                torn = size > 0 and _last_byte(descriptor, size) != b"\n"  # by a run that ended in the middle
-                data = (("\n" if torn else "") + line + "\n").encode()
-                if os.write(descriptor, data) < len(data):
-                    raise OSError(28, "No space left on device")
+                add_bytes(descriptor, (("\n" if is_torn(descriptor) else "") + line + "\n").encode())
             finally:
                 os.close(descriptor)
         except OSError as error:
@@ -145,8 +141,3 @@ class ObjectJournal(Journal):
 
     def _piece(self, number: int) -> UPath:
         return self._folder / self._name / f"{self._run}-{number:06}.jsonl"
-
-
-def _last_byte(descriptor: int, size: int) -> bytes:
-    os.lseek(descriptor, size - 1, os.SEEK_SET)
-    return os.read(descriptor, 1)

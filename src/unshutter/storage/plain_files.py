@@ -43,6 +43,36 @@ def open_plain(path: Path, flags: int) -> int:
     raise UnshutterError(f"cannot {doing} {path}: {what}")
 
 
+def add_bytes(descriptor: int, data: bytes) -> None:
+    """Adds bytes to a file, all of them; OSError, with the system's reason, where they find no room."""
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+def is_torn(descriptor: int) -> bool:
+    """Whether a file of lines, open to be read, ends in the middle of one, as after a full disc."""
+    size = os.lseek(descriptor, 0, os.SEEK_END)
+    if not size:
+        return False
+    os.lseek(descriptor, size - 1, os.SEEK_SET)
+    return os.read(descriptor, 1) != b"\n"
+
+
+def add_text(path: Path, text: str) -> None:
+    """Adds text to a file, which is made where there is none.
+
+    Raises:
+        UnshutterError: it is no plain file, or the system refuses.
+    """
+    descriptor = open_plain(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    try:
+        add_bytes(descriptor, text.encode())
+    except OSError as error:
+        raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+    finally:
+        os.close(descriptor)
+
+
 def check_plain(path: Path) -> None:
     """Checks that reading a file would come to an end: a pipe may wait for ever, and so may a device.
 
