@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -10,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from support.batches import leftovers, make_photos, rectify, results
+from support.batches import leftovers, make_photos, rectify, results, start_rectify
 from support.hand_held import clip, hand
 from unshutter import Photo
 
@@ -84,6 +86,26 @@ def test_a_worker_is_killed_on_the_way(cluster, archive: Path, motion: Path, tmp
     assert rectify(archive, "-o", out, "--motion", motion) == 0
     assert leftovers(out) == []
     assert f"{PHOTOS} finished already" in capsys.readouterr().err
+
+
+def test_the_scheduler_is_killed_on_the_way(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
+    out, told = tmp_path / "out", tmp_path / "scheduler.json"
+    words = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", told]
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", *map(str, words)]
+    with subprocess.Popen(command, stderr=subprocess.DEVNULL) as scheduler:
+        while not told.exists() or not told.read_text():
+            time.sleep(0.02)
+        address = json.loads(told.read_text())["address"]
+        words = [archive, "-o", out, "--motion", motion]
+        with start_rectify(*words, "--scheduler", address) as process:
+            while not (out / "unshutter-manifest.jsonl").exists():  # it has no workers, so nothing is ever done
+                time.sleep(0.02)
+            scheduler.kill()
+            errors = process.communicate(timeout=60)[1]
+    assert process.returncode == 1
+    assert errors == "unshutter: the workers cannot be reached any more: give the same command again to go on\n"
+    assert rectify(*words) == 0
+    assert f"{PHOTOS} of {PHOTOS} photos done" in capsys.readouterr().err
 
 
 def test_nobody_answers(archive: Path, tmp_path: Path, capsys) -> None:

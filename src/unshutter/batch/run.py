@@ -131,11 +131,11 @@ class Batch:
         crashed: dict[Future[Outcome], Job] = {}
         for future in wait(self._running, return_when=FIRST_COMPLETED).done:
             job = self._running.pop(future)
-            error = future.exception()
+            error = _error_of(future)
             if isinstance(error, BrokenExecutor):
                 crashed[future] = job
             elif isinstance(error, CancelledError):
-                raise UnshutterError("lost touch with the workers: run the same command again to go on") from None
+                raise UnshutterError("the workers cannot be reached any more: give the same command again to go on")
             elif error is not None:
                 line = f"{job.source}: {type(error).__name__}: {' '.join(str(error).split())}"
                 self._finish(job, Outcome(line))
@@ -215,3 +215,11 @@ class Batch:
                 self._report.tell("unshutter: finishing the photos that are at work (Ctrl-C again to drop them)")
         while self._running:
             self._collect()
+
+
+def _error_of(future: Future[Outcome]) -> BaseException | None:
+    """What a future that is done has raised; a scheduler that goes cancels all that it had."""
+    try:
+        return future.exception()
+    except CancelledError as cancelled:
+        return cancelled

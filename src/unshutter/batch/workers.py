@@ -5,6 +5,7 @@ Each is a ``concurrent.futures.Executor``.
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import threading
@@ -143,6 +144,20 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
+def _quiet_loggers() -> Iterator[None]:
+    """Keeps Dask from writing tracebacks to the terminal when its scheduler goes: a line of ours says so."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+@contextmanager
 def cluster(address: str) -> Iterator[Workers]:
     """The workers of a Dask scheduler, which need unshutter and the same view of the files.
 
@@ -157,7 +172,7 @@ def cluster(address: str) -> Iterator[Workers]:
         client = Client(address, timeout=5, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise UnshutterError(f"cannot reach the Dask scheduler {address}: {' '.join(str(error).split())}") from None
-    with client:
+    with _quiet_loggers(), client:
 
         def executor() -> Executor:
             return client.get_executor(pure=False)
