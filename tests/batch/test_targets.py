@@ -93,3 +93,31 @@ def test_a_plot_is_no_motion(tmp_path: Path, capsys) -> None:
     assert main(["estimate", str(tmp_path / "a.jpg"), "-o", both, "--plot", both, "--estimator", "none"]) == 2
     assert "was named twice" in capsys.readouterr().err
     assert not Path(both).exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (["rectify", "-o", "one.png"], "one.png"),
+        (["rectify", "-o", "out", "--save-motion", "m.json"], "m.json"),
+        (["rectify", "-o", "out", "--masks", "m.PNG"], "m.PNG"),
+        (["estimate", "-o", "one.json"], "one.json"),
+    ],
+)
+def test_several_photos_do_not_go_into_a_folder_with_the_name_of_a_file(
+    words: list[str], name: str, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_photos(tmp_path, ["a.png", "b.png"])
+    monkeypatch.chdir(tmp_path)
+    assert main([*words, "a.png", "b.png", "--estimator", "none"]) == 2
+    told = capsys.readouterr().err
+    assert f"need a folder to go to, but {name} is the name of a file" in told and told.count("\n") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.png"]
+    (tmp_path / name).mkdir()  # unless there is such a folder
+    assert main([*words, "a.png", "b.png", "--estimator", "none"]) == 0
+
+
+def test_a_slash_says_that_a_folder_is_meant(tmp_path: Path) -> None:
+    make_photos(tmp_path, ["a.png", "b.png"])
+    assert rectify(tmp_path / "a.png", tmp_path / "b.png", "-o", f"{tmp_path}/one.png/", "--estimator", "none") == 0
+    assert sorted(results(tmp_path / "one.png")) == ["a.rectified.png", "b.rectified.png"]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 
-from unshutter.batch.inputs import RECTIFIED, Inputs
+from unshutter.batch.inputs import PHOTO_SUFFIXES, RECTIFIED, Inputs
 from unshutter.errors import UsageError
 from unshutter.photo.formats import WRITTEN, of_suffix
 from unshutter.storage.places import Place, place
@@ -68,8 +68,7 @@ def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[
     goal = place(output)
     if not is_folder(goal, inputs.many):
         return {next(iter(inputs.photos)): goal}
-    if isinstance(goal, Path) and goal.exists() and not goal.is_dir():
-        raise UsageError(f"several photos need a folder to go to, but {goal} is a file")
+    _check_is_folder(goal, output, "several photos")
     targets = {photo: goal / (inside / name(photo)) for photo, inside in inputs.photos.items()}
     return _all_different(targets)
 
@@ -81,8 +80,7 @@ def mask_targets(inputs: Inputs, folder: str, pictures: dict[Place, Place]) -> d
         UsageError: there is a file where the folder is wanted.
     """
     goal = place(folder)
-    if isinstance(goal, Path) and goal.exists() and not goal.is_dir():
-        raise UsageError(f"masks need a folder to go to, but {goal} is a file")
+    _check_is_folder(goal, folder, "masks")
     return {photo: goal / inside / f"{pictures[photo].name}.png" for photo, inside in inputs.photos.items()}
 
 
@@ -94,6 +92,26 @@ def beside(inputs: Inputs, name: Callable[[Place], str]) -> dict[Place, Place]:
 def is_folder(goal: Place, many: bool) -> bool:
     """Whether results go into it rather than become it; a name without an ending is meant as a folder."""
     return many or not goal.suffix or (isinstance(goal, Path) and goal.is_dir())
+
+
+def _check_is_folder(goal: Place, named: str | os.PathLike[str], what: str) -> None:
+    """Checks that a place is meant as a folder.
+
+    Args:
+        goal: the place.
+        named: as the user wrote it; a slash at its end says that it is a folder.
+        what: goes there.
+
+    Raises:
+        UsageError: there is a file, or it has the name of one.
+    """
+    there = isinstance(goal, Path) and goal.is_dir()
+    if isinstance(goal, Path) and goal.exists() and not there:
+        raise UsageError(f"{what} need a folder to go to, but {goal} is a file")
+    if goal.suffix.lower() in {*PHOTO_SUFFIXES, ".json"} and not there and not os.fspath(named).endswith(("/", os.sep)):
+        raise UsageError(
+            f"{what} need a folder to go to, but {goal.name} is the name of a file: leave out {goal.suffix}"
+        )
 
 
 def check_named_once(named: Iterable[tuple[str, Place | None]]) -> None:
