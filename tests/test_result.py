@@ -1,7 +1,9 @@
 """What Python gets back: a photo that was changed, or the very same one."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ import unshutter
 from support.drawn_photos import drawn
 from support.sure_estimator import Sure
 from unshutter.errors import UnshutterError
-from unshutter.options import MIN_CONFIDENCE, Undo
+from unshutter.options import MIN_CONFIDENCE, Neighbours, Rectify, Undo
 from unshutter.photo import Photo
 from unshutter.photo.formats import FORMATS
 
@@ -39,6 +41,26 @@ def test_a_motion_that_is_not_sure_is_not_undone(photo: Path) -> None:
         result = unshutter.rectify(photo, **options)
         assert result.changed and not result.reason
         assert (result.pixels != left.pixels).any()
+
+
+def test_without_a_least_confidence_the_likeliest_motion_is_undone(facade_canvas: np.ndarray) -> None:
+    height, width = facade_canvas.shape[:2]
+    askew = cv2.getRotationMatrix2D((width / 2, height / 2), 2, 1)
+    photo = Photo.from_array(cv2.warpAffine(facade_canvas, askew, (width, height))[90:-90, 90:-90].copy())
+    left, moved = unshutter.rectify(photo), unshutter.rectify(photo, min_confidence=0)
+    assert not left.changed
+    assert moved.changed and moved.verdict.largest_px > 0.5
+    assert moved.motion.confidence is not None and moved.motion.confidence < 0.5
+
+
+def test_who_asks_for_the_likeliest_motion() -> None:
+    def asks(**options) -> bool:
+        return Rectify(undo=Undo(min_confidence=0), **options).find.camera.at_any_odds
+
+    alone, between = Path("m.json"), Neighbours(after=Path("b.jpg"))
+    assert asks() and asks(neighbours=replace(between, fallback=True))
+    assert not asks(motion=alone) and not asks(neighbours=between)
+    assert not Rectify().find.camera.at_any_odds
 
 
 def test_what_is_left_as_it_is_comes_back_the_same(photo: Path) -> None:

@@ -135,8 +135,9 @@ def rectify(
         edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
             ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge,
             ``auto`` (the command line's default) crops where that leaves at least 80 % of the area, else keeps.
-        min_confidence: leave the photo as it is where a motion that was found is less sure than this; 0: never. A
-            ``motion`` that is given is undone whatever its confidence.
+        min_confidence: leave the photo as it is where a motion that was found is less sure than this; 0: never, and
+            the likeliest motion is undone even where none at all is likelier. A ``motion`` that is given is undone
+            whatever its confidence.
 
     Returns:
         The kind of thing that it was given. A path, an open file or a Photo gives a :class:`Rectified`, bytes give
@@ -177,7 +178,7 @@ def _rectified(
     if motion is None:
         grey_px = method(estimator).grey_px if isinstance(estimator, str) else None
         source.start_decoding(grey_px=grey_px)  # while the estimator is loaded
-        motion = estimate_photo(source, _loaded(estimator), camera)
+        motion = estimate_photo(source, _loaded(estimator), camera.for_least_confidence(how.min_confidence))
     else:
         source.start_decoding()
     return undo(source, motion, how, camera.readout)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from unshutter.errors import UsageError
 from unshutter.geometry.readout import Readout
@@ -26,6 +26,8 @@ class Camera:
         exposure_s: how long each line was exposed [s]; None: as EXIF says, if it does.
         readout_ms: time from the first line read to the last [ms]; None: as is usual for the kind of camera.
         moving: whether the camera was on the move (in a train, on a car, in the air), so that motion is likely.
+        at_any_odds: whether the likeliest motion is wanted even where none at all is likelier; a least confidence of 0
+            asks for it (:meth:`for_least_confidence`).
 
     Raises:
         UsageError: an unknown direction, a focal length or time that is not positive, an angle out of range.
@@ -54,6 +56,7 @@ class Camera:
         metavar="MS",
     )
     moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
+    at_any_odds: bool = False
 
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
@@ -69,6 +72,10 @@ class Camera:
     def direction(self) -> Readout:
         """The readout direction, ``auto`` resolved."""
         return Readout.parse(self.readout)
+
+    def for_least_confidence(self, least: float) -> Camera:
+        """The same for motions of this confidence or more: where 0 is enough, the likeliest motion is wanted."""
+        return replace(self, at_any_odds=least == 0)
 
     def check_unused(self) -> None:
         """Raises UsageError where more than the readout direction is given although no motion is to be found."""
@@ -88,5 +95,7 @@ class Find:
         camera: what is known of the camera.
     """
 
-    estimator: str = option(DEFAULT_ESTIMATOR, "Method that finds the camera's motion; `unshutter models` lists them.")
+    estimator: str = option(
+        DEFAULT_ESTIMATOR, "Method that finds the camera's motion; `unshutter models` lists them.", names="word"
+    )
     camera: Camera = field(default_factory=Camera)

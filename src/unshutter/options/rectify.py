@@ -44,6 +44,9 @@ class Rectify:
             raise UsageError("--edges borrow needs a neighbour: name one with --before or --after")
         if self.neighbours.sequence:
             object.__setattr__(self, "undo", self.undo.keeping_coordinates())
+        if self.find_alone is not None or self.neighbours.fallback:
+            camera = self.find.camera.for_least_confidence(self.undo.min_confidence)
+            object.__setattr__(self, "find", replace(self.find, camera=camera))
 
     def _check_neighbours(self) -> None:
         camera, given = self.find.camera, self.neighbours

@@ -32,8 +32,8 @@ class Undo:
             ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge;
             ``auto`` crops where that leaves at least 80 % of the area, else keeps; ``borrow`` takes them from the
             photo's neighbours.
-        min_confidence: a photo whose motion is less sure is left as it is; 0 leaves none. Motions without a confidence
-            are undone.
+        min_confidence: a photo whose motion is less sure is left as it is; 0 leaves none, and takes the likeliest
+            motion even where none at all is likelier. Motions without a confidence are undone.
 
     Raises:
         UsageError: a value that is none of its choices.
@@ -49,8 +49,8 @@ class Undo:
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
-        "Leave a photo as it is if its motion is less sure than this; 0 switches this off. Default: "
-        f"{MIN_CONFIDENCE:g}.",
+        "Leave a photo as it is if its motion is less sure than this; 0 undoes the likeliest motion, however unsure. "
+        f"Default: {MIN_CONFIDENCE:g}.",
     )
 
     def __post_init__(self) -> None:

@@ -23,6 +23,7 @@ _FOREST = Path(__file__).parents[2] / "weights" / "odds.json"
 _STEEPNESS = 8.0  # of the way from no motion to all of it
 _CAUTION = math.log(0.8)  # odds at which half of a motion is undone; those of photos in general count losses in full
 _MOVING = math.log(0.2)  # and where the camera is known to have moved
+_EVEN = 1e-9  # odds at which a motion is just as likely as none
 _PX = 256.0  # rows of the picture in which displacements are weighed
 
 
@@ -40,7 +41,11 @@ class Judgement:
 
 
 def judge(
-    posterior: Posterior, opinion: np.ndarray | None = None, roll_known: bool = False, moving: bool = False
+    posterior: Posterior,
+    opinion: np.ndarray | None = None,
+    roll_known: bool = False,
+    moving: bool = False,
+    at_any_odds: bool = False,
 ) -> Judgement:
     """Weighs a posterior's motion against none.
 
@@ -49,12 +54,17 @@ def judge(
         opinion: [6] the network's answer, where it was asked.
         roll_known: whether the camera's roll is known, and so cannot be taken for shear.
         moving: whether the camera is known to have moved: from a train, a car, a drone.
+        at_any_odds: whether all of the motion is wanted, however likely it is that there was none. The confidence is
+            then the motion's, which is not calibrated where the odds are against it.
     """
     if roll_known:
         odds = _odds_upright(posterior)
     else:
         odds = _odds_alone(posterior) if opinion is None else _forest().odds(figures(posterior, opinion)) - _CAUTION
     odds += _CAUTION - _MOVING if moving else 0.0
+    if at_any_odds:
+        right = _probability(_right(posterior, opinion, max(odds, _EVEN)))
+        return Judgement(posterior.motion, right * min(2 * _probability(max(odds, -50.0)), 1.0))
     motion = posterior.motion / (1 + math.exp(-np.clip(_STEEPNESS * odds, -50, 50)))
     return Judgement(motion, _probability(_right(posterior, opinion, odds)))
 

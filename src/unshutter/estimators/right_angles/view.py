@@ -78,7 +78,7 @@ def motion_of(posterior: Posterior, view: View, estimator: str, opinion: np.ndar
         return view.no_motion(estimator, "the photo shows no right angles")
     limit = view.speed_limit
     moving = view.camera.moving or (limit is not None and limit.smeared)
-    judgement = judge(posterior, opinion, view.attitude_deg()[0] is not None, moving)
+    judgement = judge(posterior, opinion, view.attitude_deg()[0] is not None, moving, view.camera.at_any_odds)
     if displacement(judgement.motion) > LARGEST:
         return view.no_motion(estimator, "what fits the lines is more motion than hands can do")
     return view.cubic_motion(judgement.motion.reshape(2, 3), estimator, judgement.confidence)
