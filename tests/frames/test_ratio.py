@@ -29,6 +29,13 @@ def test_where_it_cannot_be_told_it_is_not_guessed(log, why):
     assert "say --readout-ratio" in one_line(error)
 
 
+@pytest.mark.parametrize("log", [hand(1), pan(), shaking(52)])
+@pytest.mark.parametrize("frames", [2, 3])
+def test_two_or_three_frames_do_not_say_why_not(log, frames):
+    with pytest.raises(UnshutterError, match=f"\\({frames} are too few to show it\\): say --readout-ratio"):
+        found(log, 0.6, frames=frames)
+
+
 def test_no_tracks_are_no_answer():
     with pytest.raises(UnshutterError, match="say --readout-ratio"):
         ratio_from_motion([], 300.0)

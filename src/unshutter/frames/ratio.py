@@ -35,7 +35,8 @@ _TOO_UNSURE = 0.08
 STILL_PX = 0.25  # px of ROWS rows a frame: what a readout shears by less is left as it is
 _FASTEST = 0.4  # cycles a frame: what is faster is hidden between the frames
 _EVEN_PX = 0.1  # px of ROWS rows a frame: a speed that varies by less is even
-WHAT_TO_DO = "say --readout-ratio"
+_FEW = 10  # pairs of frames that hardly ever say the ratio, and never why not
+WHAT_TO_DO = "say --readout-ratio, or --readout-ms with --fps"
 
 
 @dataclass(frozen=True)
@@ -80,11 +81,17 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
         best, width = _top(at, curves.sum(axis=0))
         best = float(np.clip(best, at[0], at[2]))
     if max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
-        raise UnshutterError(cannot_tell("the camera shook faster than frames were taken"))
+        raise UnshutterError(cannot_tell(_too_few(pairs) or "the camera shook faster than frames were taken"))
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
     if error > _TOO_UNSURE or best > _LARGEST:
-        raise UnshutterError(cannot_tell("the camera moved too evenly, or too little could be followed"))
+        why = _too_few(pairs) or "the camera moved too evenly, or too little could be followed"
+        raise UnshutterError(cannot_tell(why))
     return ReadoutRatio(min(max(best, 0.0), 1.0), error, "motion")
+
+
+def _too_few(pairs: Sequence[Tracks]) -> str:
+    """The reason of a few frames; empty for more."""
+    return f"{len(pairs) + 1} are too few to show it" if len(pairs) < _FEW else ""
 
 
 class _Profile:

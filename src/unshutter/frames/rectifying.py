@@ -15,7 +15,7 @@ from unshutter.estimators.register import load
 from unshutter.frames.between import Frame, rectified_densely
 from unshutter.frames.choice import chosen
 from unshutter.frames.neighbours import copy_side
-from unshutter.frames.ratio import WHAT_TO_DO
+from unshutter.frames.ratio import WHAT_TO_DO, cannot_tell
 from unshutter.frames.rectified_frame import RectifiedFrame
 from unshutter.frames.sequence import SEARCHED, STOOD_STILL, CameraMotion, FrameMotion, known_ratio
 from unshutter.frames.wanted import Wanted
@@ -170,7 +170,7 @@ def _camera_motion(frames: list[Frame], number: int, how: Wanted) -> FrameMotion
     finder = CameraMotion(ratio, how.focal_px, how.readout, every_angle=1)
     found = list(finder.frames(frame.photo for frame in frames))[number]
     if finder.ratio is None and found.reason != STOOD_STILL:
-        raise UnshutterError(found.reason)
+        raise UnshutterError(found.reason if WHAT_TO_DO in found.reason else cannot_tell(found.reason))
     return found
 
 
