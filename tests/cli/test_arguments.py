@@ -29,8 +29,8 @@ class Group:
 class Arguments:
     """All kinds of arguments."""
 
-    photos: list[Path] = positional("Photos.")
-    output: Path = required("Where to.", short="-o")
+    photos: list[Path] = positional("Photos.", "input")
+    output: Path = required("Where to.", "output", short="-o")
     jobs: int | None = option(None, "How many.")
     again: bool = option(False, "Once more.")
     word: str = option("auto", "One of several.", choices=("auto", "manual"))
@@ -72,6 +72,21 @@ def test_what_is_wrong_is_said_in_a_line(words: tuple[str, ...], complaint: str)
         parsed(*words)
     assert complaint in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_path_may_be_a_url_of_this_machine_only() -> None:
+    assert parsed("local:///d/a.jpg", "-o", "dir://out::file:///d") == Arguments([Path("/d/a.jpg")], Path("/d/out"))
+    with pytest.raises(UsageError, match="s3://b/out is not on this machine"):  # rather than a folder called s3:
+        parsed("a.jpg", "-o", "s3://b/out")
+
+
+def test_a_path_that_does_not_say_what_it_names() -> None:
+    @dataclass(frozen=True)
+    class Forgetful:
+        output: Path | None = option(None, "Where to.")
+
+    with pytest.raises(TypeError, match="say what the option 'output' names"):
+        parse("try", Command("Tries it.", Forgetful, lambda given: 0), [])
 
 
 def test_help_names_every_option_under_its_group(capsys: pytest.CaptureFixture[str]) -> None:

@@ -150,7 +150,7 @@ def test_options_that_cannot_be(tmp_path, capsys, clip, flags, code, told):
 
 def test_the_clip_itself_is_never_written(capsys, clip):
     before = clip.read_bytes()
-    refused(capsys, [clip, "-o", clip, "--overwrite"], 1, "is the original")
+    refused(capsys, [clip, "-o", clip, "--overwrite"], 1, "is an original")
     assert clip.read_bytes() == before
 
 

@@ -10,7 +10,7 @@ from unshutter.batch.inputs import find_photos
 from unshutter.batch.report import Tell, each_photo
 from unshutter.batch.targets import check_named_once, is_folder, motion_names, plan_targets
 from unshutter.errors import UsageError
-from unshutter.estimators.register import check_name
+from unshutter.estimators.register import check_name, weights_file
 from unshutter.options import Find, Reference, Undo
 from unshutter.prefetch import Prefetch
 from unshutter.storage.files import remove_leftovers
@@ -46,8 +46,8 @@ def estimate_files(photos: list[Path], output: Path | None, wanted: Estimates, o
     check_name(wanted.find.estimator)
     targets = plan_targets(inputs, output, motion_names(inputs)) if output else {}
     check_named_once([*(("the motion", target) for target in targets.values()), ("--plot", wanted.plot)])
-    protection = Protection(inputs.photos, [output])
-    _remove_leftovers(targets)
+    protection = Protection([*inputs.photos, weights_file(wanted.find.estimator)], [output])
+    _remove_leftovers([*targets.values(), *([wanted.plot] if wanted.plot else [])])
     prefetch = Prefetch(list(inputs.photos), wanted.find, max_pixels)
     in_folder = output is not None and is_folder(output, inputs.many)
 
@@ -83,8 +83,8 @@ def _tell_if_it_would_not_be_undone(motion: Motion, photo: Place, tell: Tell) ->
         tell(f"{photo}: rectify leaves it as it is ({verdict.told()})")
 
 
-def _remove_leftovers(targets: dict[Place, Place]) -> None:
-    for folder in {target.parent for target in targets.values()}:
+def _remove_leftovers(targets: list[Place]) -> None:
+    for folder in {target.parent for target in targets}:
         if isinstance(folder, Path):
             remove_leftovers(folder)
 

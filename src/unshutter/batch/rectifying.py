@@ -30,7 +30,7 @@ from unshutter.batch.targets import (
 from unshutter.batch.work import do_job
 from unshutter.batch.workers import Workers, cluster, processes, this_process
 from unshutter.errors import UnshutterError, UsageError, visible
-from unshutter.estimators.register import check_name
+from unshutter.estimators.register import check_name, weights_file
 from unshutter.options import Rectify, Run, model_for
 from unshutter.photo.formats import of_target
 from unshutter.prefetch import Prefetch
@@ -83,9 +83,6 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, wante
     wanted = _with_coordinates(wanted, into)
     if wanted.save.keep_names and (goal is None or not is_folder(goal, inputs.many)):
         raise UsageError("--keep-names needs --output FOLDER for the results")
-    if run.preview is not None:
-        of_target(run.preview)
-        check_target(run.preview, run.overwrite)
     motion = _motion_text(wanted.motion)
     jobs = _jobs(inputs, into, wanted, run)
     if wanted.save.keep_times:
@@ -178,8 +175,7 @@ def _protection(inputs: Inputs, jobs: list[Job], into: Outputs, wanted: Rectify,
     Raises:
         UsageError: one name stands for two files of the run.
     """
-    _, at, file = wanted.find.estimator.partition("@")
-    weights = Path(file) if at else None
+    weights = weights_file(wanted.find.estimator)
     manifest = place(into.pictures) / f"{NAME}.jsonl" if into.pictures is not None and inputs.many else None
     named: list[tuple[str, Place | None]] = [
         *(("the picture", job.target) for job in jobs),
@@ -199,7 +195,10 @@ def _protection(inputs: Inputs, jobs: list[Job], into: Outputs, wanted: Rectify,
     neighbours = (wanted.neighbours.before, wanted.neighbours.after)
     protection = Protection([*inputs.photos, *neighbours, wanted.motion, weights], folders)
     if run.preview is not None:
+        of_target(run.preview)
         protection.check(run.preview)
+        check_target(run.preview, run.overwrite)
+        remove_leftovers(run.preview.parent)
     return protection
 
 
@@ -225,8 +224,8 @@ def _digest(wanted: Rectify, motion: str | None) -> str:
     """Changes when results would. An option that is younger than digests counts only where it is not at its default."""
     import hashlib  # not above: it takes 15 ms, and a single photo does not need it
 
-    _, _, weights = wanted.find.estimator.partition("@")
-    given = {"motion": motion, "weights": weights and fingerprint(Path(weights)), "overwrite": None}
+    weights = weights_file(wanted.find.estimator)
+    given = {"motion": motion, "weights": "" if weights is None else fingerprint(weights), "overwrite": None}
     neighbours = wanted.neighbours
     for group in (wanted.find, wanted.find.camera, wanted.undo, wanted.save, neighbours, neighbours.clock):
         for each in fields(group):

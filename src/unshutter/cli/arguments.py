@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from unshutter.errors import UsageError
+from unshutter.options import Names
+from unshutter.storage.urls import local_file
 
 _METAVAR = {int: "N", float: "NUMBER", Path: "PATH", str: "TEXT"}
 
@@ -38,14 +40,14 @@ class Command:
     when_stopped: str = "what was finished is kept"
 
 
-def positional(help: str, optional: bool = False) -> Any:
+def positional(help: str, names: Names, optional: bool = False) -> Any:
     """A field that is given by its place, without a flag; a list may be left empty if it is optional."""
-    return field(metadata={"help": help, "positional": True, "optional": optional})
+    return field(metadata={"help": help, "names": names, "positional": True, "optional": optional})
 
 
-def required(help: str, short: str | None = None) -> Any:
+def required(help: str, names: Names, short: str | None = None) -> Any:
     """A field whose flag must be given."""
-    return field(metadata={"help": help, "short": short})
+    return field(metadata={"help": help, "names": names, "short": short})
 
 
 def parse(name: str, command: Command, words: Sequence[str]) -> Any:
@@ -82,6 +84,17 @@ def _usage(kind: type) -> str:
     return " ".join([*places, "[options]"])
 
 
+def outputs(kind: type) -> list[str]:
+    """The options that name what a command writes, as flags: ``--output``."""
+    found = []
+    for each, type_ in _fields(kind):
+        if _is_group(type_):
+            found += outputs(type_)
+        elif each.metadata.get("names") == "output":
+            found.append(_flag(each))
+    return found
+
+
 def add_arguments(parser: argparse.ArgumentParser, kind: type) -> None:
     """Adds the arguments of a dataclass; a group for each dataclass in it."""
     _add_to(parser, parser, kind)
@@ -111,7 +124,9 @@ def _argument(each: dataclasses.Field, type_: Any) -> tuple[list[str], dict[str,
     elif typing.get_origin(inner) is typing.Literal:
         how["choices"] = typing.get_args(inner)
     else:
-        how |= {"type": inner, "metavar": each.metadata.get("metavar") or _METAVAR[inner]}
+        if inner in (Path, str) and "names" not in each.metadata:
+            raise TypeError(f"say what the option '{each.name}' names (options/fields.py)")
+        how |= {"type": _path if inner is Path else inner, "metavar": each.metadata.get("metavar") or _METAVAR[inner]}
     if _placed(each):
         return [each.name], how | {"metavar": each.name.upper()}
     if each.default is not dataclasses.MISSING:
@@ -119,7 +134,20 @@ def _argument(each: dataclasses.Field, type_: Any) -> tuple[list[str], dict[str,
     else:
         how["required"] = True
     short = each.metadata.get("short")
-    return [f"--{each.name.replace('_', '-')}", *([short] if short else [])], how | {"dest": each.name}
+    return [_flag(each), *([short] if short else [])], how | {"dest": each.name}
+
+
+def _path(word: str) -> Path:
+    """A path, or what a URL of a file of this machine leads to.
+
+    Raises:
+        UsageError: a URL that leads elsewhere.
+    """
+    if "://" not in word:
+        return Path(word)
+    if (file := local_file(word)) is None:
+        raise UsageError(f"{word} is not on this machine, and this needs a file or folder that is")
+    return file
 
 
 def _made(kind: type, given: argparse.Namespace) -> Any:
@@ -143,6 +171,10 @@ def _is_group(type_: Any) -> bool:
 
 def _placed(each: dataclasses.Field) -> bool:
     return each.metadata.get("positional", False)
+
+
+def _flag(each: dataclasses.Field) -> str:
+    return f"--{each.name.replace('_', '-')}"
 
 
 def _is_list(type_: Any) -> bool:

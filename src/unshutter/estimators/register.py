@@ -130,6 +130,12 @@ def check_name(name: str) -> None:
         raise UsageError(f"estimator '{own}' does not run on other weights: leave out @{weights}")
 
 
+def weights_file(name: str) -> Path | None:
+    """The file of NAME@FILE; None for a name alone."""
+    _, _, weights = name.partition("@")
+    return Path(weights) if weights else None
+
+
 @lru_cache(maxsize=4)
 def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     """The estimator of that name, ready for any number of photos; built once per process.

@@ -9,6 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cache
+from itertools import chain
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -17,12 +18,14 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import register
 from unshutter.estimators.base import Estimator
 from unshutter.evaluation.cases.case import Case, Record
+from unshutter.evaluation.cases.folders import logs_in, pictures_in
 from unshutter.evaluation.cases.protocols import PROTOCOLS, Request
 from unshutter.evaluation.pages.plots import check_matplotlib
 from unshutter.evaluation.pages.report import write_report
 from unshutter.evaluation.results import Results, examples_of
 from unshutter.evaluation.store import Store
 from unshutter.progress import Progress
+from unshutter.storage.protection import Protection
 
 # what the libraries ask for how many threads they may start
 _THREADS = ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -54,6 +57,7 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
     cases = PROTOCOLS[request.protocol].cases(request)
     for name in names:
         register.load(name)  # so that a missing extra is reported before the work
+    _check_output(output, request, names)
     store = Store(output, {key: _plain(value) for key, value in asdict(request).items()}, overwrite)
     measured = _measure(cases, names, store, jobs or os.cpu_count() or 1)
     oracles = list(dict.fromkeys(oracle for case in cases for oracle in case.oracles))
@@ -63,6 +67,13 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
     examples = [case.show(names, _loaded) for case in examples_of(measured, records)]
     write_report(Results.of(request, names, oracles, records).with_examples(examples), examples, output)
     return len(cases) - len(measured)
+
+
+def _check_output(folder: Path, request: Request, names: list[str]) -> None:
+    """Raises UnshutterError where results would go to a folder with files that are measured on, or with."""
+    logs = logs_in(request.trajectory) if request.trajectory is not None else ()
+    read = [*chain.from_iterable(map(pictures_in, request.data)), *logs, *map(register.weights_file, names)]
+    Protection(read).check_all_in(folder)
 
 
 def _measure(cases: list[Case], names: list[str], store: Store, jobs: int) -> list[Case]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from typing import Any
 import unshutter
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.evaluation.cases.case import Record
+from unshutter.storage.places import write_place
+from unshutter.storage.plain_files import add_text
 
 _NAME = "records.jsonl"
 _DIGITS = 5
@@ -36,7 +39,7 @@ class Store:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if not self._resumed(head, overwrite):
-                self._path.write_text(json.dumps(head) + "\n", encoding="utf-8")
+                write_place(f"{json.dumps(head)}\n".encode(), self._path)
         except OSError as error:
             raise UnshutterError(f"cannot write to folder {folder}: {error.strerror}") from None
 
@@ -50,16 +53,12 @@ class Store:
         Raises:
             UnshutterError: they cannot be written.
         """
-        lines = []
+        lines = ""
         for name in names:
             own = [_rounded(record) for record in records if record["estimator"] == name]
             self._done[key, name] = own
-            lines.append(json.dumps({"key": key, "estimator": name, "records": own}) + "\n")
-        try:
-            with self._path.open("a", encoding="utf-8") as stream:
-                stream.write("".join(lines))
-        except OSError as error:
-            raise UnshutterError(f"cannot write {self._path}: {error.strerror}") from None
+            lines += json.dumps({"key": key, "estimator": name, "records": own}) + "\n"
+        add_text(self._path, lines)
 
     def records(self, keys: list[str], names: list[str]) -> list[Record]:
         """The records of these cases and names, in this order."""
@@ -67,10 +66,12 @@ class Store:
 
     def _resumed(self, head: dict, overwrite: bool) -> bool:
         """Reads the records that are there; False where the run starts afresh."""
-        if not self._path.exists():
+        if not os.path.lexists(self._path):
             return False
         lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
         if (found := _parsed(lines[0]) if lines else None) != head:
+            if found is None and lines and not overwrite:
+                raise UsageError(f"{self._path} is no record of a run: choose another --output, or --overwrite it")
             if found is not None and not overwrite:
                 other = "settings" if found.get("settings") != head["settings"] else "code"
                 raise UsageError(
@@ -81,7 +82,7 @@ class Store:
         self._done = {(record["key"], record["estimator"]): record["records"] for record in whole}
         if len(whole) < len(lines) - 1:  # the run was killed in the middle of a line
             rest = [json.dumps(record) for record in (head, *whole)]
-            self._path.write_text("\n".join(rest) + "\n", encoding="utf-8")
+            write_place("".join(f"{line}\n" for line in rest).encode(), self._path)
         return True
 
 

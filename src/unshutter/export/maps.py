@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.estimators.register import load
+from unshutter.estimators.register import load, weights_file
 from unshutter.motion import Motion
 from unshutter.options import MAX_PIXELS, Find, Reference
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips, refusing
 from unshutter.rectification import estimate_photo, fitted
-from unshutter.storage.files import check_target, written_whole
+from unshutter.storage.files import check_target, remove_leftovers, written_whole
+from unshutter.storage.protection import Protection
 from unshutter.warp.grid import SamplingGrid, gs_to_rs_map, rs_to_gs_map
 
 SUFFIXES = (".npz", ".exr", ".tif", ".tiff")
@@ -114,8 +115,10 @@ def map_file(
     Raises:
         UnshutterError: the photo, motion or target cannot be used; UsageError: an option cannot.
     """
-    check_map_target(target, overwrite, source)
     find = find or Find()
+    check_map_target(target, overwrite, source)
+    Protection([weights_file(find.estimator)]).check(target)
+    remove_leftovers(target.parent)
     wanted = None if size is None else _parse_size(size)
     if source.suffix.lower() == ".json":
         find.camera.check_unused()
@@ -150,7 +153,8 @@ def check_map_target(target: Path, overwrite: bool, original: Path | None = None
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:
         raise UsageError(f"cannot write a map to {target}: its ending must be one of {', '.join(SUFFIXES)}")
-    check_target(target, overwrite, original)
+    Protection([original]).check(target)
+    check_target(target, overwrite)
     if suffix == ".exr":
         _openexr()
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
-from unshutter.storage.files import check_target, written_whole
+from unshutter.storage.files import check_target, remove_leftovers, written_whole
+from unshutter.storage.protection import Protection
 from unshutter.warp.grid import gs_to_rs_map, rs_to_gs_map
 
 
@@ -123,7 +124,9 @@ def move_file(
     Raises:
         UnshutterError: a file or the motion cannot be used.
     """
-    check_target(target, overwrite, source)
+    Protection([source]).check(target)
+    check_target(target, overwrite)
+    remove_leftovers(target.parent)
     table = PointTable.read(source)
     col, row = (p - first_pixel for p in table.positions)
     moved = move_points(motion, col, row, inverse)

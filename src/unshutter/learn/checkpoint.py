@@ -13,6 +13,8 @@ from torch import nn
 from unshutter.errors import UsageError
 from unshutter.learn.config import TrainConfig, as_table
 
+PART = "checkpoint.part"  # beside a checkpoint, while it is written
+
 
 def save_checkpoint(path: Path, config: TrainConfig, state: dict[str, Any]) -> None:
     """Writes a checkpoint whole or not at all.
@@ -22,7 +24,7 @@ def save_checkpoint(path: Path, config: TrainConfig, state: dict[str, Any]) -> N
         config: of the run.
         state: plain values and state_dicts.
     """
-    part = path.with_name("checkpoint.part")
+    part = path.with_name(PART)
     torch.save({"config": as_table(config), **state}, part)
     os.replace(part, path)
 

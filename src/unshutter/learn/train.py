@@ -14,6 +14,7 @@ import argparse
 import os
 import time
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
 import torch
@@ -22,12 +23,14 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.learn.checkpoint import load_checkpoint, save_checkpoint, start_from
+from unshutter.learn.checkpoint import PART, load_checkpoint, save_checkpoint, start_from
 from unshutter.learn.config import TrainConfig, find_config, load_config
+from unshutter.learn.data.pictures import photo_files
 from unshutter.learn.exported import load_exported
 from unshutter.learn.log import TrainingLog
 from unshutter.learn.optimisation import make_optimiser, rate_at
 from unshutter.learn.recipes import Recipe, make_recipe
+from unshutter.storage.protection import Protection
 
 _START_PICTURES, _START_SEED = 128, 2**40  # that show what an exported network's layers are given
 CHECKPOINT, LOG, MODEL = "checkpoint.pt", "log.csv", "model.onnx"
@@ -76,6 +79,7 @@ def run(
     torch.set_float32_matmul_precision("high")
     processes = _join_processes(device)
     folder = Path(out) / find_config(config).stem
+    _check_outputs(folder, settings, [find_config(config), find_config(base) if base else None, start])
     try:
         trainer = Trainer(settings, folder, _device(device), start)
         folder.mkdir(parents=True, exist_ok=True)
@@ -88,6 +92,14 @@ def run(
         if processes:
             dist.destroy_process_group()
     return folder
+
+
+def _check_outputs(folder: Path, settings: TrainConfig, given: list[Path | None]) -> None:
+    """Raises UnshutterError where a file of the run would replace one that it begins with, or learns from."""
+    folders = filter(None, (settings.data.get(name) for name in ("folder", "validation_folder")))
+    protection = Protection([*given, *chain.from_iterable(photo_files(Path(each)) for each in folders)])
+    for name in (CHECKPOINT, PART, f"checkpoint-{settings.keep_at}.pt", LOG, MODEL):
+        protection.check(folder / name)
 
 
 class Trainer:

@@ -99,8 +99,10 @@ class Neighbours:
         UsageError: options for neighbours without any.
     """
 
-    before: Path | None = option(None, "Frame taken just before the photo by the same camera; shows what moved.")
-    after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.")
+    before: Path | None = option(
+        None, "Frame taken just before the photo by the same camera; shows what moved.", names="input"
+    )
+    after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.", names="input")
     sequence: bool = option(
         False,
         "The photos are frames of one camera at even intervals, in the order given (in folders: by name). Finds their "

@@ -35,14 +35,17 @@ class Run:
     overwrite: bool = option(False, "Replace outputs that exist already, finished ones too.")
     jobs: int | None = option(None, "Number of processes, each on one processor. Default: this one alone.")
     scheduler: str | None = option(
-        None, "Address (tcp://HOST:PORT) of a Dask scheduler; its workers do the work (needs the extra `dask`)."
+        None,
+        "Address (tcp://HOST:PORT) of a Dask scheduler; its workers do the work (needs the extra `dask`).",
+        names="word",
     )
     dry_run: bool = option(False, "Say what would be done, and write nothing.")
-    json_log: Path | None = option(None, "Append what happens to this file, one JSON object a line.")
+    json_log: Path | None = option(None, "Append what happens to this file, one JSON object a line.", names="output")
     preview: Path | None = option(
         None,
         "Also make this picture: before and after, side by side; for a folder, a sheet of all its photos.",
         metavar="FILE",
+        names="output",
     )
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     timeout: float | None = option(

@@ -37,7 +37,10 @@ class Synthesize:
         "quadratic: the random motions of Rengarajan 2017. trajectory: windows of a recorded camera motion.",
     )
     trajectory: Path | None = option(
-        None, "NPZ file with t_s and gyro_rad_s, or t_s, position_m and quaternion_wxyz.", metavar="FILE"
+        None,
+        "NPZ file with t_s and gyro_rad_s, or t_s, position_m and quaternion_wxyz.",
+        metavar="FILE",
+        names="input",
     )
     readout_ms: float | None = option(
         None, "Time from the first to the last row, for trajectories and exposures.", metavar="MS"

@@ -37,15 +37,19 @@ class Settings:
 
     port: int = option(DEFAULT_PORT, f"Port to listen on; 0 takes one that is free. Default: {DEFAULT_PORT}.")
     open: bool = option(False, "Open the page in the browser.")
-    folder: Path | None = option(None, "Folder that the page may save to. Default: it offers downloads only.")
+    folder: Path | None = option(
+        None, "Folder that the page may save to. Default: it offers downloads only.", names="output"
+    )
     max_mb: int | None = option(
         None, f"Refuse photos and clips that are larger, in megabytes. Default: {_PHOTO_MB}; clips {_CLIP_MB}."
     )
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     token: str | None = option(
-        None, "Word that lets a browser or program in, at least 8 letters and digits. Default: a new one every time."
+        None,
+        "Word that lets a browser or program in, at least 8 letters and digits. Default: a new one every time.",
+        names="word",
     )
-    host: str = option("127.0.0.1", "Address to listen on. Default: 127.0.0.1, this machine only.")
+    host: str = option("127.0.0.1", "Address to listen on. Default: 127.0.0.1, this machine only.", names="word")
     i_know: bool = option(
         False, "With --host: I know that everyone who reaches this address and sees the link can use the page."
     )

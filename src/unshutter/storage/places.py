@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from unshutter.errors import UnshutterError
 from unshutter.storage import plain_files
 from unshutter.storage.files import Times, check_target, written_whole
+from unshutter.storage.urls import local_file
 
 if TYPE_CHECKING:
     from upath import UPath
@@ -30,15 +31,15 @@ _STAMPS = ("ETag", "etag", "md5Hash", "generation", "mtime", "LastModified", "la
 
 
 def place(text: str | os.PathLike[str]) -> Place:
-    """What the user named: a path, or an fsspec URL.
+    """What the user named: a path, or an fsspec URL. A URL that leads to a file of this machine is that file's path.
 
     Raises:
         UnshutterError: universal-pathlib is missing, or knows no such protocol.
     """
     if not isinstance(text, str) or "://" not in text:
         return Path(text)
-    if text.startswith("file://"):
-        return Path(text.removeprefix("file://"))
+    if (file := local_file(text)) is not None:
+        return file
     with _one_line(text):
         from upath import UPath
 

@@ -10,16 +10,18 @@ from pathlib import Path
 
 from unshutter.errors import UnshutterError
 from unshutter.storage.places import Place, way
+from unshutter.storage.urls import file_below, object_behind
 
 
 class Protection:
     """Keeps a run from writing to its own inputs, whatever names and links lead to them.
 
-    Two names are of one file when they have the same device and inode, or the same real path where a file system has
-    no inodes. The inputs are looked at when a file is in the way of a result, not before.
+    The one rule for all writers of all commands. Two names are of one file when they have the same device and inode
+    (which capitals and links do not change), or the same real path where a file system has no inodes; URLs are followed
+    to the file or object that they end in. The inputs are looked at when a file is in the way of a result, not before.
 
     Args:
-        inputs: what the run reads.
+        inputs: files that the run reads; of a folder, those in it that it reads.
         folders: that the user named for results: links below them are not followed. (Those above are the user's way
             of naming them.)
     """
@@ -43,6 +45,19 @@ class Protection:
             )
         self.check_folder(target.parent)
 
+    def check_all_in(self, folder: Path) -> None:
+        """Checks a folder that gets files of whatever names: none of the files in it is an input.
+
+        Raises:
+            UnshutterError: one is.
+        """
+        with suppress(OSError):  # there is no folder yet
+            for name in sorted(os.listdir(folder)):
+                if self._is_input(folder / name):
+                    raise UnshutterError(
+                        f"{folder / name} is an input of this run: choose another folder for its results"
+                    )
+
     def check_folder(self, folder: Place) -> None:
         """Checks a folder before it is made, or something is written there.
 
@@ -63,25 +78,33 @@ class Protection:
 
     def _is_input(self, target: Place) -> bool:
         if not isinstance(target, Path):
-            return target in self._objects
+            archive = file_below(str(target))
+            return object_behind(target) in self._objects or (archive is not None and self._is_input(archive))
         if not os.path.lexists(target):
             return False
         with suppress(OSError):
             status = target.stat()
             if (status.st_dev, status.st_ino) in self._inodes:
                 return True
-        return os.path.realpath(target) in self._real_paths or os.path.abspath(target) in self._real_paths
+        names = (os.path.realpath(target), os.path.abspath(target))
+        return any(os.path.normcase(name) in self._real_paths for name in names)
 
     @cached_property
-    def _objects(self) -> set[Place]:
-        return {place for place in self._inputs if not isinstance(place, Path)}
+    def _files(self) -> list[Path]:
+        """The inputs of this machine, and the archives that inputs lie in."""
+        files = [place if isinstance(place, Path) else file_below(str(place)) for place in self._inputs]
+        return [file for file in files if file is not None]
+
+    @cached_property
+    def _objects(self) -> set[tuple[str, str]]:
+        return {object_behind(place) for place in self._inputs if not isinstance(place, Path)}
 
     @cached_property
     def _inodes(self) -> set[tuple[int, int]]:
         found = set()
-        for place in self._inputs:
+        for file in self._files:
             with suppress(OSError):
-                if isinstance(place, Path) and (status := place.stat()).st_ino:
+                if (status := file.stat()).st_ino:
                     found.add((status.st_dev, status.st_ino))
         return found
 
@@ -90,8 +113,7 @@ class Protection:
         """Of the inputs, and of the links that some of them are."""
         real_folder = cache(os.path.realpath)  # most lie in a few folders
         found = set()
-        for place in self._inputs:
-            if isinstance(place, Path):
-                path = os.path.join(real_folder(place.parent), place.name)
-                found |= {path, os.path.realpath(path)} if os.path.islink(path) else {path}
-        return found
+        for file in self._files:
+            path = os.path.join(real_folder(file.parent), file.name)
+            found |= {path, os.path.realpath(path)} if os.path.islink(path) else {path}
+        return {os.path.normcase(path) for path in found}

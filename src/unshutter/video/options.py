@@ -38,7 +38,9 @@ class Shutter:
         None, "The same as a share of the time between two frames, above 0 and at most 1."
     )
     camera: str | None = option(
-        None, "Use this camera's readout time if the clip does not show its own; `unshutter cameras` lists them."
+        None,
+        "Use this camera's readout time if the clip does not show its own; `unshutter cameras` lists them.",
+        names="word",
     )
     readout: str = option(
         "auto",
@@ -146,13 +148,13 @@ class Encode:
     """
 
     codec: str | None = option(
-        None, "Encoder: libx264, libx265, libsvtav1, prores_ks, ffv1 ... Default: the clip's own codec."
+        None, "Encoder: libx264, libx265, libsvtav1, prores_ks, ffv1 ... Default: the clip's own codec.", names="word"
     )
     crf: float | None = option(
         None, "Quality: lower looks better and makes larger files. Default: 18 (libx264), 20 (libx265), 24 (libsvtav1)."
     )
     preset: str | None = option(
-        None, "Speed of the encoder: ultrafast to veryslow (libx264, libx265), 13 to 0 (libsvtav1)."
+        None, "Speed of the encoder: ultrafast to veryslow (libx264, libx265), 13 to 0 (libsvtav1).", names="word"
     )
 
     def __post_init__(self) -> None:
@@ -188,14 +190,22 @@ class RectifyClip:
     fps: float | None = option(None, "Frames per second of a sequence of pictures. Default: 30.", metavar="N")
     start: float | None = option(None, "Start at this second of the clip.", metavar="SECONDS")
     end: float | None = option(None, "Stop at this second of the clip.", metavar="SECONDS")
-    motion: Path | None = option(None, "Undo the motion in this file (from --save-motion) instead of finding it.")
-    save_motion: Path | None = option(None, "Also write the clip's motion to this JSON file.", metavar="PATH")
-    preview: Path | None = option(
-        None, "Also write before and after side by side: five frames (.jpg, .png), or a film (.mp4)."
+    motion: Path | None = option(
+        None, "Undo the motion in this file (from --save-motion) instead of finding it.", names="input"
     )
-    plot: Path | None = option(None, "Also plot how fast the camera turned (.png, .svg, .pdf). Needs the extra `plot`.")
+    save_motion: Path | None = option(
+        None, "Also write the clip's motion to this JSON file.", metavar="PATH", names="output"
+    )
+    preview: Path | None = option(
+        None, "Also write before and after side by side: five frames (.jpg, .png), or a film (.mp4).", names="output"
+    )
+    plot: Path | None = option(
+        None, "Also plot how fast the camera turned (.png, .svg, .pdf). Needs the extra `plot`.", names="output"
+    )
     overwrite: bool = option(False, "Replace output files that exist already, but never the clip itself.")
-    json_log: Path | None = option(None, "Append a record of the run to this file: one JSON object per line.")
+    json_log: Path | None = option(
+        None, "Append a record of the run to this file: one JSON object per line.", names="output"
+    )
     max_pixels: int = option(MAX_CLIP_PIXELS, "Refuse clips with larger frames. Default: 38 000 000 pixels (8K).")
 
     def __post_init__(self) -> None:
@@ -233,7 +243,9 @@ class SynthesizeClip:
     video: bool = option(False, "Make a clip with sound instead of pictures: rs.mp4, and gs.mp4 as it should be.")
     seconds: float = option(5.0, "Length of the clip in seconds. Default: 5.", metavar="S")
     fps: float = option(30.0, "Frames per second. Default: 30.", metavar="N")
-    frame: str = option("1920x1080", "Width and height of the clip in px. Default: 1920x1080.", metavar="WxH")
+    frame: str = option(
+        "1920x1080", "Width and height of the clip in px. Default: 1920x1080.", metavar="WxH", names="word"
+    )
 
     def __post_init__(self) -> None:
         width, height = self.size

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 from collections import Counter
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import nan
@@ -18,7 +15,7 @@ from unshutter.errors import visible
 from unshutter.export.plot import plot_turns
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.motion import RotationMotion
-from unshutter.storage.plain_files import open_plain
+from unshutter.storage.json_log import JsonLog
 from unshutter.video.clip import Clip
 from unshutter.video.moving import Moved
 from unshutter.video.options import RectifyClip
@@ -82,8 +79,14 @@ def plot(path: Path, source: str, done: Done, readout_s: float, overwrite: bool)
     plot_turns(times, np.degrees(turns) / readout_s, done.cuts_s, path, title, overwrite)
 
 
-def tell(source: str, output: str, done: Done, ratio: ReadoutRatio, clip: Clip, wanted: RectifyClip) -> None:
-    """Says what was done, and adds it to the log."""
+def tell(
+    source: str, output: str, done: Done, ratio: ReadoutRatio, clip: Clip, wanted: RectifyClip, log: JsonLog | None
+) -> None:
+    """Says what was done, and adds it to the log, where there is one.
+
+    Raises:
+        UnshutterError: the log cannot be written.
+    """
     left = done.frames - done.rectified
     note, by_camera = "", done.rectified - done.dense
     if wanted.undo.model == "dense" and by_camera:
@@ -98,10 +101,9 @@ def tell(source: str, output: str, done: Done, ratio: ReadoutRatio, clip: Clip, 
     if (gap := _longest_gap(done, clip.interval_s)) is not None:
         at, seconds = gap
         _say(f"unshutter: {source} has no frames for {seconds:.1f} s after {at:.1f} s: part of it may be missing")
-    if wanted.json_log is None:
+    if log is None:
         return
     record = {
-        "event": "clip",
         "source": source,
         "output": output,
         "frames": done.frames,
@@ -116,6 +118,4 @@ def tell(source: str, output: str, done: Done, ratio: ReadoutRatio, clip: Clip, 
         "readout_ms": 1000 * clip.interval_s * ratio.value,
         "found_by": ratio.source,
     }
-    descriptor = open_plain(wanted.json_log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    with suppress(OSError), open(descriptor, "a", encoding="utf-8") as log:
-        log.write(json.dumps(record) + "\n")
+    log.add("clip", **record)

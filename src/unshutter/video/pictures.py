@@ -63,6 +63,20 @@ class Numbered:
         return cls(pattern, numbers[0])
 
 
+def files_of(place: str) -> list[Path]:
+    """The files of a clip: the film, or all numbered pictures of the folder that it is read from."""
+    path = Path(place)
+    if path.is_dir():
+        folder, name = path, _NAME
+    elif (found := _PATTERN.fullmatch(path.name)) and not path.is_file():
+        stem, ending = (re.escape(part.replace("%%", "%")) for part in (found[1], found[3]))
+        folder, name = path.parent, re.compile(rf"{stem}\d+{ending}", re.ASCII)
+    else:
+        return [path]
+    names = os.listdir(folder) if folder.is_dir() else []
+    return [folder, *(folder / each for each in names if name.fullmatch(each))]
+
+
 def is_pattern(place: str) -> bool:
     """Whether a name stands for a sequence of pictures."""
     return bool(_PATTERN.fullmatch(Path(place).name))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
@@ -13,13 +12,12 @@ from typing import Any
 import cv2
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.export.plot import check_plot
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion
 from unshutter.geometry.readout import Readout
 from unshutter.progress import Progress, Watch
-from unshutter.storage.files import check_target, remove_leftovers, written_whole
-from unshutter.storage.new_folders import new_folder, remove_left_folders
+from unshutter.storage.files import written_whole
+from unshutter.storage.new_folders import new_folder
 from unshutter.video import motion_file, mp4_film, pictures
 from unshutter.video.background import ahead, side_by_side
 from unshutter.video.clip import Clip
@@ -29,8 +27,9 @@ from unshutter.video.frames_out import Warper, common_window
 from unshutter.video.moving import FEWEST, Moved, window, with_motion
 from unshutter.video.options import RectifyClip
 from unshutter.video.outcome import Done, plot, tell
-from unshutter.video.preview import check_ending, write_preview
+from unshutter.video.preview import write_preview
 from unshutter.video.readout_search import found_or_listed
+from unshutter.video.targets import are_pictures, check_targets, on_this_machine
 from unshutter.video.writing import Film, writing
 from unshutter.warp.pixels import thread_count
 
@@ -56,26 +55,26 @@ def rectify_clip(
         UnshutterError: the clip cannot be read, its readout time not be told, or the output not be written.
     """
     cv2.setNumThreads(1)  # the threads are in the pipeline
-    target = Path(output)
-    _check_targets(source, target, wanted)
+    given, source, target = source, on_this_machine(source), Path(on_this_machine(output))
+    log = check_targets(source, target, wanted)
     clip = Clip.look(source, wanted.fps, wanted.max_pixels)
     if wanted.fps is not None and not clip.of_pictures:
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
     clip.check_whole(wanted.start, wanted.end)
     known = motion_file.load(wanted.motion) if wanted.motion is not None else None
-    encoder = Encoder.choose(clip, wanted.encode) if not _is_pictures(target) else None
+    encoder = Encoder.choose(clip, wanted.encode) if not are_pictures(target) else None
     ratio, readout = _readout(clip, wanted, known, found)
     work = _Work(clip, wanted, ratio, readout, known, encoder, watch)
     work.warper = Warper(clip, wanted.undo)
     if wanted.undo.edges == "crop":
         with closing(work.moved(all_streams=False)) as moved, Progress(clip.frames or 2, "looking", watch) as progress:
             work.warper = Warper(clip, wanted.undo, common_window(work.warper, _counted(moved, progress)))
-    done = pictures_out(work, target) if _is_pictures(target) else _film_out(work, target)
+    done = pictures_out(work, target) if are_pictures(target) else _film_out(work, target)
     if wanted.preview is not None:
-        write_preview(wanted.preview, clip, output, wanted.start or 0.0, done.frames, wanted.overwrite)
+        write_preview(wanted.preview, clip, str(target), wanted.start or 0.0, done.frames, wanted.overwrite)
     if wanted.plot is not None:
         plot(wanted.plot, source, done, ratio.value * clip.interval_s, wanted.overwrite)
-    tell(source, output, done, ratio, clip, wanted)
+    tell(given, output, done, ratio, clip, wanted, log)
     return done
 
 
@@ -199,30 +198,6 @@ def _readout(
     if ratio is not None:
         return ReadoutRatio(ratio, 0.0, "given"), readout
     return found or found_or_listed(clip, readout, wanted.shutter, wanted.span(clip.duration_s)), readout
-
-
-def _check_targets(source: str, target: Path, wanted: RectifyClip) -> None:
-    """Before any work: what is to be written may be written, and is not the clip itself."""
-    original = Path(source)
-    check_ending(wanted.preview)
-    if wanted.plot is not None:
-        check_plot(wanted.plot)
-    for path in (wanted.save_motion, wanted.preview, wanted.plot):
-        if path is not None:
-            check_target(path, wanted.overwrite, original, wanted.motion)
-            if path.absolute() == target.absolute():
-                raise UsageError(f"{path} is to be written twice: choose another name")
-    if _is_pictures(target):
-        left = remove_left_folders(target.parent if pictures.is_pattern(str(target)) else target)
-    else:
-        check_target(target, wanted.overwrite, original, wanted.motion)
-        left = remove_leftovers(target.parent)
-    if left:
-        print("unshutter: an earlier run was killed here; this one starts from the beginning", file=sys.stderr)
-
-
-def _is_pictures(target: Path) -> bool:
-    return pictures.is_pattern(str(target)) or not target.suffix or target.is_dir()
 
 
 def _same_family(source: str, target: Path) -> bool:

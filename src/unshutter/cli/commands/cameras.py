@@ -11,7 +11,7 @@ from unshutter.cli.arguments import Command, positional
 class Arguments:
     """What the command takes."""
 
-    word: list[str] = positional("List only cameras with these words in their name.", optional=True)
+    word: list[str] = positional("List only cameras with these words in their name.", "word", optional=True)
 
 
 def run(given: Arguments) -> int:

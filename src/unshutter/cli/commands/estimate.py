@@ -13,15 +13,19 @@ from unshutter.options import MAX_PIXELS, Find, Reference, option
 class Arguments:
     """What the command takes."""
 
-    photos: list[Path] = positional("Photos, or folders of photos, including the folders below.")
+    photos: list[Path] = positional("Photos, or folders of photos, including the folders below.", "input")
     output: Path | None = option(
         None,
         "JSON file (one photo) or folder (several, one JSON file each). Default: standard output (one photo).",
         short="-o",
+        names="output",
     )
     reference: Reference = option("first", "Row that counts as not moving. Default: first.")
     plot: Path | None = option(
-        None, "Also draw the motion of one photo into this PNG file (needs the extra `plot`).", metavar="FILE"
+        None,
+        "Also draw the motion of one photo into this PNG file (needs the extra `plot`).",
+        metavar="FILE",
+        names="output",
     )
     overwrite: bool = option(False, "Replace outputs that exist already.")
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")

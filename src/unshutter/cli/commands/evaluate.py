@@ -30,21 +30,25 @@ class Arguments:
 
     data: list[Path] = required(
         "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png); each is a group in the "
-        "tables."
+        "tables.",
+        "input",
     )
-    estimators: str = option("all", "Names with commas between them, or all. Default: all.")
+    estimators: str = option("all", "Names with commas between them, or all. Default: all.", names="word")
     protocol: ProtocolName = option("synthetic", "What is measured; docs/use.md says how. Default: synthetic.")
     output: Path = option(
         Path("evaluation"),
         "Folder for tables, figures of every picture, plots and contact sheets. A run that was stopped there goes on. "
         "Default: evaluation.",
         short="-o",
+        names="output",
     )
     photos: int | None = option(None, "Use at most N photos of each folder, chosen by the seed. Default: all.")
     per_photo: int = option(2, "Random motions for each photo. Default: 2.")
     seed: int = option(0, "Same seed, same figures. Default: 0.")
     trajectory: Path | None = option(
-        None, "NPZ file of a recorded motion, or a folder of them, for the protocols trajectory and sequences."
+        None,
+        "NPZ file of a recorded motion, or a folder of them, for the protocols trajectory and sequences.",
+        names="input",
     )
     readout_ratio: list[float] | None = option(
         None,

@@ -15,13 +15,18 @@ from unshutter.options import Find, Reference, option
 class Arguments:
     """What the command takes."""
 
-    source: Path = positional("Photo, or the motion file (.json) of one.")
+    source: Path = positional("Photo, or the motion file (.json) of one.", "input")
     output: Path = required(
-        "Map to write: .npz (map_x, map_y for cv2.remap), .exr (needs the extra `exr`) or .tif (ST map).", short="-o"
+        "Map to write: .npz (map_x, map_y for cv2.remap), .exr (needs the extra `exr`) or .tif (ST map).",
+        "output",
+        short="-o",
     )
     inverse: bool = option(False, "The map that distorts: from the straightened picture back to the photo.")
     size: str | None = option(
-        None, "Width and height of the map, for a scaled copy of the photo. Default: the photo's own.", metavar="WxH"
+        None,
+        "Width and height of the map, for a scaled copy of the photo. Default: the photo's own.",
+        metavar="WxH",
+        names="word",
     )
     reference: Reference | None = option(
         None, "Row at whose moment the picture is taken. Default: the motion file's, else first."

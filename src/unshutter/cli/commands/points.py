@@ -16,9 +16,11 @@ from unshutter.options import option
 class Arguments:
     """What the command takes."""
 
-    motion: Path = positional("Motion file (.json) of the photo.")
-    table: Path = positional("CSV file with columns x and y, in px of the stored photo; other columns are kept.")
-    output: Path = required("CSV file to write.", short="-o")
+    motion: Path = positional("Motion file (.json) of the photo.", "input")
+    table: Path = positional(
+        "CSV file with columns x and y, in px of the stored photo; other columns are kept.", "input"
+    )
+    output: Path = required("CSV file to write.", "output", short="-o")
     inverse: bool = option(False, "From the straightened picture to the photo.")
     first_pixel: Literal["0", "0.5"] = option(
         "0", "Coordinate of the first pixel's centre: 0 (OpenCV) or 0.5 (COLMAP). Default: 0."
@@ -30,9 +32,9 @@ def run(given: Arguments) -> int:
     """Moves the points."""
     from unshutter.export.points import move_file
     from unshutter.motion import Motion
-    from unshutter.storage.files import check_target
+    from unshutter.storage.protection import Protection
 
-    check_target(given.output, given.overwrite, given.motion, given.table)
+    Protection([given.motion, given.table]).check(given.output)
     motion, first = Motion.load(given.motion), float(given.first_pixel)
     total, unseen = move_file(motion, given.table, given.output, given.inverse, first, given.overwrite)
     note = f", {unseen} of them outside the photo" if unseen else ""

@@ -14,7 +14,8 @@ class Arguments:
     """What the command takes."""
 
     photos: list[str] = positional(
-        "Photos, or folders of photos, including the folders below. With the extra `dask` also URLs (s3://...)."
+        "Photos, or folders of photos, including the folders below. With the extra `dask` also URLs (s3://...).",
+        "input",
     )
     output: str | None = option(
         None,
@@ -22,15 +23,17 @@ class Arguments:
         "Default: NAME.rectified.EXT beside each photo.",
         short="-o",
         metavar="PATH",
+        names="output",
     )
-    motion: Path | None = option(None, "Undo the motion in this JSON file instead of finding it.")
+    motion: Path | None = option(None, "Undo the motion in this JSON file instead of finding it.", names="input")
     save_motion: str | None = option(
-        None, "Also write the motion: a JSON file (one photo) or a folder (several).", metavar="PATH"
+        None, "Also write the motion: a JSON file (one photo) or a folder (several).", metavar="PATH", names="output"
     )
     masks: str | None = option(
         None,
         "Also write masks of the pixels that the photo saw into this folder: NAME.EXT.png, as COLMAP reads them.",
         metavar="FOLDER",
+        names="output",
     )
     find: Find = field(default_factory=Find)
     neighbours: Neighbours = field(default_factory=Neighbours)

@@ -15,8 +15,8 @@ from unshutter.video.options import SynthesizeClip
 class Arguments:
     """What the command takes."""
 
-    photos: list[Path] = positional("Photos, or folders of photos.")
-    output: Path = required("New folder; gets rs/, gs/, motion/ and manifest.json.", short="-o")
+    photos: list[Path] = positional("Photos, or folders of photos.", "input")
+    output: Path = required("New folder; gets rs/, gs/, motion/ and manifest.json.", "output", short="-o")
     pictures: Synthesize = field(default_factory=Synthesize)
     clip: SynthesizeClip = field(default_factory=SynthesizeClip)
 

@@ -15,23 +15,27 @@ class Arguments:
     """What the command takes."""
 
     config: str = required(
-        "Name of a configuration that comes with unshutter (docs/training.md lists them), or a TOML file."
+        "Name of a configuration that comes with unshutter (docs/training.md lists them), or a TOML file.", "input"
     )
     out: Path = option(
         Path("runs"),
         "Folder for checkpoints, log and the exported model. Resumes a run that it holds. Default: runs.",
+        names="output",
     )
     steps: int | None = option(None, "Stop after N steps in all, instead of the configuration's number.")
-    device: str = option("auto", "auto, cpu or cuda. Default: auto.")
+    device: str = option("auto", "auto, cpu or cuda. Default: auto.", names="word")
     photos: Path | None = option(
-        None, "Folder of photos, for networks that read pixels, instead of the configuration's."
+        None, "Folder of photos, for networks that read pixels, instead of the configuration's.", names="input"
     )
     base: str | None = option(
         None,
         "Configuration (name or file) that supplies all settings missing from this one. Default: its own base.",
+        names="input",
     )
     start: Path | None = option(
-        None, "Begin with the weights of another run: its checkpoint or its exported network (.onnx)."
+        None,
+        "Begin with the weights of another run: its checkpoint or its exported network (.onnx).",
+        names="input",
     )
     seed: int | None = option(None, "Seed for the initial weights and the batches, instead of the configuration's.")
 

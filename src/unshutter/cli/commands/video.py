@@ -12,8 +12,10 @@ from unshutter.video.options import RectifyClip
 class Arguments:
     """What the command takes."""
 
-    clip: str = positional("A film (.mp4, .mov, .mkv ...), a folder of numbered pictures, or frames/%05d.png.")
-    output: str = required("File to write; for pictures a new folder, or a pattern such as out/%05d.png.", short="-o")
+    clip: str = positional("A film (.mp4, .mov, .mkv ...), a folder of numbered pictures, or frames/%05d.png.", "input")
+    output: str = required(
+        "File to write; for pictures a new folder, or a pattern such as out/%05d.png.", "output", short="-o"
+    )
     how: RectifyClip = field(default_factory=RectifyClip)
 
 

@@ -40,14 +40,18 @@ def photos_in(folder: Path, most: int | None, seed: int) -> list[Path]:
         UnshutterError: no such folder, or no photos in it.
     """
     _check(folder)
-    photos = [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
-    photos = [p for p in photos if not p.stem.endswith(RECTIFIED)]
+    photos = [p for p in pictures_in(folder) if not p.stem.endswith(RECTIFIED)]
     if not photos:
         raise UnshutterError(f"no photos in folder {folder} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})")
     if most is None or most >= len(photos):
         return photos
     chosen = np.random.default_rng([seed, len(photos)]).permutation(len(photos))[:most]
     return [photos[k] for k in sorted(chosen)]
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """All pictures of a folder and its subfolders, sorted, whatever they are."""
+    return [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
 
 
 def pairs_in(folder: Path) -> list[Frame]:

@@ -14,6 +14,11 @@ _SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"}
 _WIDEST = 2.0  # photos are cut to this aspect, which bounds the memory they take
 
 
+def photo_files(folder: Path) -> list[Path]:
+    """The photos of a folder and its subfolders, by name."""
+    return sorted(p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES and not p.name.startswith("."))
+
+
 def load_photos(folder: Path, short_side: int) -> list[np.ndarray]:
     """Every photo of a folder and its subfolders, by name, upright, scaled to the short side.
 
@@ -22,7 +27,7 @@ def load_photos(folder: Path, short_side: int) -> list[np.ndarray]:
     Returns:
         [3, h, w] each, cut to an aspect of at most 2:1.
     """
-    files = sorted(p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES and not p.name.startswith("."))
+    files = photo_files(folder)
     photos = [photo for file in files if (photo := _load(file, short_side)) is not None]
     if len(photos) < len(files):
         bad = len(files) - len(photos)

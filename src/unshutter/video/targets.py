@@ -1,0 +1,71 @@
+"""What a clip's run writes, checked before any work: it may be written, and is no file that the run reads."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.export.plot import check_plot
+from unshutter.storage.files import check_target, remove_leftovers
+from unshutter.storage.json_log import JsonLog
+from unshutter.storage.new_folders import remove_left_folders
+from unshutter.storage.places import place
+from unshutter.storage.protection import Protection
+from unshutter.video import pictures
+from unshutter.video.options import RectifyClip
+from unshutter.video.preview import check_ending
+
+
+def on_this_machine(source: str) -> str:
+    """A name that FFmpeg cannot take for something else: it knows ``concat:a|b``, ``subfile,...:a``, URLs.
+
+    Raises:
+        UnshutterError: it is not of a file or folder of this machine.
+    """
+    file = place(source)
+    if not isinstance(file, Path):
+        raise UnshutterError(f"{source} is not on this machine: clips are files or folders of it")
+    return os.path.abspath(file) if ":" in str(file) else str(file)
+
+
+def are_pictures(target: Path) -> bool:
+    """Whether pictures are to be written there, rather than a film."""
+    return pictures.is_pattern(str(target)) or not target.suffix or target.is_dir()
+
+
+def check_targets(source: str, target: Path, wanted: RectifyClip) -> JsonLog | None:
+    """Checks all that is to be written; gives the log, where one is wanted.
+
+    Args:
+        source: the clip, as :func:`on_this_machine` names it.
+        target: where it goes.
+        wanted: what is done.
+
+    Raises:
+        UsageError: one name stands for two files, or has an ending of another kind of file.
+        UnshutterError: something may not be written, or cannot.
+    """
+    check_ending(wanted.preview)
+    if wanted.plot is not None:
+        check_plot(wanted.plot)
+    protection = Protection([*pictures.files_of(source), wanted.motion])
+    named = {target.absolute()}
+    for path in filter(None, (wanted.save_motion, wanted.preview, wanted.plot, wanted.json_log)):
+        protection.check(path)
+        if path.absolute() in named:
+            raise UsageError(f"{path} is to be written twice: choose another name")
+        named.add(path.absolute())
+        if path is not wanted.json_log:
+            check_target(path, wanted.overwrite)
+            remove_leftovers(path.parent)
+    protection.check(target)
+    if are_pictures(target):
+        left = remove_left_folders(target.parent if pictures.is_pattern(str(target)) else target)
+    else:
+        check_target(target, wanted.overwrite)
+        left = remove_leftovers(target.parent)
+    if left:
+        print("unshutter: an earlier run was killed here; this one starts from the beginning", file=sys.stderr)
+    return JsonLog(wanted.json_log, protection) if wanted.json_log is not None else None
