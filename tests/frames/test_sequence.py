@@ -9,7 +9,7 @@ from support.drawn_photos import one_line, textured
 from support.hand_held import FOCAL, HEIGHT, WIDTH, clip, hand, pan, still
 from unshutter import Photo, UsageError
 from unshutter.evaluation.metrics import motion_error
-from unshutter.frames.sequence import CameraMotion, estimate_frames, known_ratio
+from unshutter.frames.sequence import PASSED, CameraMotion, estimate_frames, known_ratio
 
 
 def errors(frames, moving, **options):
@@ -69,7 +69,9 @@ def test_people_before_a_still_camera_do_not_bend_it():
     person = textured(110, 90, bands=1)[::-1, ::-1, 0]
     for k, frame in enumerate(frames):
         frame[60:170, 20 + 6 * k : 110 + 6 * k] = person
-    assert all(motion.is_zero for motion in estimate_frames(frames, readout_ratio=0.9))
+    motions = list(estimate_frames(frames, readout_ratio=0.9))
+    assert all(motion.is_zero for motion in motions)
+    assert {motion.reason for motion in motions} == {PASSED}
 
 
 def test_a_steady_pan_is_undone_with_the_ratio_and_left_alone_without():

@@ -118,6 +118,11 @@ def test_a_still_camera_says_nothing_of_its_readout(tmp_path, capsys):
     refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "stood still", "--readout-ms")
 
 
+def test_a_clip_that_is_too_short_does_not_say_that_the_camera_stood_still(tmp_path, capsys):
+    path = clips.write(tmp_path / "in.mkv", GREYS[:12], "ffv1")
+    assert "stood still" not in refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "no 20 frames in a row")
+
+
 @pytest.mark.parametrize(
     ("flags", "code", "told"),
     [
