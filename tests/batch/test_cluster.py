@@ -14,6 +14,7 @@ import pytest
 
 from support.batches import leftovers, make_photos, rectify, results, start_rectify
 from support.hand_held import clip, hand
+from support.networks import crash_at_running, made, square_only
 from unshutter import Photo
 
 distributed = pytest.importorskip("distributed", reason="needs unshutter[dask]")
@@ -106,6 +107,15 @@ def test_the_scheduler_is_killed_on_the_way(archive: Path, motion: Path, tmp_pat
     assert errors == "unshutter: the workers cannot be reached any more: give the same command again to go on\n"
     assert rectify(*words) == 0
     assert f"{PHOTOS} of {PHOTOS} photos done" in capsys.readouterr().err
+
+
+def test_its_workers_run_networks_and_outlive_a_crash(cluster, tmp_path: Path, capsys) -> None:
+    make_photos(tmp_path / "photos", ["a.jpg", "b.jpg"])
+    weights = made(tmp_path / "crashing.onnx", crash_at_running, square_only)
+    words = [tmp_path / "photos", "-o", tmp_path / "out", "--scheduler", cluster.scheduler_address, "--estimator"]
+    assert rectify(*words, f"rengarajan2017@{weights}") == 1
+    assert capsys.readouterr().err.count("it makes its process crash") == 2
+    assert rectify(*words, "rengarajan2017") == 0
 
 
 def test_nobody_answers(archive: Path, tmp_path: Path, capsys) -> None:

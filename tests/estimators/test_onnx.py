@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import unshutter
-from support.networks import identity, made, square_only
+from support.networks import crash_at_running, identity, integer, made, square_only
 from unshutter.cli import main
 from unshutter.estimators.onnx import Network, open_network
 from unshutter.photo import Photo
@@ -65,32 +65,11 @@ def endless(helper, types) -> list:
     ]
 
 
-def integer(helper, types, name: str, values: list[int], kind: str = "INT32"):
-    """A node that gives these numbers."""
-    return helper.make_node(
-        "Constant", [], [name], value=helper.make_tensor(name, getattr(types, kind), [len(values)], values)
-    )
-
-
 def crash_at_opening(helper, types) -> list:
     """The least integer divided by -1, which processors do not do."""
     return [
         integer(helper, types, "least", [-(2**31)]),
         integer(helper, types, "minus", [-1]),
-        helper.make_node("Div", ["least", "minus"], ["quotient"]),
-        helper.make_node("Cast", ["quotient"], ["number"], to=types.FLOAT),
-        helper.make_node("Mul", ["rs", "number"], ["key_rows"]),
-    ]
-
-
-def crash_at_running(helper, types) -> list:
-    """The same with a divisor that depends on the picture (whose darkest value is less than 1)."""
-    return [
-        integer(helper, types, "least", [-(2**31)]),
-        integer(helper, types, "one", [1]),
-        helper.make_node("ReduceMin", ["rs"], ["darkest"], keepdims=0),
-        helper.make_node("Cast", ["darkest"], ["zero"], to=types.INT32),
-        helper.make_node("Sub", ["zero", "one"], ["minus"]),
         helper.make_node("Div", ["least", "minus"], ["quotient"]),
         helper.make_node("Cast", ["quotient"], ["number"], to=types.FLOAT),
         helper.make_node("Mul", ["rs", "number"], ["key_rows"]),
@@ -163,6 +142,21 @@ def test_after_a_crash_the_next_photo_is_tried(tmp_path: Path) -> None:
         with pytest.raises(unshutter.UnshutterError, match="crash"):
             network.answers({"rs": dark}, dark.shape)
         assert (network.answers({"rs": bright}, bright.shape)[0] == 3 * (-(2**31) // 2)).all()
+
+
+def test_workers_run_networks_and_outlive_a_crash(
+    tmp_path: Path, photo: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for name in ("a.jpg", "b.jpg"):
+        (folder / name).write_bytes(photo.read_bytes())
+    weights = made(tmp_path / "crashing.onnx", crash_at_running, square_only)
+    words = ["rectify", str(folder), "-o", str(tmp_path / "out"), "--jobs", "2", "--estimator"]
+    assert main([*words, f"rengarajan2017@{weights}"]) == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if "cannot use the weights" in line]
+    assert len(lines) == 2 and all(line.endswith("it makes its process crash") for line in lines)
+    assert main([*words, "rengarajan2017"]) == 0
 
 
 def test_one_process_serves_all_photos_and_threads_and_ends_with_its_network(tmp_path: Path) -> None:

@@ -21,3 +21,24 @@ def identity(helper, types) -> list:
 
 def square_only(helper, kind) -> list:
     return [helper.make_tensor_value_info("key_rows", kind, [1, 3, 256, 256])]
+
+
+def integer(helper, types, name: str, values: list[int], kind: str = "INT32"):
+    """A node that gives these numbers."""
+    return helper.make_node(
+        "Constant", [], [name], value=helper.make_tensor(name, getattr(types, kind), [len(values)], values)
+    )
+
+
+def crash_at_running(helper, types) -> list:
+    """The least integer divided by -1 if the darkest value is less than 1: processors do not do that."""
+    return [
+        integer(helper, types, "least", [-(2**31)]),
+        integer(helper, types, "one", [1]),
+        helper.make_node("ReduceMin", ["rs"], ["darkest"], keepdims=0),
+        helper.make_node("Cast", ["darkest"], ["zero"], to=types.INT32),
+        helper.make_node("Sub", ["zero", "one"], ["minus"]),
+        helper.make_node("Div", ["least", "minus"], ["quotient"]),
+        helper.make_node("Cast", ["quotient"], ["number"], to=types.FLOAT),
+        helper.make_node("Mul", ["rs", "number"], ["key_rows"]),
+    ]
