@@ -1,7 +1,7 @@
 # The two commands: `make demo` and `make test`. Each sets up what it needs:
 # .venv has the versions of constraints.txt, .venv-newest what pip resolves today, .venv-lowest the oldest ones allowed.
 PYTHON ?= python3
-TESTS ?= tests
+TESTS ?= tests lab/tests
 BIN := .venv/bin
 INSTALL := -m pip --disable-pip-version-check install -q
 PIP := $(BIN)/python $(INSTALL) -c constraints.txt
@@ -9,11 +9,16 @@ PIP_NEWEST := .venv-newest/bin/python $(INSTALL)
 PIP_LOWEST := .venv-lowest/bin/python $(INSTALL) -c .venv-lowest/libraries.txt -c .venv-lowest/tools.txt
 PYTEST := -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-.PHONY: demo test test-newest test-lowest fuzz lint types docs layers bench results release-check clean
+.PHONY: demo paper test test-newest test-lowest fuzz lint types docs layers bench results release-check clean
 
 demo: .venv-newest/core  ## rectify the photo that the repository ships, with what users get from pip
 	.venv-newest/bin/unshutter rectify examples/demo.jpg -o examples/demo.rectified.jpg --overwrite --edges crop
 	@echo "Look at examples/demo.jpg and examples/demo.rectified.jpg"
+
+paper: .venv/dev  ## the same photo by the network of the paper that unshutter implements
+	$(BIN)/unshutter rectify examples/demo.jpg --estimator kandula2020 -o examples/demo.paper.jpg --overwrite --edges crop \
+	  --preview examples/demo.paper.preview.jpg
+	@echo "Look at examples/demo.paper.preview.jpg: before and after, side by side"
 
 test: .venv/dev  ## all tests, on all cores (TESTS=tests/frames: some of them)
 	$(BIN)/python $(PYTEST) $(TESTS)
@@ -56,25 +61,25 @@ release-check:  ## builds what is published, and tries it in fresh environments;
 	@touch $@
 
 # torch first and by its exact version: without it, the registry's newest build brings several GB of CUDA.
-.venv/dev: .venv/python pyproject.toml constraints.txt
+.venv/dev: .venv/python pyproject.toml lab/pyproject.toml constraints.txt
 	$(PIP) torch==2.13.0
-	$(PIP) -e '.[dev]'
+	$(PIP) -e '.[dev]' -e './lab[train,video]'
 	@touch $@
 
 .venv-newest/core: .venv-newest/python pyproject.toml
 	$(PIP_NEWEST) --upgrade -e .
 	@touch $@
 
-.venv-newest/dev: .venv-newest/core
+.venv-newest/dev: .venv-newest/core lab/pyproject.toml
 	$(PIP_NEWEST) torch==2.13.0
-	$(PIP_NEWEST) --upgrade --upgrade-strategy eager -e '.[dev]'
+	$(PIP_NEWEST) --upgrade --upgrade-strategy eager -e '.[dev]' -e './lab[train,video]'
 	@touch $@
 
-.venv-lowest/dev: .venv-lowest/python pyproject.toml constraints.txt .ci/lowest.py
+.venv-lowest/dev: .venv-lowest/python pyproject.toml lab/pyproject.toml constraints.txt .ci/lowest.py
 	$(PYTHON) .ci/lowest.py libraries > .venv-lowest/libraries.txt
 	$(PYTHON) .ci/lowest.py tools > .venv-lowest/tools.txt
 	$(PIP_LOWEST) torch==2.13.0
-	$(PIP_LOWEST) -e '.[dev]'
+	$(PIP_LOWEST) -e '.[dev]' -e './lab[train,video]'
 	@touch $@
 
 clean:

@@ -17,13 +17,13 @@ import numpy as np
 import torch
 
 from unshutter.estimators.onnx_process import onnx_runtime
-from unshutter.estimators.square import SIZE
-from unshutter.learn.data.motions import draw_motions
-from unshutter.learn.data.pictures import load_photos
-from unshutter.learn.data.pixels import synthesise
-from unshutter.learn.warping import pixel_grid, rs_positions
+from unshutter_lab.methods.square import SIZE
+from unshutter_lab.training.data.motions import draw_motions
+from unshutter_lab.training.data.pictures import load_photos
+from unshutter_lab.training.data.pixels import synthesise
+from unshutter_lab.training.warping import pixel_grid, rs_positions
 
-WEIGHTS = Path(__file__).parent.parent / "src" / "unshutter" / "weights" / "kandula2020.onnx"
+WEIGHTS = Path(__file__).parent.parent / "lab" / "src" / "unshutter_lab" / "weights" / "kandula2020.onnx"
 CANVAS = 356
 
 

@@ -21,8 +21,8 @@ import av
 import cv2
 import numpy as np
 
-from unshutter.evaluation.cases.video import agreeing_matches
 from unshutter.frames.tracks import follow
+from unshutter_lab.evaluation.cases.video import agreeing_matches
 
 EVERY = 10  # frames; between them |R_F| is not measured
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.evaluation.pages.plots import looks_of
-from unshutter.evaluation.pages.reliability import ENOUGH, RIGHT_PX, Bin, Judged, draw_reliability, mean_gap, widest
-from unshutter.evaluation.results import Results
+from unshutter_lab.evaluation.pages.plots import looks_of
+from unshutter_lab.evaluation.pages.reliability import ENOUGH, RIGHT_PX, Bin, Judged, draw_reliability, mean_gap, widest
+from unshutter_lab.evaluation.results import Results
 
 PAGE = "confidence.md"
 PLOT = "confidence-reliability.png"

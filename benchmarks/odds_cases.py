@@ -28,12 +28,12 @@ from unshutter.estimators.register import method
 from unshutter.estimators.right_angles.odds import figures
 from unshutter.estimators.right_angles.search import displacement
 from unshutter.estimators.right_angles.view import LARGEST, LEAST_GAIN, segments_of
-from unshutter.evaluation.cases.case import in_8_bits
-from unshutter.evaluation.cases.folders import logs_in, photos_in
-from unshutter.evaluation.cases.synthetic import Suite, SyntheticCase
-from unshutter.evaluation.metrics import motion_error
 from unshutter.motion import Motion, RowMotion
 from unshutter.photo import Photo
+from unshutter_lab.evaluation.cases.case import in_8_bits
+from unshutter_lab.evaluation.cases.folders import logs_in, photos_in
+from unshutter_lab.evaluation.cases.synthetic import Suite, SyntheticCase
+from unshutter_lab.evaluation.metrics import motion_error
 
 MOVED = [
     Suite("256 px", of_pictures=False),
@@ -72,7 +72,7 @@ class Recording(SegmentManhattan):
 @cache
 def _estimator() -> Recording:
     known = method("segment-manhattan")
-    estimator = Recording(known, known.weights_path)
+    estimator = Recording(known, known.weights)
     estimator.prepare()
     return estimator
 

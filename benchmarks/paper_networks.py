@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from results import REAL, TEST
 
-from unshutter.evaluation.results import Results
+from unshutter_lab.evaluation.results import Results
 
 DOCS = Path("docs/results")
 PAGE, READING = DOCS / "paper-networks.md", DOCS / "paper-networks-reading.md"  # the reading is written by hand

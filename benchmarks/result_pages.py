@@ -16,16 +16,18 @@ import numpy as np
 from confidence_page import PAGE as CONFIDENCE
 from confidence_page import write_confidence_page
 
+from unshutter import lab
 from unshutter.errors import UnshutterError
-from unshutter.evaluation.pages.plots import draw_plots
-from unshutter.evaluation.pages.report import page, write_text
-from unshutter.evaluation.pages.tables import marked, overview
-from unshutter.evaluation.results import Results
+from unshutter_lab.evaluation.pages.plots import draw_plots
+from unshutter_lab.evaluation.pages.report import page, write_text
+from unshutter_lab.evaluation.pages.tables import marked, overview
+from unshutter_lab.evaluation.results import Results
 
 READING = "reading.md"  # written by hand, kept
 READINGS = "readings.toml"  # by hand, too: the line at the top of each page
 KEPT = [READING, "paper-networks.md", "paper-networks-reading.md"]  # the latter two are paper_networks.py's
-SCORES = Path("src/unshutter/weights/scores.json")  # what ``unshutter models`` prints
+# what ``unshutter models`` prints: file of a package -> whether it is the lab's
+SCORES = {Path("src/unshutter/weights/scores.json"): False, Path("lab/src/unshutter_lab/weights/scores.json"): True}
 _ORDER = ("synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
 _ORDER += ("robustness", "pairs", "sequences", "video")
 SHEETS = "examples"  # the only run whose pictures may be shown: the photo is in the public domain
@@ -67,15 +69,18 @@ def write_pages(build: Path, docs: Path) -> None:
     if write_confidence_page(runs, docs):
         (docs / CONFIDENCE).write_text(_with_reading((docs / CONFIDENCE).read_text(), short.get("confidence")))
     (docs / "index.md").write_text(_index({name: runs[name] for name in order}, runs.get(SHEETS), build, docs))
-    if "synthetic" in runs and SCORES.parent.is_dir():
-        write_text(SCORES, _scores(runs["synthetic"]))
+    for path, of_lab in SCORES.items():
+        if "synthetic" in runs and path.parent.is_dir():
+            write_text(path, _scores(runs["synthetic"], of_lab))
     print(f"wrote {docs}/index.md and {len(order)} pages")
 
 
-def _scores(results: Results) -> str:
-    """JSON: estimator -> set of photos -> median EPE [px at 256 rows] and share of photos improved."""
+def _scores(results: Results, of_lab: bool) -> str:
+    """JSON: estimator of a package -> set of photos -> median EPE [px at 256 rows] and share of photos improved."""
     scores: dict[str, dict[str, dict[str, float]]] = {}
     for name in results.estimators:
+        if (name in lab.METHODS) != of_lab:
+            continue
         for group in results.distinct("group"):
             error, nothing = (results.values(key, estimator=name, group=group) for key in ("epe", "epe_nothing"))
             figures = (round(float(np.median(error)), 2), round(float(np.mean(error < nothing)), 4))

@@ -17,13 +17,13 @@ from pathlib import Path
 import cv2
 from bundle_names import PHOTOS, SOURCES
 
-from unshutter.learn.data.pictures import load_photos
-from unshutter.learn.data.pixels import PixelConfig
-from unshutter.learn.recipes import RECIPES
+from unshutter_lab.training.data.pictures import load_photos
+from unshutter_lab.training.data.pixels import PixelConfig
+from unshutter_lab.training.recipes import RECIPES
 
-PACKAGES = ("unshutter", "array_api_compat")  # of which training imports modules; pure Python
+PACKAGES = ("unshutter", "unshutter_lab", "array_api_compat")  # of which training imports modules; pure Python
 TRAINING = (
-    "unshutter.learn.train",
+    "unshutter_lab.training.train",
     *(recipe.partition(":")[0] for recipe in RECIPES.values()),
     "array_api_compat.torch",
 )
@@ -56,7 +56,7 @@ def add_sources(target: Path) -> None:
     for name in TRAINING:
         importlib.import_module(name)
     files = [Path(str(module.__file__)) for name, module in sys.modules.items() if name.partition(".")[0] in PACKAGES]
-    files += Path(str(sys.modules["unshutter.learn"].__file__)).parent.rglob("*.toml")
+    files += Path(str(sys.modules["unshutter_lab.training"].__file__)).parent.rglob("*.toml")
     for file in files:
         package = next(parent for parent in file.parents if parent.name in PACKAGES)
         copy = target / file.relative_to(package.parent)

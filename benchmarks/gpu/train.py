@@ -53,8 +53,8 @@ def train(config: str, given: argparse.Namespace, minutes: float) -> None:
     """Trains one network for so many minutes at most, and packs it."""
     import torch
 
-    from unshutter.learn.config import load_config
-    from unshutter.learn.train import Trainer
+    from unshutter_lab.training.config import load_config
+    from unshutter_lab.training.train import Trainer
 
     device = given.device if given.device != "auto" else "cuda" if torch.cuda.is_available() else "cpu"
     settings = load_config(config)

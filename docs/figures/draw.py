@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from unshutter import RowMotion
-from unshutter.synthesis.rotation_log import RotationLog
+from unshutter_lab.synthesis.rotation_log import RotationLog
 
 HERE = Path(__file__).parent
 plt.rcParams["svg.hashsalt"] = "unshutter"  # same drawing, same bytes
@@ -97,7 +97,7 @@ def two_frames() -> None:
 
     import unshutter
     from unshutter.photo import Photo
-    from unshutter.synthesis.sequences import TurningCamera
+    from unshutter_lab.synthesis.sequences import TurningCamera
 
     basilica = Photo.open(HERE.parent.parent / "examples" / "original" / "basilica.webp").to_array()
     rows = []

@@ -22,19 +22,19 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 from torch import Tensor
 
 from unshutter.estimators.onnx_process import onnx_runtime
-from unshutter.estimators.square import SIZE
 from unshutter.geometry.rows import rs_to_gs
-from unshutter.learn.data.motions import draw_motions
-from unshutter.learn.data.pixels import synthesise
-from unshutter.learn.kandula2020.losses import edge_loss, sobel, visible_mse
-from unshutter.learn.kandula2020.network import rectify, regenerate
-from unshutter.learn.warping import pixel_grid, rs_positions
 from unshutter.photo import Photo
+from unshutter_lab.methods.square import SIZE
+from unshutter_lab.training.data.motions import draw_motions
+from unshutter_lab.training.data.pixels import synthesise
+from unshutter_lab.training.kandula2020.losses import edge_loss, sobel, visible_mse
+from unshutter_lab.training.kandula2020.network import rectify, regenerate
+from unshutter_lab.training.warping import pixel_grid, rs_positions
 
 HERE = Path(__file__).parent
 PHOTO = HERE.parent.parent / "examples" / "original" / "basilica.webp"
 CANVAS, SEED = 356, 0  # px of the window that is distorted; of the motion that distorts it
-WEIGHTS = HERE.parent.parent / "src" / "unshutter" / "weights" / "kandula2020.onnx"
+WEIGHTS = HERE.parent.parent / "lab" / "src" / "unshutter_lab" / "weights" / "kandula2020.onnx"
 BASE, RAW, COARSE = (  # tensors inside the graph, by the names that the export gave them
     "/network/motion_block/base/base.5/MaxPool_output_0",
     "/network/motion_block/Concat_output_0",

@@ -11,8 +11,8 @@ from support.hand_held import clip, hand, pan
 from unshutter import Motion, Photo
 from unshutter.batch.job import Job
 from unshutter.batch.sequences import with_motions
-from unshutter.evaluation.metrics import motion_error
 from unshutter.options import Clock, Neighbours, Rectify
+from unshutter_lab.evaluation.metrics import motion_error
 
 RATIO = ("--readout-ratio", "0.9")
 

@@ -7,7 +7,6 @@ import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ import unshutter
 from support.networks import crash_at_running, identity, integer, made, square_only
 from unshutter.cli import main
 from unshutter.estimators.onnx import Network, open_network
+from unshutter.estimators.register import method
 from unshutter.photo import Photo
 
 
@@ -27,10 +27,8 @@ def test_weights_that_are_none_are_told_in_one_line(
     photo, text = tmp_path / "photo.png", tmp_path / "text.onnx"
     Photo.from_array(rolling_facade).save(photo)
     text.write_text("no network")
-    if "20" in name:
-        other = made(tmp_path / "other.onnx", identity, square_only)
-    else:
-        other = files("unshutter") / "weights" / "kandula2020.onnx"
+    learned = "20" in name
+    other = made(tmp_path / "other.onnx", identity, square_only) if learned else method("kandula2020").weights
     for command in (["rectify", str(photo), "-o", str(tmp_path / "out.png")], ["estimate", str(photo)]):
         for weights, told in ((text, "PROTOBUF"), (other, "they are not of")):
             assert main([*command, "--estimator", f"{name}@{weights}"]) == 1

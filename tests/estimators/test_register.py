@@ -88,7 +88,7 @@ def test_the_register_imports_little() -> None:
     """A photo is being decoded while methods are looked up; importlib.metadata alone takes longer than all the rest."""
     program = (
         "import sys; from unshutter.estimators.register import check_name, method; import unshutter.estimators;"
-        f"check_name('{DEFAULT_ESTIMATOR}'); method('rengarajan2017');"
+        f"check_name('{DEFAULT_ESTIMATOR}'); method('manhattan');"
         "print(*{'numpy', 'cv2', 'onnxruntime', 'pyvips', 'importlib.metadata'} & sys.modules.keys())"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -100,7 +100,7 @@ def test_methods_are_described() -> None:
     assert len({known.name for known in METHODS}) == len(METHODS)
     for known in METHODS:
         assert known.summary and "\n" not in known.summary
-        assert known.weights_path is None or known.weights_path.is_file()
+        assert known.weights is None or known.weights.is_file()
         assert known.takes_weights or known.weights is None
 
 

@@ -21,7 +21,7 @@ SEGMENTS = np.random.default_rng(0).uniform(-0.5, 0.5, (30, 4))
 
 
 def shipped() -> SegmentNetwork:
-    return SegmentNetwork(method("segment-transformer").weights_path)
+    return SegmentNetwork(method("segment-transformer").weights)
 
 
 def test_it_is_opened_once_though_several_threads_ask() -> None:
@@ -59,7 +59,7 @@ def test_the_default_needs_no_onnxruntime(photo: Path) -> None:
 
 @pytest.fixture(scope="module")
 def weights() -> Weights:
-    path = method("segment-transformer").weights_path
+    path = method("segment-transformer").weights
     assert path is not None
     return read_weights(path, "segment-transformer")
 

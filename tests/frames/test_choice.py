@@ -10,12 +10,12 @@ from support.drawn_photos import textured
 from support.frame_pairs import Scene, off
 from support.hand_held import FOCAL, HEIGHT, WIDTH, clip, hand, still
 from unshutter.cli import main
-from unshutter.evaluation.metrics import motion_error
 from unshutter.frames.choice import camera_misses, flow_misses
 from unshutter.frames.flow import Flow
 from unshutter.frames.sequence import CameraMotion, known_ratio
 from unshutter.frames.tracks import follow
 from unshutter.photo import Photo
+from unshutter_lab.evaluation.metrics import motion_error
 
 PARALLAX = Scene(speed=(16, 2), board_speed=(9, 0))
 SHIFT = np.array([3.0, 1.0])

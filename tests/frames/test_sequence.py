@@ -8,8 +8,8 @@ import pytest
 from support.drawn_photos import one_line, textured
 from support.hand_held import FOCAL, HEIGHT, WIDTH, clip, hand, pan, still
 from unshutter import Photo, UsageError
-from unshutter.evaluation.metrics import motion_error
 from unshutter.frames.sequence import PASSED, CameraMotion, estimate_frames, known_ratio
+from unshutter_lab.evaluation.metrics import motion_error
 
 
 def errors(frames, moving, **options):

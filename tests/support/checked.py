@@ -19,9 +19,9 @@ from beartype import BeartypeConf, beartype
 from jaxtyping import AbstractArray, jaxtyped
 
 CHECKED = {
-    "unshutter.evaluation.metrics",
-    "unshutter.estimators.lines.curves",
-    "unshutter.estimators.lines.least_squares",
+    "unshutter_lab.evaluation.metrics",
+    "unshutter_lab.methods.curves",
+    "unshutter_lab.methods.least_squares",
     "unshutter.estimators.lines.segments",
     "unshutter.geometry.rotations",
     "unshutter.geometry.rows",
@@ -31,7 +31,7 @@ CHECKED = {
     "unshutter.motion.row_motion",
     "unshutter.motion.sampling",
     "unshutter.motion.speed",
-    "unshutter.synthesis.row_motions",
+    "unshutter_lab.synthesis.row_motions",
     "unshutter.warp.crop",
     "unshutter.warp.grid",
     "unshutter.warp.pixels",

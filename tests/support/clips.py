@@ -7,7 +7,7 @@ import numpy as np
 
 from support.drawn_photos import textured
 from support.hand_held import log_of, still
-from unshutter.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import TurningCamera
 
 HEIGHT, WIDTH, FOCAL, RATIO, FPS = 144, 192, 165.0, 0.6, 30
 LIGHT = bytes.fromhex("e8030000 90010000".replace(" ", ""))  # 1000 and 400 cd/m^2

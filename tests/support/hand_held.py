@@ -4,8 +4,8 @@ import numpy as np
 
 from support.drawn_photos import textured
 from unshutter.frames.tracks import Tracks
-from unshutter.synthesis.rotation_log import RotationLog
-from unshutter.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.rotation_log import RotationLog
+from unshutter_lab.synthesis.sequences import TurningCamera
 
 HEIGHT, WIDTH, FOCAL = 180, 320, 275.0
 _STEP = 1 / 250  # s

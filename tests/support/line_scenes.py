@@ -3,8 +3,8 @@
 import numpy as np
 
 import unshutter
-from unshutter.evaluation.metrics import motion_error
 from unshutter.motion import Motion, RotationMotion
+from unshutter_lab.evaluation.metrics import motion_error
 
 HEIGHT, WIDTH, FOCAL = 400, 500, 450.0
 U = (np.arange(HEIGHT) + 0.5) / HEIGHT

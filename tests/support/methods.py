@@ -4,7 +4,7 @@ import numpy as np
 
 import unshutter
 from unshutter import Motion, RowMotion
-from unshutter.evaluation.metrics import motion_error
+from unshutter_lab.evaluation.metrics import motion_error
 
 
 def check_photo_is_rectified(name: str, picture: np.ndarray, truth: Motion) -> None:

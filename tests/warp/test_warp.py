@@ -14,11 +14,11 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.geometry.readout import Readout
 from unshutter.motion import RowMotion
 from unshutter.storage import large_arrays
-from unshutter.synthesis.row_motions import draw_quadratic
 from unshutter.warp import grid as sampling_map
 from unshutter.warp import pixels as warp
 from unshutter.warp.grid import SamplingGrid, gs_to_rs_map
 from unshutter.warp.pixels import distort_pixels, rectify_pixels, validity_mask
+from unshutter_lab.synthesis.row_motions import draw_quadratic
 
 
 def positions_by_motion(motion):

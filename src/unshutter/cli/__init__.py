@@ -9,12 +9,13 @@ from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
+from unshutter import lab
 from unshutter.cli.arguments import Command, parse
 from unshutter.cli.stopping import Stopped, stop_on_signals
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.version import __version__
 
-# name -> what it does; the rest is in commands/NAME.py
+# name -> what it does; the rest is in commands/NAME.py. Other packages add commands by entry points.
 COMMANDS = {
     "rectify": "straighten photos: write what a global shutter would have seen",
     "video": "straighten a clip: every frame as a global shutter would have seen it",
@@ -24,11 +25,9 @@ COMMANDS = {
     "serve": "open a page for photos in the browser: before and after, corrections, saving",
     "points": "move points of a photo to where they are in the straightened picture, or back",
     "models": "list the methods: what each does, how large it is, how well it did",
-    "synthesize": "make rolling-shutter pictures with known motion from undistorted photos",
-    "evaluate": "measure methods side by side on the same pictures",
-    "train": "train a network",
     "completion": "print what a shell needs to complete these commands and their options",
 }
+_GROUP = "unshutter.commands"
 _ABOUT = "Undoes rolling-shutter distortion (skew, wobble) in a single photo. Originals are never touched."
 
 
@@ -82,8 +81,8 @@ def _run_command(words: list[str]) -> int:
         print(_help())
     elif name == "--version":
         print(__version__)
-    elif name in COMMANDS:
-        command: Command = import_module(f"unshutter.cli.commands.{name}").COMMAND
+    else:
+        command = command_named(name)
         try:
             given = parse(name, command, words[1:])
         except SystemExit:  # its help was asked for
@@ -92,8 +91,6 @@ def _run_command(words: list[str]) -> int:
             return command.run(given)
         except KeyboardInterrupt as stop:
             return _say(f"stopped; {command.when_stopped}", _exit_code(stop))
-    else:
-        raise UsageError(f"unknown command '{name}': choose one of {', '.join(COMMANDS)} (see unshutter --help)")
     return 0
 
 
@@ -101,9 +98,31 @@ def _exit_code(stop: KeyboardInterrupt) -> int:
     return stop.exit_code if isinstance(stop, Stopped) else 130
 
 
+def command_named(name: str) -> Command:
+    """The command of that name: one of ours, or of another installed package.
+
+    Raises:
+        UsageError: there is none, or it comes with unshutter-lab, which is not installed.
+    """
+    if name in COMMANDS:
+        return import_module(f"unshutter.cli.commands.{name}").COMMAND
+    for entry in lab.plugins(_GROUP).select(name=name):
+        return entry.load()
+    if name in lab.COMMANDS:
+        raise UsageError(f"the command '{name}' comes with unshutter-lab: {lab.HOW_TO_INSTALL}")
+    raise UsageError(f"unknown command '{name}': choose one of {', '.join(summaries())} (see unshutter --help)")
+
+
+def summaries() -> dict[str, str]:
+    """Each command, those of other installed packages last -> what it does."""
+    installed = {entry.name: entry.load().summary for entry in lab.plugins(_GROUP)}
+    return COMMANDS | installed
+
+
 def _help() -> str:
-    width = max(map(len, COMMANDS))
-    lines = [f"  {name.ljust(width)}  {what}" for name, what in COMMANDS.items()]
+    commands = summaries()
+    width = max(map(len, commands))
+    lines = [f"  {name.ljust(width)}  {what}" for name, what in commands.items()]
     usage = "usage: unshutter COMMAND ...   (unshutter COMMAND --help says more)\n       unshutter --version"
     return "\n".join([usage, "", _ABOUT, "", "commands:", *lines])
 

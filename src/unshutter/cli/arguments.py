@@ -39,6 +39,12 @@ class Command:
     run: Callable[[Any], int]
     when_stopped: str = "what was finished is kept"
 
+    @property
+    def summary(self) -> str:
+        """What it does, as it stands in a list of commands."""
+        line = self.description.partition("\n")[0].rstrip(".")
+        return line[:1].lower() + line[1:]
+
 
 def positional(help: str, names: Names, optional: bool = False) -> Any:
     """A field that is given by its place, without a flag; a list may be left empty if it is optional."""

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from importlib import import_module
 
-from unshutter.cli import COMMANDS
-from unshutter.cli.arguments import Command, add_arguments
+from unshutter.cli import command_named, summaries
+from unshutter.cli.arguments import add_arguments
 from unshutter.errors import UnshutterError
 
 SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # that shtab knows
@@ -38,8 +37,8 @@ def _whole_parser(files: object) -> argparse.ArgumentParser:
     whole = argparse.ArgumentParser("unshutter")
     whole.add_argument("--version", action="store_true", help="print the version")
     commands = whole.add_subparsers()
-    for name, what in COMMANDS.items():
-        command: Command = import_module(f"unshutter.cli.commands.{name}").COMMAND
+    for name, what in summaries().items():
+        command = command_named(name)
         parser = commands.add_parser(name, help=what)
         add_arguments(parser, command.arguments)
         for action in parser._actions:  # argparse has no other way to them, and shtab takes the same

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from importlib.resources import files
+from functools import cache
+from pathlib import Path
 
 from unshutter.estimators.method import Method
 from unshutter.estimators.register import method, names
 from unshutter.options import DEFAULT_ESTIMATOR
-
-SCORES = "scores.json"  # among the weights; written with docs/results, never by hand
 
 
 @dataclass(frozen=True)
@@ -30,15 +29,20 @@ class Listed:
 
 def list_models() -> list[Listed]:
     """All methods that can be used as they are, the default first."""
-    measured = files("unshutter") / "weights" / SCORES
-    scores = json.loads(measured.read_text(encoding="utf-8")) if measured.is_file() else {}
     listed = []
     for name in sorted(names(), key=lambda name: name != DEFAULT_ESTIMATOR):
         known = method(name)
-        size = known.weights_path.stat().st_size / 1e6 if known.weights_path else 0.0
-        own = {place: (float(s["epe_median"]), float(s["improved"])) for place, s in scores.get(name, {}).items()}
+        size = known.weights.stat().st_size / 1e6 if known.weights else 0.0
+        scores = _scores(known.scores).get(name, {}) if known.scores else {}
+        own = {place: (float(s["epe_median"]), float(s["improved"])) for place, s in scores.items()}
         listed.append(Listed(known, size, own))
     return listed
+
+
+@cache
+def _scores(path: Path) -> dict[str, dict[str, dict[str, float]]]:
+    """Method -> set of photos -> figures."""
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def as_text(listed: list[Listed]) -> str:

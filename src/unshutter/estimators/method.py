@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-_WEIGHTS = Path(__file__).parents[1] / "weights"  # importlib.resources says the same, but takes 10 ms to import
-
 
 @dataclass(frozen=True)
 class Method:
@@ -18,7 +16,8 @@ class Method:
         home: ``module:class`` of its :class:`Estimator`.
         grey_px: short side [px] of the grey copy that it works on (``View.grey``), so that decoding can start before
             the method is imported; None: it uses none.
-        weights: file in ``unshutter/weights`` that it runs on (``.onnx`` may be left out); None: none of them.
+        weights: the file that it runs on; None: it needs none.
+        scores: file with what was measured of it (``unshutter models``); None: nothing was.
         takes_weights: whether NAME@FILE runs it with the user's own weights.
     """
 
@@ -26,12 +25,6 @@ class Method:
     summary: str
     home: str
     grey_px: int | None = None
-    weights: str | None = None
+    weights: Path | None = None
+    scores: Path | None = None
     takes_weights: bool = False
-
-    @property
-    def weights_path(self) -> Path | None:
-        """The weights in the package that it runs on, if any."""
-        if self.weights is None:
-            return None
-        return _WEIGHTS / (self.weights if "." in self.weights else f"{self.weights}.onnx")

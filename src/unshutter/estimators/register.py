@@ -13,16 +13,19 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unshutter import lab
 from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.estimators.method import Method
 from unshutter.options import DEFAULT_ESTIMATOR
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint, EntryPoints
+    from importlib.metadata import EntryPoint
 
     from unshutter.estimators.base import Estimator
 
 _GROUP = "unshutter.estimators"
+_WEIGHTS = Path(__file__).parents[1] / "weights"  # importlib.resources says the same, but takes 10 ms to import
+_SCORES = _WEIGHTS / "scores.json"  # written with docs/results, never by hand
 
 METHODS = (
     Method(
@@ -30,66 +33,31 @@ METHODS = (
         "line segments of the photo -> a small transformer -> row motion",
         "unshutter.estimators.methods.segment_transformer:SegmentTransformer",
         grey_px=512,
-        weights="segment-transformer.npz",
+        weights=_WEIGHTS / "segment-transformer.npz",
         takes_weights=True,
-    ),
-    Method(
-        "kandula2020",
-        "the paper's network (ONNX) on a square of 256 px -> row motion, and the row map of its row block",
-        "unshutter.estimators.methods.kandula2020:Kandula2020",
-        weights="kandula2020",
-        takes_weights=True,
-    ),
-    Method(
-        "rengarajan2017",
-        "the predecessor's main network, RowColCNN (ONNX), on a square of 256 px -> motion at 15 key rows -> quadratic",
-        "unshutter.estimators.methods.rengarajan2017:Rengarajan2017",
-        weights="rengarajan2017",
-        takes_weights=True,
-    ),
-    Method(
-        "rengarajan2017-vanilla",
-        "the same with the predecessor's smaller network, VanillaCNN",
-        "unshutter.estimators.methods.rengarajan2017:Rengarajan2017",
-        weights="rengarajan2017-vanilla",
-        takes_weights=True,
-    ),
-    Method(
-        "rengarajan2016",
-        "curves that were straight lines -> polynomial rotations about three axes",
-        "unshutter.estimators.methods.rengarajan2016:Rengarajan2016",
-        grey_px=512,
-    ),
-    Method(
-        "purkait2017",
-        "segments of a Manhattan world -> one rate of rotation about the viewing direction",
-        "unshutter.estimators.methods.purkait2017:Purkait2017",
-        grey_px=512,
-    ),
-    Method(
-        "lao2018",
-        "curves that were straight lines -> one angular velocity for the whole picture",
-        "unshutter.estimators.methods.lao2018:Lao2018",
-        grey_px=512,
+        scores=_SCORES,
     ),
     Method(
         "segment-manhattan",
         "segment-transformer's answer and the Manhattan likelihood, weighed against each other",
         "unshutter.estimators.methods.segment_manhattan:SegmentManhattan",
         grey_px=768,
-        weights="segment-transformer.npz",
+        weights=_WEIGHTS / "segment-transformer.npz",
         takes_weights=True,
+        scores=_SCORES,
     ),
     Method(
         "manhattan",
         "line segments -> motion, camera and focal length that make them straight and square; no learning",
         "unshutter.estimators.methods.manhattan:Manhattan",
         grey_px=768,
+        scores=_SCORES,
     ),
     Method(
         "none",
         "leaves photos as they are: the baseline of every table",
         "unshutter.estimators.methods.none:DoNothing",
+        scores=_SCORES,
     ),
 )
 
@@ -97,7 +65,7 @@ METHODS = (
 def names() -> list[str]:
     """All methods: the package's, then those of other installed packages."""
     built_in = [known.name for known in METHODS]
-    return built_in + sorted(_installed().names - {known.name for known in METHODS})
+    return built_in + sorted(lab.plugins(_GROUP).names - {known.name for known in METHODS})
 
 
 def method(name: str) -> Method:
@@ -111,8 +79,10 @@ def method(name: str) -> Method:
     for known in METHODS:
         if known.name == name:
             return known
-    entry = next(iter(_installed().select(name=name)), None)
+    entry = next(iter(lab.plugins(_GROUP).select(name=name)), None)
     if entry is None:
+        if name in lab.METHODS:
+            raise UsageError(f"estimator '{name}' comes with unshutter-lab: {lab.HOW_TO_INSTALL}")
         raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(names())}")
     return _loaded(entry)
 
@@ -153,7 +123,7 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     if weights and not Path(weights).is_file():
         raise MissingFileError(f"cannot read weights {weights}: no such file")
     found = method(own)
-    estimator = _class_of(found)(found, Path(weights) if weights else found.weights_path)
+    estimator = _class_of(found)(found, Path(weights) if weights else found.weights)
     if weights:
         estimator.prepare()  # so that a bad file is refused here, not at the first photo
     return estimator
@@ -179,9 +149,3 @@ def _loaded(entry: EntryPoint) -> Method:
     if not isinstance(found, Method) or found.name != entry.name:
         raise UnshutterError(f"{failure}: {entry.value} is no Method of that name")
     return found
-
-
-def _installed() -> EntryPoints:
-    from importlib.metadata import entry_points  # not above: it is slow, and rarely needed
-
-    return entry_points(group=_GROUP)

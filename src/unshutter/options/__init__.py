@@ -13,7 +13,6 @@ from unshutter.options.neighbours import Clock, FrameModel, Neighbours, model_fo
 from unshutter.options.rectify import Rectify
 from unshutter.options.run import MAX_PIXELS, Run
 from unshutter.options.save import PictureFormat, Save, Subsampling
-from unshutter.options.synthesize import Synthesize
 from unshutter.options.undo import LEAST_AUTO_CROP, MIN_CONFIDENCE, Edges, Reference, Undo, check_edges
 
 __all__ = [
@@ -36,7 +35,6 @@ __all__ = [
     "Run",
     "Save",
     "Subsampling",
-    "Synthesize",
     "Undo",
     "check_edges",
     "model_for",

@@ -9,8 +9,8 @@ import pytest
 import unshutter
 from support.methods import check_facade_is_left_alone, check_photo_is_rectified
 from unshutter import Motion, RowMotion
-from unshutter.evaluation.metrics import motion_error
 from unshutter.options import DEFAULT_ESTIMATOR
+from unshutter_lab.evaluation.metrics import motion_error
 
 
 def test_the_shipped_model_finds_the_motion_of_a_photo(basilica: tuple[np.ndarray, Motion]) -> None:

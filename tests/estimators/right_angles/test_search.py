@@ -10,8 +10,8 @@ from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, Seco
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
 from unshutter.estimators.right_angles.odds import judge
 from unshutter.estimators.right_angles.search import explore
-from unshutter.evaluation.metrics import motion_error
 from unshutter.geometry import rows as geometry
+from unshutter_lab.evaluation.metrics import motion_error
 
 ROWS = 512
 DRAWN = Beliefs(independent_share=1.0)  # no drawn segment repeats another's error

@@ -1,0 +1,74 @@
+"""``unshutter evaluate``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from unshutter.cli.arguments import Command, required
+from unshutter.options import option
+
+ProtocolName = Literal[
+    "synthetic",
+    "native",
+    "trajectory",
+    "undistorted",
+    "portrait",
+    "exposure",
+    "attitude",
+    "robustness",
+    "pairs",
+    "video",
+    "sequences",
+]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What the command takes."""
+
+    data: list[Path] = required(
+        "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png); each is a group in the "
+        "tables.",
+        "input",
+    )
+    estimators: str = option("all", "Names with commas between them, or all. Default: all.", names="word")
+    protocol: ProtocolName = option("synthetic", "What is measured; docs/use.md says how. Default: synthetic.")
+    output: Path = option(
+        Path("evaluation"),
+        "Folder for tables, figures of every picture, plots and contact sheets. A run that was stopped there goes on. "
+        "Default: evaluation.",
+        short="-o",
+        names="output",
+    )
+    photos: int | None = option(None, "Use at most N photos of each folder, chosen by the seed. Default: all.")
+    per_photo: int = option(2, "Random motions for each photo. Default: 2.")
+    seed: int = option(0, "Same seed, same figures. Default: 0.")
+    trajectory: Path | None = option(
+        None,
+        "NPZ file of a recorded motion, or a folder of them, for the protocols trajectory and sequences.",
+        names="input",
+    )
+    readout_ratio: list[float] | None = option(
+        None,
+        "For pairs of consecutive frames: readout time / frame interval, one number for each folder. Then also finds "
+        "motion from neighbours.",
+    )
+    jobs: int | None = option(None, "Number of processes. Default: one for each processor.")
+    overwrite: bool = option(False, "Delete a run with other settings that the folder holds.")
+
+
+def run(given: Arguments) -> int:
+    """Measures; returns the exit code."""
+    from unshutter_lab.evaluation.cases.protocols import Request
+    from unshutter_lab.evaluation.run import evaluate
+
+    request = Request(given.protocol, tuple(given.data), given.photos, given.per_photo, given.seed, given.trajectory)
+    request = replace(request, readout_ratio=tuple(given.readout_ratio or ()))
+    unusable = evaluate(request, given.estimators, given.output, given.jobs, given.overwrite)
+    print(f"results: {given.output / 'results.md'}, with plots and pictures beside it; every figure: results.csv")
+    return 1 if unusable else 0
+
+
+COMMAND = Command("Measure methods side by side on the same pictures (needs the extra `plot`).", Arguments, run)

@@ -1,0 +1,150 @@
+"""What the cases of all protocols have in common: how an estimator is asked, and its answer applied and scored."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.estimators.base import Estimator, View
+from unshutter.estimators.find import find_motion
+from unshutter.motion import Motion
+from unshutter.motion.verdict import Verdict
+from unshutter.options import Undo
+from unshutter.photo import Photo
+from unshutter_lab.evaluation.metrics import psnr, ssim
+
+# One line of the results, of words and numbers only: "suite", "group", "photo", "draw" and "estimator", then figures.
+Record = dict[str, Any]
+Loaded = Callable[[str], Estimator]  # name -> estimator, built once per process
+NOTHING = "none"  # the estimator whose picture is the input
+
+
+class Case(ABC):
+    """One picture on which estimators are judged. It is made in one process and judged in another."""
+
+    @property
+    @abstractmethod
+    def key(self) -> str:
+        """Names the case; no other case of the run has the same."""
+
+    @property
+    @abstractmethod
+    def oracles(self) -> tuple[str, ...]:
+        """Names of what is judged beside the estimators, and knows the truth or more than one photo."""
+
+    @abstractmethod
+    def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
+        """Records of the estimators and oracles of these names.
+
+        Raises:
+            UnshutterError: the picture cannot be read or used.
+        """
+
+    @abstractmethod
+    def show(self, names: list[str], loaded: Loaded) -> Example:
+        """The pictures and curves behind the records."""
+
+
+@dataclass(frozen=True)
+class Example:
+    """One case to look at.
+
+    Attributes:
+        title: which picture it is.
+        pictures: (caption, uint8 [H, W, 3]), all of one size: the input, what each estimator made of it, the truth.
+        curves: name -> motion, "truth" among them where it is known.
+    """
+
+    title: str
+    pictures: list[tuple[str, np.ndarray]]
+    curves: dict[str, Motion]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """An estimator's answer.
+
+    Attributes:
+        motion: with the first row as the reference; zero where the estimator failed.
+        declined: why the estimator gave no motion, in its own words; else empty.
+        failed: the error that it raised instead of answering; else empty.
+    """
+
+    motion: Motion
+    declined: str = ""
+    failed: str = ""
+
+    def figures(self) -> Record:
+        """The figures that records of all protocols have.
+
+        ``confidence`` is that of the motion: None where the estimator states none, or declined. ``left_alone`` is why
+        ``unshutter rectify`` with default options would leave the photo as it is; empty where it would change it.
+        """
+        scale = 256 / self.motion.height
+        farthest = self.motion.largest_px * scale
+        return {
+            "declined": self.declined,
+            "failed": self.failed,
+            "confidence": self.motion.confidence,
+            "farthest": farthest if np.isfinite(farthest) else None,
+            "left_alone": Verdict.of(self.motion, Undo()).cause,
+            "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
+            "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),
+        }
+
+
+def ask(estimator: Estimator, view: View) -> Answer:
+    """Asks an estimator for the motion of a photo. An error that it raises becomes part of the answer."""
+    try:
+        motion = find_motion(estimator, view).rereferenced("first")
+    except Exception as error:  # whatever it is, the other estimators are still to be judged
+        message = " ".join(f"{type(error).__name__}: {error}".split())
+        return Answer(view.no_motion(estimator.name, "failed"), failed=message)
+    return Answer(motion, declined=motion.reason)
+
+
+def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """(uint8 [H, W, 1 or 3], bool mask [H, W] of what the photo saw), as ``unshutter rectify`` makes them.
+
+    A motion that cannot be undone leaves the photo as it is.
+    """
+    from unshutter.warp.pixels import rectify_pixels, validity_mask
+
+    whole = np.ones((photo.height, photo.width), bool)
+    if motion.is_zero:
+        return in_8_bits(photo), whole
+    try:
+        pixels = rectify_pixels(photo.pixels, motion, masked=photo.masked)
+        return in_8_bits(photo.with_pixels(pixels)), validity_mask(motion)
+    except UnshutterError:
+        return in_8_bits(photo), whole
+
+
+def picture_scores(made: dict[str, np.ndarray], truth: np.ndarray, mask: np.ndarray) -> Record:
+    """PSNR and SSIM of several pictures against the truth, on the same pixels: ``psnr``, ``psnr_input`` ...
+
+    None where a score has no finite value: equal pictures, or an empty mask.
+
+    Args:
+        made: ending of the record's keys ("" for what the estimator made) -> uint8 [H, W, bands].
+        truth: the global-shutter picture.
+        mask: bool [H, W], where all of them show something.
+    """
+    scores: Record = {"seen": float(mask.mean())}
+    for name, picture in made.items():
+        ending = f"_{name}" if name else ""
+        values = {f"psnr{ending}": psnr(picture, truth, mask), f"ssim{ending}": ssim(picture, truth, mask)}
+        scores |= {key: value if np.isfinite(value) else None for key, value in values.items()}
+    return scores
+
+
+def in_8_bits(photo: Photo) -> np.ndarray:
+    """The stored pixels without alpha, uint8 [H, W, 1 or 3]: what pictures are compared in."""
+    pixels = photo.to_array().reshape(photo.height, photo.width, -1)
+    pixels = pixels[..., : 3 if pixels.shape[-1] >= 3 else 1]
+    return (pixels >> 8).astype(np.uint8) if pixels.dtype == np.uint16 else pixels

@@ -1,0 +1,188 @@
+"""Plots of results (extra ``plot``), made from the records alone."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.storage.files import written_whole
+from unshutter_lab.evaluation.cases.case import NOTHING
+from unshutter_lab.evaluation.cases.protocols import PROTOCOLS
+from unshutter_lab.evaluation.results import Results
+
+_QUANTILES = np.linspace(0, 1, 41)
+_BINS = 6
+_STYLE: dict[Any, Any] = {"font.size": 9}
+_DPI = 110
+
+
+def check_matplotlib() -> None:
+    """Checks that plots can be drawn.
+
+    Raises:
+        UnshutterError: matplotlib is missing.
+    """
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        raise UnshutterError("evaluate draws plots and needs the extra: pip install 'unshutter[plot]'") from None
+
+
+def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[str, str]]:
+    """Draws the plots of the protocol.
+
+    Returns:
+        (file name, caption) of each.
+
+    Raises:
+        UnshutterError: matplotlib is missing, or the folder cannot be written to.
+    """
+    check_matplotlib()
+    kind = PROTOCOLS[results.request.protocol].kind
+    plots: list[tuple[str, str, Callable[[Results], Any]]] = []
+    if kind in ("motion", "still", "sequences"):
+        plots.append(("epe", "Share of pictures with an EPE up to that on the axis, for each method.", _distributions))
+    if kind == "motion":
+        caption = "Median EPE against how far the motion displaces pixels. On the grey line nothing is gained."
+        plots.append(("size", caption, _against_size))
+    if kind in ("pairs", "video"):
+        plots.append(("bars", "Each picture is a dot, the mean of a method a line.", _dots))
+    if results.curves and kind == "motion":
+        plots.append(("curves", "Motions found (coloured) and true (black) of some pictures.", _curves))
+    drawn = []
+    for name, caption, draw in plots:
+        file = f"{prefix}{name}.png"
+        save_figure(draw(results), folder / file)
+        drawn.append((file, caption))
+    return drawn
+
+
+def new_figure(panels: int, height: float = 3.0, rows: int = 1):
+    """A figure and its axes [rows, panels]; the height in inches."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(min(3.2 * panels + 2, 13), height), layout="constrained")
+    return figure, figure.subplots(rows, panels, squeeze=False)
+
+
+def save_figure(figure: Any, path: Path) -> None:
+    """Writes a PNG with a palette: a third of the size, and unlike SVG it does not grow with the number of methods."""
+    import matplotlib
+    import pyvips
+
+    stream = io.BytesIO()
+    with matplotlib.rc_context(_STYLE):
+        figure.savefig(stream, format="png", dpi=_DPI)
+    image = pyvips.Image.new_from_buffer(stream.getvalue(), "").flatten(background=[255])
+    with written_whole(path) as part:
+        image.pngsave(str(part), palette=True, Q=80, dither=0, effort=7)
+
+
+def _panels(results: Results) -> list[tuple[str, dict[str, str]]]:
+    """(title, values of the records) of each panel: a folder, or a suite where folders are pooled."""
+    key = "group" if PROTOCOLS[results.request.protocol].by_group else "suite"
+    return [(value, {key: value}) for value in results.distinct(key)]
+
+
+def _distributions(results: Results):
+    panels = _panels(results)
+    rows = -(-len(panels) // 5)
+    figure, axes = new_figure(min(len(panels), 5), 3.0 * rows, rows)
+    for axis, (title, wanted) in zip(axes.flat, panels, strict=False):
+        for name, colour, dashes in looks_of(results):
+            axis.plot(
+                np.quantile(results.values("epe", estimator=name, **wanted), _QUANTILES),
+                _QUANTILES, color=colour, ls=dashes, lw=1.4, label=name,
+            )  # fmt: skip
+        axis.set(title=title, xlabel="EPE [px at 256 rows]", xscale="symlog", xlim=(0, 60), ylim=(0, 1))
+        axis.set_xticks([0, 1, 3, 10, 30], ["0", "1", "3", "10", "30"])
+    finish_figure(figure, axes, len(panels), "share of pictures")
+    return figure
+
+
+def _against_size(results: Results):
+    panels = _panels(results)
+    rows = -(-len(panels) // 5)
+    figure, axes = new_figure(min(len(panels), 5), 3.0 * rows, rows)
+    for axis, (title, wanted) in zip(axes.flat, panels, strict=False):
+        size = results.values("epe_nothing", estimator=results.estimators[0], **wanted)
+        edges = np.unique(np.quantile(size, np.linspace(0, 1, min(_BINS, max(len(size) // 3, 1)) + 1)))
+        for name, colour, dashes in looks_of(results):
+            epe = results.values("epe", estimator=name, **wanted)
+            own = results.values("epe_nothing", estimator=name, **wanted)
+            within = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, max(len(edges) - 2, 0))
+            points = [(np.median(own[within == k]), np.median(epe[within == k])) for k in np.unique(within)]
+            axis.plot(*np.transpose(points), color=colour, ls=dashes, lw=1.4, marker=".", label=name)
+        axis.axline((0, 0), slope=1, color="0.8", lw=0.8, zorder=0)
+        axis.set(title=title, xlabel="EPE of doing nothing [px]", xlim=(0, None), ylim=(0, None))
+    finish_figure(figure, axes, len(panels), "median EPE [px]")
+    return figure
+
+
+def _dots(results: Results):
+    kind = PROTOCOLS[results.request.protocol].kind
+    key, label = ("psnr", "PSNR less the input's [dB]") if kind == "pairs" else ("inliers", "|R_F| less the input's")
+    figure, axes = new_figure(len(_panels(results)), 0.32 * len(results.names) + 1)
+    for axis, (title, wanted) in zip(axes.flat, _panels(results), strict=True):
+        for place, name in enumerate(results.names):
+            both = [(r[key], r[f"{key}_input"]) for r in results.chosen(estimator=name, **wanted)]
+            gains = [value - nothing for value, nothing in both if value is not None and nothing is not None]
+            axis.plot(gains, [place] * len(gains), ".", color="tab:blue", ms=5, alpha=0.6)
+            if gains:
+                axis.plot([np.mean(gains)] * 2, [place - 0.35, place + 0.35], color="black", lw=1.5)
+        axis.axvline(0, color="0.7", lw=0.8, zorder=0)
+        axis.set(title=title, xlabel=label, yticks=range(len(results.names)), ylim=(len(results.names) - 0.5, -0.5))
+        axis.set_yticklabels(results.names if axis is axes[0, 0] else [])
+    return figure
+
+
+def _curves(results: Results):
+    figure, axes = new_figure(len(results.curves), 5.4, 2)
+    looks = {name: (colour, dashes) for name, colour, dashes in looks_of(results)}
+    for column, (title, curves) in enumerate(results.curves.items()):
+        for axis, key in zip(axes[:, column], ("tx", "rz"), strict=True):
+            for name, curve in curves.items():
+                colour, dashes = looks.get(name, ("black", "-"))
+                wide = 2.2 if name == "truth" else 1.2
+                axis.plot(curve["row"], curve[key], color=colour, ls=dashes, lw=wide, label=name)
+            axis.set_ylim(*_limits(curves, key))
+        axes[0, column].set_title(title.replace(", ", "\n", 1), fontsize=8)
+        axes[1, column].set_xlabel("row (first to last)")
+    axes[0, 0].set_ylabel("t_x [px at 256 rows]")
+    axes[1, 0].set_ylabel("r_z [deg]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right", frameon=False)
+    return figure
+
+
+def _limits(curves: dict[str, dict[str, list[float]]], key: str) -> tuple[float, float]:
+    """Limits of the axis by the truth alone: one wild estimate must not make it small."""
+    truth = np.array(curves["truth"][key])
+    room = 1.2 * max(np.ptp(truth), 4.0 if key == "tx" else 1.0)
+    return float(truth.min() - room), float(truth.max() + room)
+
+
+def looks_of(results: Results) -> list[tuple[str, Any, str]]:
+    """(name, colour, dashes) of each estimator, the same in all plots; doing nothing in grey."""
+    import matplotlib
+
+    colours = [matplotlib.colormaps["tab10"](k) for k in range(10)]
+    others = [name for name in results.estimators if name != NOTHING]
+    looks: dict[str, tuple[Any, str]] = {
+        name: (colours[k % 10], "-" if k < 10 else "--") for k, name in enumerate(others)
+    }
+    looks[NOTHING] = ("0.5", ":")
+    return [(name, *looks[name]) for name in results.estimators]
+
+
+def finish_figure(figure: Any, axes: Any, used: int, label: str) -> None:
+    """Adds the legend and the label of each row, and hides unused axes."""
+    for axis in axes.flat[used:]:
+        axis.set_visible(False)
+    for row in axes:
+        row[0].set_ylabel(label)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right", frameon=False)

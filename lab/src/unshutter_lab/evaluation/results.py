@@ -1,0 +1,158 @@
+"""The results of a run: the request, the environment, and a record for each picture and estimator; JSON and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import platform
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.motion import Motion
+from unshutter.version import __version__
+from unshutter_lab.evaluation.cases.case import Case, Example, Record
+from unshutter_lab.evaluation.cases.protocols import PROTOCOLS, Request
+from unshutter_lab.evaluation.store import code_digest
+
+FORMAT = "unshutter-evaluation/1"
+_LIBRARIES = ("numpy", "opencv-python-headless", "onnxruntime", "pyvips")
+_EXAMPLES = (0.3, 0.55, 0.8, 0.95)  # of the pictures, ordered by how much they are distorted
+_CURVE_ROWS = 33
+_FORMER_NAMES = {"environment": "about", "oracles": "rivals"}  # of keys, in files of earlier versions
+
+
+def _versions() -> dict[str, str]:
+    """Versions of the libraries that figures depend on; those that are not installed are left out."""
+    found = {}
+    for name in _LIBRARIES:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+@dataclass(frozen=True)
+class Results:
+    """All that tables and plots are made from.
+
+    Attributes:
+        request: what was to be measured.
+        estimators: their names, in the order of the tables.
+        oracles: names of what was judged beside them, and knows the truth or more than one photo.
+        records: one for each picture and estimator.
+        environment: what measured: versions, the code's digest, the kind of machine.
+        curves: example -> name -> {"row" [0 ... 1], "tx" [px at 256 rows], "rz" [deg]}.
+    """
+
+    request: Request
+    estimators: list[str]
+    oracles: list[str]
+    records: list[Record]
+    environment: dict[str, str] = field(default_factory=dict)
+    curves: dict[str, dict[str, dict[str, list[float]]]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, request: Request, estimators: list[str], oracles: list[str], records: list[Record]) -> Results:
+        """Results measured here and now."""
+        environment = {"unshutter": __version__, "code": code_digest(), "machine": platform.machine()}
+        environment |= {"python": platform.python_version(), **_versions()}
+        return cls(request, estimators, oracles, records, environment)
+
+    @property
+    def names(self) -> list[str]:
+        """Estimators and oracles."""
+        return [*self.estimators, *self.oracles]
+
+    @property
+    def command(self) -> str:
+        """The command that gives these figures again."""
+        r = self.request
+        words = ["unshutter evaluate --protocol", r.protocol, "--data", *(str(folder) for folder in r.data)]
+        words += ["--trajectory", str(r.trajectory)] if r.trajectory else []
+        words += ["--photos", str(r.photos)] if r.photos else []
+        words += ["--per-photo", str(r.per_photo)] if PROTOCOLS[r.protocol].kind == "motion" else []
+        words += ["--readout-ratio", *(f"{ratio:g}" for ratio in r.readout_ratio)] if r.readout_ratio else []
+        return " ".join([*words, "--seed", str(r.seed), "--estimators", ",".join(self.estimators)])
+
+    def with_examples(self, examples: list[Example]) -> Results:
+        """The same results with the curves of some pictures."""
+        return replace(self, curves={e.title: {n: _curve(m) for n, m in e.curves.items()} for e in examples})
+
+    def to_json(self) -> str:
+        """All of it as JSON."""
+        data = {"format": FORMAT, "command": self.command, **asdict(self)}
+        return json.dumps(data, default=str, allow_nan=False)
+
+    @classmethod
+    def load(cls, path: Path) -> Results:
+        """Reads what :meth:`to_json` wrote.
+
+        Raises:
+            UnshutterError: the file cannot be read or holds no results.
+        """
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+            request: dict[str, Any] = data["request"]
+            request["data"] = tuple(Path(p) for p in request["data"])
+            request["readout_ratio"] = tuple(request.get("readout_ratio", ()))
+            request["trajectory"] = Path(request["trajectory"]) if request["trajectory"] else None
+            data |= {name: data[former] for name, former in _FORMER_NAMES.items() if former in data}
+            known = {key: data[key] for key in ("estimators", "oracles", "records", "environment", "curves")}
+            return cls(Request(**request), **known)
+        except OSError as error:
+            raise UnshutterError(f"cannot read results {path}: {error.strerror}") from None
+        except (ValueError, KeyError, TypeError):
+            raise UnshutterError(f"{path} holds no results of unshutter evaluate") from None
+
+    def to_csv(self) -> str:
+        """The records as CSV, a line each."""
+        columns = list(dict.fromkeys(key for record in self.records for key in record))
+        stream = io.StringIO()
+        writer = csv.DictWriter(stream, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self.records)
+        return stream.getvalue()
+
+    def values(self, key: str, **wanted: str) -> np.ndarray:
+        """One figure of the records with these values (suite, group, estimator), where it is known."""
+        return values(self.chosen(**wanted), key)
+
+    def chosen(self, **wanted: str) -> list[Record]:
+        """The records with these values."""
+        return [r for r in self.records if all(r[k] == v for k, v in wanted.items())]
+
+    def distinct(self, key: str) -> list[str]:
+        """The different values of a key, in the order of the records."""
+        return list(dict.fromkeys(r[key] for r in self.records))
+
+
+def values(records: Iterable[Record], key: str) -> np.ndarray:
+    """One figure of each record that has it, as an array."""
+    return np.array([r[key] for r in records if r.get(key) is not None], dtype=np.float64)
+
+
+def examples_of(cases: list[Case], records: list[Record]) -> list[Case]:
+    """A few cases to look at, from little to much distorted; the first few where the distortion is not known."""
+    distortion = {}  # picture -> EPE of doing nothing
+    for record in records:
+        picture = (record["suite"], record["group"], record["photo"], record["draw"])
+        distortion.setdefault(picture, record.get("epe_nothing"))
+    if len(distortion) != len(cases) or None in distortion.values():
+        return cases[: len(_EXAMPLES)]
+    order = np.argsort(list(distortion.values()), kind="stable")
+    return list(dict.fromkeys(cases[order[int(share * (len(order) - 1))]] for share in _EXAMPLES))
+
+
+def _curve(motion: Motion) -> dict[str, list[float]]:
+    rows = np.linspace(0, motion.height - 1, _CURVE_ROWS)
+    known = np.arange(motion.height)
+    tx, rz = np.interp(rows, known, motion.tx_px) * 256 / motion.height, np.interp(rows, known, motion.rz_rad)
+    share = np.linspace(0, 1, _CURVE_ROWS)
+    return {"row": share.tolist(), "tx": tx.round(3).tolist(), "rz": np.degrees(rz).round(4).tolist()}

@@ -1,0 +1,155 @@
+"""A whole evaluation: all cases of a protocol, over several processes, resumable; then its report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import cache
+from itertools import chain
+from multiprocessing import get_context
+from pathlib import Path
+
+from unshutter.batch.workers import settle_worker
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.estimators import register
+from unshutter.estimators.base import Estimator
+from unshutter.progress import Progress
+from unshutter.storage.protection import Protection
+from unshutter_lab.evaluation.cases.case import Case, Record
+from unshutter_lab.evaluation.cases.folders import logs_in, pictures_in
+from unshutter_lab.evaluation.cases.protocols import PROTOCOLS, Request
+from unshutter_lab.evaluation.pages.plots import check_matplotlib
+from unshutter_lab.evaluation.pages.report import write_report
+from unshutter_lab.evaluation.results import Results, examples_of
+from unshutter_lab.evaluation.store import Store
+
+# what the libraries ask for how many threads they may start
+_THREADS = ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+# (case, names still to be judged)
+_Task = tuple[Case, list[str]]
+
+
+def evaluate(request: Request, estimators: str, output: Path, jobs: int | None = None, overwrite: bool = False) -> int:
+    """Measures estimators and writes results.md, results.json, results.csv, plots and contact sheets.
+
+    Args:
+        request: what is measured on what.
+        estimators: names with commas between them, or ``all``.
+        output: folder; a run in it that was stopped goes on.
+        jobs: processes; by default one for each processor. The figures do not depend on it.
+        overwrite: whether a run in the folder with other settings or code may be thrown away.
+
+    Returns:
+        Number of pictures that could not be used.
+
+    Raises:
+        UsageError: an unknown estimator, numbers that cannot be, another run in the folder.
+        UnshutterError: data or an estimator's extra are missing, data cannot be used, the folder not written to.
+    """
+    names = _chosen(estimators)
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"needs at least one process, got {jobs}")
+    check_matplotlib()
+    cases = PROTOCOLS[request.protocol].cases(request)
+    for name in names:
+        register.load(name)  # so that a missing extra is reported before the work
+    _check_output(output, request, names)
+    store = Store(output, {key: _plain(value) for key, value in asdict(request).items()}, overwrite)
+    measured = _measure(cases, names, store, jobs or os.cpu_count() or 1)
+    oracles = list(dict.fromkeys(oracle for case in cases for oracle in case.oracles))
+    records = store.records([case.key for case in measured], [*names, *oracles])
+    if not records:
+        raise UnshutterError("nothing could be measured")
+    examples = [case.show(names, _loaded) for case in examples_of(measured, records)]
+    write_report(Results.of(request, names, oracles, records).with_examples(examples), examples, output)
+    return len(cases) - len(measured)
+
+
+def _check_output(folder: Path, request: Request, names: list[str]) -> None:
+    """Raises UnshutterError where results would go to a folder with files that are measured on, or with."""
+    logs = logs_in(request.trajectory) if request.trajectory is not None else ()
+    read = [*chain.from_iterable(map(pictures_in, request.data)), *logs, *map(register.weights_file, names)]
+    Protection(read).check_all_in(folder)
+
+
+def _measure(cases: list[Case], names: list[str], store: Store, jobs: int) -> list[Case]:
+    """Judges what is not in the store yet; returns the cases whose pictures could be used."""
+    tasks = [(case, store.missing(case.key, [*names, *case.oracles])) for case in cases]
+    waiting = [task for task in tasks if task[1]]
+    problems: dict[str, str] = {}  # case -> what is wrong with its picture
+    with Progress(len(cases), "pictures") as bar:
+        for _ in range(len(tasks) - len(waiting)):
+            bar.advance()
+        for (case, missing), records in _judged(waiting, jobs):
+            if isinstance(records, str):
+                if records not in problems.values():  # one photo makes several cases
+                    bar.tell(f"unshutter: {records}")
+                problems[case.key] = records
+            else:
+                store.add(case.key, missing, records)
+            bar.advance()
+    return [case for case in cases if case.key not in problems]
+
+
+def _chosen(estimators: str) -> list[str]:
+    names = register.names() if estimators == "all" else [name.strip() for name in estimators.split(",")]
+    for name in names:
+        register.check_name(name)
+    return list(dict.fromkeys(names))
+
+
+def _judged(tasks: list[_Task], jobs: int) -> Iterator[tuple[_Task, list[Record] | str]]:
+    """The records of each task, in any order; instead of them a line where the picture cannot be used."""
+    if jobs == 1 or len(tasks) < 2:
+        for task in tasks:
+            yield task, _judge(*task)
+        return
+    # spawned, not forked: libvips and OpenCV have threads that a fork would lose
+    pool = ProcessPoolExecutor(min(jobs, len(tasks)), get_context("spawn"), settle_worker)
+    try:
+        with _one_thread_each():
+            running = {pool.submit(_judge, *task): task for task in tasks}
+            for done in as_completed(running):
+                yield running[done], done.result()
+    except BrokenProcessPool:
+        raise UnshutterError("a process died (out of memory?): what was finished is kept; try fewer --jobs") from None
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes that start meanwhile use one thread: libraries read these variables when they are loaded."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            os.environ.update({name: value} if value is not None else {})
+
+
+def _judge(case: Case, names: list[str]) -> list[Record] | str:
+    """The records of a case, or what is wrong with its picture."""
+    try:
+        return case.judge(names, _loaded)
+    except UnshutterError as error:
+        return str(error)
+
+
+@cache
+def _loaded(name: str) -> Estimator:
+    """The estimator of that name, made once per process."""
+    return register.load(name)
+
+
+def _plain(value: object) -> object:
+    """As JSON has it."""
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    return str(value) if isinstance(value, Path) else value

@@ -1,0 +1,109 @@
+"""The records of a run on disc, as they are measured, so that a run that was stopped can go on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import unshutter
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.storage.places import write_place
+from unshutter.storage.plain_files import add_text
+from unshutter_lab.evaluation.cases.case import Record
+
+_NAME = "records.jsonl"
+_DIGITS = 5
+
+
+class Store:
+    """A file with one JSON line for each case and estimator, after a line with the settings of the run.
+
+    Args:
+        folder: made where it is missing.
+        settings: everything that the figures depend on but the code, whose digest is added.
+        overwrite: whether records of other settings or other code may be thrown away.
+
+    Raises:
+        UsageError: the folder holds another run.
+        UnshutterError: the folder cannot be written to.
+    """
+
+    def __init__(self, folder: Path, settings: dict[str, Any], overwrite: bool):
+        self._path = folder / _NAME
+        self._done: dict[tuple[str, str], list[Record]] = {}
+        head = {"settings": settings, "code": code_digest()}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if not self._resumed(head, overwrite):
+                write_place(f"{json.dumps(head)}\n".encode(), self._path)
+        except OSError as error:
+            raise UnshutterError(f"cannot write to folder {folder}: {error.strerror}") from None
+
+    def missing(self, key: str, names: list[str]) -> list[str]:
+        """Those of the names that have no records of a case yet."""
+        return [name for name in names if (key, name) not in self._done]
+
+    def add(self, key: str, names: list[str], records: list[Record]) -> None:
+        """Writes the records of a case to disc.
+
+        Raises:
+            UnshutterError: they cannot be written.
+        """
+        lines = ""
+        for name in names:
+            own = [_rounded(record) for record in records if record["estimator"] == name]
+            self._done[key, name] = own
+            lines += json.dumps({"key": key, "estimator": name, "records": own}) + "\n"
+        add_text(self._path, lines)
+
+    def records(self, keys: list[str], names: list[str]) -> list[Record]:
+        """The records of these cases and names, in this order."""
+        return [r for key in keys for name in names for r in self._done.get((key, name), [])]
+
+    def _resumed(self, head: dict, overwrite: bool) -> bool:
+        """Reads the records that are there; False where the run starts afresh."""
+        if not os.path.lexists(self._path):
+            return False
+        lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
+        if (found := _parsed(lines[0]) if lines else None) != head:
+            if found is None and lines and not overwrite:
+                raise UsageError(f"{self._path} is no record of a run: choose another --output, or --overwrite it")
+            if found is not None and not overwrite:
+                other = "settings" if found.get("settings") != head["settings"] else "code"
+                raise UsageError(
+                    f"{self._path.parent} holds a run with other {other}: choose another --output, or --overwrite it"
+                )
+            return False
+        whole = [record for line in lines[1:] if (record := _parsed(line))]
+        self._done = {(record["key"], record["estimator"]): record["records"] for record in whole}
+        if len(whole) < len(lines) - 1:  # the run was killed in the middle of a line
+            rest = [json.dumps(record) for record in (head, *whole)]
+            write_place("".join(f"{line}\n" for line in rest).encode(), self._path)
+        return True
+
+
+@cache
+def code_digest() -> str:
+    """Digest of the package's code and weights, which tells records of other code from new ones."""
+    digest = hashlib.sha256()
+    root = Path(unshutter.__file__).parent
+    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".npz", ".onnx")):
+        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _rounded(record: Record) -> Record:
+    """Without the last digits, in which threads and processors differ."""
+    return {key: round(value, _DIGITS) if isinstance(value, float) else value for key, value in record.items()}
+
+
+def _parsed(line: str) -> dict | None:
+    try:
+        value = json.loads(line)
+    except ValueError:
+        return None
+    return value if isinstance(value, dict) else None

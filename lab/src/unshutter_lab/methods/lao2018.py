@@ -1,0 +1,121 @@
+"""lao2018: curves that were straight lines -> one angular velocity for the whole picture.
+
+After Lao, Ait-Aider, "A Robust Method for Strong Rolling Shutter Effects Correction Using Lines with Automatic Feature
+Selection" (CVPR 2018): a camera that turns at a constant rate bends lines in a way that four of them tell; curves that
+are not lines of the scene are sorted out by random samples of four. Only the abstract was at hand: the solver, the
+thresholds and the refinement are chosen here and stated in docs/rivals.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unshutter.estimators.base import Estimator, View
+from unshutter.motion import Motion
+from unshutter_lab.methods.curves import RotatedCurves, curve_length, find_curves
+from unshutter_lab.methods.least_squares import cauchy, forward_differences, minimise, squared
+
+SHORT_SIDE = 512  # of the grey copy in which curves are found [px]
+SHORTEST = 0.1  # of the short side: short curves show no bend
+MOST_CURVES = 150
+FEWEST_CURVES = 4
+SAMPLES = 200
+SAMPLE_STEPS = 6  # of Gauss and Newton on each sample
+SAMPLE_PX = 0.2  # error of a point in a sample, against which the motion's size is weighed
+INLIER_PX = 0.5  # root mean square distance of a straight curve from its line [px]
+MOTION_SIGMAS = np.array([0.02, 0.02, 0.15])  # rad over the rows about x, y (which curves hardly show) and z
+LINE_SPREADS = 10.0  # of the distances' median: scale of their cost; high, as neighbouring points err alike
+LEAST_SPREAD = 1e-4  # px
+SEED = 0
+
+
+class Lao2018(Estimator):
+    """Random samples of four curves, then all that agree."""
+
+    def estimate(self, view: View) -> Motion:
+        """Uniform rotation; no motion and a reason where fewer than four curves were found or agree."""
+        grey = view.grey(SHORT_SIDE)
+        curves = find_curves(grey, SHORTEST * min(grey.shape))[:MOST_CURVES]
+        if len(curves) < FEWEST_CURVES:
+            return view.no_motion(self.name, f"only {len(curves)} curves found, four are needed")
+        velocity = fit_velocity(curves, grey.shape[0], grey.shape[1], view.focal_px() * grey.shape[0] / view.height)
+        if velocity is None:
+            return view.no_motion(self.name, "fewer than four curves agree on one angular velocity")
+        u = (np.arange(view.height) + 0.5) / view.height
+        return view.rotation_motion(u[:, None] * velocity, self.name)
+
+
+def fit_velocity(curves: np.ndarray, height: int, width: int, focal_px: float) -> np.ndarray | None:
+    """Angular velocity [3] about x, y, z [rad from the first row's start to the last's end]; None where none fits.
+
+    Args:
+        curves: [C, K, 2] points (col, row) [px].
+        height, width: of the picture [px].
+        focal_px: focal length [px].
+    """
+    bends = _Bends(RotatedCurves(curves, height, width, focal_px))
+    rng = np.random.default_rng(SEED)
+    samples = np.stack([rng.permutation(len(curves))[:FEWEST_CURVES] for _ in range(SAMPLES)])
+    solved = np.concatenate([np.zeros((1, 3)), bends.solve(samples)])  # no motion at all is an answer, too
+    best = solved[int(np.argmin([bends.cost(v) for v in solved]))]
+    straight = np.flatnonzero(bends.spread(best) < INLIER_PX)
+    return bends[straight].refine(best) if len(straight) >= FEWEST_CURVES else None
+
+
+class _Bends:
+    """How bent curves are left by an angular velocity."""
+
+    def __init__(self, curves: RotatedCurves):
+        self._curves, self._length = curves, curve_length(curves.points)
+
+    def __getitem__(self, index: np.ndarray) -> _Bends:
+        """Some of the curves, in the shape of the index."""
+        return _Bends(self._curves[index])
+
+    def __call__(self, velocity: np.ndarray) -> np.ndarray:
+        """Distances [..., C, K] of the points of curves [..., C] to their lines under velocities [..., 3] [px]."""
+        return self._curves.undone(lambda u: u[..., None] * velocity[..., None, None, :])[1]
+
+    def solve(self, samples: np.ndarray) -> np.ndarray:
+        """Velocities [S, 3] of samples [S, 4] of curves: least squares from no motion; NaN where that runs away."""
+        sampled, found = self[samples], np.zeros((len(samples), 3))
+        prior_precision = (SAMPLE_PX / MOTION_SIGMAS) ** 2
+
+        def residuals(velocity: np.ndarray) -> np.ndarray:
+            return sampled(velocity).reshape(len(samples), -1)
+
+        for _ in range(SAMPLE_STEPS):
+            r = residuals(found)
+            J = forward_differences(residuals, found, r, np.full(3, 1e-6))  # [S, 4 K, 3]
+            J_T = np.swapaxes(J, 1, 2)
+            normal = J_T @ J + np.diag(prior_precision)
+            gradient = (J_T @ r[..., None])[..., 0] + prior_precision * found
+            found = found - np.linalg.solve(normal, gradient[..., None])[..., 0]
+        return found
+
+    def spread(self, velocity: np.ndarray) -> np.ndarray:
+        """Root mean square distance of each curve from its line [C] [px]."""
+        return np.sqrt((self(velocity) ** 2).mean(axis=-1))
+
+    def cost(self, velocity: np.ndarray) -> float:
+        """MSAC cost: squared spreads, bounded, long curves counting more."""
+        bounded = np.fmin(self.spread(velocity) / INLIER_PX, 1.0) ** 2  # fmin: a sample that ran away counts as bad
+        return float((bounded * self._length).sum())
+
+    def refine(self, velocity: np.ndarray) -> np.ndarray:
+        """The velocity [3] that fits all curves best; the scale follows what is left."""
+        for _ in range(10):
+            sigma = max(LINE_SPREADS * float(np.median(np.abs(self(velocity)))), LEAST_SPREAD)
+            last = velocity
+            velocity, _ = minimise(
+                lambda v, sigma=sigma: np.concatenate([v / MOTION_SIGMAS, self(v).ravel() / sigma]), velocity, _loss
+            )
+            if np.abs(velocity - last).max() < 1e-7:
+                break
+        return velocity
+
+
+def _loss(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Squares for the motion, Cauchy's for distances."""
+    (motion_cost, motion_weight), (line_cost, line_weight) = squared(r[:3]), cauchy(r[3:])
+    return np.concatenate([motion_cost, line_cost]), np.concatenate([motion_weight, line_weight])

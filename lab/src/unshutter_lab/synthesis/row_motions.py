@@ -1,0 +1,160 @@
+"""Row motions to distort pictures with: random quadratics, and windows of recorded camera rotation.
+
+A picture is distorted on a canvas larger than what is kept, so that its borders do not run out of the picture. A
+:class:`DrawnMotion` is therefore one motion in two forms: on every row of the square canvas, and on the rows of the
+square crop in its middle. Both are zero on the crop's first row and turn about the centre that canvas and crop share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.motion import Motion, RowMotion
+from unshutter_lab.synthesis.rotation_log import RotationLog
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float
+
+_PREDECESSORS_ROWS = 256  # the pixel ranges of the predecessor's generator are for so many rows
+
+
+@dataclass(frozen=True)
+class DrawnMotion:
+    """One motion on the rows of a square canvas and of the square crop in its middle.
+
+    Attributes:
+        canvas: on every row of the canvas; zero on the crop's first row, not on its own.
+        crop: on the rows of the crop; reference row: the first.
+        parameters: what was drawn, for the manifest: numbers and words only.
+    """
+
+    canvas: Motion
+    crop: Motion
+    parameters: dict[str, float | str]
+
+    @classmethod
+    def of_canvas(
+        cls, tx_px: Float[np.ndarray, "canvas"], rz_rad: Float[np.ndarray, "canvas"], rows: int, parameters: dict
+    ) -> DrawnMotion:
+        """Sets both motions to zero on the crop's first row.
+
+        Args:
+            tx_px: [canvas] t_x of every row of the canvas [px].
+            rz_rad: [canvas] r_z of every row of the canvas [rad].
+            rows: side of the crop [px].
+            parameters: what was drawn.
+        """
+        canvas = len(tx_px)
+        margin = _margin(rows, canvas)
+        tx, rz = tx_px - tx_px[margin], rz_rad - rz_rad[margin]
+        kept = slice(margin, margin + rows)
+        origin = {"estimator": "drawn", "confidence": 1.0}
+        return cls(RowMotion(canvas, tx, rz, **origin), RowMotion(rows, tx[kept], rz[kept], **origin), parameters)
+
+    @property
+    def margin(self) -> int:
+        """Rows of the canvas above and below the crop, and columns on each side of it."""
+        return (self.canvas.height - self.crop.height) // 2
+
+    def resized(self, short_side: int) -> DrawnMotion:
+        """The same motion on the largest canvas that a picture of this short side holds.
+
+        The crop keeps its share of the canvas, round(rows * short_side / canvas) rows; the canvas loses a
+        row and a column where their difference would be odd. Interpolated linearly at row centres, t_x
+        scaled with the size.
+        """
+        rows = round(self.crop.height * short_side / self.canvas.height)
+        canvas = short_side - (short_side - rows) % 2
+        scale, margin = rows / self.crop.height, (canvas - rows) // 2
+        known = (np.arange(self.canvas.height) - self.margin + 0.5) * scale - 0.5 + margin
+        tx, rz = self.canvas.tx_px * scale, self.canvas.rz_rad
+        whole = RowMotion.from_key_rows(known.tolist(), tx.tolist(), rz.tolist(), canvas, canvas)
+        return DrawnMotion.of_canvas(whole.tx_px, whole.rz_rad, rows, self.parameters)
+
+
+def draw_quadratic(
+    rng: np.random.Generator, rows: int = 256, canvas: int = 356, pure_rotation: bool = True
+) -> DrawnMotion:
+    """Draws from the generator of Rengarajan, Balaji, Rajagopalan (CVPR 2017).
+
+    On canvas row i, with n the canvas's rows: t_x = a (5i/n)^2 + b (5i/n) px, a in (-3, 3), b in (-6, 6);
+    r_z = [c (i/n)^2 + d (i/n)] pi/8 rad, c and d in (-0.4, 0.4), all uniform; both minus their value on the
+    crop's first row. One motion in six only translates. For other sizes than their 256 rows the pixels
+    scale with the rows.
+
+    Args:
+        rng: five numbers are drawn from it.
+        rows: side of the crop [px].
+        canvas: side of the canvas [px].
+        pure_rotation: whether another one in six only rotates (the predecessor's program means to do so, but never
+            reaches that line).
+
+    Raises:
+        UsageError: the canvas is no larger than the crop by an even number of pixels.
+    """
+    _margin(rows, canvas)
+    kind, a, b, c, d = rng.uniform([0, -3, -6, -0.4, -0.4], [6, 3, 6, 0.4, 0.4]).tolist()
+    if kind < 1:
+        c = d = 0.0
+    elif kind < 2 and pure_rotation:
+        a = b = 0.0
+    u = np.arange(canvas) / canvas
+    tx = (a * (5 * u) ** 2 + b * (5 * u)) * (rows / _PREDECESSORS_ROWS)
+    rz = (c * u**2 + d * u) * (np.pi / 8)
+    return DrawnMotion.of_canvas(tx, rz, rows, {"alpha_tx": a, "beta_tx": b, "alpha_rz": c, "beta_rz": d})
+
+
+def draw_from_trajectory(
+    rng: np.random.Generator,
+    log: RotationLog,
+    readout_s: float,
+    focal_px: float,
+    rows: int = 256,
+    canvas: int = 356,
+) -> DrawnMotion:
+    """Cuts the time of one readout from a log of camera rotation.
+
+    The window starts anywhere in the log where no samples are missing, all places equally likely. Turning about the
+    picture's vertical moves the scene by t_x = focal_px * tan(angle), turning about the optical axis is r_z. Turning
+    about the picture's horizontal and moving the camera are left out, because the motion model has neither. Which axis
+    of the log is which: see :class:`RotationLog`.
+
+    Args:
+        rng: one number is drawn from it.
+        log: recorded rotation.
+        readout_s: time in which the crop is read out, ``rows`` times the time of one row [s]; the canvas's margins
+            take more, in proportion.
+        focal_px: focal length in pixels of the crop.
+        rows: side of the crop [px].
+        canvas: side of the canvas [px].
+
+    Raises:
+        UsageError: times, focal length or sizes that cannot be.
+        UnshutterError: the log is too short, or turns by more than a radian within the window.
+    """
+    margin = _margin(rows, canvas)
+    if not (0 < readout_s < np.inf and 0 < focal_px < np.inf):
+        raise UsageError(f"readout and focal length must be positive, got {readout_s:g} s and {focal_px:g} px")
+    line_s = readout_s / rows
+    start = log.draw_start(rng, (canvas - 1) * line_s)
+    yaw, roll = log.angles(start + np.arange(canvas) * line_s)  # each [canvas]
+    yaw, roll = yaw - yaw[margin], roll - roll[margin]
+    if max(np.abs(yaw).max(), np.abs(roll).max()) > 1:
+        raise UnshutterError(
+            f"the recorded camera turns by more than 57 degrees within {readout_s:g} s: choose a shorter readout"
+        )
+    parameters = {"start_s": start, "readout_s": readout_s, "focal_px": focal_px}
+    return DrawnMotion.of_canvas(focal_px * np.tan(yaw), roll, rows, parameters)
+
+
+def _margin(rows: int, canvas: int) -> int:
+    if rows < 2 or canvas < rows or (canvas - rows) % 2:
+        raise UsageError(
+            f"cannot cut {rows} px out of the middle of a canvas of {canvas} px: "
+            "the size must be at least 2 and the canvas larger by an even number"
+        )
+    return (canvas - rows) // 2

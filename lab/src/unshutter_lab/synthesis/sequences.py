@@ -1,0 +1,137 @@
+"""Sequences of rolling-shutter frames with known motion: a photo seen by a camera that turns as a recorded one did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.geometry.rotations import rotation_vector
+from unshutter.motion import RotationMotion
+from unshutter.options import Reference
+from unshutter_lab.synthesis.rotation_log import RotationLog
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64, UInt8
+
+_FARTHEST = np.radians(50)  # from the middle of the photo's plane; beyond, too little of it fills a frame
+
+
+@dataclass(frozen=True)
+class TurningCamera:
+    """A camera that stays in its place and turns as a log says.
+
+    Attributes:
+        log: recorded rotation.
+        start_s: time of the log at which the first row of frame 0 is exposed [s].
+        frames: number of frames.
+        fps: frames per second.
+        readout_ratio: time from the first row to that after the last, in frame intervals, 0 ... 1.
+        height, width: of the frames [px].
+        focal_px: focal length [px].
+
+    Raises:
+        UsageError: numbers that cannot be.
+        UnshutterError: the log is too short, or turns too far.
+    """
+
+    log: RotationLog
+    start_s: float
+    frames: int
+    fps: float
+    readout_ratio: float
+    height: int
+    width: int
+    focal_px: float
+
+    def __post_init__(self) -> None:
+        if self.frames < 1 or not (self.fps > 0 and self.focal_px > 0 and 0 <= self.readout_ratio <= 1):
+            raise UsageError("needs at least one frame, and a readout ratio between 0 and 1")
+        if self.start_s < self.log.t_s[0] or self.start_s + self.duration_s(self.frames, self.fps) > self.log.t_s[-1]:
+            raise UnshutterError(f"the log ends before {self.frames} frames from {self.start_s:.3g} s on are taken")
+        if (self.rotations(np.arange(self.frames))[:, 2, 2] < np.cos(_FARTHEST)).any():
+            raise UnshutterError("the recorded camera turns away from the photo: choose another start or fewer frames")
+
+    @staticmethod
+    def duration_s(frames: int, fps: float) -> float:
+        """The longest time that so many frames can take [s]."""
+        return (frames + 1) / fps
+
+    @classmethod
+    def drawn(
+        cls, rng: np.random.Generator, log: RotationLog, frames: int, tries: int = 200, fps: float = 30.0, **camera
+    ) -> TurningCamera:
+        """A camera that starts anywhere in the log from where it does not turn too far.
+
+        Args:
+            rng: draws the start.
+            log: recorded rotation.
+            frames: number of frames.
+            tries: starts that are tried.
+            fps: frames per second.
+            camera: the other attributes.
+
+        Raises:
+            UnshutterError: no such start was found.
+        """
+        for _ in range(tries):
+            start = log.draw_start(rng, cls.duration_s(frames, fps))
+            try:
+                return cls(log, start, frames, fps, **camera)
+            except UnshutterError:
+                continue
+        raise UnshutterError("the recorded camera turns too far everywhere: choose fewer frames")
+
+    def motion(self, frame: int, reference: Reference = "first") -> RotationMotion:
+        """The true motion of a frame."""
+        rotations = self.rotations(self._row_times(frame))
+        vectors = rotation_vector(rotations @ rotations[0].T)
+        vectors[0] = 0.0
+        motion = RotationMotion(width=self.width, rotations=vectors, focal_px=self.focal_px, estimator="drawn")
+        return motion.rereferenced(reference)
+
+    def rendered(
+        self, photo: UInt8[np.ndarray, "rows columns *bands"], noise: float = 0.0, seed: int = 0
+    ) -> Iterator[UInt8[np.ndarray, "height width *bands"]]:
+        """The frames, one after the other.
+
+        Args:
+            photo: undistorted; it fills the frame, and where the camera looks beyond it, it goes on mirrored.
+            noise: standard deviation of what is added to every pixel [levels of 255].
+            seed: of the noise.
+        """
+        import cv2
+
+        rng = np.random.default_rng(seed)
+        scale = min(photo.shape[0] / self.height, photo.shape[1] / self.width)  # px of the photo per px of the frame
+        if scale > 1:  # so that details do not alias
+            size = (round(photo.shape[1] / scale), round(photo.shape[0] / scale))
+            photo, scale = cv2.resize(photo, size, interpolation=cv2.INTER_AREA), 1.0
+        middle = (np.array(photo.shape[1::-1]) - 1) / 2
+        for frame in range(self.frames):
+            at = (self._looks_at(frame) * scale + middle).astype(np.float32)
+            seen = cv2.remap(photo, at[..., 0], at[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+            if noise:
+                seen = np.clip(np.rint(seen + rng.normal(0, noise, seen.shape)), 0, 255).astype(np.uint8)
+            yield seen
+
+    def _looks_at(self, frame: int) -> np.ndarray:
+        """[H, W, 2] (col, row) about the middle of the photo's plane that a frame's pixels see [px of a frame]."""
+        back = self.rotations(self._row_times(frame)).transpose(0, 2, 1)  # [H, 3, 3]
+        x = np.arange(self.width) - (self.width - 1) / 2
+        y = np.arange(self.height) - (self.height - 1) / 2
+        fixed = back[:, :, 1] * y[:, None] + back[:, :, 2] * self.focal_px  # [H, 3]
+        direction = back[:, None, :, 0] * x[:, None] + fixed[:, None]  # [H, W, 3]
+        return direction[..., :2] / direction[..., 2:] * self.focal_px
+
+    def _row_times(self, frame: int) -> np.ndarray:
+        return frame + self.readout_ratio * (np.arange(self.height) + 0.5) / self.height
+
+    def rotations(self, times: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
+        """R at times [frame intervals], seen from the pose in the middle of the sequence."""
+        at = np.append(times, self.frames / 2) / self.fps + self.start_s
+        rotations = self.log.rotations(at)
+        return rotations[:-1] @ rotations[-1].T

@@ -1,0 +1,68 @@
+"""Checkpoints: a run's state in a file, from which it resumes or another one starts."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from unshutter.errors import UsageError
+from unshutter_lab.training.config import TrainConfig, as_table
+
+PART = "checkpoint.part"  # beside a checkpoint, while it is written
+
+
+def save_checkpoint(path: Path, config: TrainConfig, state: dict[str, Any]) -> None:
+    """Writes a checkpoint whole or not at all.
+
+    Args:
+        path: of the file; one that is there is replaced.
+        config: of the run.
+        state: plain values and state_dicts.
+    """
+    part = path.with_name(PART)
+    torch.save({"config": as_table(config), **state}, part)
+    os.replace(part, path)
+
+
+def load_checkpoint(path: Path, config: TrainConfig, device: torch.device) -> dict[str, Any] | None:
+    """The state to resume from; None where there is no checkpoint yet.
+
+    Raises:
+        UsageError: the checkpoint is of another configuration.
+    """
+    if not path.exists():
+        return None
+    state = torch.load(path, map_location=device, weights_only=True)
+    if _identity(state["config"]) != _identity(as_table(config)):
+        raise UsageError(f"{path.parent} holds a run of another configuration; choose another --out")
+    return state
+
+
+def start_from(network: nn.Module, checkpoint: Path) -> None:
+    """Copies the averaged weights of another run's checkpoint, where name and shape agree; the others stay.
+
+    Raises:
+        UsageError: no such checkpoint, or none of its weights fits.
+    """
+    try:
+        state = torch.load(checkpoint, map_location="cpu", weights_only=True)["average"]
+    except (OSError, KeyError, RuntimeError, pickle.UnpicklingError):
+        raise UsageError(f"cannot start from {checkpoint}: it is not a checkpoint of a run") from None
+    own = network.state_dict()
+    known = {name.removeprefix("module."): value for name, value in state.items()}
+    fitting = {name: value for name, value in known.items() if name in own and own[name].shape == value.shape}
+    if not fitting:
+        raise UsageError(f"cannot start from {checkpoint}: it is of another network")
+    network.load_state_dict(fitting, strict=False)
+
+
+def _identity(table: dict[str, Any]) -> dict[str, Any]:
+    """What makes a run this one: everything but its length and where its photos lie."""
+    whole = {**as_table(TrainConfig(table["model"])), **table}  # a checkpoint may be older than some settings
+    whole["data"] = {name: value for name, value in whole["data"].items() if name != "folder"}
+    return {name: value for name, value in whole.items() if name not in ("steps", "keep_at")}

@@ -1,0 +1,196 @@
+r"""A trained network made small enough to ship, without being trained again.
+
+    python -m unshutter_lab.training.compact runs/rengarajan2017-rowcol-bn-cpu/model.onnx --rank 32 --eight-bits \
+        --config rengarajan2017-rowcol-bn-cpu --photos FOLDER -o rengarajan2017.onnx
+
+* The outputs of wide fully connected layers vary in few directions: principal component analysis of their outputs for
+  training pictures finds these, and the others are left out (``--rank``).
+* Weights are stored as 16-bit floating point, with ``--eight-bits`` those of convolutions as 8-bit integers, each
+  output channel with a scale of its own. The network calculates in 32 bits as before.
+
+Prints the validation figures of both files. For networks that read pixels (``rs``).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from onnx import ModelProto, NodeProto, helper, numpy_helper
+from torch import Tensor, nn
+
+from unshutter.errors import UsageError
+from unshutter.estimators.onnx_process import onnx_runtime
+from unshutter_lab.training.config import load_config
+from unshutter_lab.training.recipes import make_recipe
+
+_PICTURES, _AT_A_TIME, _SEED = 512, 16, 2**40  # of training photos, with motions that no training has drawn
+_SMALL, _MOST_IN_16_BITS = 256, 65_504.0  # numbers, and the largest of them: other weights stay as they are
+
+
+def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eight_bits: bool, target: Path) -> None:
+    """Writes an exported network as a small file.
+
+    Args:
+        model: the network, as training leaves it.
+        config: of its training: a shipped configuration's name, or a TOML file.
+        photos: instead of the configuration's folder.
+        rank: directions in which the outputs of a wide fully connected layer may vary; 0: all.
+        eight_bits: whether convolutions are stored in 8 bits.
+        target: file to write.
+
+    Raises:
+        UsageError: no such network, one that does not read pixels, or a rank that cannot be.
+    """
+    if not 0 <= rank < _PICTURES:
+        raise UsageError(f"--rank must lie between 0 and {_PICTURES - 1}, got {rank}")
+    settings = load_config(config)
+    if photos is not None:
+        settings = replace(settings, data={**settings.data, "folder": str(photos)})
+    recipe = make_recipe(settings, torch.device("cpu"))
+    generator = torch.Generator().manual_seed(_SEED)
+    recipe.pictures(1, torch.Generator())  # or it says that it reads none
+    print("before:", recipe.validate(Stored(model)))
+    network = onnx.load(model)
+    if rank:
+        batches = (recipe.pictures(_AT_A_TIME, generator).numpy() for _ in range(_PICTURES // _AT_A_TIME))
+        narrow(network, batches, rank)
+    store_in_fewer_bits(network, eight_bits)
+    part = target.with_name(f"{target.name}.part")
+    onnx.save(network, part)
+    part.replace(target)
+    print("after:", recipe.validate(Stored(target)))
+
+
+class Stored(nn.Module):
+    """The network of an ONNX file, to be validated as one of torch's.
+
+    Raises:
+        UsageError: no such file, or it holds no network.
+    """
+
+    def __init__(self, path: Path):
+        super().__init__()
+        if not path.is_file():
+            raise UsageError(f"no such file: {path}")
+        try:
+            self._session = onnx_runtime().InferenceSession(path, providers=["CPUExecutionProvider"])
+        except Exception as error:  # onnxruntime's own kinds have no common parent
+            raise UsageError(f"{path} holds no network: {' '.join(str(error).split())}") from None
+
+    def forward(self, rs: Tensor, rows: bool = True) -> Tensor | tuple[Tensor, Tensor | None]:
+        """The file's output; of kandula2020, whose outputs are two, the row map only if asked for."""
+        first, *more = map(torch.from_numpy, self._session.run(None, {"rs": rs.numpy()}))
+        return (first, more[0] if rows else None) if more else first
+
+
+def narrow(model: ModelProto, pictures: Iterable[np.ndarray], rank: int) -> None:
+    """Replaces wide fully connected layers by two narrow ones, whose outputs vary in the principal directions alone.
+
+    Args:
+        model: changed. A layer is wide if both its sides are at least four times the rank.
+        pictures: batches [B, ...] to find these directions: together more pictures than the rank.
+        rank: number of directions.
+    """
+    known = {weights.name: weights for weights in model.graph.initializer}
+    wide = [
+        node
+        for node in model.graph.node
+        if node.op_type == "Gemm" and node.input[1] in known and min(known[node.input[1]].dims) >= 4 * rank
+    ]
+    outputs = _outputs_of(wide, model, pictures)
+    nodes = []
+    for node in model.graph.node:
+        if node not in wide:
+            nodes.append(node)
+            continue
+        names = [f"{node.input[1]}.{part}" for part in ("projected", "directions", "bias")]
+        weights, bias = (numpy_helper.to_array(known.pop(name)) for name in node.input[1:])
+        parts = _narrowed(weights, bias, outputs[node.output[0]], rank)
+        known |= {name: numpy_helper.from_array(part, name) for name, part in zip(names, parts, strict=True)}
+        between = f"{node.output[0]}.{rank}"
+        nodes.append(helper.make_node("Gemm", [node.input[0], names[0]], [between], transB=1))
+        nodes.append(helper.make_node("Gemm", [between, names[1], names[2]], list(node.output), transB=1))
+    _rebuild(model, nodes, list(known.values()))
+
+
+def _outputs_of(nodes: list[NodeProto], model: ModelProto, pictures: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
+    """What these nodes put out for the pictures [N, out], by its name."""
+    names = [node.output[0] for node in nodes]
+    asked = ModelProto()
+    asked.CopyFrom(model)
+    asked.graph.output.extend(helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None) for name in names)
+    session = onnx_runtime().InferenceSession(asked.SerializeToString(), providers=["CPUExecutionProvider"])
+    found = [[np.asarray(output) for output in session.run(names, {"rs": batch})] for batch in pictures]
+    return {name: np.concatenate([batch[k] for batch in found]) for k, name in enumerate(names)}
+
+
+def _narrowed(weights: np.ndarray, bias: np.ndarray, outputs: np.ndarray, rank: int) -> tuple[np.ndarray, ...]:
+    """Weights of two layers and the bias of the second: the projection onto ``rank`` directions about the mean."""
+    mean = outputs.mean(0)
+    directions = np.linalg.svd(outputs - mean, full_matrices=False)[2][:rank].T  # [out, rank]
+    return directions.T @ weights, directions, mean + directions @ (directions.T @ (bias - mean))
+
+
+def store_in_fewer_bits(model: ModelProto, eight_bits: bool = False) -> None:
+    """Stores a network's weights in fewer bits; it goes on calculating in 32.
+
+    Args:
+        model: changed.
+        eight_bits: convolutions' weights as 8-bit integers with a scale for each output channel; all others, and all
+            weights without it, as 16-bit floating point.
+    """
+    kernels = {node.input[1] for node in model.graph.node if node.op_type == "Conv"} if eight_bits else set()
+    stored, decoders = [], []
+    for weights in model.graph.initializer:
+        values = numpy_helper.to_array(weights)
+        if values.dtype != np.float32 or values.size < _SMALL or np.abs(values).max() > _MOST_IN_16_BITS:
+            stored.append(weights)
+            continue
+        parts, decoder = _in_8_bits(weights.name, values) if weights.name in kernels else _in_16(weights.name, values)
+        stored += [numpy_helper.from_array(array, name) for name, array in parts.items()]
+        decoders.append(decoder)
+    _rebuild(model, [*decoders, *model.graph.node], stored)
+
+
+def _in_8_bits(name: str, values: np.ndarray) -> tuple[dict[str, np.ndarray], NodeProto]:
+    """What is stored, by name, and the node that makes the weights [out, ...] of it."""
+    scale = np.maximum(np.abs(values).reshape(len(values), -1).max(1), np.finfo(np.float32).tiny) / 127
+    steps = np.rint(values / scale.reshape(-1, *[1] * (values.ndim - 1))).astype(np.int8)
+    parts = {f"{name}.int8": steps, f"{name}.scale": scale}
+    return parts, helper.make_node("DequantizeLinear", list(parts), [name], axis=0)
+
+
+def _in_16(name: str, values: np.ndarray) -> tuple[dict[str, np.ndarray], NodeProto]:
+    half = f"{name}.float16"
+    return {half: values.astype(np.float16)}, helper.make_node("Cast", [half], [name], to=onnx.TensorProto.FLOAT)
+
+
+def _rebuild(model: ModelProto, nodes: list[NodeProto], weights: list[onnx.TensorProto]) -> None:
+    del model.graph.node[:], model.graph.initializer[:]
+    model.graph.node.extend(nodes)
+    model.graph.initializer.extend(weights)
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("model", type=Path)
+    parser.add_argument("--config", required=True)
+    parser.add_argument("--photos", type=Path)
+    parser.add_argument("--rank", type=int, default=0)
+    parser.add_argument("--eight-bits", action="store_true")
+    parser.add_argument("-o", "--output", dest="target", type=Path, required=True)
+    try:
+        compact(**vars(parser.parse_args()))
+    except UsageError as error:
+        parser.exit(2, f"unshutter: {error}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,269 @@
+"""Training, for every model: one process on a CPU or GPU, or several started by torchrun.
+
+    unshutter train --config segment-transformer --out runs
+    torchrun --nproc-per-node 2 -m unshutter_lab.training.train --config segment-transformer --out runs
+
+A run lives in OUT/NAME-OF-THE-CONFIG: checkpoint.pt, log.csv and, when finished, model.onnx. Started again, it goes
+on from its last checkpoint with the batches that it would have had: step k draws its batch from the seed and k alone.
+Needs torch, NumPy and array-api-compat only (and onnx for the export), so that it runs on a bare GPU machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+
+import torch
+import torch.distributed as dist
+from torch import nn
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.storage.protection import Protection
+from unshutter_lab.training.checkpoint import PART, load_checkpoint, save_checkpoint, start_from
+from unshutter_lab.training.config import TrainConfig, find_config, load_config
+from unshutter_lab.training.data.pictures import photo_files
+from unshutter_lab.training.exported import load_exported
+from unshutter_lab.training.log import TrainingLog
+from unshutter_lab.training.optimisation import make_optimiser, rate_at
+from unshutter_lab.training.recipes import Recipe, make_recipe
+
+_START_PICTURES, _START_SEED = 128, 2**40  # that show what an exported network's layers are given
+CHECKPOINT, LOG, MODEL = "checkpoint.pt", "log.csv", "model.onnx"
+
+
+def run(
+    config: str | Path,
+    out: Path,
+    steps: int | None = None,
+    device: str = "auto",
+    minutes: float | None = None,
+    *,
+    base: str | Path | None = None,
+    photos: Path | None = None,
+    start: Path | None = None,
+    seed: int | None = None,
+) -> Path:
+    """Trains to the end, or for so many minutes; resumes a run that is there.
+
+    Args:
+        config: name of a shipped configuration, or the path of a TOML file.
+        out: folder of runs.
+        steps: instead of the configuration's.
+        device: auto, cpu or cuda.
+        minutes: save and stop after this time.
+        base: another configuration for what this one does not say itself.
+        photos: instead of the configuration's ``[data] folder``.
+        start: checkpoint or exported network (.onnx) whose weights, where they fit, a new run begins with.
+        seed: for the initial weights and the batches, instead of the configuration's.
+
+    Returns:
+        The run's folder.
+
+    Raises:
+        UsageError: bad configuration, or the folder holds a run of another one.
+        UnshutterError: the gradient is no number any more.
+    """
+    settings = load_config(config, base)
+    if photos is not None:
+        settings = replace(settings, data={**settings.data, "folder": str(photos)})
+    if steps is not None:
+        settings = replace(settings, steps=steps)
+    if seed is not None:
+        settings = replace(settings, seed=seed)
+    torch.set_num_threads(settings.threads)
+    torch.set_float32_matmul_precision("high")
+    processes = _join_processes(device)
+    folder = Path(out) / find_config(config).stem
+    _check_outputs(folder, settings, [find_config(config), find_config(base) if base else None, start])
+    try:
+        trainer = Trainer(settings, folder, _device(device), start)
+        folder.mkdir(parents=True, exist_ok=True)
+        finished = trainer.train(minutes)
+        if finished and trainer.rank == 0:
+            trainer.export(folder / MODEL)
+        if processes:
+            dist.barrier()  # leaving while another still works would break its connection
+    finally:
+        if processes:
+            dist.destroy_process_group()
+    return folder
+
+
+def _check_outputs(folder: Path, settings: TrainConfig, given: list[Path | None]) -> None:
+    """Raises UnshutterError where a file of the run would replace one that it begins with, or learns from."""
+    folders = filter(None, (settings.data.get(name) for name in ("folder", "validation_folder")))
+    protection = Protection([*given, *chain.from_iterable(photo_files(Path(each)) for each in folders)])
+    for name in (CHECKPOINT, PART, f"checkpoint-{settings.keep_at}.pt", LOG, MODEL):
+        protection.check(folder / name)
+
+
+class Trainer:
+    """The state of one run, and the loop that advances it.
+
+    Args:
+        config: of the run.
+        folder: of the run; a checkpoint in it is resumed.
+        device: that it runs on.
+        start: checkpoint or exported network of another run, whose weights this one begins with.
+
+    Raises:
+        UsageError: bad configuration, or the folder holds a run of another one.
+    """
+
+    def __init__(self, config: TrainConfig, folder: Path, device: torch.device, start: Path | None = None):
+        if config.continues and start is None and not (folder / CHECKPOINT).exists():
+            raise UsageError(
+                f"this configuration goes on from a run of {config.continues}: "
+                f"--start runs/{config.continues}/{CHECKPOINT}"
+            )
+        self.config, self.folder, self.device = config, folder, device
+        self.rank = dist.get_rank() if dist.is_initialized() else 0
+        self.world = dist.get_world_size() if dist.is_initialized() else 1
+        torch.manual_seed(config.seed)
+        self.recipe: Recipe = make_recipe(config, device)
+        self.network = self.recipe.build().to(device)
+        if start is not None:
+            self._start_from(start)
+        self.average = AveragedModel(self.network, multi_avg_fn=get_ema_multi_avg_fn(config.average), use_buffers=True)
+        self.optimiser = make_optimiser(self.network, config)
+        self.step, self.seconds = 0, 0.0
+        self._resume()
+        self.stepped: nn.Module = self.network
+        if self.world > 1:
+            self.stepped = nn.parallel.DistributedDataParallel(self.network)
+
+    def train(self, minutes: float | None = None) -> bool:
+        """Runs to the last step, or for so many minutes; returns whether the last step was reached."""
+        started = saved = time.monotonic()
+        before = self.seconds
+        with TrainingLog(self.folder / LOG, self.step, self.config.steps, quiet=self.rank > 0) as log:
+            while self.step < self.config.steps:
+                figures = self._one_step()
+                self.seconds = before + time.monotonic() - started
+                self._log(log, figures)
+                out_of_time = self._any_process(minutes is not None and time.monotonic() - started > 60 * minutes)
+                overdue = time.monotonic() - saved > 60 * self.config.checkpoint_minutes
+                if overdue or out_of_time or self.step == self.config.steps:
+                    self._save(CHECKPOINT)
+                    saved = time.monotonic()
+                if self.step == self.config.keep_at:
+                    self._save(f"checkpoint-{self.step}.pt")
+                if out_of_time:
+                    break
+        return self.step >= self.config.steps
+
+    def validate(self) -> dict[str, float]:
+        """The recipe's figures for the averaged weights."""
+        self.average.eval()
+        return self.recipe.validate(self.average.module)
+
+    def export(self, path: Path) -> None:
+        """Writes the averaged weights as ONNX."""
+        self.average.eval()
+        self.recipe.export(self.average.module, path)
+
+    def _start_from(self, start: Path) -> None:
+        if start.suffix == ".onnx":
+            pictures = self.recipe.pictures(_START_PICTURES, torch.Generator(self.device).manual_seed(_START_SEED))
+            load_exported(self.network, start, pictures)
+        else:
+            start_from(self.network, start)
+
+    def _one_step(self) -> dict[str, float]:
+        self.network.train()
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate_at(self.step, self.config)
+        # the batch depends on seed, step and process only: a resumed run sees what it would have seen
+        seed = (self.config.seed * 1_000_003 + self.step) * self.world + self.rank
+        generator = torch.Generator(self.device).manual_seed(seed)
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.bfloat16):
+            loss, figures = self.recipe.loss(self.stepped, self.step, generator)
+        self.optimiser.zero_grad()
+        loss.backward()
+        norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip)
+        if not torch.isfinite(norm):  # a step by it would leave no weight a number
+            raise UnshutterError(f"training diverged at step {self.step + 1}: try a smaller learning rate, or clip")
+        self.optimiser.step()
+        self.average.update_parameters(self.network)
+        self.step += 1
+        return {"loss": loss.item(), **figures, "gradient": norm.item()}
+
+    def _log(self, log: TrainingLog, figures: dict[str, float]) -> None:
+        """A row every ``log_every`` steps, and with every validation."""
+        log.step(self.step)
+        last = self.step == self.config.steps
+        validated = last or self.step % self.config.validate_every == 0
+        if validated:
+            figures = figures | self.validate()
+        if validated or self.step % self.config.log_every == 0:
+            log.add({"step": self.step, "seconds": round(self.seconds, 1), **figures})
+
+    def _any_process(self, flag: bool) -> bool:
+        """Whether any of the processes says so: they must all stop at the same step."""
+        if self.world == 1:
+            return flag
+        flags = torch.tensor(float(flag), device=self.device)
+        dist.all_reduce(flags)
+        return flags.item() > 0
+
+    def _save(self, name: str) -> None:
+        if self.rank == 0:
+            parts = {"network": self.network, "average": self.average, "optimiser": self.optimiser}
+            states = {part: holder.state_dict() for part, holder in parts.items()}
+            save_checkpoint(self.folder / name, self.config, {"step": self.step, "seconds": self.seconds, **states})
+
+    def _resume(self) -> None:
+        state = load_checkpoint(self.folder / CHECKPOINT, self.config, self.device)
+        if state is not None:
+            self.network.load_state_dict(state["network"])
+            self.average.load_state_dict(state["average"])
+            self.optimiser.load_state_dict(state["optimiser"])
+            self.step, self.seconds = state["step"], state["seconds"]
+
+
+def _device(word: str) -> torch.device:
+    if word == "auto":
+        word = "cuda" if torch.cuda.is_available() else "cpu"
+    if word == "cuda" and not torch.cuda.is_available():
+        raise UsageError("no CUDA device here; use --device cpu")
+    if word not in ("cpu", "cuda"):
+        raise UsageError(f"unknown device '{word}': choose auto, cpu or cuda")
+    return torch.device(word, int(os.environ.get("LOCAL_RANK", "0")) if word == "cuda" else None)  # type: ignore[arg-type]
+
+
+def _join_processes(device: str) -> bool:
+    """Joins the other processes where torchrun has started several; returns whether it has."""
+    if int(os.environ.get("WORLD_SIZE", "1")) < 2:
+        return False
+    cuda = device != "cpu" and torch.cuda.is_available()
+    if cuda:
+        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
+    dist.init_process_group("nccl" if cuda else "gloo")
+    return True
+
+
+def main() -> None:
+    """The command line of a bare training machine, and of torchrun."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--config", required=True)
+    parser.add_argument("--base")
+    parser.add_argument("--out", type=Path, default=Path("runs"))
+    parser.add_argument("--steps", type=int)
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--minutes", type=float)
+    parser.add_argument("--photos", type=Path)
+    parser.add_argument("--start", type=Path)
+    parser.add_argument("--seed", type=int)
+    try:
+        run(**vars(parser.parse_args()))
+    except UnshutterError as error:
+        parser.exit(2 if isinstance(error, UsageError) else 1, f"unshutter: {error}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""docs/results is written from the measurements alone."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from unshutter_lab.evaluation.cases.protocols import Request
+from unshutter_lab.evaluation.results import Results
+
+ROOT = Path(__file__).parents[3]
+
+
+def record(estimator: str, epe: float, **more: object) -> dict:
+    place = {"suite": "256 px", "group": "houses", "photo": "a.jpg", "draw": 0, "estimator": estimator}
+    scores = {"epe": epe, "epe_nothing": 4.0, "curvature_epe": 1.0, "tx_rmse": 2.0, "rz_rmse": 0.5}
+    return place | scores | {"declined": "", "failed": "", "most_tx": 1.0, "most_rz": 0.1} | more
+
+
+def results_py(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(ROOT / "benchmarks" / "results.py"), *words]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True)
+
+
+def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path: Path) -> None:
+    for name, protocol in (("synthetic", "synthetic"), ("undistorted", "undistorted")):
+        request = Request(protocol, (Path("photos/houses"),))
+        results = Results(request, ["none", "kandula2020"], [], [record("none", 4.0), record("kandula2020", 1.25)])
+        (tmp_path / "build" / "results" / name).mkdir(parents=True)
+        (tmp_path / "build" / "results" / name / "results.json").write_text(results.to_json())
+    docs = tmp_path / "docs" / "results"
+    docs.mkdir(parents=True)
+    (docs / "reading.md").write_text("## By hand\n\nKept.\n")
+    (docs / "readings.toml").write_text('synthetic = "It helps."\n')
+    (docs / "old.md").write_text("of another time")
+    weights = [tmp_path / package / "weights" for package in ("src/unshutter", "lab/src/unshutter_lab")]
+    for folder in weights:
+        folder.mkdir(parents=True)
+    done = results_py("--pages-only", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    index, page = (docs / "index.md").read_text(), (docs / "synthetic.md").read_text()
+    assert "| kandula2020 | **1.25** | **1.25** |" in index
+    assert "## By hand\n\nKept." in index and (docs / "reading.md").exists() and not (docs / "old.md").exists()
+    assert "unshutter evaluate --protocol synthetic --data photos/houses" in page
+    assert page.startswith("# Synthetic motions, 256 px\n\n**In short:** It helps.\n\n")
+    assert "In short" not in (docs / "undistorted.md").read_text()
+    assert (docs / "synthetic-epe.png").exists()
+    assert not (docs / "confidence.md").exists() and "confidence.md" not in index  # nobody stated any
+    ours, of_lab = (json.loads((folder / "scores.json").read_text()) for folder in weights)
+    assert of_lab == {"kandula2020": {"houses": {"epe_median": 1.25, "improved": 1.0}}}
+    assert ours.keys() == {"none"} and ours["none"]["houses"]["improved"] == 0.0
+
+
+def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> None:
+    """The worst of five distorted is trusted least, the worst of five others most; another method states nothing."""
+    confidences = {
+        "synthetic": [(1, 0.9), (2, 0.8), (3, 0.7), (4, 0.6), (15, 0.1)],
+        "undistorted": [(0, 0.9), (0, 0.8), (0, 0.7), (0, 0.6), (2, 0.95)],
+    }
+    for name, pictures in confidences.items():
+        records = [record("manhattan", float(epe), confidence=confidence) for epe, confidence in pictures]
+        records += [record("none", 4.0, confidence=None), record("manhattan", 99.0, confidence=0.5, suite="other")]
+        results = Results(Request(name, (Path("photos/houses"),)), ["none", "manhattan"], [], records)
+        (tmp_path / "build" / "results" / name).mkdir(parents=True)
+        (tmp_path / "build" / "results" / name / "results.json").write_text(results.to_json())
+    done = results_py("--pages-only", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    docs = tmp_path / "docs" / "results"
+    page = (docs / "confidence.md").read_text()
+    bins, distorted, undistorted, both = (part.split("\n##")[0] for part in page.split("### ")[1:])
+    for place in ("houses", "all"):
+        assert f"| {place} | manhattan | 5 | 0% | 5.00 | 2.50 | **50%** | 50% | 50% |" in distorted
+        assert f"| {place} | manhattan | 5 | 0% | 0.40 | 0.50 | -25% | 100% | -25% |" in undistorted
+        # a tenth each: the fifth that goes is 15 px and either 4 px of the distorted or 0 px (equal confidences)
+        assert f"| {place} | manhattan | 10 | 0% | 2.70 | 1.25 | **54%** | 63% | 54% |" in both
+    # at 0.9 and above one distorted picture (1 px, which is not below it) and two of the others (0 and 2 px)
+    assert "| manhattan | 0.9 to 1.0 | 3 | 0.92 | 0.33 |" in bins
+    assert "| manhattan | 0.1 to 0.2 | 1 | 0.10 | 0.00 |" in bins
+    assert "| half and half | all | manhattan | 10 | 0.71 | 0.40 |" in page  # four of ten are right
+    assert "| – | – | – |" in page  # no bin has enough pictures for a largest gap
+    assert "| none |" not in page and "(`manhattan`)" in page
+    assert "unshutter evaluate --protocol undistorted --data photos/houses" in page
+    assert (docs / "confidence-reliability.png").exists()
+    assert "(confidence.md)" in (docs / "index.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [((), "DATA=../shared/data"), (("nowhere",), "no folder nowhere/test/yorkurban"), (("--pages-only",), "nothing")],
+)
+def test_missing_data_gets_one_line(words: tuple[str, ...], says: str, tmp_path: Path) -> None:
+    done = results_py(*words, folder=tmp_path)
+    assert done.returncode != 0
+    assert says in done.stderr and done.stderr.strip().count("\n") == 0

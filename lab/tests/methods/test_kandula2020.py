@@ -1,0 +1,133 @@
+"""kandula2020 on photos: what was trained is what runs, row map included."""
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.geometry import rows as geometry
+from unshutter_lab.training.config import TrainConfig
+from unshutter_lab.training.data.pictures import draw_picture
+from unshutter_lab.training.kandula2020.recipe import KandulaRecipe
+from unshutter_lab.training.warping import rs_positions
+
+torch.set_num_threads(1)
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """An untrained network whose row block says something, and its ONNX file."""
+    torch.manual_seed(0)
+    network_config = {"width": 4, "hidden": 16, "row_width": 4}
+    data = {"drawn": 2, "held_out": 1}
+    recipe = KandulaRecipe(TrainConfig("kandula2020", network=network_config, data=data), CPU)
+    network = recipe.build()
+    nn.init.normal_(network.row_block.layers[-1].weight, std=2.0)
+    with torch.no_grad():  # about 30 px and 5 degrees
+        network.motion_block.tx[-1].bias += torch.linspace(0.1, 1, 256)
+        network.motion_block.rz[-1].bias += torch.linspace(0.02, 0.3, 256)
+    path = tmp_path_factory.mktemp("onnx") / "model.onnx"
+    recipe.export(network, path)
+    return network.eval(), path
+
+
+def test_the_estimator_runs_what_was_trained(exported):
+    from unshutter.estimators.base import View
+    from unshutter.estimators.register import load
+    from unshutter.photo import Photo
+
+    network, path = exported
+    pixels = draw_picture(256, 7)
+    with torch.no_grad():
+        motion, row_map = network(torch.from_numpy(pixels)[None].float() / 255)
+        expected = rs_positions(motion, row_map)
+    estimator, view = (
+        load(f"kandula2020@{path}"),
+        View(Photo.from_array(np.ascontiguousarray(pixels.transpose(1, 2, 0)))),
+    )
+    found = estimator.estimate(view)
+    np.testing.assert_allclose(found.tx_px, motion[0, 0] - motion[0, 0, 0], atol=1e-3)
+    np.testing.assert_allclose(found.rz_rad, motion[0, 1] - motion[0, 1, 0], atol=1e-5)
+    assert found.center_shift_px == pytest.approx(motion[0, 0, 0].item(), abs=1e-3)
+    row, col = np.mgrid[0:256, 0:256]
+    # the network's GS picture, seen from the first row's pose
+    tx, rz = motion[0, :, 0].double().numpy()
+    from_first = geometry.gs_to_rs_by_row_map(col, row, tx, rz, (127.5, 127.5))
+    positions = found.gs_to_rs(*from_first)
+    np.testing.assert_allclose(np.stack(positions), torch.cat(expected), atol=0.01)
+    assert np.abs(row_map[0].numpy() - row).max() > 0.5
+    plain = found.row_motion
+    assert np.abs(plain.gs_to_rs(*from_first)[0] - positions[0]).max() > 0.1  # the row map matters
+    again = found.rereferenced("last").rereferenced("first")
+    np.testing.assert_allclose(again.gs_to_rs(col, row), found.gs_to_rs(col, row), atol=1e-9)
+
+
+def test_what_runs_is_the_row_map(exported):
+    import unshutter
+    from unshutter.estimators.register import load
+
+    estimator, pixels = (
+        load(f"kandula2020@{exported[1]}"),
+        np.ascontiguousarray(draw_picture(300, 7).transpose(1, 2, 0)),
+    )
+    motion = unshutter.estimate(pixels, estimator=estimator)
+    plain = motion.row_motion
+    by_row_map = unshutter.rectify(pixels, estimator=estimator)
+    assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=motion))
+    assert not np.array_equal(by_row_map, unshutter.rectify(pixels, motion=plain))
+    assert np.array_equal(pixels, unshutter.rectify(pixels, estimator=estimator, strength=0))
+    saved = unshutter.Motion.from_json(motion.to_json())
+    assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=saved))
+
+
+def test_the_estimator_scales_to_the_photo(exported):
+    from unshutter.estimators.base import View
+    from unshutter.estimators.register import load
+    from unshutter.photo import Photo
+
+    estimator = load(f"kandula2020@{exported[1]}")
+    small = np.ascontiguousarray(draw_picture(256, 7).transpose(1, 2, 0))
+    large = np.pad(small.repeat(2, 0).repeat(2, 1), ((0, 0), (40, 40), (0, 0)))  # the square in the middle
+    views = [View(Photo.from_array(p)) for p in (small, large)]
+    motions = [estimator.estimate(v) for v in views]
+    assert (motions[1].height, motions[1].width) == (512, 592)
+    # row 2 i + 1/2 of the large picture is row i of the small one
+    between = (motions[1].tx_px[1::2] + motions[1].tx_px[::2]) / 2
+    np.testing.assert_allclose(np.diff(between), 2 * np.diff(motions[0].tx_px), atol=0.01)
+    col, row = np.array([10.0, 200.0]), np.array([30.0, 240.0])
+    x, y = motions[0].gs_to_rs(col, row)
+    wide = motions[1].gs_to_rs(2 * col + 0.5 + 40, 2 * row + 0.5)
+    # a quarter of a row lies between their first rows
+    np.testing.assert_allclose(wide, (2 * x + 0.5 + 40, 2 * y + 0.5), atol=0.15)
+
+
+@pytest.mark.parametrize("shape", [(300, 200), (70, 90, 4), (64, 64, 1)])
+def test_the_estimator_takes_any_photo(exported, shape):
+    from unshutter.estimators.base import View
+    from unshutter.estimators.register import load
+    from unshutter.geometry.readout import Readout
+    from unshutter.options import Camera
+    from unshutter.photo import Photo
+
+    photo = Photo.from_array(np.full(shape, 40_000, np.uint16))
+    found = load(f"kandula2020@{exported[1]}").estimate(View(photo, Camera("left-to-right")))
+    assert (found.height, found.width) == (shape[1], shape[0]) and found.readout == Readout.LEFT_TO_RIGHT
+
+
+def test_weights_of_ones_own(exported, tmp_path):
+    from unshutter.estimators.register import load
+
+    assert load(f"kandula2020@{exported[1]}").name == "kandula2020"
+    with pytest.raises(UnshutterError, match="no such file"):
+        load("kandula2020@none.onnx")
+    (tmp_path / "text.onnx").write_text("no network")
+    with pytest.raises(UnshutterError, match="cannot use the weights"):
+        load(f"kandula2020@{tmp_path / 'text.onnx'}")
+    with pytest.raises(UsageError, match="does not run on other weights"):
+        load(f"none@{exported[1]}")
+    with pytest.raises(UsageError, match="unknown estimator"):
+        load(f"nobody@{exported[1]}")
+    with pytest.raises(UnshutterError, match="not of rengarajan2017"):
+        load(f"rengarajan2017@{exported[1]}")
