@@ -1,13 +1,12 @@
 """From a dataclass to a command line."""
 
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
 import pytest
 
-from unshutter.cli import COMMANDS, main
+from unshutter.cli import command_named, main, summaries
 from unshutter.cli.arguments import Command, parse, positional, required
 from unshutter.errors import UsageError
 from unshutter.options import option
@@ -97,16 +96,15 @@ def test_help_names_every_option_under_its_group(capsys: pytest.CaptureFixture[s
         assert word in text
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", summaries())
 def test_every_command_has_help_that_ends_its_sentences(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([name, "--help"]) == 0
     assert f"usage: unshutter {name}" in capsys.readouterr().out
-    command: Command = import_module(f"unshutter.cli.commands.{name}").COMMAND
-    assert command.description.rstrip().endswith(".")
+    assert command_named(name).description.rstrip().endswith(".")
 
 
 def test_without_a_command_the_commands_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     for words in ([], ["--help"], ["-h"]):
         assert main(words) == 0
         text = capsys.readouterr().out
-        assert all(f"  {name}" in text for name in COMMANDS)
+        assert all(f"  {name}" in text for name in summaries())

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import shtab
 
-from unshutter.cli import COMMANDS, main
+from unshutter.cli import main, summaries
 from unshutter.cli.completion import SHELLS
 from unshutter.estimators.register import names
 
@@ -74,7 +74,7 @@ def test_zsh_can_read_it(folder: Path, capsys: pytest.CaptureFixture[str]) -> No
 def test_every_shell_that_is_offered_gets_all_methods(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["completion", shell]) == 0
     text = capsys.readouterr().out
-    assert all(name in text for name in [*COMMANDS, *names()])
+    assert all(name in text for name in [*summaries(), *names()])
 
 
 def test_other_shells_are_refused_in_one_line(

@@ -8,7 +8,6 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -17,7 +16,7 @@ import pytest
 import unshutter
 from support import clips
 from support.batches import make_motion, make_photos
-from unshutter.cli import COMMANDS, main
+from unshutter.cli import command_named, main, summaries
 from unshutter.cli.arguments import outputs
 
 WEIGHTS = Path(unshutter.__file__).parent / "weights" / "segment-transformer.npz"
@@ -163,8 +162,7 @@ NEEDS = {_film: "av", _film_by_motion: "av", _frames: "av", _pattern: "av", _eva
 
 
 def all_outputs() -> set[tuple[str, str]]:
-    modules = {name: import_module(f"unshutter.cli.commands.{name}") for name in COMMANDS}
-    return {(name, option) for name, module in modules.items() for option in outputs(module.COMMAND.arguments)}
+    return {(name, option) for name in summaries() for option in outputs(command_named(name).arguments)}
 
 
 def test_every_option_that_names_an_output_is_tried_here(tmp_path: Path) -> None:

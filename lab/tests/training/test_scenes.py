@@ -4,9 +4,9 @@ from dataclasses import replace
 import pytest
 import torch
 
+from unshutter.estimators.segment_transformer.features import moved
 from unshutter_lab.training.data.motions import draw_motions
 from unshutter_lab.training.data.scenes import SceneConfig, draw_scenes
-from unshutter_lab.training.segment_transformer.network import _moved
 
 
 def scenes(batch: int = 64, seed: int = 0, **changes):
@@ -63,7 +63,7 @@ def test_shares_of_still_pictures() -> None:
 
 def test_undoing_the_true_motion_straightens_the_verticals() -> None:
     drawn = scenes(200, zero_motion=0, small_motion=0, sideways=0, clutter_max=0.0, tokens=200, drawn=500)
-    straightened = _moved(drawn.tokens, torch.stack([drawn.tx, drawn.rz], 1))
+    straightened = moved(drawn.tokens, torch.stack([drawn.tx, drawn.rz], 1))
     better = total = 0
     for i in range(200):
         upright = drawn.camera[i, 1].abs() < math.radians(5)  # hardly converging
