@@ -63,7 +63,8 @@ def test_shares_of_still_pictures() -> None:
 
 def test_undoing_the_true_motion_straightens_the_verticals() -> None:
     drawn = scenes(200, zero_motion=0, small_motion=0, sideways=0, clutter_max=0.0, tokens=200, drawn=500)
-    straightened = moved(drawn.tokens, torch.stack([drawn.tx, drawn.rz], 1))
+    ends = moved(drawn.tokens, torch.stack([drawn.tx, drawn.rz], 1))
+    straightened = ends.permute(0, 2, 3, 1).flatten(2)  # x1, y1, x2, y2
     better = total = 0
     for i in range(200):
         upright = drawn.camera[i, 1].abs() < math.radians(5)  # hardly converging
