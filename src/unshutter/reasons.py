@@ -1,0 +1,137 @@
+"""Reasons: why no motion was found, or why one is not undone, as a code and its figures; and their English sentences.
+
+The program branches on codes and never on sentences. Each surface chooses its words: Python, the command line and the
+logs take the sentences below, the page has its own (serve/page/words.js). Advice on what to do next belongs to the
+surface, since it names a flag or a button.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+
+class Cause(StrEnum):
+    """Why a photo is left unchanged, as it is counted."""
+
+    NO_MOTION = "no motion"
+    NO_EVIDENCE = "nothing to go by"
+    UNSURE = "not sure"
+    TOO_SMALL = "less than half a pixel"
+    STRENGTH_0 = "strength 0"
+
+
+class Code(StrEnum):
+    """What a reason is. Codes are part of logs, manifests and the API of ``unshutter serve``."""
+
+    # one photo: what an estimator says
+    STATED = "stated"  # a sentence of another package's method
+    TOO_LONG = "too-long"
+    TOO_FEW_SEGMENTS = "too-few-segments"
+    NO_RIGHT_ANGLES = "no-right-angles"
+    TOO_FAST_FOR_HANDS = "too-fast-for-hands"
+    TOO_SHARP = "too-sharp"
+    NO_READOUT = "no-readout"
+    IMPOSSIBLE_MOTION = "impossible-motion"
+    # one photo: what the verdict says
+    NO_MOTION = "no-motion"
+    STRENGTH_0 = "strength-0"
+    UNSURE = "unsure"
+    UNSURE_WHETHER_MOVED = "unsure-whether-moved"
+    TOO_SMALL = "too-small"
+    # frames and clips
+    STOOD_STILL = "stood-still"
+    ONLY_OTHERS_MOVED = "only-others-moved"
+    NO_NEIGHBOUR = "no-neighbour"
+    SHOT_TOO_SHORT = "shot-too-short"
+    OTHER_SIZE = "other-size"
+    TOO_LITTLE_TO_FOLLOW = "too-little-to-follow"
+    SCENES_DIFFER = "scenes-differ"
+    FRAMES_DISAGREE = "frames-disagree"
+    # frames and clips: why the readout ratio is unknown
+    TOO_FEW_FRAMES = "too-few-frames"
+    SHOOK_TOO_FAST = "shook-too-fast"
+    TOO_EVEN = "too-even"
+    IMPRECISE = "imprecise"
+    NO_ANGLES_OR_MOTION = "no-angles-or-motion"
+    PARTS_DISAGREE = "parts-disagree"
+    NO_CLEAR_PART = "no-clear-part"
+
+
+# Code -> its sentence, with the names of its figures.
+SENTENCES = {
+    Code.STATED: "{sentence}",
+    Code.TOO_LONG: "the photo's sides differ by more than {aspect:g} times",
+    Code.TOO_FEW_SEGMENTS: "only {segments} straight segments found",
+    Code.NO_RIGHT_ANGLES: "the photo shows no right angles",
+    Code.TOO_FAST_FOR_HANDS: "what fits the lines is more motion than a hand-held camera makes",
+    Code.TOO_SHARP: "the photo is too sharp for that much motion: exposed for {exposure}, it would be blurred",
+    Code.NO_READOUT: "this camera exposes all rows at once",
+    Code.IMPOSSIBLE_MOTION: "what fits is not a motion of a camera: {detail}",
+    Code.NO_MOTION: "no motion",
+    Code.STRENGTH_0: "a strength of 0 undoes nothing",
+    Code.UNSURE: "not sure",
+    Code.UNSURE_WHETHER_MOVED: "not sure whether the camera moved",
+    Code.TOO_SMALL: "it would move by less than half a pixel",
+    Code.STOOD_STILL: "the camera stood still",
+    Code.ONLY_OTHERS_MOVED: "the camera stood still; what moved in front of it is not straightened",
+    Code.NO_NEIGHBOUR: "there is no frame before or after it",
+    Code.SHOT_TOO_SHORT: "the shot is too short to show how the camera moved",
+    Code.OTHER_SIZE: "the frames before and after it have another size",
+    Code.TOO_LITTLE_TO_FOLLOW: "there is too little to follow",
+    Code.SCENES_DIFFER: "the neighbouring frames show another scene, or near and far move too differently in them",
+    Code.FRAMES_DISAGREE: "the frames do not show how the camera moved",
+    Code.TOO_FEW_FRAMES: "{frames} frames are too few to show it",
+    Code.SHOOK_TOO_FAST: "the camera shook faster than frames were taken",
+    Code.TOO_EVEN: "the camera moved too evenly, or too little could be followed",
+    Code.IMPRECISE: "{evidence} gives {value:.2f} ± {error:.2f}",
+    Code.NO_ANGLES_OR_MOTION: "they show no right angles, or hardly move from side to side",
+    Code.PARTS_DISAGREE: "parts of the clip disagree: {ratios}",
+    Code.NO_CLEAR_PART: "no {frames} frames in a row show one scene clearly",
+}
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why there is no motion, or why one is not undone.
+
+    Attributes:
+        code: what it is.
+        figures: name -> number or words that its sentence takes, in pairs.
+    """
+
+    code: Code
+    figures: tuple[tuple[str, float | int | str], ...] = ()
+
+    @classmethod
+    def of(cls, code: Code, **figures: float | int | str) -> Reason:
+        """A reason with its figures by name."""
+        return cls(code, tuple(figures.items()))
+
+    @classmethod
+    def stated(cls, sentence: str) -> Reason:
+        """A reason in words of its own, as other packages' methods and old motion files give it."""
+        return cls.of(Code.STATED, sentence=sentence)
+
+    @classmethod
+    def from_json(cls, data: Any) -> Reason:
+        """Reads what :meth:`as_json` wrote; unknown codes keep their sentence.
+
+        Raises:
+            TypeError, ValueError, KeyError: it is not of this form.
+        """
+        code, figures = str(data["code"]), dict(data["figures"])
+        if code not in set(Code):
+            return cls.stated(str(data["sentence"]))
+        reason = cls.of(Code(code), **figures)
+        str(reason)
+        return reason
+
+    def __str__(self) -> str:
+        """The sentence."""
+        return SENTENCES[self.code].format(**dict(self.figures))
+
+    def as_json(self) -> dict[str, Any]:
+        """Code, figures and sentence, for programs."""
+        return {"code": str(self.code), "figures": dict(self.figures), "sentence": str(self)}
