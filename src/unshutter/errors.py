@@ -1,5 +1,7 @@
 """The ways in which unshutter says no."""
 
+from __future__ import annotations
+
 # Names of files and methods may hold line breaks, and codes that change a terminal.
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
 
@@ -22,6 +24,29 @@ class MissingFileError(UnshutterError, FileNotFoundError):
 
 class WeightsError(UnshutterError):
     """Weights that cannot be used, whatever the photo."""
+
+
+class CropTooSmallError(UnshutterError):
+    """A crop that would leave next to nothing of a picture.
+
+    Attributes:
+        share_left: share of the picture's area that it would leave; None: not known.
+    """
+
+    share_left: float | None = None
+
+    @classmethod
+    def leaving(cls, share_left: float, subject: str) -> CropTooSmallError:
+        """With its message.
+
+        Args:
+            share_left: share of the area that the crop would leave.
+            subject: what the picture is called: ``photo``, ``frame``.
+        """
+        percent = 100 * share_left
+        error = cls(f"cropping would leave {percent:.0f} % of the {subject}: use other edges, keep or fill")
+        error.share_left = share_left
+        return error
 
 
 class UsageError(UnshutterError):

@@ -10,7 +10,7 @@ from support.shaken_scenes import drawn_scene, inside, shake
 from unshutter.errors import UnshutterError
 from unshutter.motion import RowMotion
 from unshutter.warp.crop import largest_valid_rectangle
-from unshutter.warp.pixels import framed, rectify_pixels, straighten, validity_mask
+from unshutter.warp.pixels import edge_decision, rectify_pixels, straighten, validity_mask
 
 
 @pytest.mark.parametrize("bands", [1, 2, 3, 4])
@@ -135,7 +135,7 @@ def test_less_than_a_pixel_is_not_cropped_away(height: int, width: int):
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 def test_what_would_be_done_about_edges_is_what_is_done(edges, share):
     pixels, motion = drawn_scene(90, 120), shake(90, 120, share)
-    frame, made = framed(motion, edges), straighten(pixels, motion, edges)
+    frame, made = edge_decision(motion, edges), straighten(pixels, motion, edges)
     assert (frame.edges, frame.whole) == (made.edges, made.whole)
     assert (frame.window.bottom - frame.window.top, frame.window.right - frame.window.left) == made.pixels.shape[:2]
     if frame.edges == "crop":

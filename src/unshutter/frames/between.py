@@ -14,12 +14,11 @@ from unshutter.frames.rectified_frame import RectifiedFrame
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
 from unshutter.frames.wanted import Wanted
 from unshutter.motion.verdict import Verdict
-from unshutter.options import LEAST_AUTO_CROP
 from unshutter.photo import Photo
-from unshutter.warp.crop import largest_valid_rectangle
+from unshutter.warp.crop import valid_window
+from unshutter.warp.edges import EdgePolicy
 
 SMALLEST_SIDE = 64  # px
-_LEAST_CROP = 0.1  # of the photo's area
 
 
 class Frame:
@@ -107,17 +106,8 @@ def rectified_densely(before: Frame | None, current: Frame, after: Frame | None,
         cause = "no motion" if made.reason == STILL else "nothing to go by"
         verdict = Verdict(0.0, None, cause, made.reason)
         return RectifiedFrame(current.photo, valid, current.photo, verdict)
-    whole = None
-    if edges in ("crop", "auto"):
-        left, top, width, height = largest_valid_rectangle(valid)
-        whole = width * height / valid.size
-        if edges == "crop" and whole < _LEAST_CROP:
-            raise UnshutterError(
-                f"cropping would leave {100 * whole:.0f} % of the photo: use other edges, keep or fill"
-            )
-        edges = "crop" if edges == "crop" or whole >= LEAST_AUTO_CROP else "keep"
-        if edges == "crop":
-            pixels = pixels[top : top + height, left : left + width]
+    edges, window, whole = EdgePolicy(how.undo.edges).decide(valid.shape, lambda: valid_window(valid))
+    pixels = pixels[window.top : window.bottom, window.left : window.right]
     photo = current.photo.with_pixels(np.ascontiguousarray(pixels))
     return RectifiedFrame(photo, valid, current.photo, Verdict(made.largest_px), edges, whole)
 

@@ -13,11 +13,10 @@ from unshutter.options.neighbours import Clock, FrameModel, Neighbours, model_fo
 from unshutter.options.rectify import Rectify
 from unshutter.options.run import MAX_PIXELS, Run
 from unshutter.options.save import PictureFormat, Save, Subsampling
-from unshutter.options.undo import LEAST_AUTO_CROP, MIN_CONFIDENCE, Edges, Reference, Undo, check_edges
+from unshutter.options.undo import MIN_CONFIDENCE, Edges, Reference, Undo, check_edges
 
 __all__ = [
     "DEFAULT_ESTIMATOR",
-    "LEAST_AUTO_CROP",
     "MAX_PIXELS",
     "MIN_CONFIDENCE",
     "MOST_ROLL_DEG",

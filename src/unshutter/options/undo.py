@@ -9,7 +9,6 @@ from unshutter.errors import UsageError
 from unshutter.options.fields import option
 
 MIN_CONFIDENCE = 0.02  # of a motion that is undone, unless a user says otherwise
-LEAST_AUTO_CROP = 0.8  # of a photo's area: automatic edges do not crop away more than a fifth
 
 Reference = Literal["first", "middle", "last"]
 Edges = Literal["auto", "keep", "crop", "fill", "borrow"]

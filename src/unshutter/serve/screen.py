@@ -83,7 +83,7 @@ def _after(held: Held, wanted: Rectify, longest: int | None) -> tuple[bytes, dic
 def _shown_alone(held: Held, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
     """By what the photo says itself: what will be saved, decided at full size, and drawn small."""
     from unshutter.rectification import judged
-    from unshutter.warp.pixels import framed, straighten
+    from unshutter.warp.pixels import edge_decision, straighten
 
     motion = found_motion(held, photo, wanted.find)
     found, verdict = judged(motion, wanted.undo, photo.height, photo.width, wanted.find.camera.readout)
@@ -91,7 +91,7 @@ def _shown_alone(held: Held, photo: Photo, wanted: Rectify, longest: int | None)
     pixels = small_copy(held, photo, longest)
     if not verdict.changes:
         return pixels, told, _WHOLE
-    frame = framed(found, wanted.undo.edges)
+    frame = edge_decision(found, wanted.undo.edges)
     small = found.resized(*found.readout.frame_size(*pixels.shape[:2]))
     pixels = straighten(pixels, small, "fill" if frame.edges == "fill" else "keep").pixels
     window, size = frame.window, (photo.width, photo.height)
@@ -103,13 +103,12 @@ def _shown_between(held: Held, photo: Photo, wanted: Rectify, longest: int | Non
     """By what the photo's neighbours say, all of them as small as they are shown."""
     from unshutter.frames.rectifying import rectify_between
     from unshutter.frames.wanted import Wanted
-    from unshutter.options import LEAST_AUTO_CROP
     from unshutter.photo import Photo
-    from unshutter.warp.crop import largest_valid_rectangle
+    from unshutter.warp.crop import valid_window
+    from unshutter.warp.edges import EdgePolicy
 
-    asked = wanted.undo.edges
-    given, cuts = wanted.neighbours, asked in ("auto", "crop")
-    undo = replace(wanted.undo, edges="keep" if cuts else asked)
+    policy, given = EdgePolicy(wanted.undo.edges), wanted.neighbours
+    undo = replace(wanted.undo, edges="keep") if policy.may_crop else wanted.undo
     scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
     focal = wanted.find.camera.focal_px or photo.focal_px()
     alone = wanted.find if given.fallback else None
@@ -122,13 +121,10 @@ def _shown_between(held: Held, photo: Photo, wanted: Rectify, longest: int | Non
     told |= {"largest_px": result.verdict.largest_px * scale, "neighbours": True}
     if not result.changed:
         return result.pixels, told, _WHOLE
-    if not cuts:
-        return result.pixels, {**told, "edges": asked}, _WHOLE
     rows, cols = result.valid.shape
-    left, top, width, height = largest_valid_rectangle(result.valid)
-    whole = width * height / result.valid.size
-    told |= {"whole": whole, "edges": "crop" if asked == "crop" or whole >= LEAST_AUTO_CROP else "keep"}
-    return result.pixels, told, (left / cols, top / rows, (left + width) / cols, (top + height) / rows)
+    edges, window, whole = policy.decide((rows, cols), lambda: valid_window(result.valid))
+    shares = window.left / cols, window.top / rows, window.right / cols, window.bottom / rows
+    return result.pixels, {**told, "edges": edges, "whole": whole}, shares
 
 
 def _told_of(motion: Motion) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
 from unshutter.video.clip import Clip
 from unshutter.video.dense import Beside, Lender
@@ -16,7 +15,8 @@ from unshutter.video.library import av
 from unshutter.video.moving import Moved
 from unshutter.video.options import UndoFrames
 from unshutter.video.warping import FrameMap, Scratch, borrow_plane, seen, warp_plane
-from unshutter.warp.crop import largest_valid_rectangle
+from unshutter.warp.crop import valid_window
+from unshutter.warp.edges import EdgePolicy
 from unshutter.warp.grid import Tile
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ _PASSED_ON = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DY
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 _FULL_RANGE = 2  # as FFmpeg counts
 _COARSE = 8  # px between places that are looked at for a crop, whose multiples are whole pixels of chroma
-_LEAST_CROP = 0.1  # of a frame's area
 
 
 @dataclass(frozen=True)
@@ -168,15 +167,13 @@ class Seen:
         """The largest rectangle of the clip's shape that all frames saw; None: all of them saw all.
 
         Raises:
-            UnshutterError: hardly anything would be left.
+            CropTooSmallError: hardly anything would be left.
         """
         if self.mask.all():
             return None
-        left, top, width, height = largest_valid_rectangle(self.mask)
-        if width * height < _LEAST_CROP * self.mask.size:
-            raise UnshutterError("cropping would leave less than a tenth of the frame: choose --edges fill")
-        top, left, bottom, right = (v * _COARSE for v in (top, left, top + height, left + width))
-        return Tile(top, bottom, left, right)
+        rows, cols = self.mask.shape
+        window = EdgePolicy("crop").decide((rows, cols), lambda: valid_window(self.mask), "frame").window
+        return Tile(*(_COARSE * side for side in window))
 
 
 def common_window(warper: Warper, items: Iterable[Moved]) -> Tile | None:

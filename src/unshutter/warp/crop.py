@@ -36,6 +36,12 @@ def crop_window(grid: SamplingGrid, beyond: float = 0.0) -> Tile:
     return Tile(top, top + height, left, left + width)
 
 
+def valid_window(mask: Bool[np.ndarray, "height width"]) -> Tile:
+    """The rectangle of :func:`largest_valid_rectangle`."""
+    left, top, width, height = largest_valid_rectangle(mask)
+    return Tile(top, top + height, left, left + width)
+
+
 def largest_valid_rectangle(mask: Bool[np.ndarray, "height width"]) -> tuple[int, int, int, int]:
     """The largest upright rectangle of True pixels with the mask's aspect, the nearest to the centre.
 

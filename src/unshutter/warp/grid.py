@@ -58,6 +58,11 @@ class Tile(NamedTuple):
     left: int
     right: int
 
+    @property
+    def area(self) -> int:
+        """How many pixels it has."""
+        return (self.bottom - self.top) * (self.right - self.left)
+
     def tiles(self) -> Iterator[Tile]:
         """The same pixels in tiles of a size to work on at a time."""
         for top in range(self.top, self.bottom, _TILE[0]):

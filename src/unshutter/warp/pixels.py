@@ -22,33 +22,19 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
-from unshutter.options import LEAST_AUTO_CROP, Edges, check_edges
+from unshutter.options import Edges, check_edges
 from unshutter.storage.large_arrays import new_array
 from unshutter.warp.crop import crop_window
+from unshutter.warp.edges import EdgeDecision, EdgePolicy
 from unshutter.warp.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, UInt
 
-_LEAST_CROP = 0.1  # of the photo's area
 _MOST_THREADS = 16
 _LONGEST_SOURCE = 32_000  # px; cv2.remap has 16 bits for a position
 _HAIRLINE = 1.0  # px that may be missing at an edge without being black
 _REACH = 3  # px that interpolation looks beyond a position
-
-
-class Framed(NamedTuple):
-    """What is done about the edges of a rectified picture.
-
-    Attributes:
-        edges: ``keep``, ``crop`` or ``fill``: what ``auto`` came to.
-        window: what is left of the picture, in stored pixels.
-        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
-    """
-
-    edges: Edges
-    window: Tile
-    whole: float | None = None
 
 
 class Straightened(NamedTuple):
@@ -89,32 +75,34 @@ def straighten(
         masked: the last of 2 or 4 bands is no alpha but a mask: it is interpolated like a colour, apart from them.
 
     Raises:
-        UnshutterError: the motion is of another size, turns faster than rows are read, or ``crop`` would
-            leave less than a tenth of the photo.
+        UnshutterError: the motion is of another size, or turns faster than rows are read.
+        CropTooSmallError: ``crop`` would leave less than a tenth of the photo.
         UsageError: unknown ``edges``.
     """
     check_edges(edges)
+    policy = EdgePolicy(edges)
     _check_size(pixels, motion)
-    if motion.is_zero:
-        return Straightened(pixels, "keep" if edges == "auto" else edges)
     height, width = pixels.shape[:2]
+    if motion.is_zero:
+        return Straightened(pixels, policy.without_motion((height, width)).edges)
     grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
-    edges, window, whole = _framed(grid, edges)
-    made = _warped(pixels, grid, window, cv2.INTER_CUBIC, _HAIRLINE if edges == "keep" else None, masked)
-    return Straightened(made, edges, whole)
+    decision = _decision(grid, policy)
+    black_beyond = _HAIRLINE if decision.edges == "keep" else None
+    made = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
+    return Straightened(made, decision.edges, decision.whole)
 
 
-def framed(motion: Motion, edges: Edges) -> Framed:
+def edge_decision(motion: Motion, edges: Edges) -> EdgeDecision:
     """What :func:`straighten` would do about the edges of a photo with this motion.
 
     Raises:
         UnshutterError, UsageError: see there.
     """
     check_edges(edges)
-    size = motion.readout.frame_size(motion.height, motion.width)
+    policy, size = EdgePolicy(edges), motion.readout.frame_size(motion.height, motion.width)
     if motion.is_zero:
-        return Framed("keep" if edges == "auto" else edges, Tile(0, size[0], 0, size[1]))
-    return _framed(SamplingGrid.of(gs_to_rs_map(motion), *size), edges)
+        return policy.without_motion(size)
+    return _decision(SamplingGrid.of(gs_to_rs_map(motion), *size), policy)
 
 
 def distort_pixels(
@@ -162,16 +150,8 @@ def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
     return _mask(SamplingGrid.of(gs_to_rs_map(motion), *size))
 
 
-def _framed(grid: SamplingGrid, edges: Edges) -> Framed:
-    if edges not in ("crop", "auto"):
-        return Framed(edges, grid.whole)
-    cropped = crop_window(grid, _HAIRLINE)
-    whole = (cropped.bottom - cropped.top) * (cropped.right - cropped.left) / (grid.width * grid.height)
-    if edges == "auto":
-        edges = "crop" if whole >= LEAST_AUTO_CROP else "keep"
-    elif whole < _LEAST_CROP:
-        raise UnshutterError(f"cropping would leave {100 * whole:.0f} % of the photo: use other edges, keep or fill")
-    return Framed(edges, cropped if edges == "crop" else grid.whole, whole)
+def _decision(grid: SamplingGrid, policy: EdgePolicy) -> EdgeDecision:
+    return policy.decide((grid.height, grid.width), lambda: crop_window(grid, _HAIRLINE))
 
 
 def _check_size(pixels: np.ndarray, motion: Motion) -> None:
