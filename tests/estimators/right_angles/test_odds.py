@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from support.posteriors import posterior_of
-from unshutter.estimators.right_angles.odds import Forest, judge
+from unshutter.estimators.right_angles.calibration import Forest
+from unshutter.estimators.right_angles.odds import judge
 from unshutter.estimators.right_angles.search import Posterior, displacement
 
 SHEAR_AND_BEND = np.array([0.08, -0.1, 0, 0, 0, 0])

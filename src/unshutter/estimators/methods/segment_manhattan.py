@@ -14,35 +14,28 @@ from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.method import Method
 from unshutter.estimators.right_angles.beliefs import SecondOpinion
+from unshutter.estimators.right_angles.calibration import NetworkErrors, shipped
 from unshutter.estimators.right_angles.search import Posterior, displacement, explore
 from unshutter.estimators.right_angles.view import STARTS, likelihood_of, motion_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
 from unshutter.motion import Motion
 
-# Errors of the network's coefficients (t_x [rows], then r_z [rad]) on photos set aside for this (docs/own-model.md):
-# scales and correlations of a t distribution with three degrees of freedom.
-_SCALES = np.array([0.0232, 0.0295, 0.0063, 0.0312, 0.0324, 0.0053])
-_CORRELATIONS = np.array(
-    [
-        [1.00, -0.53, -0.11, -0.20, -0.20, 0.19],
-        [-0.53, 1.00, -0.07, 0.46, 0.37, -0.20],
-        [-0.11, -0.07, 1.00, 0.02, 0.07, 0.14],
-        [-0.20, 0.46, 0.02, 1.00, -0.43, -0.03],
-        [-0.20, 0.37, 0.07, -0.43, 1.00, -0.28],
-        [0.19, -0.20, 0.14, -0.03, -0.28, 1.00],
-    ]
-)
 _SEEN_TILTS = (-15.0, 50.0)  # degrees: the network knows no others
-_USUAL = 25 / 256  # rows of displacement; the larger the network's answer, the less it is trusted
+_PX = 256.0  # rows of the picture in which displacements are measured
 
 
 class SegmentManhattan(Estimator):
-    """The posterior's mean with the network's answer weighed in."""
+    """The posterior's mean with the network's answer weighed in.
 
-    def __init__(self, method: Method, weights: Path | None = None):
+    Args:
+        method, weights: see :class:`Estimator`.
+        errors: of the network; those of the shipped calibration by default.
+    """
+
+    def __init__(self, method: Method, weights: Path | None = None, errors: NetworkErrors | None = None):
         super().__init__(method, weights)
         self._network = SegmentNetwork(weights)
-        self._precision = np.linalg.inv(_CORRELATIONS * np.outer(_SCALES, _SCALES))
+        self._errors = errors or shipped().network_errors
 
     def prepare(self) -> None:
         """Opens the network."""
@@ -68,6 +61,6 @@ class SegmentManhattan(Estimator):
             segments, size: as :func:`segments_of` returns them.
         """
         answer = self._network.coefficients(segments, view.up).ravel()
-        doubt = 1 + (displacement(answer) / _USUAL) ** 2
-        opinion = SecondOpinion(answer, self._precision / doubt)
+        precision = self._errors.precision(_PX * displacement(answer))
+        opinion = SecondOpinion(answer, precision, self._errors.freedom)
         return explore(likelihood_of(view, segments, size, opinion), [answer]), answer

@@ -1,0 +1,139 @@
+"""What was measured once for all photos: the network's errors, the odds of motion, and how often answers are right.
+
+``unshutter calibrate`` (unshutter-lab) measures it and writes weights/calibration.json, which says from which data.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_SHIPPED = Path(__file__).parents[2] / "weights" / "calibration.json"
+
+
+@dataclass(frozen=True)
+class NetworkErrors:
+    """Errors of the network's six coefficients (t_x [rows], then r_z [rad]): Student's t distribution.
+
+    Attributes:
+        freedom: degrees of freedom; the fewer, the more often errors are large.
+        scales: [6] of the distribution.
+        correlations: [6, 6] between the coefficients.
+        usual_px: size of answer [px of 256 rows] at which the squares of the errors are twice those of small answers.
+    """
+
+    freedom: float
+    scales: np.ndarray
+    correlations: np.ndarray
+    usual_px: float
+
+    def precision(self, size_px: float) -> np.ndarray:
+        """[6, 6] inverse of the scale matrix.
+
+        Args:
+            size_px: root mean square displacement of the network's answer [px of 256 rows].
+        """
+        scale = self.correlations * np.outer(self.scales, self.scales)
+        return np.linalg.inv(scale) / (1 + (size_px / self.usual_px) ** 2)
+
+
+@dataclass(frozen=True)
+class Forest:
+    """Gradient-boosted decision trees of equal size. The values of their leaves add up to the logarithm of odds.
+
+    Attributes:
+        features: names of the figures that nodes ask for.
+        baseline: what the leaves' values are added to.
+        depth: steps from a root to its farthest leaf.
+        feature, threshold, left, right, value: [trees, nodes]: a node leads to ``left`` where its figure is at most the
+            threshold, else to ``right``; a leaf leads to itself and has a value.
+    """
+
+    features: tuple[str, ...]
+    baseline: float
+    depth: int
+    feature: np.ndarray
+    threshold: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    value: np.ndarray
+
+    def odds(self, figures: dict[str, float]) -> float:
+        """Logarithm of the odds that undoing the motion is better than leaving it."""
+        asked = np.array([figures[name] for name in self.features])
+        tree, node = np.arange(len(self.value)), np.zeros(len(self.value), int)
+        for _ in range(self.depth):
+            below = asked[self.feature[tree, node]] <= self.threshold[tree, node]
+            node = np.where(below, self.left[tree, node], self.right[tree, node])
+        return self.baseline + float(self.value[tree, node].sum())
+
+    @classmethod
+    def of(cls, fields: dict[str, Any]) -> Forest:
+        """The forest of a file's fields."""
+        arrays = {name: np.array(fields[name]) for name in ("feature", "threshold", "left", "right", "value")}
+        return cls(tuple(fields["features"]), fields["baseline"], fields["depth"], **arrays)
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A logistic regression.
+
+    Attributes:
+        constant: logarithm of the odds where all figures are 0.
+        slopes: name of a figure -> what the logarithm of the odds gains with each unit of it.
+    """
+
+    constant: float
+    slopes: dict[str, float]
+
+    def log_odds(self, figures: dict[str, float]) -> float:
+        """Logarithm of the odds.
+
+        Args:
+            figures: at least those of the slopes.
+        """
+        return self.constant + sum(slope * figures[name] for name, slope in self.slopes.items())
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Everything that the default method consists of besides its network.
+
+    Attributes:
+        network_errors: how far the network's answer is trusted.
+        forest: odds that there was motion, where the network was asked.
+        odds_without_network: and where it was not.
+        confidence: of photos that are rectified, and of those that are left alone, with the network's answer and
+            without: "rectified", "left", "rectified without network", "left without network" -> logarithm of the odds
+            that the error is below 1 px of 256 rows.
+    """
+
+    network_errors: NetworkErrors
+    forest: Forest
+    odds_without_network: Regression
+    confidence: dict[str, Regression]
+
+    @classmethod
+    def read(cls, path: Path) -> Calibration:
+        """The calibration of a file that ``unshutter calibrate`` wrote."""
+        fields = json.loads(path.read_text(encoding="utf-8"))
+        errors = fields["network_errors"]
+        return cls(
+            NetworkErrors(
+                errors["freedom"], np.array(errors["scales"]), np.array(errors["correlations"]), errors["usual_px"]
+            ),
+            Forest.of(fields["forest"]),
+            Regression(**fields["odds_without_network"]),
+            {name: Regression(**each) for name, each in fields["confidence"].items()},
+        )
+
+
+@cache
+def shipped() -> Calibration:
+    """The calibration that comes with unshutter."""
+    return Calibration.read(_SHIPPED)
