@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UsageError
+from unshutter.geometry.orientation import Orientation
 
 if TYPE_CHECKING:
     import numpy as np  # not imported above: options are checked while a photo is being decoded
@@ -79,10 +80,6 @@ class Readout(StrEnum):
         }[self.quarter_turns]()
 
 
-# Which side of the stored pixels is the scene's top, by EXIF orientation 1-8, as (right, down).
-_SCENE_UP = {1: (0, -1), 2: (0, -1), 3: (0, 1), 4: (0, 1), 5: (-1, 0), 6: (-1, 0), 7: (1, 0), 8: (1, 0)}
-
-
 def scene_up(orientation: int, readout: Readout) -> tuple[int, int]:
     """Unit vector (right, down) that points to the scene's top in the readout frame.
 
@@ -90,7 +87,7 @@ def scene_up(orientation: int, readout: Readout) -> tuple[int, int]:
         orientation: EXIF orientation 1-8 of the stored pixels; anything else counts as 1.
         readout: readout direction of the stored pixels.
     """
-    right, down = _SCENE_UP.get(orientation, (0, -1))
+    right, down = Orientation(orientation).scene_up
     for _ in range(readout.quarter_turns):
         right, down = down, -right
     return right, down

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
+from unshutter.geometry.orientation import Orientation
 from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.libvips import computed, field, refusing, set_blob
 from unshutter.photo.metadata import Metadata
@@ -67,8 +68,7 @@ def header(
     if count > 1:
         raise UnshutterError(f"{source} holds {count} pictures: unshutter takes single photos, save them one by one")
     _check_pixels(source, image)
-    orientation = field(image, "orientation") or exif.orientation(metadata.exif)
-    orientation = orientation if 1 <= orientation <= 8 else 1
+    orientation = Orientation(field(image, "orientation") or exif.orientation(metadata.exif) or 1)
     return Header(format, coding, image.height, image.width, image.bands, orientation, metadata)
 
 

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from unshutter.photo.libvips import computed, libvips, refusing, set_blob, standard, to_8_bits
+from unshutter.photo.libvips import computed, refusing, set_blob, standard, to_8_bits
 
 if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
+    from unshutter.geometry.orientation import Orientation
 
-def upright(image: pyvips.Image, icc: bytes | None, orientation: int, longest_px: int = 0) -> np.ndarray:
+
+def upright(image: pyvips.Image, icc: bytes | None, orientation: Orientation, longest_px: int = 0) -> np.ndarray:
     """A picture as a viewer shows it.
 
     Args:
         image: stored pixels, of 1 to 4 bands; transparent places are shown on white.
         icc: profile of its colours; None: sRGB.
-        orientation: EXIF orientation 1-8.
+        orientation: of the stored pixels.
         longest_px: long side that it is made smaller to; 0: its own.
 
     Returns:
@@ -26,6 +28,8 @@ def upright(image: pyvips.Image, icc: bytes | None, orientation: int, longest_px
     Raises:
         UnshutterError: libvips refuses.
     """
+    import numpy as np
+
     with refusing("cannot show the picture"):
         scale = longest_px / max(image.width, image.height) if longest_px else 1.0
         if scale < 1:
@@ -38,6 +42,4 @@ def upright(image: pyvips.Image, icc: bytes | None, orientation: int, longest_px
             image = image.icc_transform("srgb", embedded=True, depth=16 if image.format == "ushort" else 8)
         image = to_8_bits(standard(image))
         colour = image if image.bands == 3 else image[0].bandjoin([image[0], image[0]])
-        colour = colour.copy()
-        colour.set_type(libvips().GValue.gint_type, "orientation", orientation)
-        return computed(standard(colour.autorot()))
+        return np.ascontiguousarray(orientation.upright(computed(standard(colour))))

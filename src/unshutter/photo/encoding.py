@@ -42,7 +42,7 @@ def with_metadata(
         film = metadata.film if "film" in format.holds else None
         left_out += xmp.gone(packet, film is not None)
         # where only XMP tells how to turn the picture, it goes on doing so
-        told = orientation if orientation != 1 else exif.told_orientation(metadata.exif)
+        told = orientation if orientation != 1 else exif.orientation(metadata.exif)
         packet = xmp.after(packet, xmp.Next(image.height, image.width, told, is_new, film and film.place))
         if packet is None:
             left_out.append("XMP (damaged)")

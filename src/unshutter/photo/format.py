@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, ClassVar
 
+from unshutter.geometry.orientation import Orientation
 from unshutter.options import PictureFormat
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
@@ -47,7 +48,7 @@ class Header:
         coding: how it is encoded.
         height, width: of the stored pixels [px].
         bands: channels, alpha included.
-        orientation: EXIF orientation 1-8 of the stored pixels.
+        orientation: of the stored pixels.
         metadata: what goes to its successors.
     """
 
@@ -56,7 +57,7 @@ class Header:
     height: int
     width: int
     bands: int
-    orientation: int
+    orientation: Orientation
     metadata: Metadata
 
 

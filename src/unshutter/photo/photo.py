@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UsageError
+from unshutter.geometry.orientation import Orientation
 from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
 from unshutter.photo import display, encoding
 from unshutter.photo.decoding import Decoder
@@ -225,7 +226,7 @@ class Photo:
         from unshutter.photo.tags import attitude
 
         said = self._metadata
-        return attitude.of_photo(said.exif, said.xmp, self.orientation, self.height, self.width)
+        return attitude.of_photo(said.exif, said.xmp, Orientation(self.orientation), self.height, self.width)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
@@ -296,7 +297,7 @@ class Photo:
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone.
         """
-        return display.upright(self._picture, self._metadata.icc, self.orientation, longest_px)
+        return display.upright(self._picture, self._metadata.icc, Orientation(self.orientation), longest_px)
 
     # ---- out -------------------------------------------------------------------------------------------
 

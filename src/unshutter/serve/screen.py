@@ -54,15 +54,17 @@ def segments(held: Held, wanted: Rectify) -> dict[str, Any]:
 
 
 def _before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
-    from unshutter.serve.upright import arrows, is_sideways
+    from unshutter.geometry.orientation import Orientation
+    from unshutter.serve.upright import arrows
 
     photo = opened(held)
     pixels = small_copy(held, photo, longest)
-    held_so, sideways = photo.attitude, is_sideways(photo.orientation)
+    held_so = photo.attitude
+    height, width = Orientation(photo.orientation).size(photo.height, photo.width)
     return as_jpeg(pixels, photo.orientation), {
         "format": photo.format,
-        "height": photo.width if sideways else photo.height,
-        "width": photo.height if sideways else photo.width,
+        "height": height,
+        "width": width,
         "focal_px": photo.focal_px() or 0.85 * (photo.height + photo.width),
         "exposure_s": photo.exposure_s(),
         "arrows": arrows(photo.orientation),
@@ -168,8 +170,8 @@ def _segments(held: Held, wanted: Rectify) -> dict[str, Any]:
 
 def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
     """Stored pixels as a JPEG for the screen, upright."""
+    from unshutter.geometry.orientation import Orientation
     from unshutter.photo.libvips import as_image, refusing
-    from unshutter.serve.upright import upright
 
     with refusing("cannot encode the copy for the screen"):
-        return as_image(upright(pixels, orientation)).jpegsave_buffer(Q=_SCREEN_QUALITY, keep=0)
+        return as_image(Orientation(orientation).upright(pixels)).jpegsave_buffer(Q=_SCREEN_QUALITY, keep=0)

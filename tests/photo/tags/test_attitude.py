@@ -14,6 +14,7 @@ from support.fuzzing import damaged, thorough
 from support.maker_notes import apple, directory, exif_with_note, photo_with_note
 from support.tagged_files import ATTRIBUTES, ELEMENTS, jpeg_of_drone
 from unshutter.estimators.base import View
+from unshutter.geometry.orientation import Orientation
 from unshutter.geometry.readout import Readout
 from unshutter.options import Camera
 from unshutter.photo import Photo
@@ -183,7 +184,7 @@ def test_damaged_metadata_say_nothing_or_something(data: st.DataObject) -> None:
     whole = photo_with_note(*data.draw(st.sampled_from(notes)))._metadata.exif
     assert whole is not None
     blob = data.draw(st.composite(damaged)(whole))
-    told = of_photo(blob, None, 1, 120, 160)
+    told = of_photo(blob, None, Orientation.NORMAL, 120, 160)
     assert told is None or (abs(told.roll_deg or 0) <= 45 and abs(told.tilt_deg or 0) <= 90)
     time = exposure.time_s(blob)
     assert time is None or 0 < time <= 3600

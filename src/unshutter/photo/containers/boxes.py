@@ -9,13 +9,11 @@ import io
 import re
 import struct
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from unshutter.errors import UnshutterError
+from unshutter.geometry.orientation import Orientation
 from unshutter.photo.source import Source
-
-if TYPE_CHECKING:
-    import numpy as np
 
 _HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a size of 64 bits
 _LONGEST_READ = 1 << 24  # bytes: what pictures say of themselves takes some thousands
@@ -92,7 +90,7 @@ class BoxCoding(NamedTuple):
     """Coding of the primary picture of an AVIF or HEIC.
 
     Attributes:
-        orientation: EXIF number of the turn and mirroring that decoders apply (boxes irot, imir).
+        orientation: what decoders do to the stored pixels (boxes irot, imir).
         grey: no chroma at all.
         subsampled: chroma at half the resolution in both directions (4:2:0).
         code_points: primaries and transfer of the colours, (2, 2) where the file does not say.
@@ -100,18 +98,13 @@ class BoxCoding(NamedTuple):
     What ``grey`` and ``subsampled`` say holds for AVIF only.
     """
 
-    orientation: int = 1
+    orientation: Orientation = Orientation.NORMAL
     grey: bool = False
     subsampled: bool = True
     code_points: tuple[int, int] = (2, 2)
 
 
-# (quarter turns counter-clockwise, then mirror: None, 0 top-bottom, 1 left-right) -> EXIF orientation
-_ORIENTATION = {
-    **{(0, None): 1, (1, None): 8, (2, None): 3, (3, None): 6},
-    **{(0, 0): 4, (1, 0): 5, (2, 0): 2, (3, 0): 7},
-    **{(0, 1): 2, (1, 1): 7, (2, 1): 4, (3, 1): 5},
-}
+_MIRRORS = (Orientation.FLIP_TOP_BOTTOM, Orientation.FLIP_LEFT_RIGHT)  # by the number in imir
 
 
 def read_coding(file: BinaryIO) -> BoxCoding:
@@ -124,19 +117,27 @@ def read_coding(file: BinaryIO) -> BoxCoding:
         colours = [
             struct.unpack_from(">HH", data, 4) for name, data in listed if (name, data[:4]) == (b"colr", b"nclx")
         ]
-        turns = own[b"irot"][0] & 3 if b"irot" in own else 0
-        mirror = own[b"imir"][0] & 1 if b"imir" in own else None
-        if mirror is not None and list(own).index(b"imir") < [*own, b"irot"].index(b"irot"):
-            turns = -turns & 3  # mirrored first, then turned
+        orientation = _orientation(own)
         coding = own[b"av1C"][2] if b"av1C" in own else 0x0C  # a picture made of tiles has it in the tiles
     except (KeyError, IndexError, struct.error):
         return BoxCoding()
     return BoxCoding(
-        _ORIENTATION[turns, mirror],
+        orientation,
         grey=bool(coding & 0x10),
         subsampled=coding & 0x0C == 0x0C,
         code_points=colours[0] if colours else (2, 2),
     )
+
+
+def _orientation(own: dict[bytes, bytes]) -> Orientation:
+    """What the properties of a picture do to it together, in their order."""
+    orientation = Orientation.NORMAL
+    for name, data in own.items():
+        if name == b"irot":  # quarter turns, counter-clockwise
+            orientation = orientation.then(Orientation.of_steps(-(data[0] & 3)))
+        elif name == b"imir":
+            orientation = orientation.then(_MIRRORS[data[0] & 1])
+    return orientation
 
 
 def properties(meta: dict[bytes, bytes], item: int) -> list[tuple[bytes, bytes]]:
@@ -166,12 +167,3 @@ def _associations(ipma: bytes, item: int) -> list[int]:
             return numbers
         at += count * (1 + wide_index)
     return []
-
-
-def unturned(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """The stored pixels of a picture that its decoder has turned by its orientation."""
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    return pixels.swapaxes(0, 1) if orientation >= 5 else pixels

@@ -56,8 +56,7 @@ class Avif(WrittenFormat):
         if metadata.icc is None:
             metadata = replace(metadata, icc=colours.profile_of(*own.code_points, source))
         header = by_libvips.header(self, source, image, coding, metadata, pictures=1)
-        size = (header.height, header.width)
-        height, width = size[::-1] if own.orientation >= 5 else size
+        height, width = own.orientation.size(header.height, header.width)
         bands = header.bands - 2 if own.grey else header.bands
         return replace(header, height=height, width=width, bands=bands, orientation=own.orientation)
 
@@ -66,7 +65,7 @@ class Avif(WrittenFormat):
         pixels = by_libvips.decoded(_without_tangles(source), "heifload")
         if header.bands <= 2 < pixels.shape[2]:
             pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
-        return boxes.unturned(pixels, header.orientation)
+        return header.orientation.stored(pixels)
 
     def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
         """See WrittenFormat. libvips writes EXIF, too: :meth:`embed` takes its place."""

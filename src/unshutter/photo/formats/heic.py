@@ -42,7 +42,7 @@ class Heic(Format):
         info = picture.info
         with source.stream() as stream:
             own, left_behind = boxes.read_coding(stream), extras.in_words(stream)
-        width, height = picture.size[::-1] if own.orientation >= 5 else picture.size
+        height, width = own.orientation.size(*picture.size[::-1])
         profile, packet = info.get("icc_profile") or colours.profile_of(*own.code_points, source), info.get("xmp")
         blob = info.get("exif")
         metadata = Metadata(
@@ -56,13 +56,13 @@ class Heic(Format):
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        pixels = boxes.unturned(_turned_pixels(source), header.orientation)
+        pixels = header.orientation.stored(_upright_pixels(source))
         if pixels.shape != (header.height, header.width, header.bands):
             raise UnshutterError(f"{source} is damaged: it holds another picture than it says")
         return pixels
 
 
-def _turned_pixels(source: Source) -> np.ndarray:
+def _upright_pixels(source: Source) -> np.ndarray:
     """[H, W, bands] uint8 or uint16 of the primary picture, turned and mirrored as the file asks."""
     import numpy as np
 

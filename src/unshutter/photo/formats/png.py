@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter.errors import UnshutterError
+from unshutter.geometry.orientation import Orientation
 from unshutter.photo import by_libvips
 from unshutter.photo.containers import chunks, insertion
 from unshutter.photo.containers.chunks import COLOURS, TEXTS
@@ -67,7 +68,7 @@ class Png(WrittenFormat):
         coding = Coding(bits=field(image, "bits-per-sample", 8))
         metadata = replace(own, icc=own.icc or field(image, "icc-profile-data"), resolution=(image.xres, image.yres))
         header = by_libvips.header(self, source, image, coding, metadata)
-        return replace(header, orientation=exif.orientation(metadata.exif))
+        return replace(header, orientation=exif.orientation(metadata.exif) or Orientation.NORMAL)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""

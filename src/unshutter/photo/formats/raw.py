@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, BinaryIO, final
 
 from unshutter.errors import UnshutterError
+from unshutter.geometry.orientation import Orientation
 from unshutter.photo.containers import boxes, segments, sensor_data
 from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.libvips import libvips
@@ -40,8 +41,7 @@ _OTHER_MAGIC = (b"IIRO", b"IIRS", b"MMOR", b"IIU\0")  # Olympus, Panasonic
 _MAGIC = {b"II": b"II*\0", b"MM": b"MM\0*"}
 _CANON = bytes.fromhex("85c0b687820f11e08111f4ce462b6a48")
 _CANON_XMP = bytes.fromhex("be7acfcb97a942e89c71999491e3afac")
-# LibRaw's flip (1: left-right, 2: top-bottom, 4: then transposed) -> EXIF orientation
-_ORIENTATION = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
+_FLIPS = (Orientation.FLIP_LEFT_RIGHT, Orientation.FLIP_TOP_BOTTOM, Orientation.TRANSPOSE)  # bits of LibRaw's flip
 _SRGB_CURVE = (2.4, 12.92)
 _COMPLAINT = rb"unknown file: (Unexpected end of file|data corrupted at .*)"  # LibRaw's, which rawpy cannot turn off
 
@@ -71,8 +71,7 @@ class Raw(Format):
             resources=iptc.of_tiff(tree) if tree else None,
             left_behind=left_behind,
         )
-        orientation = _ORIENTATION.get(sizes.flip, 1)
-        return Header(self, Coding(bits=16), sizes.iheight, sizes.iwidth, 3, orientation, metadata)
+        return Header(self, Coding(bits=16), sizes.iheight, sizes.iwidth, 3, _orientation(sizes.flip), metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
@@ -97,6 +96,14 @@ class Raw(Format):
         if pixels.shape != (header.height, header.width, 3):
             raise UnshutterError(f"{source} cannot be developed: LibRaw turned or cut it")
         return pixels
+
+
+def _orientation(flip: int) -> Orientation:
+    """What LibRaw's number for it does to the pixels: its bits are steps, the lowest first."""
+    orientation = Orientation.NORMAL
+    for bit, step in enumerate(_FLIPS):
+        orientation = orientation.then(step) if flip & 1 << bit else orientation
+    return orientation
 
 
 def _is_told_whole(source: Source) -> bool | None:

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from unshutter.geometry.orientation import Orientation
 from unshutter.geometry.readout import Readout
 from unshutter.options import MOST_ROLL_DEG, MOST_TILT_DEG
 from unshutter.photo.tags import exif, maker_notes
@@ -56,13 +57,15 @@ class _Held(NamedTuple):
     tilt: float | None
 
 
-def of_photo(blob: bytes | None, xmp: bytes | None, orientation: int, height: int, width: int) -> Attitude | None:
+def of_photo(
+    blob: bytes | None, xmp: bytes | None, orientation: Orientation, height: int, width: int
+) -> Attitude | None:
     """How the camera was held, or None where the photo does not say, or says what cannot be.
 
     Args:
         blob: EXIF.
         xmp: XMP packet.
-        orientation: EXIF orientation 1-8 of the stored pixels.
+        orientation: of the stored pixels.
         height, width: of the stored pixels [px].
     """
     note = maker_notes.read(blob)
@@ -71,31 +74,26 @@ def of_photo(blob: bytes | None, xmp: bytes | None, orientation: int, height: in
         held = read(note)
         if held is not None and not (note.maker == "Apple" and _is_front(blob)):
             return _in_picture(held, source, orientation, height, width)
-    return of_xmp(xmp) if xmp and orientation == 1 else None
+    return of_xmp(xmp) if xmp and orientation is Orientation.NORMAL else None
 
 
-def _in_picture(held: _Held, source: str, orientation: int, height: int, width: int) -> Attitude | None:
+def _in_picture(held: _Held, source: str, orientation: Orientation, height: int, width: int) -> Attitude | None:
     """The attitude of a picture that a camera held so has taken and stored as it was read, or turned since."""
-    turn = _CAMERA_TURNED.get(orientation)
-    if turn is None:
+    if orientation.mirrored:  # no camera stores pictures so
         return None
     tilt = held.tilt or 0.0
     upright = math.cos(math.radians(tilt))  # share of gravity in the picture's plane
     if upright < _LEAST_UPRIGHT:
         return Attitude(None, held.tilt, source)
-    roll = _wrapped(held.roll - turn)
+    roll = _wrapped(held.roll - 90 * orientation.quarter_turns)
     if abs(roll) <= MOST_ROLL_DEG:
         return Attitude(roll, held.tilt, source)
     beside = roll - math.copysign(90, roll)
-    if orientation == 1 and height > width and upright >= _CLEAR_SHARE and abs(beside) <= _CLEAR_DEG:
+    if orientation is Orientation.NORMAL and height > width and upright >= _CLEAR_SHARE and abs(beside) <= _CLEAR_DEG:
         # sensors lie across: these pixels were set upright by software, which the tag does not tell
         readout = Readout.RIGHT_TO_LEFT if roll > 0 else Readout.LEFT_TO_RIGHT
         return Attitude(beside, held.tilt, source, readout)
     return None
-
-
-# Clockwise turn of a camera [degrees] for which its pixels get an EXIF orientation. Mirrored ones come from no camera.
-_CAMERA_TURNED = {1: 0.0, 3: 180.0, 6: 90.0, 8: -90.0}
 
 
 def _wrapped(angle: float) -> float:
@@ -227,4 +225,4 @@ def _from_straight_down(roll: float, pitch: float, source: str) -> Attitude | No
     roll, pitch = math.radians(roll), math.radians(pitch)
     gravity = math.sin(roll) * math.cos(pitch), math.sin(pitch), math.cos(roll) * math.cos(pitch)
     tilt = -math.degrees(math.asin(gravity[2]))
-    return _in_picture(_Held(math.degrees(math.atan2(gravity[0], gravity[1])), tilt), source, 1, 1, 1)
+    return _in_picture(_Held(math.degrees(math.atan2(gravity[0], gravity[1])), tilt), source, Orientation.NORMAL, 1, 1)

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import BinaryIO
 
+from unshutter.geometry.orientation import Orientation
 from unshutter.photo.tags import directories, moved_note
 from unshutter.photo.tags.directories import (
     BYTE_ORDERS,
@@ -73,16 +74,11 @@ def untangled(blob: bytes) -> bytes | None:
     return of_tiff(tree) if tree else None
 
 
-def told_orientation(blob: bytes | None) -> int | None:
-    """EXIF orientation 1-8 that a blob tells; None where it tells none."""
+def orientation(blob: bytes | None) -> Orientation | None:
+    """The orientation in an EXIF blob; None where there is none, or a number without a meaning."""
     tree = read(blob)
-    told = tree.number(_ORIENTATION) if tree else None
-    return told if told is not None and 1 <= told <= 8 else None
-
-
-def orientation(blob: bytes | None) -> int:
-    """The same, 1 where it tells none."""
-    return told_orientation(blob) or 1
+    number = tree.number(_ORIENTATION) if tree else None
+    return Orientation(number) if number in tuple(Orientation) else None
 
 
 def with_header(blob: bytes | None) -> bytes | None:
