@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any, BinaryIO, TypedDict, Unpack, overload
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UsageError
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.find import find_motion
 from unshutter.estimators.register import load, method
@@ -20,14 +20,12 @@ from unshutter.options import (
     Undo,
 )
 from unshutter.photo import Photo
-from unshutter.photo.given import in_kind, is_bytes, is_file, opened
+from unshutter.photo.argument import check_size, in_kind, is_bytes, is_file, open_photo
 from unshutter.result import Rectified
 
 if TYPE_CHECKING:
     import numpy as np
     from PIL.Image import Image
-
-SMALLEST_SIDE = 64  # px
 
 
 # ---- for users ------------------------------------------------------------------------------------------
@@ -67,8 +65,8 @@ def estimate(
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
     """
     camera, how = Camera(readout, focal_px, roll_deg, tilt_deg, exposure_s, readout_ms, moving), Undo(reference)
-    source = opened(photo)
-    _check_size(source)
+    source = open_photo(photo)
+    check_size(source.height, source.width)
     return estimate_photo(source, _loaded(estimator), camera).rereferenced(how.reference or "first")
 
 
@@ -163,7 +161,7 @@ def rectified(photo: Any, **options: Unpack[_Options]) -> Rectified:
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    return rectify(opened(photo), **options)
+    return rectify(open_photo(photo), **options)
 
 
 def _rectified(
@@ -173,8 +171,8 @@ def _rectified(
         camera.check_unused()
         how = how.of_given_motion()
         motion = motion if isinstance(motion, Motion) else Motion.load(motion)
-    source = opened(photo)
-    _check_size(source)
+    source = open_photo(photo)
+    check_size(source.height, source.width)
     if motion is None:
         grey_px = method(estimator).grey_px if isinstance(estimator, str) else None
         source.start_decoding(grey_px=grey_px)  # while the estimator is loaded
@@ -193,7 +191,7 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
     Raises:
         UnshutterError: the photo is too small, damaged or gone.
     """
-    _check_size(photo)
+    check_size(photo.height, photo.width)
     return find_motion(estimator, View(photo, camera))
 
 
@@ -210,7 +208,7 @@ def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rect
         UsageError: another readout direction than the motion's.
         UnshutterError: another aspect, a motion that cannot be undone, a photo that is too small or damaged.
     """
-    _check_size(photo)
+    check_size(photo.height, photo.width)
     found, verdict = judged(motion, how, photo.height, photo.width, readout)
     if not verdict.changes:
         return Rectified(photo, verdict.left_alone(found), photo, found, verdict)
@@ -244,10 +242,3 @@ def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Mo
 
 def _loaded(estimator: str | Estimator) -> Estimator:
     return load(estimator) if isinstance(estimator, str) else estimator
-
-
-def _check_size(photo: Photo) -> None:
-    if min(photo.height, photo.width) < SMALLEST_SIDE:
-        raise UnshutterError(
-            f"the photo is {photo.width}x{photo.height} px; both sides must be at least {SMALLEST_SIDE} px"
-        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import cached_property
 from typing import Any
 
@@ -14,22 +13,18 @@ from unshutter.frames.rectified_frame import RectifiedFrame
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
 from unshutter.frames.wanted import Wanted
 from unshutter.motion.verdict import Verdict
-from unshutter.photo import Photo
+from unshutter.photo.argument import check_size, open_photo
 from unshutter.warp.crop import valid_window
 from unshutter.warp.edges import EdgePolicy
-
-SMALLEST_SIDE = 64  # px
 
 
 class Frame:
     """A frame of a sequence, and what connects it with the next one."""
 
     def __init__(self, given: Any, how: Wanted) -> None:
-        self.given, self.photo, self._readout = given, opened(given), how.readout
+        self.given, self.photo, self._readout = given, open_photo(given), how.readout
         self.to_next: Link | None = None
-        if min(self._size) < SMALLEST_SIDE:
-            size = f"{self.photo.width}x{self.photo.height} px"
-            raise UnshutterError(f"{self.name} is {size}; both sides must be at least {SMALLEST_SIDE} px")
+        check_size(*self._size, self.name)
 
     @property
     def name(self) -> str:
@@ -123,10 +118,3 @@ def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:
         bits = [f"{8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
         raise UnshutterError(f"{frame.name} has {bits[0]} but {neighbour.name} has {bits[1]}: they must be alike")
     return theirs
-
-
-def opened(given: Any) -> Photo:
-    """A path, Photo or pixels as a Photo."""
-    if isinstance(given, Photo):
-        return given
-    return Photo.open(given) if isinstance(given, (str, os.PathLike)) else Photo.from_array(given)

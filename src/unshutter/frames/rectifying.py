@@ -22,6 +22,7 @@ from unshutter.frames.wanted import Wanted
 from unshutter.geometry.readout import Readout
 from unshutter.options import Clock, Edges, Find, FrameModel, Reference, Undo
 from unshutter.photo import Photo
+from unshutter.photo.argument import in_kind, is_bytes, is_file
 from unshutter.rectification import estimate_photo, undo
 
 
@@ -175,7 +176,7 @@ def _camera_motion(frames: list[Frame], number: int, how: Wanted) -> FrameMotion
 
 
 def _like(frame: Frame, result: RectifiedFrame) -> Any:
-    """The result as what was given: pixels for pixels."""
-    if not isinstance(frame.given, np.ndarray):
+    """The result for an encoded frame; pixels for pixels."""
+    if is_file(frame.given) or is_bytes(frame.given):
         return result
-    return result.to_array().reshape(*result.pixels.shape[:2], *frame.given.shape[2:])
+    return in_kind(frame.given, result.to_array() if result.changed else None)

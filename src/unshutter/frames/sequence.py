@@ -21,6 +21,7 @@ from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera, Clock, Reference, Undo
 from unshutter.photo import Photo
+from unshutter.photo.argument import open_photo
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
@@ -144,7 +145,7 @@ class CameraMotion:
         Raises:
             UnshutterError: it cannot be read.
         """
-        photo = frame if isinstance(frame, Photo) else _opened(frame)
+        photo = open_photo(frame)
         height, width = self.readout.frame_size(photo.height, photo.width)
         if self._focal is None and (known := self.focal_px or photo.focal_px()):
             self._focal = known * ROWS / height
@@ -283,11 +284,3 @@ def known_ratio(
     if (readout_ms is None) != (fps is None):
         raise UsageError("readout_ms and fps (--readout-ms and --fps) go together: what counts is their product")
     return ReadoutRatio(clock.ratio, 0.0, "what was given") if clock.is_known else None
-
-
-def _opened(frame: str | os.PathLike[str] | bytes | np.ndarray) -> Photo:
-    if isinstance(frame, bytes):
-        return Photo.from_bytes(frame)
-    if isinstance(frame, np.ndarray):
-        return Photo.from_array(frame)
-    return Photo.open(frame)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
+from unshutter.photo.argument import check_size
 from unshutter.video.clock import Clock, Times
 from unshutter.video.containers import damaged, decoded, film_of, first_times, opened, packets, time_of
 from unshutter.video.ending import Ending, Extent
@@ -21,7 +22,6 @@ from unshutter.video.planes import PixelFormat
 if TYPE_CHECKING:
     from av import VideoFrame
 
-SMALLEST_SIDE = 64  # px
 _WHOLE = 0.03  # of a frame interval: times are taken to be this close to even ones
 _LONGEST_GAP = 4  # frame intervals; what lies farther apart is no motion
 _PROGRESSIVE = (0, 1)  # FFmpeg's field orders: unknown, progressive
@@ -197,8 +197,7 @@ def _check_size(place: str, width: int, height: int, most: int) -> None:
     if width * height > most:
         millions = f"({width * height / 1e6:.0f} megapixels), more than the limit of {most / 1e6:g} megapixels"
         raise UnshutterError(f"{place} has frames of {size} {millions}: see --max-pixels")
-    if min(width, height) < SMALLEST_SIDE:
-        raise UnshutterError(f"{place}: its frames are {size}; both sides must be at least {SMALLEST_SIDE} px")
+    check_size(height, width, f"{place}: a frame")
 
 
 def _first_frame(place: str, pictures: Numbered | None, fps: float | None) -> tuple[dict[str, bytes], int]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
+from unshutter.photo.argument import check_size
 from unshutter.storage.files import written_whole
 from unshutter.version import __version__
 from unshutter_lab.synthesis.options import Synthesize
@@ -20,7 +21,6 @@ from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
 
 FORMAT = "unshutter-synthesis/1"
-_SMALLEST_SIDE = 64  # px of a photo
 # number generator -> motion
 Draw = Callable[[np.random.Generator], DrawnMotion]
 
@@ -80,9 +80,7 @@ def _pairs_of(
 ) -> tuple[str, list[tuple[DrawnMotion, np.ndarray, np.ndarray]]]:
     """SHA-256 of a photo, and its pairs as (motion, rs, gs)."""
     pixels, digest = Photo.open(photo).to_array(), _digest(photo)
-    if min(pixels.shape[:2]) < _SMALLEST_SIDE:
-        size = f"{pixels.shape[1]}x{pixels.shape[0]} px"
-        raise UnshutterError(f"{photo} has {size}: each side must have at least {_SMALLEST_SIDE} px")
+    check_size(pixels.shape[0], pixels.shape[1], str(photo))
     sequences = np.random.SeedSequence([settings.seed, int(digest, 16)]).spawn(settings.per_photo)
     motions = [draw(np.random.default_rng(sequence)) for sequence in sequences]
     return digest, [(drawn, *synthesize(pixels, drawn, settings.exposure)) for drawn in motions]

@@ -113,3 +113,14 @@ def test_what_is_missing_is_a_file_that_is_not_found(tmp_path: Path) -> None:
             ask()
         assert isinstance(caught.value, unshutter.UnshutterError)
         assert isinstance(caught.value, unshutter.MissingFileError)
+
+
+def test_frames_are_opened_as_photos_are(tmp_path: Path) -> None:
+    pixels = drawn(120, 160)
+    Photo.from_array(pixels).save(tmp_path / "a.png")
+    data = (tmp_path / "a.png").read_bytes()
+    kinds = [tmp_path / "a.png", data, io.BytesIO(data), pixels, Image.fromarray(pixels), Photo.from_array(pixels)]
+    for kind, again in zip(kinds, [*kinds[:2], io.BytesIO(data), *kinds[3:]], strict=True):
+        assert all(motion.is_zero for motion in unshutter.estimate_frames([kind, again], readout_ratio=0.5))
+    made = list(unshutter.rectify_frames([Image.fromarray(pixels)] * 2, readout_ratio=0.5))
+    assert all(isinstance(each, Image.Image) for each in made)
