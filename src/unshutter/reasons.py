@@ -49,6 +49,9 @@ class Code(StrEnum):
     TOO_LITTLE_TO_FOLLOW = "too-little-to-follow"
     SCENES_DIFFER = "scenes-differ"
     FRAMES_DISAGREE = "frames-disagree"
+    NOTHING_MOVED = "nothing-moved"
+    RATIO_UNKNOWN = "ratio-unknown"  # of frames
+    READOUT_TIME_UNKNOWN = "readout-time-unknown"  # of a clip
     # frames and clips: why the readout ratio is unknown
     TOO_FEW_FRAMES = "too-few-frames"
     SHOOK_TOO_FAST = "shook-too-fast"
@@ -82,10 +85,13 @@ SENTENCES = {
     Code.TOO_LITTLE_TO_FOLLOW: "there is too little to follow",
     Code.SCENES_DIFFER: "the neighbouring frames show another scene, or near and far move too differently in them",
     Code.FRAMES_DISAGREE: "the frames do not show how the camera moved",
+    Code.NOTHING_MOVED: "nothing moved between the frames",
+    Code.RATIO_UNKNOWN: "the readout ratio cannot be found from these frames ({why})",
+    Code.READOUT_TIME_UNKNOWN: "this clip does not show its readout time ({why})",
     Code.TOO_FEW_FRAMES: "{frames} frames are too few to show it",
     Code.SHOOK_TOO_FAST: "the camera shook faster than frames were taken",
     Code.TOO_EVEN: "the camera moved too evenly, or too little could be followed",
-    Code.IMPRECISE: "{evidence} gives {value:.2f} ± {error:.2f}",
+    Code.IMPRECISE: "{evidence} give {value:.2f} ± {error:.2f}",
     Code.NO_ANGLES_OR_MOTION: "they show no right angles, or hardly move from side to side",
     Code.PARTS_DISAGREE: "parts of the clip disagree: {ratios}",
     Code.NO_CLEAR_PART: "no {frames} frames in a row show one scene clearly",

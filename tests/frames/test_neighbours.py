@@ -6,6 +6,7 @@ from support.frame_pairs import HEIGHT, WIDTH, Scene, off
 from unshutter.errors import UnshutterError
 from unshutter.frames.neighbours import link, render
 from unshutter.frames.timing import Timing
+from unshutter.reasons import Code
 
 
 def small(picture):
@@ -94,7 +95,7 @@ def of_two(first, second, moment=0.4):
 def test_identical_frames() -> None:
     picture = Scene().at(0)
     made = of_two(picture, picture)
-    assert made.reason == "nothing moved between the frames"
+    assert made.reason is not None and made.reason.code is Code.NOTHING_MOVED
     np.testing.assert_array_equal(made.pixels, picture)
 
 

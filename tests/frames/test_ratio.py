@@ -1,13 +1,15 @@
 """The readout ratio: found where the motion says it, and refused where it does not."""
 
+import pickle
+
 import numpy as np
 import pytest
 
-from support.drawn_photos import one_line
 from support.hand_held import FOCAL, HEIGHT, camera, exact_tracks, hand, pan, shaking, still
-from unshutter import UnshutterError
+from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
 from unshutter.frames.ratio import ratio_from_motion
+from unshutter.reasons import Code
 
 
 def found(log, ratio, frames=45, noise=0.1):
@@ -22,22 +24,29 @@ def test_a_hand_says_it(ratio):
     assert 0 < answer.error < 0.05
 
 
-@pytest.mark.parametrize(("log", "why"), [(still(), "stood still"), (pan(), "too evenly"), (shaking(52), "shook")])
-def test_where_it_cannot_be_told_it_is_not_guessed(log, why):
-    with pytest.raises(UnshutterError, match=why) as error:
+@pytest.mark.parametrize(
+    ("log", "because"),
+    [(still(), Code.STOOD_STILL), (pan(), Code.TOO_EVEN), (shaking(52), Code.SHOOK_TOO_FAST)],
+)
+def test_where_it_cannot_be_told_it_is_not_guessed(log, because):
+    with pytest.raises(UnknownRatioError) as caught:
         found(log, 0.6)
-    assert "say --readout-ratio" in one_line(error)
+    reason = caught.value.reason
+    assert reason.code is Code.RATIO_UNKNOWN and dict(reason.figures)["because"] == because
+    passed_on = pickle.loads(pickle.dumps(caught.value.with_advice("say it")))  # as between processes
+    assert passed_on.reason == reason and str(passed_on) == f"{reason}: say it"
+    assert "--" not in str(reason)  # flags are the command line's business
 
 
 @pytest.mark.parametrize("log", [hand(1), pan(), shaking(52)])
 @pytest.mark.parametrize("frames", [2, 3])
 def test_two_or_three_frames_do_not_say_why_not(log, frames):
-    with pytest.raises(UnshutterError, match=f"\\({frames} are too few to show it\\): say --readout-ratio"):
+    with pytest.raises(UnknownRatioError, match=f"\\({frames} frames are too few to show it\\)$"):
         found(log, 0.6, frames=frames)
 
 
 def test_no_tracks_are_no_answer():
-    with pytest.raises(UnshutterError, match="say --readout-ratio"):
+    with pytest.raises(UnknownRatioError, match="stood still"):
         ratio_from_motion([], 300.0)
 
 

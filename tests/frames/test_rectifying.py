@@ -146,7 +146,7 @@ def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["--after", "{1}"], 1, "(2 are too few to show it): say --readout-ratio, or --readout-ms with --fps"),
+        (["--after", "{1}"], 1, "(2 frames are too few to show it): say --readout-ratio, or --readout-ms with --fps"),
         (["--after", "{1}", "--readout-ratio", "0"], 2, "above 0 and at most 1"),
         (["--after", "{folder}/none.png", "--readout-ratio", "1"], 1, "No such file"),
         (["--after", "{1}", "--readout-ratio", "1", "--at", "0.5", "--reference", "first"], 2, "choose one"),

@@ -67,6 +67,7 @@ class Outcome:
     Attributes:
         error: one line; empty where all went well.
         usage: the error is about the request rather than the photo.
+        unknown_ratio: the error is that the frames do not show the readout ratio of their camera.
         note: something that the user should know.
         model: how the motion of a photo with neighbours was described (frames/rectified_frame.py); else empty.
         verdict: whether the photo was changed, and why not.
@@ -79,6 +80,7 @@ class Outcome:
 
     error: str = ""
     usage: bool = False
+    unknown_ratio: bool = False
     note: str = ""
     model: str = ""
     verdict: Verdict | None = None

@@ -13,7 +13,7 @@ from unshutter.batch.job import Job, Outcome
 from unshutter.batch.manifest import Manifest
 from unshutter.batch.report import Report, naming_the_photo
 from unshutter.batch.workers import Workers
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import check_place
 from unshutter.storage.protection import Protection
@@ -200,7 +200,8 @@ class Batch:
         if not outcome.error:
             self._report.done(job, outcome)
         elif self._report.total == 1:
-            raise (UsageError if outcome.usage else UnshutterError)(outcome.error)
+            unknown = UnknownRatioError if outcome.unknown_ratio else UnshutterError
+            raise (UsageError if outcome.usage else unknown)(outcome.error)
         else:
             self._report.failed(job.source, outcome.error, outcome.seconds)
 

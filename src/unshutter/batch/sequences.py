@@ -9,7 +9,7 @@ from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from unshutter.batch.job import Job
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.options import Rectify
 from unshutter.prefetch import open_photo
 from unshutter.storage.places import Place, absolute
@@ -43,9 +43,8 @@ def with_motions(jobs: list[Job], photos: list[Place], wanted: Rectify, max_pixe
         max_pixels: of a photo.
 
     Raises:
-        UnshutterError: the readout ratio was not given, and the frames do not say it.
+        UnknownRatioError: the readout ratio was not given, and the frames do not show it.
     """
-    from unshutter.frames.ratio import WHAT_TO_DO
     from unshutter.frames.sequence import CameraMotion, known_ratio
 
     clock, camera = wanted.clock, wanted.find.camera
@@ -55,9 +54,9 @@ def with_motions(jobs: list[Job], photos: list[Place], wanted: Rectify, max_pixe
     joined: list[tuple[Place, Place]] = []  # photos that follow one another
     found = list(finder.motions(_seen(finder, photos, read, joined, max_pixels)))
     motions = dict(zip(map(absolute, read), found, strict=True))
-    untold = next((motion.reason for motion in found if WHAT_TO_DO in motion.reason), "")
-    if untold and finder.ratio is None and not wanted.neighbours.fallback:
-        raise UnshutterError(untold)
+    unknown = next((motion.reason for motion in found if motion.ratio_unknown), None)
+    if unknown is not None and finder.ratio is None and not wanted.neighbours.fallback:
+        raise UnknownRatioError(str(unknown), unknown)
     if ratio is None and finder.ratio is not None:
         print(f"unshutter: readout ratio {finder.ratio}", file=sys.stderr)
     after = {absolute(first): absolute(second) for first, second in joined}

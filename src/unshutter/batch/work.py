@@ -12,7 +12,7 @@ from unshutter.batch.job import Job, Outcome
 from unshutter.batch.photos import mask_file, save_picture
 from unshutter.batch.preview import before_and_after
 from unshutter.batch.report import naming_the_photo
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.options import Rectify
 from unshutter.prefetch import Coming, Prefetch, open_photo
 from unshutter.storage.places import Place, check_place, digest, fingerprint, remove, write_place
@@ -38,7 +38,8 @@ def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefe
     try:
         naming_the_photo(job.source, lambda _: outcomes.append(_do(job, wanted, motion, prefetch)))
     except UnshutterError as error:
-        return Outcome(str(error), isinstance(error, UsageError), seconds=time.perf_counter() - start)
+        usage, unknown_ratio = isinstance(error, UsageError), isinstance(error, UnknownRatioError)
+        return Outcome(str(error), usage, unknown_ratio, seconds=time.perf_counter() - start)
     return replace(outcomes[0], seconds=time.perf_counter() - start)
 
 

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnknownRatioError
 from unshutter.estimators.base import View
 from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
 from unshutter.estimators.right_angles.search import evidence_of
 from unshutter.estimators.right_angles.view import known_camera, segments_of
-from unshutter.frames.ratio import ReadoutRatio, cannot_tell
+from unshutter.frames.ratio import ReadoutRatio
 from unshutter.frames.tracks import Tracks
+from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
@@ -68,7 +69,7 @@ def ratio_from_angles(photos: Sequence[Leaning]) -> ReadoutRatio:
     """The readout ratio of a sequence, from the right angles in some of its photos.
 
     Raises:
-        UnshutterError: the photos do not say it: too little moves from side to side, or they show no right angles.
+        UnknownRatioError: too little moves from side to side, or the photos show no right angles.
     """
     total = np.zeros((len(_RATIOS), len(_LEANS)))
     asked = 0
@@ -82,14 +83,15 @@ def ratio_from_angles(photos: Sequence[Leaning]) -> ReadoutRatio:
         total += np.interp(_RATIOS[:, None] + _LEANS / sideways, _ASKED, evidence)
         asked += 1
     if not asked:
-        raise UnshutterError(cannot_tell("they show no right angles, or hardly move from side to side"))
+        raise UnknownRatioError.because(Reason(Code.NO_ANGLES_OR_MOTION))
     total -= 0.5 * (_LEANS / _ASKEW) ** 2
     share = np.exp(total - total.max()).sum(axis=1)
     share /= share.sum()
     mean = float(share @ _RATIOS)
     error = float(np.sqrt(share @ (_RATIOS - mean) ** 2))
     if error > _TOO_UNSURE:
-        raise UnshutterError(cannot_tell(f"right angles say {mean:.2f} +- {error:.2f}"))
+        cause = Reason.of(Code.IMPRECISE, evidence="right angles", value=mean, error=error)
+        raise UnknownRatioError.because(cause)
     return ReadoutRatio(mean, error, "right angles")
 
 

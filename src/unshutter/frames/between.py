@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.neighbours import STILL, Link, copy_side, link, render
+from unshutter.frames.neighbours import Link, copy_side, link, render
 from unshutter.frames.rectified_frame import RectifiedFrame
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
 from unshutter.frames.wanted import Wanted
 from unshutter.motion.verdict import Verdict
 from unshutter.photo.argument import check_size, open_photo
+from unshutter.reasons import Cause, Code
 from unshutter.warp.crop import valid_window
 from unshutter.warp.edges import EdgePolicy
 
@@ -98,8 +99,8 @@ def rectified_densely(before: Frame | None, current: Frame, after: Frame | None,
     back = -how.readout.quarter_turns
     pixels, valid = np.rot90(made.pixels, back), np.rot90(made.valid, back)
     if made.reason:
-        cause = "no motion" if made.reason == STILL else "nothing to go by"
-        verdict = Verdict(0.0, None, cause, made.reason)
+        cause = Cause.NO_MOTION if made.reason.code is Code.NOTHING_MOVED else Cause.NO_EVIDENCE
+        verdict = Verdict(0.0, None, cause.value, str(made.reason))
         return RectifiedFrame(current.photo, valid, current.photo, verdict)
     edges, window, whole = EdgePolicy(how.undo.edges).decide(valid.shape, lambda: valid_window(valid))
     pixels = pixels[window.top : window.bottom, window.left : window.right]

@@ -13,7 +13,7 @@ import numpy as np
 
 from unshutter.frames.camera import ROWS, turn_jacobian
 from unshutter.frames.flow import Flow, looked_up
-from unshutter.frames.sequence import STOOD_STILL, FrameMotion
+from unshutter.frames.sequence import FrameMotion
 from unshutter.frames.tracks import Tracks
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def chosen(camera: FrameMotion, before: Frame | None, current: Frame, after: Fra
         UnshutterError: there is no motion of a camera, and too little flow (see :meth:`Frame.connect`).
     """
     if camera.fit is None:
-        return "camera" if camera.reason == STOOD_STILL else "dense"
+        return "camera" if camera.stood_still else "dense"
     for first, earlier, later in ((-1, before, current), (0, current, after)):
         if earlier is None or later is None:
             continue

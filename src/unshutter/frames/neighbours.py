@@ -20,6 +20,7 @@ from unshutter.frames.dense import Field, field_between, joined
 from unshutter.frames.flow import Flow, flow_between, looked_up
 from unshutter.frames.fusion import Warped, fuse
 from unshutter.frames.timing import Timing
+from unshutter.reasons import Code, Reason
 from unshutter.warp.grid import SamplingGrid
 from unshutter.warp.pixels import sampled_pixels
 
@@ -33,7 +34,6 @@ _LEAST_CONSISTENT = 0.35  # of the flow, or the frames show different things
 _LEAST_GAIN = 0.06  # share of the difference between the frames that their motion must explain
 _NOISE_GAIN = 0.25  # what a motion may explain that was only fitted to noise; then it must be
 _PLAIN_CONSISTENT, _PLAIN_MOVE = 0.7, 0.5  # so consistent, and so large [px, mean]
-STILL = "nothing moved between the frames"
 _UNMOVED = 0.1  # px that nine tenths of a picture move by at most, if it is to stay as it is
 
 
@@ -60,12 +60,12 @@ class Moving:
     Attributes:
         field: on the small copies.
         largest_px: the farthest that anything of frame 0 moved [px of the frame].
-        reason: why the frame is better left as it is; else empty.
+        reason: why the frame is better left unchanged; None where it is not.
     """
 
     field: Field
     largest_px: float
-    reason: str = ""
+    reason: Reason | None = None
 
 
 @dataclass(frozen=True)
@@ -76,13 +76,13 @@ class Rendered:
         pixels: of the frame's size and type.
         valid: where some frame shows what belongs there.
         largest_px: the farthest that anything of frame 0 moved.
-        reason: why the frame was left as it is; else empty.
+        reason: why the frame was left unchanged; None where it was not.
     """
 
     pixels: UInt[np.ndarray, "height width bands"]
     valid: Bool[np.ndarray, "height width"]
     largest_px: float
-    reason: str = ""
+    reason: Reason | None = None
 
 
 def copy_side(height: int, width: int) -> int:
@@ -176,15 +176,15 @@ def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
     return replace(found, velocity=found.velocity / np.float32(apart), moment=moment, timing=timing)
 
 
-def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> str:
-    """Why the frame is better left as it is; empty where it is not."""
+def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> Reason | None:
+    """Why the frame is better left unchanged; None where it is not."""
     if np.percentile(moved, 90) < _UNMOVED and moved.max() < 1:
-        return STILL
+        return Reason(Code.NOTHING_MOVED)
     gain = 1 - field.cost.mean() / max(field.still_cost.mean(), 1e-6)
     plain = consistent > _PLAIN_CONSISTENT and moved.mean() > _PLAIN_MOVE
     if gain < (_LEAST_GAIN if plain else _NOISE_GAIN):
-        return "the frames do not say how the camera moved"
-    return ""
+        return Reason(Code.FRAMES_DISAGREE)
+    return None
 
 
 def _grid(field: Field, frame: float, height: int, width: int) -> SamplingGrid:

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS, Fit, Problem
 from unshutter.frames.tracks import Tracks
+from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
@@ -35,8 +36,7 @@ _TOO_UNSURE = 0.08
 STILL_PX = 0.25  # px of ROWS rows a frame: what a readout shears by less is left as it is
 _FASTEST = 0.4  # cycles a frame: what is faster is hidden between the frames
 _EVEN_PX = 0.1  # px of ROWS rows a frame: a speed that varies by less is even
-_FEW = 10  # pairs of frames that hardly ever say the ratio, and never why not
-WHAT_TO_DO = "say --readout-ratio, or --readout-ms with --fps"
+_FEW = 10  # pairs of frames that hardly ever show the ratio, and never why not
 
 
 @dataclass(frozen=True)
@@ -65,12 +65,11 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
         focal_px: focal length [px of ROWS rows].
 
     Raises:
-        UnshutterError: these frames do not say it: the camera stood still, moved evenly, or shook faster than frames
-            were taken.
+        UnknownRatioError: the camera stood still, moved evenly, or shook faster than frames were taken.
     """
     pairs = [fewer(pair) for pair in pairs if len(pair)]
     if not pairs or max(flow(pair) for pair in pairs) < STILL_PX:
-        raise UnshutterError(cannot_tell("the camera stood still"))
+        raise UnknownRatioError.because(Reason(Code.STOOD_STILL))
     parts = [Problem(pairs[k : k + _PART], focal_px) for k in range(0, max(len(pairs) - _PART // 2, 1), _PART)]
     profiles = [_Profile(part) for part in parts]
     coarse = np.sum([[profile.at(ratio) for ratio in _COARSE] for profile in profiles], axis=0)
@@ -81,17 +80,16 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
         best, width = _top(at, curves.sum(axis=0))
         best = float(np.clip(best, at[0], at[2]))
     if max(_cycles(profile.fit_at(best)) for profile in profiles) > _FASTEST:
-        raise UnshutterError(cannot_tell(_too_few(pairs) or "the camera shook faster than frames were taken"))
+        raise UnknownRatioError.because(_cause(pairs, Code.SHOOK_TOO_FAST))
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
     if error > _TOO_UNSURE or best > _LARGEST:
-        why = _too_few(pairs) or "the camera moved too evenly, or too little could be followed"
-        raise UnshutterError(cannot_tell(why))
+        raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
     return ReadoutRatio(min(max(best, 0.0), 1.0), error, "motion")
 
 
-def _too_few(pairs: Sequence[Tracks]) -> str:
-    """The reason of a few frames; empty for more."""
-    return f"{len(pairs) + 1} are too few to show it" if len(pairs) < _FEW else ""
+def _cause(pairs: Sequence[Tracks], code: Code) -> Reason:
+    """Why the frames do not show the ratio; a few frames cannot even show that."""
+    return Reason(code) if len(pairs) >= _FEW else Reason.of(Code.TOO_FEW_FRAMES, frames=len(pairs) + 1)
 
 
 class _Profile:
@@ -148,8 +146,3 @@ def fewer(pair: Tracks) -> Tracks:
     kept = np.zeros(len(pair), bool)
     kept[np.linspace(0, len(pair) - 1, _MOST_TRACKS).astype(int)] = True
     return pair.only(kept)
-
-
-def cannot_tell(reason: str) -> str:
-    """The line for frames that do not say the ratio."""
-    return f"the readout ratio cannot be told from these frames ({reason}): {WHAT_TO_DO}"

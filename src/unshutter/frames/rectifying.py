@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.estimators.register import load
 from unshutter.frames.between import Frame, rectified_densely
 from unshutter.frames.choice import chosen
 from unshutter.frames.neighbours import copy_side
-from unshutter.frames.ratio import WHAT_TO_DO, cannot_tell
 from unshutter.frames.rectified_frame import RectifiedFrame
-from unshutter.frames.sequence import SEARCHED, STOOD_STILL, CameraMotion, FrameMotion, known_ratio
+from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, known_ratio
 from unshutter.frames.wanted import Wanted
 from unshutter.geometry.readout import Readout
 from unshutter.options import Clock, Edges, Find, FrameModel, Reference, Undo
 from unshutter.photo import Photo
 from unshutter.photo.argument import in_kind, is_bytes, is_file
+from unshutter.reasons import Cause
 from unshutter.rectification import estimate_photo, undo
 
 
@@ -72,7 +72,15 @@ def rectify_frames(
     known_ratio(readout_ratio, readout_ms, fps)  # raises where only a part of it is given
     alone = Find() if fallback else None
     how = Wanted(clock, undoing, Readout.parse(readout), at, model, focal_px, alone)
-    return _each(iter(frames), how)
+    return _with_advice(_each(iter(frames), how))
+
+
+def _with_advice(pictures: Iterator[Any]) -> Iterator[Any]:
+    """The pictures; an unknown readout ratio is reported with the arguments that can say it."""
+    try:
+        yield from pictures
+    except UnknownRatioError as error:
+        raise error.with_advice("give readout_ratio, or readout_ms and fps") from None
 
 
 def _each(frames: Iterator[Any], how: Wanted) -> Iterator[Any]:
@@ -94,11 +102,11 @@ def _each(frames: Iterator[Any], how: Wanted) -> Iterator[Any]:
 def _with_ratio(frames: list[Any], how: Wanted) -> Wanted:
     """The same with the readout ratio that frames say; without one where nothing moves in them."""
     finder = CameraMotion(None, how.focal_px, how.readout)
-    untold = [found.reason for found in finder.frames(frames) if found.reason != STOOD_STILL]
+    silent = [motion for motion in finder.frames(frames) if not motion.stood_still]
     if finder.ratio is not None:
         return replace(how, clock=Clock(finder.ratio.value))
-    if untold and how.alone is None and len(frames) > 1:
-        raise UnshutterError(next((reason for reason in untold if WHAT_TO_DO in reason), untold[0]))
+    if silent and how.alone is None and len(frames) > 1:
+        raise _error_of(next((motion for motion in silent if motion.ratio_unknown), silent[0]))
     return how
 
 
@@ -134,7 +142,7 @@ def _by_any_means(
         if how.alone is None:
             raise
     else:
-        if how.alone is None or result.verdict.cause != "nothing to go by":
+        if how.alone is None or result.verdict.cause != Cause.NO_EVIDENCE:
             return result
     motion = estimate_photo(current.photo, load(how.alone.estimator), how.alone.camera)
     return RectifiedFrame.of(undo(current.photo, motion, how.undo), "alone")
@@ -149,7 +157,7 @@ def _by_neighbours(
     if found is None and (how.model != "dense" or not how.clock.is_known):
         found = _camera_motion(given, given.index(current), how)
     if found is not None:
-        if (found.reason == STOOD_STILL and how.model is None) or not found.ratio:
+        if (found.stood_still and how.model is None) or not found.ratio:
             how = replace(how, model="camera")
         else:
             how = replace(how, clock=Clock(found.ratio))
@@ -165,14 +173,22 @@ def _camera_motion(frames: list[Frame], number: int, how: Wanted) -> FrameMotion
     """What a few frames say of the camera's motion about one of them.
 
     Raises:
-        UnshutterError: the readout ratio was not given, and they do not say it.
+        UnknownRatioError: the readout ratio was not given, and they do not show it.
     """
     ratio = known_ratio(how.clock.ratio) if how.clock.is_known else None
     finder = CameraMotion(ratio, how.focal_px, how.readout, every_angle=1)
     found = list(finder.frames(frame.photo for frame in frames))[number]
-    if finder.ratio is None and found.reason != STOOD_STILL:
-        raise UnshutterError(found.reason if WHAT_TO_DO in found.reason else cannot_tell(found.reason))
+    if finder.ratio is None and not found.stood_still:
+        raise _error_of(found)
     return found
+
+
+def _error_of(motion: FrameMotion) -> UnknownRatioError:
+    """The error of a frame that has no motion because the readout ratio is not known."""
+    assert motion.reason is not None
+    if motion.ratio_unknown:
+        return UnknownRatioError(str(motion.reason), motion.reason)
+    return UnknownRatioError.because(motion.reason)
 
 
 def _like(frame: Frame, result: RectifiedFrame) -> Any:

@@ -9,26 +9,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.estimators.base import View
 from unshutter.frames.angles import SURE_ENOUGH, Leaning, combined, ratio_from_angles, speed_of
 from unshutter.frames.camera import ROWS, Fit, Problem, steady
 from unshutter.frames.focal import focal_from_motion
 from unshutter.frames.ratio import ReadoutRatio, fewer, ratio_from_motion
-from unshutter.frames.shots import APART, Seen, Shot
+from unshutter.frames.shots import Seen, Shot
 from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera, Clock, Reference, Undo
 from unshutter.photo import Photo
 from unshutter.photo.argument import open_photo
+from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
 NAME = "frames-camera"
-STOOD_STILL = "the camera stood still"
-PASSED = "the camera stood still; what moved in front of it is not straightened"
 _CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
 SEARCHED = 60  # frames from which the readout ratio is found
 _PATIENCE = 240  # frames after which it is given up
@@ -51,7 +50,7 @@ class FrameMotion:
         fit: the camera's motion about that time; None: unknown.
         at: time of the frame in that fit [frame intervals].
         ratio: readout time in frame intervals.
-        reason: why there is no motion; empty otherwise.
+        reason: why there is no motion; None where there is one.
         shot: number of the shot that it belongs to.
     """
 
@@ -61,8 +60,18 @@ class FrameMotion:
     fit: Fit | None = None
     at: float = 0.0
     ratio: float = 0.0
-    reason: str = ""
+    reason: Reason | None = None
     shot: int = 0
+
+    @property
+    def stood_still(self) -> bool:
+        """Whether the camera did, and nothing moved in front of it."""
+        return self.reason is not None and self.reason.code is Code.STOOD_STILL
+
+    @property
+    def ratio_unknown(self) -> bool:
+        """Whether there is no motion because the readout ratio is not known."""
+        return self.reason is not None and self.reason.code is Code.RATIO_UNKNOWN
 
     def motion(self, reference: Reference = "first") -> Motion:
         """The frame's motion; zero, with the reason, where none was found."""
@@ -73,14 +82,14 @@ class FrameMotion:
         rotations = turn - turn[0]
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
         if reach.max() < _NOTHING_PX:
-            return self._none(STOOD_STILL)
+            return self._none(Reason(Code.STOOD_STILL))
         common = {"readout": self.readout, "estimator": NAME}
         focal = self.fit.focal_px * self.height / ROWS
         try:
             motion = RotationMotion(width=self.width, rotations=rotations, focal_px=focal, **common)
             motion.check_unfolded()
         except UnshutterError as error:
-            return self._none(f"what fits the tracks is no motion of a camera: {error}")
+            return self._none(Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
         return motion.rereferenced(reference)
 
     def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
@@ -88,8 +97,9 @@ class FrameMotion:
         assert self.fit is not None
         return self.fit.turn(self.at + after)
 
-    def _none(self, reason: str) -> Motion:
-        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)
+    def _none(self, reason: Reason | None) -> Motion:
+        sentence = "" if reason is None else str(reason)
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=sentence)
 
 
 @dataclass(eq=False)
@@ -173,7 +183,7 @@ class CameraMotion:
             shot.drop(many, margin)
 
     def _find_ratio(self, shot: Shot) -> None:
-        shot.why_unknown = ""
+        shot.why_unknown = None
         pairs = [pair for pair in shot.pairs if len(pair)]
         if not pairs or shot.still:
             return
@@ -181,8 +191,8 @@ class CameraMotion:
         try:
             focal = self._focal or focal_from_motion(pairs[: SEARCHED // 2], _GUESSED_RATIO)
             by_motion = ratio_from_motion(pairs, focal)
-        except UnshutterError as error:
-            shot.why_unknown = str(error)
+        except UnknownRatioError as error:
+            shot.why_unknown = error.reason
         if by_motion is None or by_motion.error > SURE_ENOUGH:
             by_motion = self._with_angles(shot, by_motion)
         self.ratio = by_motion
@@ -196,19 +206,19 @@ class CameraMotion:
         ]
         try:
             by_angles = ratio_from_angles(photos)
-        except UnshutterError:
+        except UnknownRatioError:
             return by_motion
         return combined(by_motion, by_angles) if by_motion else by_angles
 
-    def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, str]:
+    def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
         """The motion about the next frames of a shot; or why there is none."""
         pairs = [fewer(pair) for pair in shot.pairs[: shot.before + many + self.window[1] - 1]]
         if not pairs:
-            return None, shot.broken_by or "there is no frame before or after it"
+            return None, shot.broken_by or Reason(Code.NO_NEIGHBOUR)
         if shot.before + len(shot.waiting) < self.fewest:
-            return None, "the shot is too short to say how the camera moved"
+            return None, Reason(Code.SHOT_TOO_SHORT)
         if shot.still:
-            return None, PASSED if shot.passed else STOOD_STILL
+            return None, Reason(Code.ONLY_OTHERS_MOVED if shot.passed else Code.STOOD_STILL)
         if self.ratio is None:
             return None, shot.why_unknown
         if self._focal is None:
@@ -221,8 +231,8 @@ class CameraMotion:
         fit = steady(Problem(pairs, focal, starts), self.ratio.value, self._stiffness_for(len(pairs)))
         self._stiffness, self._asked = fit.stiffness, self._asked + 1
         if fit.noise_px > _TOO_NOISY_PX:
-            return None, APART
-        return fit, ""
+            return None, Reason(Code.SCENES_DIFFER)
+        return fit, None
 
     def _stiffness_for(self, pairs: int) -> float | None:
         """Looked for in every few windows only: it takes most of the time, and the hand stays the same."""
@@ -282,5 +292,5 @@ def known_ratio(
     """
     clock = Clock(readout_ratio, fps, readout_ms)
     if (readout_ms is None) != (fps is None):
-        raise UsageError("readout_ms and fps (--readout-ms and --fps) go together: what counts is their product")
+        raise UsageError("readout_ms and fps go together: what counts is their product")
     return ReadoutRatio(clock.ratio, 0.0, "what was given") if clock.is_known else None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.frames.ratio import STILL_PX, ReadoutRatio, flow
 from unshutter.frames.tracks import Background, Tracks, background, follow
+from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
     import numpy as np
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt8
     from unshutter.photo import Photo
 
-APART = "the frames beside it show another scene, or near and far move too differently in them"
 _LEAST_CORNERS = 24  # that a picture has which says something
 _CHANCE = 2  # pairs of frames in which something may seem to move that does not
 
@@ -41,24 +41,24 @@ class Shot:
     """Frames that show one scene, those that wait for their motion and a few before them.
 
     Attributes:
-        broken_by: why the shot began here.
+        broken_by: why the shot began here; None for the first one, and after a gap.
         number: of the shot in its sequence.
         pairs: tracks of the background from each kept frame to the next.
         times: when the frames of ``pairs`` were taken, one more than those [frame intervals].
         waiting: frames that wait.
         first: number of the frame at which ``pairs`` begin.
         before: how many of the kept frames wait no more.
-        why_unknown: why the readout ratio could not be found from them.
+        why_unknown: why the readout ratio could not be found from them; None: it was found, or not looked for.
     """
 
-    broken_by: str = ""
+    broken_by: Reason | None = None
     number: int = 0
     pairs: list[Tracks] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     waiting: list[Seen] = field(default_factory=list)
     first: int = 0
     before: int = 0
-    why_unknown: str = ""
+    why_unknown: Reason | None = None
     _last: Seen | None = None
     _next: Background | None = None
     _moving: list[bool] = field(default_factory=list)
@@ -80,13 +80,13 @@ class Shot:
         if self._last is None:
             return True
         if (seen.height, seen.width) != (self._last.height, self._last.width):
-            self.broken_by = "the frames before and after it have another size"
+            self.broken_by = Reason(Code.OTHER_SIZE)
             return False
         tracks = follow(self._last.grey, seen.grey)
         self._next = background(tracks, ratio.value if ratio else None)
         if not self._next.joined:
             few = tracks.looked_for < _LEAST_CORNERS
-            self.broken_by = "there is too little to follow" if few else APART
+            self.broken_by = Reason(Code.TOO_LITTLE_TO_FOLLOW if few else Code.SCENES_DIFFER)
         return self._next.joined
 
     def add(self, seen: Seen) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnknownRatioError, UnshutterError
 from unshutter.serve.held import Held, in_one_line, put
 from unshutter.video.options import RectifyClip
 
@@ -89,7 +89,8 @@ def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, how_far: HowFar | None
     """
     from unshutter.frames.ratio import ReadoutRatio
     from unshutter.geometry.readout import Readout
-    from unshutter.video.readout_search import WHAT_TO_DO, found_or_listed
+    from unshutter.reasons import Reason
+    from unshutter.video.readout_search import found_or_listed
 
     given = wanted.shutter.ratio(clip.interval_s)
     if given is not None:
@@ -102,14 +103,13 @@ def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, how_far: HowFar | None
                 how = (Readout.parse(wanted.shutter.readout), wanted.shutter, part)
                 found = found_or_listed(clip, *how, how_far.note if how_far else None)
             told = {"value": found.value, "error": found.error, "source": found.source}
-        except UnshutterError as error:
-            if isinstance(error, UsageError):
-                raise
-            told = {"why": str(error).removesuffix(f": {WHAT_TO_DO}")}
+        except UnknownRatioError as error:
+            told = {"why": error.reason.as_json()}
         put(file, lambda new: new.write_text(json.dumps(told), encoding="utf-8"))
     told = json.loads(file.read_text(encoding="utf-8"))
     if "why" in told:
-        raise UnshutterError(told["why"])
+        reason = Reason.from_json(told["why"])
+        raise UnknownRatioError(str(reason), reason)
     return ReadoutRatio(**told)
 
 

@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, visible
+from unshutter.errors import UnknownRatioError, visible
 from unshutter.frames.focal import focal_from_motion
 from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
 from unshutter.frames.sequence import CameraMotion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.geometry.readout import Readout
 from unshutter.progress import Progress, Watch
+from unshutter.reasons import Code, Reason
 from unshutter.video import cameras
 from unshutter.video.background import ahead
 from unshutter.video.clip import Clip
@@ -27,11 +28,6 @@ _MOST_PARTS = 12
 _FAR = 3.0  # standard deviations: parts that differ by more do not agree
 _AGREE = 0.6  # share of the parts' weight that has to
 _GUESSED_RATIO = 0.5
-WHAT_TO_DO = "say it with --readout-ms, or name the camera with --camera"
-
-
-class UnknownRatioError(UnshutterError):
-    """A clip does not show its readout time."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +64,7 @@ def found_or_listed(
         if listed is None:
             raise
         name, ms = listed
-        why = str(error).removesuffix(f": {WHAT_TO_DO}")
-        print(visible(f"unshutter: {why}; the table of cameras says {ms:.1f} ms for {name}"), file=sys.stderr)
+        print(visible(f"unshutter: {error}; the table of cameras says {ms:.1f} ms for {name}"), file=sys.stderr)
         return ReadoutRatio(min(ms / 1000 / clip.interval_s, 1.0), 0.0, "table of cameras")
     tell(ratio, clip.interval_s)
     return ratio
@@ -92,18 +87,18 @@ def find_ratio(
         UnshutterError: the clip cannot be read.
     """
     found: list[ReadoutRatio] = []
-    why = f"no {_FEWEST} frames in a row show one scene clearly"
+    unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_FEWEST))
     with Progress(_MOST_PARTS, "readout time", watch) as progress:
         for part in _parts(clip, readout, span):
             focal = None if focal_px is None else focal_px * 256 / part.pairs[0].height
             try:
                 focal = focal or focal_from_motion(part.pairs[: _PART // 2], _GUESSED_RATIO)
                 found.append(ratio_from_motion(part.pairs, focal))
-            except UnshutterError as error:
-                why = _inner(str(error))
+            except UnknownRatioError as error:
+                unknown = error
             progress.advance()
     if not found:
-        raise UnknownRatioError(f"this clip does not show its readout time ({why}): {WHAT_TO_DO}")
+        raise unknown.of_clip()
     return agreed(found)
 
 
@@ -119,8 +114,8 @@ def agreed(found: list[ReadoutRatio]) -> ReadoutRatio:
     middle = values[order][np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2)]
     near = np.abs(values - middle) <= _FAR * np.hypot(errors, errors.min())
     if weights[near].sum() < _AGREE * weights.sum():
-        told = ", ".join(f"{value:.2f}" for value in values)
-        raise UnknownRatioError(f"parts of the clip differ about its readout ratio ({told}): {WHAT_TO_DO}")
+        ratios = ", ".join(f"{value:.2f}" for value in values)
+        raise UnknownRatioError.because(Reason.of(Code.PARTS_DISAGREE, ratios=ratios)).of_clip()
     value = float(np.average(values[near], weights=weights[near]))
     spread = ((values[near] - value) ** 2 * weights[near]).sum() / max(near.sum() - 1, 1)
     error = float(np.sqrt(max(spread, 1.0) / weights[near].sum()))
@@ -155,11 +150,6 @@ def _tracked(clip: Clip, readout: Readout, start: float, end: float) -> list[Tra
                 runs[-1].append(moved.tracks)
             before, seen = frame, now
     return max(runs, key=len)
-
-
-def _inner(message: str) -> str:
-    """What stands in the brackets of a message."""
-    return message.partition("(")[2].partition(")")[0] or message
 
 
 def tell(ratio: ReadoutRatio, interval_s: float) -> None:

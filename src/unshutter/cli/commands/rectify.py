@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from unshutter.cli.arguments import Command, positional
+from unshutter.errors import UnknownRatioError
 from unshutter.options import Find, Neighbours, Rectify, Run, Save, Undo, option
 
 
@@ -47,7 +48,10 @@ def run(given: Arguments) -> int:
     from unshutter.batch.rectifying import Outputs, rectify_files
 
     wanted = Rectify(given.find, given.motion, given.undo, given.save, given.neighbours)
-    return rectify_files(given.photos, Outputs(given.output, given.save_motion, given.masks), wanted, given.run)
+    try:
+        return rectify_files(given.photos, Outputs(given.output, given.save_motion, given.masks), wanted, given.run)
+    except UnknownRatioError as error:
+        raise error.with_advice("say --readout-ratio, or --readout-ms with --fps") from None
 
 
 COMMAND = Command(

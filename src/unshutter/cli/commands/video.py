@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from unshutter.cli.arguments import Command, positional, required
+from unshutter.errors import UnknownRatioError
 from unshutter.video.options import RectifyClip
 
 
@@ -23,7 +24,10 @@ def run(given: Arguments) -> int:
     """Rectifies the clip; returns the exit code."""
     from unshutter.video.rectifying import rectify_clip
 
-    rectify_clip(given.clip, given.output, given.how)
+    try:
+        rectify_clip(given.clip, given.output, given.how)
+    except UnknownRatioError as error:
+        raise error.with_advice("say it with --readout-ms, or name the camera with --camera") from None
     return 0
 
 
