@@ -1,7 +1,7 @@
 """No option that names an output can touch what its command reads, under whatever name.
 
-The options are found by what their fields say that they name (options/fields.py). A new one fails here until it stands
-in ``SCENES``, and then until it is safe.
+The options are found by what their fields say that they name (options/description.py). A new one fails here until it
+stands in ``SCENES``, and then until it is safe.
 """
 
 import os

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from support.fuzzing import CHANGES
-from unshutter.serve.fields import Field
+from unshutter.options.description import Option
 
 TEXTS = (
     *("", " ", "0", "-1", "1e999", "1e308", "1e-320", "nan", "-inf", "0x10", "\uff11\uff12", "9" * 400, "1_0", "true"),
@@ -40,7 +40,7 @@ class Odd:
 
     # ---- fields ----------------------------------------------------------------------------------------------
 
-    def options(self, fields: list[Field], odd: float = 0.25) -> dict[str, str]:
+    def options(self, fields: list[Option], odd: float = 0.25) -> dict[str, str]:
         """A few options; each with a given chance not one that there is, or with no value that it takes."""
         some = self.random.sample(fields, self.one((0, 1, 1, 2, 3, 5)))
         options = {field.name: self.text(field) for field in some}
@@ -51,7 +51,7 @@ class Odd:
                 options[self.one((name.upper(), name.replace("-", "_"), self.one(TEXTS)))] = options.pop(name)
         return options
 
-    def text(self, field: Field) -> str:
+    def text(self, field: Option) -> str:
         """A value that a field may take."""
         if field.choices:
             return self.one(field.choices)

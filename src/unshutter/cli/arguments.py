@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import types
-import typing
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeGuard
 
 from unshutter.errors import UsageError
-from unshutter.options import Names
+from unshutter.options.description import Group, Names, Option, describe, options_of, with_values
 from unshutter.storage.urls import local_file
 
 _METAVAR = {int: "N", float: "NUMBER", Path: "PATH", str: "TEXT"}
@@ -65,7 +63,8 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
     """
     parser = _Parser(f"unshutter {name}", command.description, _usage(command.arguments))
     add_arguments(parser, command.arguments)
-    return _made(command.arguments, parser.parse_intermixed_args(words))
+    values = vars(parser.parse_intermixed_args(words))
+    return with_values(command.arguments, lambda option: values[option.key])
 
 
 class _Parser(argparse.ArgumentParser):
@@ -85,20 +84,13 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _usage(kind: type) -> str:
-    names = [(each, each.name.upper() + (" ..." if _is_list(type_) else "")) for each, type_ in _fields(kind)]
-    places = [f"[{name}]" if each.metadata.get("optional") else name for each, name in names if _placed(each)]
-    return " ".join([*places, "[options]"])
+    places = [(each, each.key.upper() + (" ..." if each.several else "")) for each in describe(kind) if _placed(each)]
+    return " ".join([*(f"[{name}]" if each.more.get("optional") else name for each, name in places), "[options]"])
 
 
 def outputs(kind: type) -> list[str]:
     """The options that name what a command writes, as flags: ``--output``."""
-    found = []
-    for each, type_ in _fields(kind):
-        if _is_group(type_):
-            found += outputs(type_)
-        elif each.metadata.get("names") == "output":
-            found.append(_flag(each))
-    return found
+    return [_flag(each) for each in options_of(kind) if each.more.get("names") == "output"]
 
 
 def add_arguments(parser: argparse.ArgumentParser, kind: type) -> None:
@@ -107,40 +99,34 @@ def add_arguments(parser: argparse.ArgumentParser, kind: type) -> None:
 
 
 def _add_to(parser: argparse.ArgumentParser, group: Any, kind: type) -> None:
-    for each, type_ in _fields(kind):
-        if _is_group(type_):
-            title = (type_.__doc__ or "").partition("\n")[0].rstrip(".")
-            _add_to(parser, parser.add_argument_group(title), type_)
+    for each in describe(kind):
+        if isinstance(each, Group):
+            _add_to(parser, parser.add_argument_group(each.title), each.kind)
         else:
-            flags, how = _argument(each, type_)
-            group.add_argument(*flags, **how)
+            names, properties = _argument(each)
+            group.add_argument(*names, **properties)
 
 
-def _argument(each: dataclasses.Field, type_: Any) -> tuple[list[str], dict[str, Any]]:
-    """Names and properties of an argument, as argparse wants them."""
-    how: dict[str, Any] = {"help": each.metadata["help"].replace("%", "%%")}
-    inner = _without_none(type_)
-    if _is_list(inner):
-        inner = typing.get_args(inner)[0]
-        how["nargs"] = "*" if each.metadata.get("optional") else "+"
-    if inner is bool:
-        how["action"] = "store_true"
-    elif "choices" in each.metadata:
-        how["choices"] = [str(choice) for choice in each.metadata["choices"]]
-    elif typing.get_origin(inner) is typing.Literal:
-        how["choices"] = typing.get_args(inner)
+def _argument(option: Option) -> tuple[list[str], dict[str, Any]]:
+    """Names and properties of an argument, as argparse takes them."""
+    properties: dict[str, Any] = {"help": option.help.replace("%", "%%")}
+    if option.several:
+        properties["nargs"] = "*" if option.more.get("optional") else "+"
+    if option.type is bool:
+        properties["action"] = "store_true"
+    elif option.choices:
+        properties["choices"] = option.choices
     else:
-        if inner in (Path, str) and "names" not in each.metadata:
-            raise TypeError(f"say what the option '{each.name}' names (options/fields.py)")
-        how |= {"type": _path if inner is Path else inner, "metavar": each.metadata.get("metavar") or _METAVAR[inner]}
-    if _placed(each):
-        return [each.name], how | {"metavar": each.name.upper()}
-    if each.default is not dataclasses.MISSING:
-        how["default"] = each.default
+        properties["type"] = _path if option.type is Path else option.type
+        properties["metavar"] = option.more.get("metavar") or _METAVAR[option.type]
+    if _placed(option):
+        return [option.key], properties | {"metavar": option.key.upper()}
+    if option.default is not dataclasses.MISSING:
+        properties["default"] = option.default
     else:
-        how["required"] = True
-    short = each.metadata.get("short")
-    return [_flag(each), *([short] if short else [])], how | {"dest": each.name}
+        properties["required"] = True
+    short = option.more.get("short")
+    return [_flag(option), *([short] if short else [])], properties | {"dest": option.key}
 
 
 def _path(word: str) -> Path:
@@ -156,39 +142,9 @@ def _path(word: str) -> Path:
     return file
 
 
-def _made(kind: type, given: argparse.Namespace) -> Any:
-    """The dataclass with the values that were given."""
-    values = vars(given)
-    return kind(
-        **{each.name: _made(type_, given) if _is_group(type_) else values[each.name] for each, type_ in _fields(kind)}
-    )
+def _placed(each: Option | Group) -> TypeGuard[Option]:
+    return isinstance(each, Option) and each.more.get("positional", False)
 
 
-def _fields(kind: type) -> Iterator[tuple[dataclasses.Field, Any]]:
-    """Fields of a dataclass that can be given, with their types: those with a help, and groups."""
-    hints = typing.get_type_hints(kind)
-    fields = ((each, hints[each.name]) for each in dataclasses.fields(kind))
-    return ((each, type_) for each, type_ in fields if each.metadata or _is_group(type_))
-
-
-def _is_group(type_: Any) -> bool:
-    return dataclasses.is_dataclass(type_)
-
-
-def _placed(each: dataclasses.Field) -> bool:
-    return each.metadata.get("positional", False)
-
-
-def _flag(each: dataclasses.Field) -> str:
-    return f"--{each.name.replace('_', '-')}"
-
-
-def _is_list(type_: Any) -> bool:
-    return typing.get_origin(type_) is list
-
-
-def _without_none(type_: Any) -> Any:
-    """T of ``T | None``."""
-    if isinstance(type_, types.UnionType) or typing.get_origin(type_) is typing.Union:
-        (type_,) = (t for t in typing.get_args(type_) if t is not type(None))
-    return type_
+def _flag(option: Option) -> str:
+    return f"--{option.name}"

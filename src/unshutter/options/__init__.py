@@ -8,7 +8,7 @@ Nothing here imports NumPy: a photo is being decoded before that.
 """
 
 from unshutter.options.camera import DEFAULT_ESTIMATOR, MOST_ROLL_DEG, MOST_TILT_DEG, Camera, Find
-from unshutter.options.fields import Names, option
+from unshutter.options.description import Names, option
 from unshutter.options.neighbours import Clock, FrameModel, Neighbours, model_for
 from unshutter.options.rectify import Rectify
 from unshutter.options.run import MAX_PIXELS, Run

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from unshutter.errors import UsageError
 from unshutter.geometry.readout import Readout
-from unshutter.options.fields import check_time, option
+from unshutter.options.description import check_time, option
 
 DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up

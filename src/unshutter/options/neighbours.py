@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from unshutter.errors import UsageError
-from unshutter.options.fields import option
+from unshutter.options.description import option
 from unshutter.options.undo import Undo
 
 FrameModel = Literal["camera", "dense"]
@@ -107,6 +107,7 @@ class Neighbours:
         False,
         "The photos are frames of one camera at even intervals, in the order given (in folders: by name). Finds their "
         "motions from each other, and the readout ratio, too, if you do not give it.",
+        page=False,
     )
     clock: Clock = field(default_factory=Clock)
     at: float | None = option(

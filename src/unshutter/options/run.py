@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from unshutter.errors import UsageError
-from unshutter.options.fields import option
+from unshutter.options.description import option
 
 _LONGEST_TIMEOUT_S = 86_400  # a day
 MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from unshutter.errors import UsageError
-from unshutter.options.fields import option
+from unshutter.options.description import option
 
 PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
 Subsampling = Literal["4:4:4", "4:2:0"]
@@ -35,9 +35,11 @@ class Save:
     subsampling: Subsampling | None = option(
         None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
     )
-    keep_times: bool = option(False, "Give each result the access and modification time of its photo.")
-    only_changed: bool = option(False, "Write only photos that change. Default: copy the others.")
-    keep_names: bool = option(False, "Give results the names of their photos, in the folder that --output names.")
+    keep_times: bool = option(False, "Give each result the access and modification time of its photo.", page=False)
+    only_changed: bool = option(False, "Write only photos that change. Default: copy the others.", page=False)
+    keep_names: bool = option(
+        False, "Give results the names of their photos, in the folder that --output names.", page=False
+    )
 
     def __post_init__(self) -> None:
         if self.quality is not None and not 1 <= self.quality <= 100:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from unshutter.errors import UsageError
-from unshutter.options.fields import option
+from unshutter.options.description import option
 
 MIN_CONFIDENCE = 0.02  # of a motion that is undone, unless a user says otherwise
 

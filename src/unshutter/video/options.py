@@ -187,26 +187,36 @@ class RectifyClip:
     shutter: Shutter = field(default_factory=Shutter)
     undo: UndoFrames = field(default_factory=UndoFrames)
     encode: Encode = field(default_factory=Encode)
-    fps: float | None = option(None, "Frames per second of a sequence of pictures. Default: 30.", metavar="N")
+    fps: float | None = option(
+        None, "Frames per second of a sequence of pictures. Default: 30.", metavar="N", page=False
+    )
     start: float | None = option(None, "Start at this second of the clip.", metavar="SECONDS")
     end: float | None = option(None, "Stop at this second of the clip.", metavar="SECONDS")
     motion: Path | None = option(
-        None, "Undo the motion in this file (from --save-motion) instead of finding it.", names="input"
+        None, "Undo the motion in this file (from --save-motion) instead of finding it.", names="input", page=False
     )
     save_motion: Path | None = option(
-        None, "Also write the clip's motion to this JSON file.", metavar="PATH", names="output"
+        None, "Also write the clip's motion to this JSON file.", metavar="PATH", names="output", page=False
     )
     preview: Path | None = option(
-        None, "Also write before and after side by side: five frames (.jpg, .png), or a film (.mp4).", names="output"
+        None,
+        "Also write before and after side by side: five frames (.jpg, .png), or a film (.mp4).",
+        names="output",
+        page=False,
     )
     plot: Path | None = option(
-        None, "Also plot how fast the camera turned (.png, .svg, .pdf). Needs the extra `plot`.", names="output"
+        None,
+        "Also plot how fast the camera turned (.png, .svg, .pdf). Needs the extra `plot`.",
+        names="output",
+        page=False,
     )
-    overwrite: bool = option(False, "Replace output files that exist already, but never the clip itself.")
+    overwrite: bool = option(False, "Replace output files that exist already, but never the clip itself.", page=False)
     json_log: Path | None = option(
-        None, "Append a record of the run to this file: one JSON object per line.", names="output"
+        None, "Append a record of the run to this file: one JSON object per line.", names="output", page=False
     )
-    max_pixels: int = option(MAX_CLIP_PIXELS, "Refuse clips with larger frames. Default: 38 000 000 pixels (8K).")
+    max_pixels: int = option(
+        MAX_CLIP_PIXELS, "Refuse clips with larger frames. Default: 38 000 000 pixels (8K).", page=False
+    )
 
     def __post_init__(self) -> None:
         if self.motion is not None and not self.shutter.is_empty:

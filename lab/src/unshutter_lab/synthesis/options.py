@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from unshutter.errors import UsageError
-from unshutter.options.fields import check_time, option
+from unshutter.options.description import check_time, option
 
 
 @dataclass(frozen=True)

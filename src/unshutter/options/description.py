@@ -1,0 +1,150 @@
+"""The one description of options: what the command line, forms, OpenAPI and Python's keywords are made from.
+
+An option is a field of a frozen dataclass, made with :func:`option`. Its name, type, default and help are written
+there; :func:`describe` reads them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+import typing
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+from unshutter.errors import UsageError
+
+# What the word of an option names: a file or folder that is read, one that is written, or neither.
+Names = Literal["input", "output", "word"]
+
+T = TypeVar("T")
+
+
+def option(default: Any, help: str, **more: Any) -> Any:
+    """A field that is an option.
+
+    Args:
+        default: its value where it is not used.
+        help: what it does, for all surfaces.
+        more: ``names`` (:data:`Names`), which a path or text needs: a test gives every option that names an output the
+            names of all inputs; ``metavar``, ``choices`` and ``short`` (``-o``); ``page=False`` where the page and its
+            API do not offer it.
+    """
+    return field(default=default, metadata={"help": help, **more})
+
+
+def check_time(name: str, time: float | None, unit: str) -> None:
+    """Raises UsageError where this is neither None nor a positive time."""
+    if time is not None and not 0 < time < math.inf:
+        raise UsageError(f"the {name} must take a positive time, got {time:g} {unit}")
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option as its field describes it.
+
+    Attributes:
+        key: its name in Python, ``roll_deg``.
+        type: of its value (of each, where it takes several), without None.
+        default: its value where it is not used; ``dataclasses.MISSING`` where it must be used.
+        help: what it does.
+        choices: the values that it takes; empty: any of its type.
+        several: whether it takes a list of values.
+        more: what else the field says, see :func:`option`.
+    """
+
+    key: str
+    type: type
+    default: Any
+    help: str
+    choices: tuple[str, ...] = ()
+    several: bool = False
+    more: typing.Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Its name in forms and, after two dashes, on the command line: ``roll-deg``."""
+        return self.key.replace("_", "-")
+
+    @property
+    def on_page(self) -> bool:
+        """Whether the page and its API offer it."""
+        return self.more.get("page", True)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Options that belong together, a dataclass of their own.
+
+    Attributes:
+        key: name of the field that holds them.
+        kind: the dataclass.
+    """
+
+    key: str
+    kind: type
+
+    @property
+    def title(self) -> str:
+        """What the group is about: the first line of its docstring."""
+        return (self.kind.__doc__ or "").partition("\n")[0].rstrip(".")
+
+
+def describe(kind: type) -> Iterator[Option | Group]:
+    """The options of a dataclass and its groups, in order; fields without a help are neither."""
+    hints = typing.get_type_hints(kind)
+    for each in dataclasses.fields(kind):
+        if dataclasses.is_dataclass(hints[each.name]):
+            yield Group(each.name, hints[each.name])
+        elif "help" in each.metadata:
+            yield _option(each, hints[each.name])
+
+
+def options_of(kind: type) -> Iterator[Option]:
+    """The options of a dataclass, those of its groups among them."""
+    for each in describe(kind):
+        if isinstance(each, Group):
+            yield from options_of(each.kind)
+        else:
+            yield each
+
+
+def with_values(kind: type[T], value: Callable[[Option], Any]) -> T:
+    """A dataclass of options.
+
+    Args:
+        kind: which one.
+        value: gives the value of an option.
+
+    Raises:
+        UsageError: values that do not go together.
+    """
+    return kind(
+        **{
+            each.key: with_values(each.kind, value) if isinstance(each, Group) else value(each)
+            for each in describe(kind)
+        }
+    )
+
+
+def _option(each: dataclasses.Field, annotation: Any) -> Option:
+    inner = _without_none(annotation)
+    several = get_origin(inner) is list
+    if several:
+        (inner,) = get_args(inner)
+    choices = tuple(map(str, each.metadata.get("choices", ())))
+    if get_origin(inner) is Literal:
+        inner, choices = str, get_args(inner)
+    if not choices and inner in (Path, str) and "names" not in each.metadata:
+        raise TypeError(f"say what the option '{each.name}' names (options/description.py)")
+    return Option(each.name, inner, each.default, each.metadata["help"], choices, several, each.metadata)
+
+
+def _without_none(annotation: Any) -> Any:
+    """T of ``T | None``."""
+    if isinstance(annotation, types.UnionType) or get_origin(annotation) is typing.Union:
+        (annotation,) = (one for one in get_args(annotation) if one is not type(None))
+    return annotation
