@@ -32,16 +32,19 @@ class Code(StrEnum):
     NO_RIGHT_ANGLES = "no-right-angles"
     TOO_FAST_FOR_HANDS = "too-fast-for-hands"
     TOO_SHARP = "too-sharp"
-    NO_READOUT = "no-readout"
+    NO_ROLLING_SHUTTER = "no-rolling-shutter"
     IMPOSSIBLE_MOTION = "impossible-motion"
+    ASKED_FOR_NOTHING = "asked-for-nothing"
     # one photo: what the verdict says
     NO_MOTION = "no-motion"
+    NO_VISIBLE_MOTION = "no-visible-motion"
     STRENGTH_0 = "strength-0"
     UNSURE = "unsure"
     UNSURE_WHETHER_MOVED = "unsure-whether-moved"
     TOO_SMALL = "too-small"
     # frames and clips
     STOOD_STILL = "stood-still"
+    NOTHING_MOVED = "nothing-moved"
     ONLY_OTHERS_MOVED = "only-others-moved"
     NO_NEIGHBOUR = "no-neighbour"
     SHOT_TOO_SHORT = "shot-too-short"
@@ -69,15 +72,18 @@ SENTENCES = {
     Code.TOO_FEW_SEGMENTS: "only {segments} straight segments found",
     Code.NO_RIGHT_ANGLES: "the photo shows no right angles",
     Code.TOO_FAST_FOR_HANDS: "what fits the lines is more motion than a hand-held camera makes",
-    Code.TOO_SHARP: "the photo is too sharp for that much motion: exposed for {exposure}, it would be blurred",
-    Code.NO_READOUT: "this camera exposes all rows at once",
+    Code.TOO_SHARP: "it is too sharp for a camera that moved, exposed for {exposure}",
+    Code.NO_ROLLING_SHUTTER: "its camera has no rolling shutter",
     Code.IMPOSSIBLE_MOTION: "what fits is not a motion of a camera: {detail}",
+    Code.ASKED_FOR_NOTHING: "asked to do nothing",
     Code.NO_MOTION: "no motion",
+    Code.NO_VISIBLE_MOTION: "no visible motion",
     Code.STRENGTH_0: "a strength of 0 undoes nothing",
-    Code.UNSURE: "not sure",
-    Code.UNSURE_WHETHER_MOVED: "not sure whether the camera moved",
+    Code.UNSURE: "not sure: confidence {confidence:.2f}",
+    Code.UNSURE_WHETHER_MOVED: "not sure whether the camera moved: confidence {confidence:.2f}",
     Code.TOO_SMALL: "it would move by less than half a pixel",
     Code.STOOD_STILL: "the camera stood still",
+    Code.NOTHING_MOVED: "nothing moved between the frames",
     Code.ONLY_OTHERS_MOVED: "the camera stood still; what moved in front of it is not straightened",
     Code.NO_NEIGHBOUR: "there is no frame before or after it",
     Code.SHOT_TOO_SHORT: "the shot is too short to show how the camera moved",

@@ -40,7 +40,7 @@ class Result:
     @property
     def reason(self) -> str:
         """Why the photo was left as it is, ``not sure: confidence 0.01``; empty where it was changed."""
-        return self.verdict.reason
+        return self.verdict.sentence
 
     @property
     def pixels(self) -> np.ndarray:
@@ -121,7 +121,7 @@ class Rectified(Result):
 
     def __repr__(self) -> str:
         size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"
-        return f"Rectified({size}, {self.verdict.told() if self.changed else f'left as it is: {self.reason}'})"
+        return f"Rectified({size}, {self.verdict.described() if self.changed else f'left as it is: {self.reason}'})"
 
     @property
     def valid(self) -> np.ndarray:

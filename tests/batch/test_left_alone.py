@@ -100,7 +100,7 @@ def test_the_saved_motion_is_the_one_that_was_undone(folder: Path) -> None:
     motion = folder.parent / "motion.json"
     assert found(folder / "unsure.jpg", "-o", folder.parent / "out.jpg", "--save-motion", motion) == 0
     left = Motion.load(motion)
-    assert left.is_zero and left.reason == "not sure: confidence 0.36"
+    assert left.is_zero and str(left.reason) == "not sure: confidence 0.36"
 
 
 def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:

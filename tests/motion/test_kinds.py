@@ -12,6 +12,7 @@ import pytest
 import unshutter
 from unshutter import Motion, Readout, RotationMotion, RowMapMotion, RowMotion, UnshutterError, UsageError
 from unshutter.motion import RowMap
+from unshutter.reasons import Reason
 from unshutter.warp.pixels import rectify_pixels
 
 HEIGHT, WIDTH = 90, 120
@@ -89,7 +90,7 @@ def test_the_repr_is_one_short_line(make) -> None:
     assert text.startswith(f"{type(make()).__name__}(90 rows x 120, t_x up to ")
     assert text.endswith(" deg, x, confidence 0.93)")
     assert len(text) < 120
-    assert repr(make(reason="nothing to see")).endswith("given, nothing to see)")
+    assert repr(make(reason=Reason.stated("nothing to see"))).endswith("given, nothing to see)")
 
 
 def test_the_repr_says_how_much_moves() -> None:

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError, __version__
+from unshutter.reasons import Reason
 
 
 def wavy(height: int = 60, width: int = 80, **about) -> Motion:
@@ -121,12 +122,12 @@ def test_the_json_contract() -> None:
 
 
 def test_saved_and_loaded(tmp_path: Path) -> None:
-    motion = wavy(estimator="x", reason="because").rereferenced("middle")
+    motion = wavy(estimator="x", reason=Reason.stated("because")).rereferenced("middle")
     motion.save(tmp_path / "m.json")
     back = Motion.load(tmp_path / "m.json")
     np.testing.assert_array_equal(back.tx_px, motion.tx_px)
     np.testing.assert_array_equal(back.rz_rad, motion.rz_rad)
-    assert (back.width, back.reference, back.estimator, back.reason) == (80, "middle", "x", "because")
+    assert (back.width, back.reference, back.estimator, back.reason) == (80, "middle", "x", Reason.stated("because"))
     assert back.center_shift_px == pytest.approx(motion.center_shift_px)
 
 

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from unshutter.batch.words import about
 from unshutter.errors import UsageError
 from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.verdict import Verdict
 from unshutter.options import MIN_CONFIDENCE, Rectify, Undo
+from unshutter.reasons import Cause, Code, Reason
 
 
 def sheared(px: float, confidence: float | None = None) -> RowMotion:
@@ -53,33 +55,33 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
         (replace(RowMotion.from_polynomials([0, 2.1], [0], 512, 100), confidence=0.9), 0.5, "", None),
         (RowMotion.from_polynomials([0, 1.9], [0], 512, 100), 0.5, "", None),
         (sheared(0.0, 0.9), 0.5, "no motion", "no motion, confidence 0.90"),
-        (replace(sheared(0.0), reason="too few lines"), 0.5, "nothing to go by", "too few lines"),
+        (replace(sheared(0.0), reason=Reason.stated("too few lines")), 0.5, "nothing to go by", "too few lines"),
     ],
 )
 def test_what_is_undone_and_what_is_said(motion: RowMotion, least: float, cause: str, told: str | None) -> None:
     verdict = Verdict.of(motion, Undo(min_confidence=least))
-    assert verdict.cause == cause
-    assert verdict.changes == (not cause) == (not verdict.reason)
-    assert told in (None, verdict.told())
+    assert verdict.cause == (cause or None)
+    assert verdict.changes == (not cause) == (verdict.reason is None) == (not verdict.sentence)
+    assert told in (None, about(verdict))
     assert verdict.as_json()["changed"] == verdict.changes
 
 
 def test_what_is_said_to_be_enough_is_enough() -> None:
     verdict = Verdict.of(sheared(124, 0.36), Undo(min_confidence=0.5))
-    enough = float(verdict.told().partition("--min-confidence ")[2].split()[0])
+    enough = float(about(verdict).partition("--min-confidence ")[2].split()[0])
     assert Verdict.of(sheared(124, 0.36), Undo(min_confidence=enough)).changes
 
 
 def test_no_strength_changes_nothing_and_says_so() -> None:
     verdict = Verdict.of(sheared(30, 0.9).scaled(0), Undo(strength=0))
-    assert (verdict.cause, verdict.reason) == ("strength 0", "a strength of 0 undoes nothing")
+    assert (verdict.cause, verdict.sentence) == (Cause.STRENGTH_0, "a strength of 0 undoes nothing")
 
 
 def test_what_is_left_alone_is_written_as_no_motion_with_the_reason() -> None:
     motion = sheared(124, 0.36)
     left = Verdict.of(motion, Undo(min_confidence=0.5)).left_alone(motion)
     assert left.is_zero
-    assert (left.confidence, left.reason, left.width) == (0.36, "not sure: confidence 0.36", 100)
+    assert (left.confidence, left.reason, left.width) == (0.36, Reason.of(Code.UNSURE, confidence=0.36), 100)
 
 
 def test_the_largest_displacement_counts_turns_at_the_sides() -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from unshutter.batch.inputs import find_photos
 from unshutter.batch.report import Tell, each_photo
 from unshutter.batch.targets import check_named_once, is_folder, motion_names, plan_targets
+from unshutter.batch.words import about
 from unshutter.errors import UsageError
 from unshutter.estimators.register import check_name, weights_file
 from unshutter.options import Find, Reference, Undo
@@ -80,7 +81,7 @@ def _tell_if_it_would_not_be_undone(motion: Motion, photo: Place, tell: Tell) ->
     if motion.reason:
         tell(f"{photo}: no motion ({motion.reason})")
     elif not verdict.changes:
-        tell(f"{photo}: rectify leaves it as it is ({verdict.told()})")
+        tell(f"{photo}: rectify leaves it as it is ({about(verdict)})")
 
 
 def _remove_leftovers(targets: list[Place]) -> None:

@@ -42,7 +42,9 @@ class Preview:
             self._left_out += 1
             return
         verdict = outcome.verdict
-        told = "" if verdict is None else verdict.told() if verdict.changes else f"left as it is ({verdict.reason})"
+        told = (
+            "" if verdict is None else verdict.described() if verdict.changes else f"left as it is ({verdict.sentence})"
+        )
         self._pairs.append((f"{job.source.name}: {told}", outcome.preview))
 
     def save(self) -> str:

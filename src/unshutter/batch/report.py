@@ -13,8 +13,10 @@ from typing import Any
 from unshutter.batch.inputs import Inputs
 from unshutter.batch.job import Job, Outcome
 from unshutter.batch.preview import Preview
+from unshutter.batch.words import about
 from unshutter.errors import UnshutterError, visible
 from unshutter.progress import Progress, rate
+from unshutter.reasons import Cause
 from unshutter.storage.json_log import JsonLog
 from unshutter.storage.places import Place
 from unshutter.storage.protection import Protection
@@ -46,7 +48,8 @@ class Report:
     ):
         self.total = total
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
-        self._left: Counter[str] = Counter()  # photos that were left as they are, by cause; "": changed
+        self._changed = 0
+        self._left: Counter[Cause] = Counter()  # photos that were left as they are
         self._start = time.monotonic()
         self._inputs = inputs or Inputs()
         self._log = JsonLog(log, protection or Protection([])) if log is not None else None
@@ -59,8 +62,7 @@ class Report:
 
     def __exit__(self, *error: object) -> None:
         self._bar.__exit__(*error)
-        left = {cause: count for cause, count in self._left.items() if cause}
-        fates = {"changed": self._left[""], "left_as_they_are": left}
+        fates = {"changed": self._changed, "left_as_they_are": dict(self._left)}
         summary = {**self.counts, **fates, "photos": self.total, "stopped": error[0] is not None}
         if self._inputs.passed_over:
             summary["not_taken"] = self._inputs.counts()
@@ -81,11 +83,14 @@ class Report:
         if self.preview is not None:
             self.preview.add(job, outcome)
         changed = verdict is None or verdict.changes
-        self._left[verdict.cause if verdict and not changed else ""] += 1
+        if verdict is None or verdict.cause is None:
+            self._changed += 1
+        else:
+            self._left[verdict.cause] += 1
         model = f"model {outcome.model}" if outcome.model and changed else ""
-        about = "; ".join(filter(None, (verdict and verdict.told(), model, outcome.note)))
+        details = "; ".join(filter(None, (verdict and about(verdict), model, outcome.note)))
         what = f"{job.source} -> {job.target}" if changed else f"{job.source} left as it is"
-        self.tell(f"{what} ({about})" if about else what)
+        self.tell(f"{what} ({details})" if details else what)
         self._bar.advance()
 
     def save_preview(self) -> None:
@@ -111,21 +116,21 @@ class Report:
         """One line for the user."""
         self._bar.tell(line)
 
-    def _count(self, fate: str, photo: str | Place, **about: Any) -> None:
+    def _count(self, fate: str, photo: str | Place, **facts: Any) -> None:
         self.counts[fate] += 1
-        self._note(fate, photo=str(photo), **about)
+        self._note(fate, photo=str(photo), **facts)
 
-    def _note(self, event: str, **about: Any) -> None:
+    def _note(self, event: str, **facts: Any) -> None:
         if self._log is None:
             return
         log, self._log = self._log, None  # one that cannot be written is complained of once
-        log.add(event, at=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), **about)
+        log.add(event, at=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), **facts)
         self._log = log
 
     def _fates(self) -> str:
         """How many photos were changed, and why not: ``3 changed, 2 left as they are (2 not sure)``."""
-        causes = [(cause, count) for cause, count in self._left.most_common() if cause]
-        line = f"{self._left['']} changed, {sum(count for _, count in causes)} left as they are"
+        causes = self._left.most_common()
+        line = f"{self._changed} changed, {self._left.total()} left as they are"
         return f"{line} ({', '.join(f'{count} {cause}' for cause, count in causes)})" if causes else line
 
     def exit_code(self) -> int:

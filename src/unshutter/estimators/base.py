@@ -18,6 +18,7 @@ from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.photo.tags.attitude import Attitude
 from unshutter.photo.tags.readout_time import ReadoutTime
+from unshutter.reasons import Code, Reason
 
 
 @dataclass(frozen=True)
@@ -124,9 +125,15 @@ class View:
             exposure_s=self.exposure_s(),
         )
 
-    def no_motion(self, estimator: str, reason: str) -> Motion:
-        """The answer of an estimator that declines, and why."""
-        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=reason)
+    def no_motion(self, estimator: str, reason: Reason | str) -> Motion:
+        """The answer of an estimator that declines.
+
+        Args:
+            estimator: its name.
+            reason: why; methods of other packages say it in a sentence.
+        """
+        why = Reason.stated(reason) if isinstance(reason, str) else reason
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=why)
 
     def cubic_motion(self, coefficients: np.ndarray, estimator: str, confidence: float | None = None) -> Motion:
         """The answer of an estimator that found a cubic row motion, first row as the reference.
@@ -167,7 +174,7 @@ class View:
             ).rereferenced("first")
             motion.check_unfolded()
         except UnshutterError as error:
-            return self.no_motion(estimator, f"what fits the lines is no motion of a camera: {error}")
+            return self.no_motion(estimator, Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
         return motion
 
 

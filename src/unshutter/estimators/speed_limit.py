@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.motion import Motion
+from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,11 +57,11 @@ class SpeedLimit:
     smeared: bool = False
 
     @property
-    def reason(self) -> str:
-        """Why a photo that this refutes is left as it is, in words."""
+    def reason(self) -> Reason:
+        """Why a photo that this refutes is left unchanged."""
         if self.readout_s == 0:
-            return "its camera has no rolling shutter"
-        return f"it is too sharp for a camera that moved, exposed for {_seconds(self.exposure_s)}"
+            return Reason(Code.NO_ROLLING_SHUTTER)
+        return Reason.of(Code.TOO_SHARP, exposure=_seconds(self.exposure_s))
 
     def refutes(self, motion: Motion) -> bool:
         """Whether the photo would be less sharp if its camera had moved like this."""

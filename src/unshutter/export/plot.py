@@ -49,7 +49,7 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", r
     axes[0].invert_yaxis()
     name = f"{title} ({motion.estimator})" if title else motion.estimator
     verdict = Verdict.of(motion, Undo())
-    about = verdict.told() if verdict.changes else f"left as it is ({verdict.told()})"
+    about = verdict.described() if verdict.changes else f"left as it is ({verdict.described()})"
     figure.suptitle(f"{name}\n{about}", fontsize=10)
     _save(figure, Path(path))
 

@@ -14,7 +14,6 @@ from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
 from unshutter.frames.wanted import Wanted
 from unshutter.motion.verdict import Verdict
 from unshutter.photo.argument import check_size, open_photo
-from unshutter.reasons import Cause, Code
 from unshutter.warp.crop import valid_window
 from unshutter.warp.edges import EdgePolicy
 
@@ -99,8 +98,7 @@ def rectified_densely(before: Frame | None, current: Frame, after: Frame | None,
     back = -how.readout.quarter_turns
     pixels, valid = np.rot90(made.pixels, back), np.rot90(made.valid, back)
     if made.reason:
-        cause = Cause.NO_MOTION if made.reason.code is Code.NOTHING_MOVED else Cause.NO_EVIDENCE
-        verdict = Verdict(0.0, None, cause.value, str(made.reason))
+        verdict = Verdict(0.0, None, made.reason)
         return RectifiedFrame(current.photo, valid, current.photo, verdict)
     edges, window, whole = EdgePolicy(how.undo.edges).decide(valid.shape, lambda: valid_window(valid))
     pixels = pixels[window.top : window.bottom, window.left : window.right]

@@ -142,7 +142,7 @@ def _by_any_means(
         if how.alone is None:
             raise
     else:
-        if how.alone is None or result.verdict.cause != Cause.NO_EVIDENCE:
+        if how.alone is None or result.verdict.cause is not Cause.NO_EVIDENCE:
             return result
     motion = estimate_photo(current.photo, load(how.alone.estimator), how.alone.camera)
     return RectifiedFrame.of(undo(current.photo, motion, how.undo), "alone")

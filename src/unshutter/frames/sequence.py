@@ -98,8 +98,7 @@ class FrameMotion:
         return self.fit.turn(self.at + after)
 
     def _none(self, reason: Reason | None) -> Motion:
-        sentence = "" if reason is None else str(reason)
-        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=sentence)
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)
 
 
 @dataclass(eq=False)

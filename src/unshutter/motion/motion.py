@@ -16,6 +16,7 @@ from unshutter.geometry.readout import Readout
 from unshutter.motion import checks, motion_file
 from unshutter.motion.sampling import row_index
 from unshutter.options import Reference
+from unshutter.reasons import Reason
 from unshutter.storage.files import written_whole
 from unshutter.version import __version__
 
@@ -39,7 +40,7 @@ class Motion(ABC):
         estimator: what found this motion.
         confidence: probability (0 ... 1) that it is right: mean displacement error below 1 px of 256 rows; None where
             the estimator gives none.
-        reason: why there is no motion, when an estimator declined; empty otherwise.
+        reason: why there is no motion, when an estimator declined; else None.
         roll_deg, tilt_deg: how the camera was held (see :class:`~unshutter.options.Camera`), where that was known when
             the motion was found [degrees]; else None.
         attitude_from: who said so; empty otherwise.
@@ -60,7 +61,7 @@ class Motion(ABC):
     readout: Readout = Readout.TOP_TO_BOTTOM
     estimator: str = "given"
     confidence: float | None = None
-    reason: str = ""
+    reason: Reason | None = None
     roll_deg: float | None = None
     tilt_deg: float | None = None
     attitude_from: str = ""
@@ -205,7 +206,7 @@ class Motion(ABC):
         if self.confidence is not None:
             parts.append(f"confidence {self.confidence:.2f}")
         if self.reason:
-            parts.append(self.reason)
+            parts.append(str(self.reason))
         return f"{type(self).__name__}({', '.join(parts)})"
 
     def __reduce__(self) -> tuple:  # look-ups that are cached in an object cannot be pickled: they are made anew

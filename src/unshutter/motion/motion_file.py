@@ -12,6 +12,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, visible
 from unshutter.geometry.readout import Readout
+from unshutter.reasons import Reason
 
 FORMAT = "unshutter-motion/1"
 
@@ -41,8 +42,9 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
         "unshutter": common["version"],
         **own,
     }
-    if common["reason"]:
-        data["reason"] = common["reason"]
+    if common["reason"] is not None:
+        data["reason"] = str(common["reason"])
+        data["declined"] = common["reason"].as_json()
     if common["attitude_from"]:
         held = {name: common[name] for name in ("roll_deg", "tilt_deg")}
         data["attitude"] = {**held, "from": common["attitude_from"]}
@@ -77,13 +79,21 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
         "readout": Readout.parse(data.get("readout", "auto")),
         "estimator": visible(str(data.get("estimator", "given"))),
         "confidence": _number(data.get("confidence")),
-        "reason": visible(str(data.get("reason", ""))),
+        "reason": _reason(data),
         "roll_deg": _number(attitude.get("roll_deg")),
         "tilt_deg": _number(attitude.get("tilt_deg")),
         "attitude_from": visible(str(attitude.get("from", ""))),
         "exposure_s": _number(data.get("exposure_s")),
         "version": visible(str(data.get("unshutter", ""))),
     }
+
+
+def _reason(data: dict[str, Any]) -> Reason | None:
+    """Why there is no motion; versions before 1.1 wrote the sentence alone."""
+    if "declined" in data:
+        return Reason.from_json(data["declined"])
+    sentence = visible(str(data.get("reason", "")))
+    return Reason.stated(sentence) if sentence else None
 
 
 def _number(value: Any) -> float | None:

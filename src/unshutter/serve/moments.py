@@ -81,7 +81,7 @@ def _after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) ->
     pixels = _seen(warper(moved)[1], longest, like=moved.frame)
     return as_jpeg(pixels), {
         "changed": not motion.is_zero,
-        "reason": moved.motion.reason,
+        "reason": str(moved.motion.reason or ""),
         "largest_px": motion.largest_px,
         "tiny": motion.largest_px < LEAST_PX,
         "edges": wanted.undo.edges,

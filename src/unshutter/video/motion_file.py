@@ -15,6 +15,7 @@ from unshutter.errors import UnshutterError, visible
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.reasons import Reason
 from unshutter.storage.files import written_whole
 from unshutter.storage.plain_files import check_plain
 from unshutter.version import __version__
@@ -85,7 +86,7 @@ class MotionWriter:
             kept = motion.rotations[:: (ROWS - 1) // (_KEPT - 1)]
             told |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(kept, 9).tolist()}
         else:
-            told |= {"rotations_rad": None, "reason": motion.reason}
+            told |= {"rotations_rad": None, "reason": str(motion.reason)}
         self._stream.write(("" if self._first else ",\n") + json.dumps(told))
         self._first = False
 
@@ -146,7 +147,11 @@ def _made(data: dict[str, Any]) -> ClipMotion:
     motions: list[Motion] = []
     for frame in data["frames"]:
         if frame["rotations_rad"] is None:
-            motions.append(RowMotion.zero(ROWS, small, readout=readout, reason=visible(str(frame.get("reason", "")))))
+            motions.append(
+                RowMotion.zero(
+                    ROWS, small, readout=readout, reason=Reason.stated(visible(str(frame.get("reason", ""))))
+                )
+            )
             continue
         kept = np.array(frame["rotations_rad"], np.float64)
         if kept.shape != (_KEPT, 3):

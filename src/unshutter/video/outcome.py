@@ -52,7 +52,7 @@ class Done:
         if moved.dense or not moved.motion.is_zero:
             self.rectified += 1
         else:
-            self.reasons[moved.motion.reason] += 1
+            self.reasons[str(moved.motion.reason)] += 1
         time_s, motion = moved.frame.time or 0.0, moved.motion
         if moved.cut:
             self.cuts_s.append(round(time_s, 3))

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from unshutter.reasons import Code, Reason
+
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float, UInt8
 
@@ -47,10 +49,10 @@ def in_rows(segments: Float[np.ndarray, "segments 4"], height: int, width: int) 
     return (segments - center) / height
 
 
-def unusable(segments: Float[np.ndarray, "segments 4"], height: int, width: int) -> str:
-    """Why these segments of a photo of that size do not tell its motion; empty where they may."""
+def unusable(segments: Float[np.ndarray, "segments 4"], height: int, width: int) -> Reason | None:
+    """Why these segments of a photo of that size do not show its motion; None where they may."""
     if max(width / height, height / width) > WIDEST_ASPECT:
-        return f"the photo's sides differ by more than {WIDEST_ASPECT:g} times"
+        return Reason.of(Code.TOO_LONG, aspect=WIDEST_ASPECT)
     if len(segments) < FEWEST_SEGMENTS:
-        return f"only {len(segments)} straight segments found"
-    return ""
+        return Reason.of(Code.TOO_FEW_SEGMENTS, segments=len(segments))
+    return None

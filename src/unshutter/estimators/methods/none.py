@@ -2,6 +2,7 @@
 
 from unshutter.estimators.base import Estimator, View
 from unshutter.motion import Motion
+from unshutter.reasons import Code, Reason
 
 
 class DoNothing(Estimator):
@@ -9,4 +10,4 @@ class DoNothing(Estimator):
 
     def estimate(self, view: View) -> Motion:
         """Zero motion."""
-        return view.no_motion(self.name, "asked to do nothing")
+        return view.no_motion(self.name, Reason(Code.ASKED_FOR_NOTHING))

@@ -15,6 +15,7 @@ from unshutter.estimators.right_angles.odds import judge
 from unshutter.estimators.right_angles.search import Posterior, displacement
 from unshutter.estimators.speed_limit import SpeedLimit
 from unshutter.motion import Motion
+from unshutter.reasons import Code, Reason
 
 SHORT_SIDE = 768  # of the grey copy in which segments are found [px]
 MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better, and finds more of them
@@ -75,12 +76,12 @@ def motion_of(posterior: Posterior, view: View, estimator: str, opinion: np.ndar
         opinion: [6] the network's answer, where it was asked.
     """
     if posterior.lines_gain < LEAST_GAIN:
-        return view.no_motion(estimator, "the photo shows no right angles")
+        return view.no_motion(estimator, Reason(Code.NO_RIGHT_ANGLES))
     limit = view.speed_limit
     moving = view.camera.moving or (limit is not None and limit.smeared)
     judgement = judge(posterior, opinion, view.attitude_deg()[0] is not None, moving, view.camera.at_any_odds)
     if displacement(judgement.motion) > LARGEST:
-        return view.no_motion(estimator, "what fits the lines is more motion than hands can do")
+        return view.no_motion(estimator, Reason(Code.TOO_FAST_FOR_HANDS))
     return view.cubic_motion(judgement.motion.reshape(2, 3), estimator, judgement.confidence)
 
 

@@ -92,7 +92,7 @@ class Answer:
             "failed": self.failed,
             "confidence": self.motion.confidence,
             "farthest": farthest if np.isfinite(farthest) else None,
-            "left_alone": Verdict.of(self.motion, Undo()).cause,
+            "left_alone": Verdict.of(self.motion, Undo()).cause or "",
             "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
             "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),
         }
@@ -105,7 +105,7 @@ def ask(estimator: Estimator, view: View) -> Answer:
     except Exception as error:  # whatever it is, the other estimators are still to be judged
         message = " ".join(f"{type(error).__name__}: {error}".split())
         return Answer(view.no_motion(estimator.name, "failed"), failed=message)
-    return Answer(motion, declined=motion.reason)
+    return Answer(motion, declined=str(motion.reason or ""))
 
 
 def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:

@@ -118,7 +118,7 @@ class SequenceCase(Case):
             known = ReadoutRatio(self.ratio, 0.0, "the truth") if name == GIVEN else None
             finder = CameraMotion(known)
             motions = [frame.motion() for frame in finder.frames(frames)]
-            return [Answer(motions[k], declined=motions[k].reason) for k in numbers], finder.ratio
+            return [Answer(motions[k], declined=str(motions[k].reason or "")) for k in numbers], finder.ratio
         estimator: Estimator = loaded(name)
         views = [View(Photo.from_array(frames[k]), Camera(focal_px=camera.focal_px)) for k in numbers]
         return [ask(estimator, view) for view in views], None
