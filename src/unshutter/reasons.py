@@ -52,7 +52,6 @@ class Code(StrEnum):
     TOO_LITTLE_TO_FOLLOW = "too-little-to-follow"
     SCENES_DIFFER = "scenes-differ"
     FRAMES_DISAGREE = "frames-disagree"
-    NOTHING_MOVED = "nothing-moved"
     RATIO_UNKNOWN = "ratio-unknown"  # of frames
     READOUT_TIME_UNKNOWN = "readout-time-unknown"  # of a clip
     # frames and clips: why the readout ratio is unknown
@@ -91,7 +90,6 @@ SENTENCES = {
     Code.TOO_LITTLE_TO_FOLLOW: "there is too little to follow",
     Code.SCENES_DIFFER: "the neighbouring frames show another scene, or near and far move too differently in them",
     Code.FRAMES_DISAGREE: "the frames do not show how the camera moved",
-    Code.NOTHING_MOVED: "nothing moved between the frames",
     Code.RATIO_UNKNOWN: "the readout ratio cannot be found from these frames ({why})",
     Code.READOUT_TIME_UNKNOWN: "this clip does not show its readout time ({why})",
     Code.TOO_FEW_FRAMES: "{frames} frames are too few to show it",
