@@ -16,9 +16,8 @@ from unshutter.cli import main
 from unshutter.cli.arguments import parse
 from unshutter.cli.commands.video import COMMAND
 from unshutter.errors import UsageError
-from unshutter.serve import clips as room
-from unshutter.serve import saves
-from unshutter.serve.app import made
+from unshutter.serve import app, requests, savings
+from unshutter.serve.app import application
 from unshutter.serve.fields import fields, read_clip
 from unshutter.serve.settings import Settings
 from unshutter.video.options import RectifyClip
@@ -258,11 +257,12 @@ def test_a_playlist_is_no_clip(client: httpx.Client, walk: Path, tmp_path: Path)
 
 def test_too_large_and_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     with desk(Settings(token=TOKEN, max_mb=2)) as one:
-        client = Asking(made(one, TOKEN, 80))
+        client = Asking(application(one, TOKEN, 80))
         large = {"files": {"clip": ("a.mp4", bytes(4_000_000))}, "headers": KNOWN}
         _refused(client.post("/api/video", **large), 413, "more than 2 MB")
         _refused(client.post("/api/clips", content=bytes(4_000_000), headers=KNOWN), 413, "more than 2 MB")
-        monkeypatch.setattr(room, "can_be_opened", lambda: False)
+        for module in (app, requests):
+            monkeypatch.setattr(module, "clips_can_be_opened", lambda: False)
         for path in ("/api/clips", "/api/video"):
             _refused(client.post(path, content=b"x", headers=KNOWN), 422, "pip install 'unshutter[video]'")
         assert client.get("/api/about", headers=KNOWN).json()["clips"] is False
@@ -277,7 +277,7 @@ def test_clips_may_be_larger_than_photos() -> None:
 
 def test_no_room_on_the_disc() -> None:
     with desk() as one:
-        client = Asking(made(one, TOKEN, 80))
+        client = Asking(application(one, TOKEN, 80))
         one.store.most_bytes = 1000
         answer = client.post("/api/clips", content=bytes(2000), headers=KNOWN)
         _refused(answer, 413, "close some of them")
@@ -288,9 +288,9 @@ def test_a_clip_at_which_nothing_moves_is_given_up(
 ) -> None:
     import asyncio
 
-    from unshutter.serve.saves import Saving
+    from unshutter.serve.savings import Saving
 
-    monkeypatch.setattr(saves, "_STANDSTILL_S", -1.0)  # at once
+    monkeypatch.setattr(savings, "_STANDSTILL_S", -1.0)  # at once
 
     async def run(one) -> Saving:
         stored = await one.store.add("walk.mp4", _pieces(long_walk.read_bytes()), "clip")

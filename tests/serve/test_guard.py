@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from support.page_server import TOKEN, Asking, desk
-from unshutter.serve.app import made
+from unshutter.serve.app import application
 from unshutter.serve.settings import Settings
 
 KNOWN = {"Authorization": f"Bearer {TOKEN}"}
@@ -14,7 +14,7 @@ KNOWN = {"Authorization": f"Bearer {TOKEN}"}
 @pytest.fixture
 def client() -> Iterator[Asking]:
     with desk() as one:
-        yield Asking(made(one, TOKEN, 8720), "http://127.0.0.1:8720")
+        yield Asking(application(one, TOKEN, 8720), "http://127.0.0.1:8720")
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8720", "localhost:8720", "LOCALHOST:8720", "[::1]:8720"])
@@ -102,6 +102,6 @@ def test_only_the_pages_files_are_handed_out(client: Asking, path: str) -> None:
 
 def test_a_host_of_the_users_own_is_known() -> None:
     with desk(Settings(token=TOKEN, host="0.0.0.0", i_know=True)) as one:
-        client = Asking(made(one, TOKEN, 8720), "http://192.168.1.5:8720")
+        client = Asking(application(one, TOKEN, 8720), "http://192.168.1.5:8720")
         assert client.get("/api/about", headers=KNOWN).status_code == 200
         assert client.get("/api/about", headers=KNOWN | {"Host": "evil.example:8720"}).status_code == 403

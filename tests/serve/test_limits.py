@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from support.page_server import TOKEN, Asking, desk
-from unshutter.serve.app import made
+from unshutter.serve.app import application
 from unshutter.serve.desk import Desk
 from unshutter.serve.settings import Settings
 
@@ -22,7 +22,7 @@ def small() -> Iterator[Desk]:
 
 @pytest.mark.parametrize("path", ["/api/photos", "/api/rectify"])
 def test_a_body_that_says_it_is_too_large(small: Desk, path: str) -> None:
-    client = Asking(made(small, TOKEN, 80))
+    client = Asking(application(small, TOKEN, 80))
     files = {"photo": ("a.jpg", bytes(4_000_000))}
     answer = client.post(path, headers=KNOWN, files=files)
     assert answer.status_code == 413
@@ -35,7 +35,7 @@ def test_a_body_that_does_not_say_it_is_too_large(small: Desk) -> None:
         for _ in range(40):
             yield bytes(100_000)
 
-    client = Asking(made(small, TOKEN, 80))
+    client = Asking(application(small, TOKEN, 80))
     assert client.post("/api/photos", headers=KNOWN, content=pieces()).status_code == 413
     assert not list(small.store.folder.glob("*/photo*"))
 
@@ -50,7 +50,7 @@ def test_a_body_that_dribbles(small: Desk, pause_s: float) -> None:
             await asyncio.sleep(pause_s)
 
     async def ask() -> httpx.Response:
-        transport = httpx.ASGITransport(made(small, TOKEN, 80, patience_s=0.2))
+        transport = httpx.ASGITransport(application(small, TOKEN, 80, patience_s=0.2))
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
             return await asyncio.wait_for(client.post("/api/photos", headers=KNOWN, content=dribble()), 4)
 
@@ -62,7 +62,7 @@ def test_a_body_that_dribbles(small: Desk, pause_s: float) -> None:
 
 def test_too_many_photos(small: Desk) -> None:
     small.store.most_files = 2
-    client = Asking(made(small, TOKEN, 80))
+    client = Asking(application(small, TOKEN, 80))
     answers = [client.post("/api/photos", headers=KNOWN, content=b"x") for _ in range(3)]
     assert [answer.status_code for answer in answers] == [201, 201, 413]
     client.request("DELETE", f"/api/photos/{answers[0].json()['id']}", headers=KNOWN)
@@ -71,7 +71,7 @@ def test_too_many_photos(small: Desk) -> None:
 
 def test_room_for_so_many_bytes(small: Desk) -> None:
     small.store.most_bytes = 1_000
-    client = Asking(made(small, TOKEN, 80))
+    client = Asking(application(small, TOKEN, 80))
     assert client.post("/api/photos", headers=KNOWN, content=bytes(900)).status_code == 201
     answer = client.post("/api/photos", headers=KNOWN, content=bytes(200))
     assert answer.status_code == 413 and "close some" in answer.json()["error"]

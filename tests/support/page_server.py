@@ -98,7 +98,7 @@ def run_command(*arguments: object) -> None:
 def desk(settings: Settings | None = None) -> Iterator[Desk]:
     """A desk in this process; its lanes start their processes when they are used."""
     with temporary_folder() as folder:
-        made = Desk.made(settings or Settings(token=TOKEN), folder)
+        made = Desk.open(settings or Settings(token=TOKEN), folder)
         try:
             yield made
         finally:

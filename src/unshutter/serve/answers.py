@@ -1,35 +1,107 @@
-"""How answers are put: facts beside a picture, and refusals in one line."""
+"""Answers: a picture with facts in a header, a motion, a file, or a refusal in one line."""
 
 from __future__ import annotations
 
 import json
 import os
+import secrets
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import PurePosixPath
 from typing import Any
 
+from starlette.background import BackgroundTask
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response
 
+from unshutter.batch.job import Outcome
 from unshutter.errors import UnshutterError, UsageError, visible
-from unshutter.serve.lanes import Busy
-from unshutter.serve.store import Full, Missing
+from unshutter.options import Rectify
+from unshutter.serve.desk import Desk
+from unshutter.serve.fields import Wanted
+from unshutter.serve.jobs import photo as photo_jobs
+from unshutter.serve.jobs.cache import without_path
+from unshutter.serve.lanes import Busy, Urgency
+from unshutter.serve.names import motion_name, photo_result
+from unshutter.serve.store import Full, Missing, Stored
+
+# Statuses of refusals; the first type that an error has counts.
+_STATUSES: dict[type[Exception], int] = {UsageError: 400, Missing: 404, Full: 413, Busy: 503, UnshutterError: 422}
+_HEADERS: dict[int, dict[str, str]] = {503: {"retry-after": "1"}}
 
 
-def told_header(told: Any) -> str:
-    """Facts for a header, as JSON in ASCII."""
-    return json.dumps(told, separators=(",", ":"))
+def header_text(value: Any) -> str:
+    """A value for a header, as JSON in ASCII."""
+    return json.dumps(value, separators=(",", ":"))
 
 
-async def refused(request: Request, error: Exception) -> Response:
-    """The answer to a request that came to nothing: its status, and ``{"error": one line}``."""
+def jpeg_answer(jpeg: bytes, facts: dict[str, Any]) -> Response:
+    """A picture for the screen, with facts about it in a header."""
+    return Response(jpeg, media_type="image/jpeg", headers={"unshutter-result": header_text(facts)})
+
+
+async def picture_answer(desk: Desk, stored: Stored, wanted: Rectify, closing: Sequence[Stored] = ()) -> Response:
+    """The rectified photo as a file, exactly as the command line would write it.
+
+    Args:
+        desk: the server's.
+        stored: the photo.
+        wanted: what to do with it.
+        closing: photos that are closed once the answer has been sent.
+    """
+    name = photo_result(stored.name, wanted.save.format)
+    target = stored.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
+
+    def clean_up() -> None:
+        target.unlink(missing_ok=True)
+        for each in closing:
+            desk.store.remove(each)
+
+    outcome = await desk.lanes.do(Urgency.NOW, photo_jobs.saved, desk.held(stored), target, wanted)
+    raise_if_failed(outcome, stored)
+    headers = {"unshutter-result": header_text(outcome_facts(outcome)), "unshutter-name": header_text(name)}
+    return FileResponse(target, filename=name, headers=headers, background=BackgroundTask(clean_up))
+
+
+async def motion_answer(desk: Desk, stored: Stored, wanted: Wanted) -> Response:
+    """The photo's motion as JSON, as ``unshutter estimate`` writes it.
+
+    Raises:
+        UsageError: neighbours are named.
+    """
+    if wanted.rectify.neighbours:
+        raise UsageError("what is found from neighbours is no motion of the camera alone: leave them out")
+    reference = wanted.undo.reference or "first"
+    text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, desk.held(stored), wanted.find, reference)
+    headers = {"unshutter-name": header_text(motion_name(stored.name))}
+    return Response(text, media_type="application/json", headers=headers)
+
+
+def raise_if_failed(outcome: Outcome, stored: Stored) -> None:
+    """Raises the error of an outcome that has one.
+
+    Raises:
+        UsageError, UnshutterError: the outcome's error.
+    """
+    if outcome.error:
+        line = without_path(outcome.error, stored.path)
+        raise (UsageError if outcome.usage else UnshutterError)(line)
+
+
+def outcome_facts(outcome: Outcome) -> dict[str, Any]:
+    """The facts about a picture that was written."""
+    verdict = outcome.verdict.as_json() if outcome.verdict else {}
+    return {**verdict, **({"note": outcome.note} if outcome.note else {})}
+
+
+async def refusal(request: Request, error: Exception) -> Response:
+    """The answer to a request that failed: a status, and ``{"error": one line}``."""
     if isinstance(error, HTTPException):
         return _refusal(error.detail, error.status_code, error.headers)
-    if isinstance(error, Busy):
-        return _refusal(str(error), 503, {"retry-after": "1"})
     if isinstance(error, UnshutterError):
-        return _refusal(str(error), _status_of(error))
+        status = next(status for kind, status in _STATUSES.items() if isinstance(error, kind))
+        return _refusal(str(error), status, _HEADERS.get(status))
     if isinstance(error, OSError):  # a full disc, say
         return _refusal(error.strerror or "the system refuses", 500)
     if os.environ.get("UNSHUTTER_DEBUG"):
@@ -40,9 +112,3 @@ async def refused(request: Request, error: Exception) -> Response:
 
 def _refusal(line: str, status: int, headers: Mapping[str, str] | None = None) -> Response:
     return JSONResponse({"error": visible(line)}, status, headers)
-
-
-def _status_of(error: UnshutterError) -> int:
-    if isinstance(error, UsageError):
-        return 400
-    return {Missing: 404, Full: 413}.get(type(error), 422)

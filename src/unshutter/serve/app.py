@@ -1,4 +1,4 @@
-"""The server's addresses, and who answers at each."""
+"""The server's addresses, and the function that answers at each."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from unshutter.errors import UnshutterError
-from unshutter.serve import clips, direct, photos, saving, work
-from unshutter.serve.answers import refused
+from unshutter.serve.answers import refusal
+from unshutter.serve.api import clips, photos, programs, saves
 from unshutter.serve.desk import Desk, desk_of
 from unshutter.serve.guard import Guard
+from unshutter.serve.jobs.photo import warm
 from unshutter.serve.lanes import Urgency
 from unshutter.serve.limits import Limits
 from unshutter.serve.openapi import description
+from unshutter.serve.requests import clips_can_be_opened
+from unshutter.serve.savings import Savings
 from unshutter.version import __version__
 
 PAGE = Path(__file__).parent / "page"
@@ -29,7 +32,7 @@ _PATIENCE_S, _LEAST_RATE = 10.0, 20_000.0  # of bodies: seconds without a byte, 
 _CLIP_PATHS = ("/api/clips", "/api/video")
 
 
-def made(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> ASGIApp:
+def application(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> ASGIApp:
     """The whole server as an ASGI application.
 
     Args:
@@ -45,13 +48,13 @@ def made(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> 
 
     limits = Middleware(Limits, most_bytes, patience_s, _LEAST_RATE)
     kinds = (HTTPException, UnshutterError, OSError, Exception)
-    app = Starlette(routes=routes(), middleware=[limits], exception_handlers=dict.fromkeys(kinds, refused))
-    app.state.desk, app.state.savings = desk, {}
+    app = Starlette(routes=routes(), middleware=[limits], exception_handlers=dict.fromkeys(kinds, refusal))
+    app.state.desk, app.state.savings = desk, Savings(desk)
     return Guard(app, token, port, settings.host)
 
 
 def routes() -> list[Route]:
-    """All addresses: the page's files, the API for programs, and what the page alone asks."""
+    """All addresses: the page's files, the API for programs, and what only the page uses."""
     photo, clip, save = "/api/photos/{id}", "/api/clips/{id}", "/api/saves/{id}"
     return [
         Route("/", _page),
@@ -59,8 +62,8 @@ def routes() -> list[Route]:
         Route("/api/openapi.json", _openapi),
         Route("/api/about", _about),
         Route("/api/wake", _wake, methods=["POST"]),
-        Route("/api/rectify", direct.rectify, methods=["POST"]),
-        Route("/api/estimate", direct.estimate, methods=["POST"]),
+        Route("/api/rectify", programs.rectify, methods=["POST"]),
+        Route("/api/estimate", programs.estimate, methods=["POST"]),
         Route("/api/photos", photos.add, methods=["POST"]),
         Route(photo, photos.remove, methods=["DELETE"]),
         Route(f"{photo}/before", photos.before),
@@ -68,21 +71,21 @@ def routes() -> list[Route]:
         Route(f"{photo}/segments", photos.segments),
         Route(f"{photo}/picture", photos.picture),
         Route(f"{photo}/motion", photos.motion),
-        Route("/api/video", clips.video, methods=["POST"]),
+        Route("/api/video", programs.video, methods=["POST"]),
         Route("/api/clips", clips.add, methods=["POST"]),
-        Route(clip, photos.remove, methods=["DELETE"]),
+        Route(clip, clips.remove, methods=["DELETE"]),
         Route(f"{clip}/before", clips.before),
         Route(f"{clip}/after", clips.after),
         Route(f"{clip}/readout", clips.readout),
-        Route("/api/saves", saving.start, methods=["POST"]),
-        Route(f"{save}/events", saving.events),
-        Route(save, saving.cancel, methods=["DELETE"]),
-        Route(f"{save}/file", saving.download),
+        Route("/api/saves", saves.start, methods=["POST"]),
+        Route(f"{save}/events", saves.events),
+        Route(save, saves.cancel, methods=["DELETE"]),
+        Route(f"{save}/file", saves.download),
     ]
 
 
 def _files() -> list[Route]:
-    """The page's files: those that lie there, and nothing else."""
+    """The page's files, and nothing else in or outside their folder."""
     served = StaticFiles(directory=PAGE)
 
     async def file(request: Request) -> Response:
@@ -102,12 +105,12 @@ async def _openapi(request: Request) -> Response:
 async def _about(request: Request) -> Response:
     settings = desk_of(request).settings
     folder = str(settings.folder) if settings.folder is not None else None
-    told = {"version": __version__, "max_bytes": settings.max_bytes, "folder": folder}
-    return JSONResponse({**told, "clips": clips.can_be_opened(), "max_clip_bytes": settings.max_clip_bytes})
+    limits = {"max_bytes": settings.max_bytes, "max_clip_bytes": settings.max_clip_bytes}
+    return JSONResponse({"version": __version__, "folder": folder, "clips": clips_can_be_opened(), **limits})
 
 
 async def _wake(request: Request) -> Response:
-    """Somebody is about to drop a photo: one lane will show it, and another look for its motion."""
+    """Prepares two processes before a photo is dropped: one will show it, the other estimate its motion."""
     lanes = desk_of(request).lanes
-    await asyncio.gather(*(lanes.do(Urgency.NOW, work.warm) for _ in range(2)))
+    await asyncio.gather(*(lanes.do(Urgency.NOW, warm) for _ in range(2)))
     return Response(status_code=204)

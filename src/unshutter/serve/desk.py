@@ -9,7 +9,7 @@ from pathlib import Path
 from starlette.requests import Request
 
 from unshutter.errors import UsageError
-from unshutter.serve.held import Held
+from unshutter.serve.jobs.cache import Held
 from unshutter.serve.lanes import Lanes
 from unshutter.serve.settings import Settings
 from unshutter.serve.store import Store, Stored
@@ -37,7 +37,7 @@ class Desk:
     long_lanes: Lanes
 
     @classmethod
-    def made(cls, settings: Settings, folder: Path) -> Desk:
+    def open(cls, settings: Settings, folder: Path) -> Desk:
         """A desk with nothing on it; ``folder`` is for its files."""
         store = Store(folder, _MOST_FILES, _ROOM * max(settings.max_bytes, settings.max_clip_bytes))
         lanes = Lanes(LANES, _TIMEOUT_S, _MOST_WAITING, _REST_S)

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from unshutter.batch.workers import Workers, processes
 from unshutter.errors import UnshutterError
-from unshutter.serve.work import warm
+from unshutter.serve.jobs.photo import warm
 
 R = TypeVar("R")
 

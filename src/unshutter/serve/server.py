@@ -30,7 +30,7 @@ def serve(settings: Settings) -> int:
         import python_multipart  # noqa: F401
         import uvicorn
 
-        from unshutter.serve.app import made
+        from unshutter.serve.app import application
     except ImportError as error:
         raise UnshutterError(f"the page needs the extra: pip install 'unshutter[web]' ({error})") from None
     from unshutter.serve.desk import Desk
@@ -41,7 +41,7 @@ def serve(settings: Settings) -> int:
         logging.getLogger(library).setLevel(logging.CRITICAL)  # of requests, nobody needs to read
     with _listening(settings.host, settings.port) as listener, temporary_folder() as folder:
         port = listener.getsockname()[1]
-        desk = Desk.made(settings, folder)
+        desk = Desk.open(settings, folder)
         options: dict[str, Any] = {
             "log_config": None,
             "access_log": False,
@@ -52,7 +52,7 @@ def serve(settings: Settings) -> int:
             "limit_concurrency": _MOST_CONNECTIONS,
             "timeout_graceful_shutdown": _WAIT_S,
         }
-        server = uvicorn.Server(uvicorn.Config(made(desk, token, port), **options))
+        server = uvicorn.Server(uvicorn.Config(application(desk, token, port), **options))
         _announce(settings, port, token)
         try:
             with _ended_by_hangup(server.handle_exit):

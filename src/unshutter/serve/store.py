@@ -11,10 +11,10 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import Literal, TypeAlias
 
 from unshutter.errors import UnshutterError
 from unshutter.photo.formats import of_suffix
+from unshutter.serve.jobs.cache import Kind
 from unshutter.serve.names import clean_name
 
 try:
@@ -25,8 +25,6 @@ except ImportError:  # Windows
 _PREFIX = "unshutter-serve-"
 _LOCK = "lock"
 _FILM = re.compile(r"\.[a-z0-9]{2,5}")  # an ending that may be a clip's
-
-Kind: TypeAlias = Literal["photo", "clip"]
 
 
 class Full(UnshutterError):

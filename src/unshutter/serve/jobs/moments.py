@@ -1,4 +1,4 @@
-"""What lanes make of a clip for the page: single moments of it, before and after, upright, and facts."""
+"""Jobs on single moments of a clip: frames before and after for the screen, upright, with facts about them."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
-from unshutter.serve.clip_work import digest, ratio_of
-from unshutter.serve.held import Held, in_one_line, put
+from unshutter.serve.jobs.cache import Held, in_one_line, put
+from unshutter.serve.jobs.clip import digest, ratio_of
 from unshutter.video.options import RectifyClip
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> 
 
 
 def _before(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
-    from unshutter.serve.screen import as_jpeg
+    from unshutter.serve.jobs.photo import as_jpeg
     from unshutter.video.clip import Clip
 
     clip = Clip.look(held.path)
@@ -69,7 +69,7 @@ def _after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) ->
 
     from unshutter.geometry.readout import Readout
     from unshutter.motion.verdict import LEAST_PX
-    from unshutter.serve.screen import as_jpeg
+    from unshutter.serve.jobs.photo import as_jpeg
     from unshutter.video.clip import Clip
     from unshutter.video.frames_out import Warper
 

@@ -1,26 +1,22 @@
-"""The addresses by which photos and clips are saved: begun, watched, cancelled, fetched."""
+"""For the page: photos and clips are saved; a saving is begun, watched, cancelled, and its file fetched."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-import secrets
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 
 from unshutter.errors import UsageError
-from unshutter.serve.answers import told_header
+from unshutter.serve.answers import header_text
 from unshutter.serve.desk import Desk, desk_of
-from unshutter.serve.fields import Wanted, read, read_clip
-from unshutter.serve.lanes import Busy
-from unshutter.serve.saves import Saving, To
-from unshutter.serve.store import Full, Missing, Stored
-from unshutter.video.options import RectifyClip
+from unshutter.serve.fields import read, read_clip
+from unshutter.serve.savings import Item, Saving, To, savings_of
+from unshutter.serve.store import Full, Missing
 
-_MOST_KEPT = 8  # savings whose files lie ready, or that are at work
 _MOST_REQUEST = 2_000_000  # bytes
 _ALIVE_S = 15.0  # between signs of life to the page
 
@@ -28,40 +24,17 @@ _ALIVE_S = 15.0  # between signs of life to the page
 async def start(request: Request) -> Response:
     """``POST /api/saves``: photos and clips with their options -> the id of the saving."""
     to, items = _parsed(desk_of(request), await _body(request))
-    return begun(request, to, items)
-
-
-def begun(
-    request: Request,
-    to: To,
-    items: list[tuple[Stored, Wanted | RectifyClip]],
-    closing: Sequence[Stored] = (),
-) -> Response:
-    """The answer to a request that begins a saving: its id.
-
-    Raises:
-        Busy: too many are at work.
-    """
-    desk, savings = desk_of(request), _savings(request)
-    _make_room(savings)
-    id = secrets.token_urlsafe(9)
-    folder = desk.settings.folder
-    if to != "folder" or folder is None:
-        folder = desk.store.folder / f"saving-{id}"
-        folder.mkdir()
-    saving = savings[id] = Saving(id, to, folder, items, closing)
-    saving.task = asyncio.create_task(saving.run(desk))
-    return JSONResponse(saving.told(), 202)
+    return JSONResponse(savings_of(request).begin(to, items).as_json(), 202)
 
 
 async def events(request: Request) -> Response:
-    """``GET /api/saves/{id}/events``: how far it is, as server-sent events, until its end."""
+    """``GET /api/saves/{id}/events``: its progress as server-sent events, until its end."""
     saving = _saving(request)
 
     async def lines() -> AsyncIterator[str]:
         while True:
             changed = saving.changed
-            yield f"data: {json.dumps(saving.told())}\n\n"
+            yield f"data: {json.dumps(saving.as_json())}\n\n"
             while saving.state == "working" and not changed.is_set():
                 try:
                     await asyncio.wait_for(changed.wait(), _ALIVE_S)
@@ -76,12 +49,8 @@ async def events(request: Request) -> Response:
 async def cancel(request: Request) -> Response:
     """``DELETE /api/saves/{id}``: stops it, or forgets what it has made; what is in a folder stays there."""
     saving = _saving(request)
-    if saving.task is not None and not saving.task.done():
-        saving.task.cancel()
-        await asyncio.wait([saving.task])
-    else:
-        saving.forget()
-    return JSONResponse(saving.told())
+    await saving.cancel()
+    return JSONResponse(saving.as_json())
 
 
 async def download(request: Request) -> Response:
@@ -89,7 +58,11 @@ async def download(request: Request) -> Response:
     result = _saving(request).result
     if result is None:
         raise Missing("there is no such file, or not yet")
-    return FileResponse(result, filename=result.name, headers={"unshutter-name": told_header(result.name)})
+    return FileResponse(result, filename=result.name, headers={"unshutter-name": header_text(result.name)})
+
+
+def _saving(request: Request) -> Saving:
+    return savings_of(request).get(request.path_params["id"])
 
 
 async def _body(request: Request) -> dict[str, Any]:
@@ -107,8 +80,8 @@ async def _body(request: Request) -> dict[str, Any]:
     return parsed
 
 
-def _parsed(desk: Desk, given: dict[str, Any]) -> tuple[To, list[tuple[Stored, Wanted | RectifyClip]]]:
-    to, photos = given.get("to"), given.get("photos")
+def _parsed(desk: Desk, body: dict[str, Any]) -> tuple[To, list[Item]]:
+    to, photos = body.get("to"), body.get("photos")
     if to not in ("file", "zip", "folder"):
         raise UsageError("'to' takes file, zip or folder")
     if to == "folder" and desk.settings.folder is None:
@@ -117,10 +90,10 @@ def _parsed(desk: Desk, given: dict[str, Any]) -> tuple[To, list[tuple[Stored, W
         raise UsageError("'photos' takes a list of photos or clips, at least one")
     if to == "file" and len(photos) > 1:
         raise UsageError("'file' is for one photo or clip: choose zip for several")
-    return to, [_one_of(desk, each) for each in photos]
+    return to, [_item(desk, each) for each in photos]
 
 
-def _one_of(desk: Desk, each: Any) -> tuple[Stored, Wanted | RectifyClip]:
+def _item(desk: Desk, each: Any) -> Item:
     id, options = (each.get("id"), each.get("options", {})) if isinstance(each, dict) else (None, None)
     if not (isinstance(id, str) and isinstance(options, dict) and _are_texts(options)):
         raise UsageError('each photo is {"id": ..., "options": {name: text}}')
@@ -137,29 +110,3 @@ def _are_texts(options: dict[str, Any]) -> bool:
     except UnicodeEncodeError:
         return False
     return True
-
-
-def _make_room(savings: dict[str, Saving]) -> None:
-    """Forgets the oldest savings that are over.
-
-    Raises:
-        Busy: too many are at work.
-    """
-    over = [saving for saving in savings.values() if saving.state != "working"]
-    for saving in over[: max(len(savings) - _MOST_KEPT + 1, 0)]:
-        del savings[saving.id]
-        saving.forget()
-    if len(savings) >= _MOST_KEPT:
-        raise Busy("too many files are being saved at once: wait for one of these to end")
-
-
-def _savings(request: Request) -> dict[str, Saving]:
-    """All that are known, by their ids."""
-    return request.app.state.savings
-
-
-def _saving(request: Request) -> Saving:
-    saving = _savings(request).get(request.path_params["id"])
-    if saving is None:
-        raise Missing("nothing is known of this: the program may have been started anew")
-    return saving

@@ -1,8 +1,9 @@
-"""Photos and clips on their way into a file, a zip file, or the folder that the page was given."""
+"""Savings: photos and clips are written to a file, a zip file, or the folder that the page may save to."""
 
 from __future__ import annotations
 
 import asyncio
+import secrets
 import shutil
 import zipfile
 from collections.abc import Sequence
@@ -11,21 +12,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+from starlette.requests import Request
+
 from unshutter.errors import UnshutterError
-from unshutter.serve import clip_work, work
-from unshutter.serve.clip_work import HowFar
+from unshutter.serve.answers import outcome_facts, raise_if_failed
 from unshutter.serve.desk import Desk
-from unshutter.serve.direct import outcome_told, raise_if_failed
 from unshutter.serve.fields import Wanted
-from unshutter.serve.lanes import Urgency
+from unshutter.serve.jobs import clip as clip_jobs
+from unshutter.serve.jobs import photo as photo_jobs
+from unshutter.serve.jobs.clip import ProgressFile
+from unshutter.serve.lanes import Busy, Urgency
 from unshutter.serve.names import clip_result, free_name, photo_result
-from unshutter.serve.store import Stored
+from unshutter.serve.store import Missing, Stored
 from unshutter.storage.files import remove_leftovers
 from unshutter.video.options import RectifyClip
 
 To: TypeAlias = Literal["file", "zip", "folder"]
+Item: TypeAlias = tuple[Stored, Wanted | RectifyClip]  # an open photo or clip, and what to do with it
 
 _ZIP_NAME = "unshutter.zip"
+_MOST_KEPT = 8  # savings whose files lie ready, or that are at work
 _LOOK_S = 0.25  # how often a lane's notes are read
 _STANDSTILL_S = 600.0  # a clip whose notes do not change for so long is given up
 _SWEEPS, _SWEEP_S = 40, 0.05  # a process that was ended lets go of its files a moment later
@@ -33,23 +39,23 @@ _SWEEPS, _SWEEP_S = 40, 0.05  # a process that was ended lets go of its files a 
 
 @dataclass
 class Saving:
-    """Photos and clips on their way.
+    """Photos and clips that are being saved.
 
     Attributes:
         id: by which the page calls it.
-        to: what they go into; ``file``: the one photo or clip as it is.
+        to: what they go into; ``file``: the one photo or clip alone.
         folder: where the results go; for a zip file, before they are in it.
-        items: with what is wanted of each.
+        items: the photos and clips, with the options of each.
         closing: files that are closed when it is over.
         done: a line's worth of facts for each item that is finished, failed ones with ``error``.
-        now: how far the clip is that is at work.
+        now: progress of the clip that is being made.
         state: ``working``, ``finished``, ``cancelled``, or ``failed`` with ``error``.
     """
 
     id: str
     to: To
     folder: Path
-    items: list[tuple[Stored, Wanted | RectifyClip]]
+    items: list[Item]
     closing: Sequence[Stored] = ()
     done: list[dict[str, Any]] = field(default_factory=list)
     now: dict[str, Any] | None = None
@@ -66,23 +72,31 @@ class Saving:
         name = _ZIP_NAME if self.to == "zip" else self.done[0].get("result", "")
         return self.folder / name if name and (self.folder / name).is_file() else None
 
-    def told(self) -> dict[str, Any]:
-        """How far it is, as the page is told."""
-        told = {"id": self.id, "to": self.to, "state": self.state, "total": len(self.items), "done": self.done}
-        return {**told, "now": self.now, **({"error": self.error} if self.error else {})}
+    def as_json(self) -> dict[str, Any]:
+        """Its progress, for the page and programs."""
+        progress = {"id": self.id, "to": self.to, "state": self.state, "total": len(self.items), "done": self.done}
+        return {**progress, "now": self.now, **({"error": self.error} if self.error else {})}
 
     def forget(self) -> None:
         """Removes what was made, unless that is in the user's folder."""
         if self.to != "folder":
             shutil.rmtree(self.folder, ignore_errors=True)
 
+    async def cancel(self) -> None:
+        """Stops it, or forgets what it has made."""
+        if self.task is not None and not self.task.done():
+            self.task.cancel()
+            await asyncio.wait([self.task])
+        else:
+            self.forget()
+
     async def run(self, desk: Desk) -> None:
-        """Saves all; ends in a state that tells how it went."""
+        """Saves all; the state says how it ended."""
         try:
             for stored, wanted in self.items:
                 self.done.append(await self._one(desk, stored, wanted))
                 self.now = None
-                self._tell()
+                self._wake()
             self.state = "finished"
         except asyncio.CancelledError:
             await _swept(self.folder)
@@ -93,45 +107,47 @@ class Saving:
         finally:
             for each in self.closing:
                 desk.store.remove(each)
-            self._tell()
+            self._wake()
 
     async def _one(self, desk: Desk, stored: Stored, wanted: Wanted | RectifyClip) -> dict[str, Any]:
         facts: dict[str, Any] = {"photo": stored.id, "name": stored.name}
         try:
             if isinstance(wanted, RectifyClip):
                 target = self._free_name(clip_result(stored.name))
-                told = await self._clip(desk, stored, target, wanted)
+                about = await self._clip(desk, stored, target, wanted)
             else:
                 target = self._free_name(photo_result(stored.name, wanted.save.format))
-                outcome = await desk.lanes.do(Urgency.LATER, work.saved, desk.held(stored), target, wanted.rectify)
+                outcome = await desk.lanes.do(
+                    Urgency.LATER, photo_jobs.saved, desk.held(stored), target, wanted.rectify
+                )
                 raise_if_failed(outcome, stored)
-                told = outcome_told(outcome)
+                about = outcome_facts(outcome)
         except UnshutterError as error:
             return {**facts, "error": str(error)}
         except OSError as error:
             return {**facts, "error": f"cannot write it: {error.strerror}"}
         if self.to == "zip":
             await asyncio.to_thread(_move_into_zip, target, self.folder / _ZIP_NAME)
-        return {**facts, "result": target.name, **told}
+        return {**facts, "result": target.name, **about}
 
     def _free_name(self, name: str) -> Path:
         return free_name(self.folder, name, self.folder / _ZIP_NAME if self.to == "zip" else None)
 
     async def _clip(self, desk: Desk, stored: Stored, target: Path, wanted: RectifyClip) -> dict[str, Any]:
-        """Makes one clip, and tells how far it is meanwhile."""
-        notes = HowFar(stored.path.with_name(f"saving-{self.id}.json"))
-        notes.file.unlink(missing_ok=True)
-        given = desk.held(stored), target, wanted, notes
-        job = asyncio.create_task(desk.long_lanes.do(Urgency.LATER, clip_work.rectified, *given))
+        """Makes one clip, with its progress in ``now``."""
+        progress = ProgressFile(stored.path.with_name(f"saving-{self.id}.json"))
+        progress.file.unlink(missing_ok=True)
+        given = desk.held(stored), target, wanted, progress
+        job = asyncio.create_task(desk.long_lanes.do(Urgency.LATER, clip_jobs.rectified, *given))
         clock = asyncio.get_running_loop()
         last, since = None, clock.time()
         try:
             while not (await asyncio.wait([job], timeout=_LOOK_S))[0]:
-                note = notes.read()
+                note = progress.read()
                 if note != last or self.now is None:
                     last, since = note, clock.time()
                     self.now = {"photo": stored.id, "name": stored.name, **(note or {"what": "waiting"})}
-                    self._tell()
+                    self._wake()
                 elif note is not None and clock.time() - since > _STANDSTILL_S:
                     raise UnshutterError(f"given up: nothing was done for {_STANDSTILL_S:g} s")
             return job.result()
@@ -141,9 +157,65 @@ class Saving:
                 await asyncio.wait([job])
                 await _swept(self.folder)
 
-    def _tell(self) -> None:
+    def _wake(self) -> None:
+        """Wakes those who wait for a change."""
         self.changed.set()
         self.changed = asyncio.Event()
+
+
+class Savings:
+    """All savings that are known, by their ids: those at work, and the last few that ended.
+
+    Args:
+        desk: the server's.
+    """
+
+    def __init__(self, desk: Desk):
+        self._desk = desk
+        self._savings: dict[str, Saving] = {}
+
+    def begin(self, to: To, items: list[Item], closing: Sequence[Stored] = ()) -> Saving:
+        """A new saving, at work.
+
+        Args:
+            to: what the results go into.
+            items: the photos and clips, with the options of each.
+            closing: files that are closed when it is over.
+
+        Raises:
+            Busy: too many are at work.
+        """
+        self._make_room()
+        id, folder = secrets.token_urlsafe(9), self._desk.settings.folder
+        if to != "folder" or folder is None:
+            folder = self._desk.store.folder / f"saving-{id}"
+            folder.mkdir()
+        saving = self._savings[id] = Saving(id, to, folder, items, closing)
+        saving.task = asyncio.create_task(saving.run(self._desk))
+        return saving
+
+    def get(self, id: str) -> Saving:
+        """The saving with this id.
+
+        Raises:
+            Missing: there is none, or it was forgotten.
+        """
+        if id not in self._savings:
+            raise Missing("nothing is known of this: the program may have been started anew")
+        return self._savings[id]
+
+    def _make_room(self) -> None:
+        over = [saving for saving in self._savings.values() if saving.state != "working"]
+        for saving in over[: max(len(self._savings) - _MOST_KEPT + 1, 0)]:
+            del self._savings[saving.id]
+            saving.forget()
+        if len(self._savings) >= _MOST_KEPT:
+            raise Busy("too many files are being saved at once: wait for one of these to end")
+
+
+def savings_of(request: Request) -> Savings:
+    """The server's savings."""
+    return request.app.state.savings
 
 
 async def _swept(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""An open photo or clip as lanes have it; what one of them found lies beside it for whichever is asked next."""
+"""What a job found out about an open photo or clip, kept in the file's folder for the next job."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 from unshutter.batch.report import naming_the_photo
 from unshutter.errors import UnshutterError
 from unshutter.options import Find
-from unshutter.serve.store import Kind
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from unshutter.photo import Photo
 
 T = TypeVar("T")
+Kind: TypeAlias = Literal["photo", "clip"]
 
 
 @dataclass(frozen=True)

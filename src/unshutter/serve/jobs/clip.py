@@ -1,4 +1,4 @@
-"""What lanes do with a whole clip: its readout time is found, and the clip made, as `unshutter video` does."""
+"""Jobs on a whole clip: find its readout time, and rectify it as ``unshutter video`` does."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnknownRatioError, UnshutterError
-from unshutter.serve.held import Held, in_one_line, put
+from unshutter.serve.jobs.cache import Held, in_one_line, put
 from unshutter.video.options import RectifyClip
 
 if TYPE_CHECKING:
     from unshutter.frames.ratio import ReadoutRatio
     from unshutter.video.clip import Clip
 
-_TOLD_S = 0.2  # between two notes of how far a clip is
+_NOTE_S = 0.2  # between two notes of progress
 
 
 @dataclass
-class HowFar:
-    """The file in which a lane notes how far it is; others read it meanwhile.
+class ProgressFile:
+    """The file in which a worker notes its progress, for the server to read.
 
     Attributes:
-        file: where it lies.
+        file: its path.
     """
 
     file: Path
@@ -43,9 +43,9 @@ class HowFar:
             return None
 
     def note(self, what: str, done: int, total: int) -> None:
-        """Notes how far it is, a few times a second at most."""
+        """Notes the progress, a few times a second at most."""
         now = time.monotonic()
-        if now - self._noted_s < _TOLD_S and done < total:
+        if now - self._noted_s < _NOTE_S and done < total:
             return
         self._noted_s = now
         text = json.dumps({"what": what, "done": done, "total": total})
@@ -61,27 +61,27 @@ def readout(held: Held, wanted: RectifyClip) -> dict[str, Any]:
     return in_one_line(held, lambda: _readout(held, wanted))
 
 
-def rectified(held: Held, target: Path, wanted: RectifyClip, how_far: HowFar) -> dict[str, Any]:
+def rectified(held: Held, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
     """Writes a clip as `unshutter video` does; returns what was done.
 
     Args:
         held: the clip.
         target: what is written.
         wanted: what is done.
-        how_far: where to note how far it is.
+        progress: where to note progress.
 
     Raises:
         UsageError, UnshutterError: see :func:`unshutter.video.rectifying.rectify_clip`.
     """
-    how_far.note("frames", 0, 0)
+    progress.note("frames", 0, 0)
     try:
         with redirect_stderr(io.StringIO()):  # what is told there, the page says itself
-            return in_one_line(held, lambda: _rectified(held, target, wanted, how_far))
+            return in_one_line(held, lambda: _rectified(held, target, wanted, progress))
     except UnshutterError as error:
         raise type(error)(str(error).replace(f"{target.parent}{os.sep}", "")) from None
 
 
-def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, how_far: HowFar | None = None) -> ReadoutRatio:
+def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, progress: ProgressFile | None = None) -> ReadoutRatio:
     """The readout ratio of a clip, given or found; what was found is kept beside the clip.
 
     Raises:
@@ -101,7 +101,7 @@ def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, how_far: HowFar | None
         try:
             with redirect_stderr(io.StringIO()):  # the page says itself what was found
                 how = (Readout.parse(wanted.shutter.readout), wanted.shutter, part)
-                found = found_or_listed(clip, *how, how_far.note if how_far else None)
+                found = found_or_listed(clip, *how, progress.note if progress else None)
             told = {"value": found.value, "error": found.error, "source": found.source}
         except UnknownRatioError as error:
             told = {"why": error.reason.as_json()}
@@ -132,14 +132,14 @@ def _readout(held: Held, wanted: RectifyClip) -> dict[str, Any]:
     }
 
 
-def _rectified(held: Held, target: Path, wanted: RectifyClip, how_far: HowFar) -> dict[str, Any]:
+def _rectified(held: Held, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
     from unshutter.video.clip import Clip
     from unshutter.video.rectifying import rectify_clip
 
     clip = Clip.look(held.path)
-    found = ratio_of(held, clip, wanted, how_far)
+    found = ratio_of(held, clip, wanted, progress)
     given = wanted.shutter.ratio(clip.interval_s) is not None
-    done = rectify_clip(str(held.path), str(target), wanted, None if given else found, how_far.note)
+    done = rectify_clip(str(held.path), str(target), wanted, None if given else found, progress.note)
     return {
         "frames": done.frames,
         "rectified": done.rectified,

@@ -1,0 +1,157 @@
+"""Requests: the files that they bring, as a body or in a form, and what several addresses read from them."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.util import find_spec
+from urllib.parse import unquote
+
+from starlette.datastructures import FormData, UploadFile
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, Response
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.serve.desk import Desk, desk_of
+from unshutter.serve.jobs.cache import Kind
+from unshutter.serve.lanes import Urgency
+from unshutter.serve.store import Stored
+
+SCREEN_SIDES = (320, 1000, 1600, 2400)  # longer sides of copies for screens [px]
+_FULL = "full"
+_NOT_OPTIONS = ("token", "longest", "later")  # parameters of queries
+_MOST_FILES, _MOST_FIELDS, _MOST_TEXT = 4, 40, 10_000
+_PIECE = 1 << 18
+
+
+# ---- queries about open files --------------------------------------------------------------------------------
+
+
+def item_of(request: Request) -> Stored:
+    """The open photo or clip that the address names.
+
+    Raises:
+        Missing: it is not open.
+    """
+    return desk_of(request).store.get(request.path_params["id"])
+
+
+def options_of(request: Request, *others: str) -> dict[str, str]:
+    """The options in the query, as text; ``others`` are parameters of this address that are not options."""
+    return {name: value for name, value in request.query_params.items() if name not in (*_NOT_OPTIONS, *others)}
+
+
+def urgency_of(request: Request) -> Urgency:
+    """Whether somebody waits for the answer."""
+    return Urgency.LATER if request.query_params.get("later") == "1" else Urgency.NOW
+
+
+def longest_of(request: Request) -> int | None:
+    """Longer side of the copy to send [px]: one of a few, since each is kept; None: full size.
+
+    Raises:
+        UsageError: another number.
+    """
+    text = request.query_params.get("longest", str(SCREEN_SIDES[2]))
+    if text == _FULL:
+        return None
+    if text not in map(str, SCREEN_SIDES):
+        raise UsageError(f"'longest' takes {', '.join(map(str, SCREEN_SIDES))} or {_FULL}, got '{text:.40}'")
+    return int(text)
+
+
+# ---- files that requests bring -------------------------------------------------------------------------------
+
+
+def clips_can_be_opened() -> bool:
+    """Whether the extra for clips is installed."""
+    return find_spec("av") is not None
+
+
+def check_clips_can_be_opened() -> None:
+    """Raises UnshutterError where the extra for clips is missing."""
+    if not clips_can_be_opened():
+        raise UnshutterError("clips need the extra: pip install 'unshutter[video]'")
+
+
+async def body_opened(request: Request, kind: Kind) -> Response:
+    """Opens the file that is the request's body, named by the header ``Unshutter-Name``; answers with its id.
+
+    Raises:
+        Full: there is no room for it.
+        UnshutterError: it is empty.
+    """
+    name = unquote(request.headers.get("unshutter-name", kind))
+    length = request.headers.get("content-length", "")
+    size = int(length) if length.isdigit() else 0
+    try:
+        stored = await desk_of(request).store.add(name, request.stream(), kind, size)
+    except ClientDisconnect:
+        return Response(status_code=400)
+    return JSONResponse({"id": stored.id, "name": stored.name}, 201)
+
+
+async def body_closed(request: Request) -> Response:
+    """Closes the photo or clip that the address names."""
+    desk_of(request).store.remove(item_of(request))
+    return Response(status_code=204)
+
+
+@asynccontextmanager
+async def form_of(request: Request, kind: Kind = "photo") -> AsyncIterator[FormData]:
+    """The form of a request.
+
+    Args:
+        request: the request.
+        kind: what the form should contain.
+
+    Raises:
+        UsageError: there is no form.
+    """
+    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+        raise UsageError(f"send a form (multipart/form-data) with the {kind} as the part '{kind}'")
+    async with request.form(max_files=_MOST_FILES, max_fields=_MOST_FIELDS, max_part_size=_MOST_TEXT) as form:
+        yield form
+
+
+@asynccontextmanager
+async def files_of(
+    desk: Desk, form: FormData, kind: Kind, *others: str, keep: bool = False
+) -> AsyncIterator[dict[str, Stored]]:
+    """The form's files, by the names of their parts, open inside the context.
+
+    Args:
+        desk: the server's.
+        form: the form; its part called ``kind`` must be there.
+        kind: of all files.
+        others: names of optional parts.
+        keep: whether the files stay open afterwards if all goes well.
+
+    Raises:
+        UsageError: the first part is missing.
+        Full: there is no room for them.
+    """
+    files: dict[str, Stored] = {}
+    done = False
+    try:
+        if not isinstance(form.get(kind), UploadFile):
+            raise UsageError(f"the {kind} is missing: send it as the part '{kind}', with a file name")
+        for name in (kind, *others):
+            part = form.get(name)
+            if isinstance(part, UploadFile):
+                files[name] = await desk.store.add(part.filename or kind, _pieces(part), kind, part.size or 0)
+        yield files
+        done = True
+    finally:
+        for each in () if done and keep else files.values():
+            desk.store.remove(each)
+
+
+def texts_of(form: FormData) -> dict[str, str]:
+    """The fields of a form that are not files."""
+    return {name: value for name, value in form.items() if isinstance(value, str)}
+
+
+async def _pieces(part: UploadFile) -> AsyncIterator[bytes]:
+    while piece := await part.read(_PIECE):
+        yield piece
