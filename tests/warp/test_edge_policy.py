@@ -7,7 +7,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from unshutter.serve.jobs.cache import Held
 
 import unshutter
 from support.frame_pairs import Scene
@@ -17,6 +16,7 @@ from unshutter.options import Find, Neighbours, Rectify, Undo
 from unshutter.options.neighbours import Clock
 from unshutter.photo import Photo
 from unshutter.serve.jobs import photo as screen
+from unshutter.serve.jobs.cache import Held
 from unshutter.video.frames_out import Seen
 from unshutter.warp import edges
 from unshutter.warp.edges import EdgePolicy
