@@ -4,7 +4,9 @@ import json
 import math
 import zipfile
 from pathlib import Path
+from string import Formatter
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
@@ -13,6 +15,7 @@ from support.browser import SLOW_MS, drop, wait_for
 from support.frame_pairs import Scene
 from support.page_server import TOKEN, Server, served
 from unshutter.photo import Photo
+from unshutter.reasons import SENTENCES, Code, Reason
 
 
 def _image(page: Page, which: str) -> list[int]:
@@ -27,6 +30,27 @@ def _image(page: Page, which: str) -> list[int]:
         }""",
         which,
     )
+
+
+def test_every_reason_has_its_words(page: Page) -> None:
+    """Each code of the program has a sentence on the page, complete with the figures that the program sends."""
+    for code in Code:
+        names = [name for _, name, _, _ in Formatter().parse(SENTENCES[code]) if name]
+        about = Reason.of(code, **dict.fromkeys(names, 3)).as_json()
+        line = page.evaluate(
+            "async about => (await import('/page/words.js')).reasons[about.code]?.(about.figures) ?? null", about
+        )
+        assert line is not None, f"{code} has no words in serve/page/words.js"
+        assert all(bad not in str(line) for bad in ("undefined", "NaN", "--")), line
+    codes = page.evaluate("async () => Object.keys((await import('/page/words.js')).reasons)")
+    assert sorted(codes) == sorted(map(str, Code))
+
+
+def test_a_reason_in_the_words_of_the_page(page: Page, tmp_path: Path) -> None:
+    Photo.from_array(np.full((420, 560, 3), 128, np.uint8)).save(tmp_path / "grey.png")
+    drop(page, tmp_path / "grey.png")
+    wait_for(page, "alone")
+    expect(page.locator("#panel .said")).to_contain_text("Left as it is: only 0 straight lines were found.")
 
 
 def test_the_token_leaves_the_address(page: Page) -> None:

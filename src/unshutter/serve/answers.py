@@ -16,7 +16,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 
 from unshutter.batch.job import Outcome
-from unshutter.errors import UnshutterError, UsageError, visible
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, visible
 from unshutter.options import Rectify
 from unshutter.serve.desk import Desk
 from unshutter.serve.fields import Wanted
@@ -101,7 +101,9 @@ async def refusal(request: Request, error: Exception) -> Response:
         return _refusal(error.detail, error.status_code, error.headers)
     if isinstance(error, UnshutterError):
         status = next(status for kind, status in _STATUSES.items() if isinstance(error, kind))
-        return _refusal(str(error), status, _HEADERS.get(status))
+        about = error.reason.as_json() if isinstance(error, UnknownRatioError) else {}
+        reason = {name: about[name] for name in ("code", "figures") if name in about}
+        return JSONResponse({"error": str(error), **reason}, status, _HEADERS.get(status))
     if isinstance(error, OSError):  # a full disc, say
         return _refusal(error.strerror or "the system refuses", 500)
     if os.environ.get("UNSHUTTER_DEBUG"):

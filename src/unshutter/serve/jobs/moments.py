@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
     from av import VideoFrame
 
+    from unshutter.reasons import Reason
     from unshutter.video.clip import Clip
     from unshutter.video.moving import Moved
 
@@ -81,7 +82,7 @@ def _after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) ->
     pixels = _seen(warper(moved)[1], longest, like=moved.frame)
     return as_jpeg(pixels), {
         "changed": not motion.is_zero,
-        "reason": str(moved.motion.reason or ""),
+        **_reason_facts(moved.motion.reason),
         "largest_px": motion.largest_px,
         "tiny": motion.largest_px < LEAST_PX,
         "edges": wanted.undo.edges,
@@ -120,6 +121,14 @@ def _moved_at(held: Held, clip: Clip, wanted: RectifyClip, at: float) -> Moved:
             put(file, lambda part, found=moved.motion: part.write_text(found.to_json(), encoding="utf-8"))
             return moved
     raise UnshutterError(f"the clip has no frame at {at:.1f} s: its part ends before")
+
+
+def _reason_facts(reason: Reason | None) -> dict[str, Any]:
+    """Why the frame is left unchanged: the sentence, the reason's code, and its figures."""
+    if reason is None:
+        return {"reason": ""}
+    about = reason.as_json()
+    return {"reason": about["sentence"], "code": about["code"], "figures": about["figures"]}
 
 
 # ---- frames as they are looked at ----------------------------------------------------------------------------

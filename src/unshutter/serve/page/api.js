@@ -1,5 +1,7 @@
 // What the page asks of the program. Every request carries the token of the link that opened the page.
 
+import { words } from "./words.js";
+
 const RETRY_MS = 1000;
 const KEY = "unshutter-token";
 
@@ -55,7 +57,8 @@ export async function ask(path, options = {}) {
 
 async function lineOf(answer) {
   try {
-    return (await answer.json()).error;
+    const { error, code, figures } = await answer.json();
+    return words.why({ code, figures, reason: error });
   } catch {
     return `${answer.status} ${answer.statusText}`;
   }

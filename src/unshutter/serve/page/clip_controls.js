@@ -82,7 +82,7 @@ const howOf = (options) => Object.keys(LIMITS).find((how) => `readout-${how}` in
 function sentences({ state, result, error, options, facts }) {
   if (state === "asking") return [`${error}.`, words.sayReadout];
   if (!result || !facts) return [];
-  const said = [result.changed ? words.clipMoved(result.largest_px) : words.clipAlone(result.reason)];
+  const said = [result.changed ? words.clipMoved(result.largest_px) : words.clipAlone(words.why(result))];
   if (options.strength === "0") said.splice(0, 1, words.clipStrength0);
   if (result.edges === "crop") said.push(words.clipCrop);
   said.push(words.clipIs(words.time(facts.duration_s), facts.width, facts.height, facts.fps));

@@ -161,7 +161,7 @@ function sentences({ result, options }) {
     if (result.edges === "fill") said.push(words.edgesFill);
   } else if (options.strength === "0") said.push(words.youLeftAlone);
   else {
-    said.push(words.leftAlone(result.reason));
+    said.push(words.leftAlone(words.why(result)));
     if (result.cause === "not sure") said.push(words.notSureHint);
   }
   const { roll_deg: roll, tilt_deg: tilt, from } = result.attitude ?? { roll_deg: null, tilt_deg: null };

@@ -4,6 +4,43 @@ const percent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
 const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
 const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
 
+// Code of a reason -> why a photo, moment or clip is left as it is, with the reason's figures.
+export const reasons = {
+  "stated": ({ sentence }) => sentence,
+  "too-long": ({ aspect }) => `one side is more than ${aspect} times as long as the other`,
+  "too-few-segments": ({ segments }) => `only ${count(segments, "straight line was", "straight lines were")} found`,
+  "no-right-angles": () => "the photo shows no right angles",
+  "too-fast-for-hands": () => "what fits the lines is more motion than a hand-held camera makes",
+  "too-sharp": ({ exposure }) => `it is too sharp for a camera that moved, exposed for ${exposure}`,
+  "no-rolling-shutter": () => "this camera exposes all rows at once",
+  "impossible-motion": ({ detail }) => `no camera moves like that: ${detail}`,
+  "asked-for-nothing": () => "that is what you asked for",
+  "no-motion": () => "the camera did not move",
+  "no-visible-motion": () => "no motion can be seen",
+  "strength-0": () => "the strength is 0",
+  "unsure": ({ confidence }) => `not sure how the camera moved (confidence ${percent(confidence)})`,
+  "unsure-whether-moved": ({ confidence }) => `not sure whether the camera moved (confidence ${percent(confidence)})`,
+  "too-small": () => "nothing would move by as much as half a pixel",
+  "stood-still": () => "the camera stood still",
+  "nothing-moved": () => "nothing moved between the frames",
+  "only-others-moved": () => "the camera stood still; what moved in front of it is not straightened",
+  "no-neighbour": () => "there is no frame before or after it",
+  "shot-too-short": () => "the shot is too short to show how the camera moved",
+  "other-size": () => "the frames before and after it have another size",
+  "too-little-to-follow": () => "there is too little to follow from frame to frame",
+  "scenes-differ": () => "its neighbours show another scene, or near and far move too differently in them",
+  "frames-disagree": () => "the frames do not show how the camera moved",
+  "ratio-unknown": ({ why }) => `the readout time cannot be found from these frames (${why}); if you know it, type it in`,
+  "readout-time-unknown": ({ why }) => `this clip does not show its readout time (${why})`,
+  "too-few-frames": ({ frames }) => `${count(frames, "frame is", "frames are")} too few to show it`,
+  "shook-too-fast": () => "the camera shook faster than frames were taken",
+  "too-even": () => "the camera moved too evenly, or there was too little to follow",
+  "imprecise": ({ evidence, value, error }) => `${evidence} give ${value.toFixed(2)} ± ${error.toFixed(2)}`,
+  "no-angles-or-motion": () => "the frames show no right angles, or hardly move from side to side",
+  "parts-disagree": ({ ratios }) => `parts of the clip disagree: ${ratios}`,
+  "no-clear-part": ({ frames }) => `no ${frames} frames in a row show one scene clearly`,
+};
+
 export const words = {
   add: "Add photos or clips…",
   saveAll: "Save all (zip)",
@@ -44,6 +81,8 @@ export const words = {
   moved: (px, sure) =>
     `Straightened: some places moved by up to ${pixels(px)}.`
     + (sure === null ? "" : ` Confidence ${percent(sure)}.`),
+  // of a result with code and figures; a code of a later program keeps the program's sentence
+  why: ({ code, figures, reason }) => reasons[code]?.(figures) ?? reason,
   leftAlone: (reason) => `Left as it is: ${reason}.`,
   youLeftAlone: "Left as it is, as you asked.",
   notSureHint: "If you see that the camera moved, tick “The camera was moving”, or show what is level below.",
