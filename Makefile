@@ -63,7 +63,7 @@ release-check:  ## builds what is published, and tries it in fresh environments;
 # torch first and by its exact version: without it, the registry's newest build brings several GB of CUDA.
 .venv/dev: .venv/python pyproject.toml lab/pyproject.toml constraints.txt
 	$(PIP) torch==2.13.0
-	$(PIP) -e '.[dev]' -e './lab[train,video]'
+	$(PIP) -e '.[dev]' -e './lab[calibrate,train,video]'
 	@touch $@
 
 .venv-newest/core: .venv-newest/python pyproject.toml
@@ -72,14 +72,14 @@ release-check:  ## builds what is published, and tries it in fresh environments;
 
 .venv-newest/dev: .venv-newest/core lab/pyproject.toml
 	$(PIP_NEWEST) torch==2.13.0
-	$(PIP_NEWEST) --upgrade --upgrade-strategy eager -e '.[dev]' -e './lab[train,video]'
+	$(PIP_NEWEST) --upgrade --upgrade-strategy eager -e '.[dev]' -e './lab[calibrate,train,video]'
 	@touch $@
 
 .venv-lowest/dev: .venv-lowest/python pyproject.toml lab/pyproject.toml constraints.txt .ci/lowest.py
 	$(PYTHON) .ci/lowest.py libraries > .venv-lowest/libraries.txt
 	$(PYTHON) .ci/lowest.py tools > .venv-lowest/tools.txt
 	$(PIP_LOWEST) torch==2.13.0
-	$(PIP_LOWEST) -e '.[dev]' -e './lab[train,video]'
+	$(PIP_LOWEST) -e '.[dev]' -e './lab[calibrate,train,video]'
 	@touch $@
 
 clean:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import unshutter
@@ -147,6 +148,15 @@ def _train(folder: Path) -> Scene:
     return Scene(["train", "--config", folder / "tiny.toml"], [folder / "tiny.toml"], {"--out": ""}, overwrite=())
 
 
+def _calibrate(folder: Path) -> Scene:
+    make_photos(folder, [f"{name}/{name}.jpg" for name in ("val", "train", "ordinary")])
+    log = folder / "trajectories" / "log.npz"
+    log.parent.mkdir()
+    np.savez(log, t_s=np.arange(300) / 100, gyro_rad_s=np.zeros((300, 3)))
+    inputs = [*sorted(folder.rglob("*.jpg")), log]
+    return Scene(["calibrate", folder, "--jobs", 1], inputs, {"--output": ""})
+
+
 SCENES: dict[str, list[Callable[[Path], Scene]]] = {
     "rectify": [_photo, _photos, _neighbours],
     "estimate": [_estimate],
@@ -156,9 +166,11 @@ SCENES: dict[str, list[Callable[[Path], Scene]]] = {
     "evaluate": [_evaluate],
     "synthesize": [_synthesize],
     "train": [_train],
+    "calibrate": [_calibrate],
 }
 ELSEWHERE = {("serve", "--folder")}  # test_the_page_never_takes_a_name_that_is_there
 NEEDS = {_film: "av", _film_by_motion: "av", _frames: "av", _pattern: "av", _evaluate: "matplotlib", _train: "torch"}
+NEEDS |= {_calibrate: "sklearn"}
 
 
 def all_outputs() -> set[tuple[str, str]]:
@@ -229,7 +241,8 @@ def test_an_output_that_leads_to_an_input(command: str, make, tmp_path: Path, ca
                     assert "original" in told[0] or "twice" in told[0], (option, name, told)
 
 
-FOLDERS = [(name, make) for name, make in ALL if make not in (_film, _film_by_motion)]
+# a whole calibration takes seconds: lab/tests/calibration tries its folder
+FOLDERS = [(name, make) for name, make in ALL if make not in (_film, _film_by_motion, _calibrate)]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs links")

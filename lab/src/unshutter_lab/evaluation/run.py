@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -12,6 +12,7 @@ from functools import cache
 from itertools import chain
 from multiprocessing import get_context
 from pathlib import Path
+from typing import TypeVar
 
 from unshutter.batch.workers import settle_worker
 from unshutter.errors import UnshutterError, UsageError
@@ -19,7 +20,7 @@ from unshutter.estimators import register
 from unshutter.estimators.base import Estimator
 from unshutter.progress import Progress
 from unshutter.storage.protection import Protection
-from unshutter_lab.evaluation.cases.case import Case, Record
+from unshutter_lab.evaluation.cases.case import Record, Trial
 from unshutter_lab.evaluation.cases.folders import logs_in, pictures_in
 from unshutter_lab.evaluation.cases.protocols import PROTOCOLS, Request
 from unshutter_lab.evaluation.pages.plots import check_matplotlib
@@ -29,8 +30,9 @@ from unshutter_lab.evaluation.store import Store
 
 # what the libraries ask for how many threads they may start
 _THREADS = ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+AnyTrial = TypeVar("AnyTrial", bound=Trial)
 # (case, names still to be judged)
-_Task = tuple[Case, list[str]]
+_Task = tuple[AnyTrial, list[str]]
 
 
 def evaluate(request: Request, estimators: str, output: Path, jobs: int | None = None, overwrite: bool = False) -> int:
@@ -51,15 +53,14 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
         UnshutterError: data or an estimator's extra are missing, data cannot be used, the folder not written to.
     """
     names = _chosen(estimators)
-    if jobs is not None and jobs < 1:
-        raise UsageError(f"needs at least one process, got {jobs}")
+    check_jobs(jobs)
     check_matplotlib()
     cases = PROTOCOLS[request.protocol].cases(request)
     for name in names:
         register.load(name)  # so that a missing extra is reported before the work
     _check_output(output, request, names)
     store = Store(output, {key: _plain(value) for key, value in asdict(request).items()}, overwrite)
-    measured = _measure(cases, names, store, jobs or os.cpu_count() or 1)
+    measured = measure(cases, names, store, jobs)
     oracles = list(dict.fromkeys(oracle for case in cases for oracle in case.oracles))
     records = store.records([case.key for case in measured], [*names, *oracles])
     if not records:
@@ -76,15 +77,28 @@ def _check_output(folder: Path, request: Request, names: list[str]) -> None:
     Protection(read).check_all_in(folder)
 
 
-def _measure(cases: list[Case], names: list[str], store: Store, jobs: int) -> list[Case]:
-    """Judges what is not in the store yet; returns the cases whose pictures could be used."""
+def check_jobs(jobs: int | None) -> None:
+    """Raises UsageError where there can be no such number of processes."""
+    if jobs is not None and jobs < 1:
+        raise UsageError(f"needs at least one process, got {jobs}")
+
+
+def measure(cases: Sequence[AnyTrial], names: list[str], store: Store, jobs: int | None) -> list[AnyTrial]:
+    """Judges what is not in the store yet; returns the cases whose pictures could be used.
+
+    Args:
+        cases: with what is to be measured.
+        names: of the estimators.
+        store: gets the records.
+        jobs: processes; None: one for each processor.
+    """
     tasks = [(case, store.missing(case.key, [*names, *case.oracles])) for case in cases]
     waiting = [task for task in tasks if task[1]]
     problems: dict[str, str] = {}  # case -> what is wrong with its picture
     with Progress(len(cases), "pictures") as bar:
         for _ in range(len(tasks) - len(waiting)):
             bar.advance()
-        for (case, missing), records in _judged(waiting, jobs):
+        for (case, missing), records in _judged(waiting, jobs or os.cpu_count() or 1):
             if isinstance(records, str):
                 if records not in problems.values():  # one photo makes several cases
                     bar.tell(f"unshutter: {records}")
@@ -102,7 +116,7 @@ def _chosen(estimators: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _judged(tasks: list[_Task], jobs: int) -> Iterator[tuple[_Task, list[Record] | str]]:
+def _judged(tasks: list[_Task[AnyTrial]], jobs: int) -> Iterator[tuple[_Task[AnyTrial], list[Record] | str]]:
     """The records of each task, in any order; instead of them a line where the picture cannot be used."""
     if jobs == 1 or len(tasks) < 2:
         for task in tasks:
@@ -134,7 +148,7 @@ def _one_thread_each() -> Iterator[None]:
             os.environ.update({name: value} if value is not None else {})
 
 
-def _judge(case: Case, names: list[str]) -> list[Record] | str:
+def _judge(case: Trial, names: list[str]) -> list[Record] | str:
     """The records of a case, or what is wrong with its picture."""
     try:
         return case.judge(names, _loaded)

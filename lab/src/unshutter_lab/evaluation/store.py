@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import unshutter
+import unshutter_lab
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.storage.places import write_place
 from unshutter.storage.plain_files import add_text
@@ -17,6 +18,7 @@ from unshutter_lab.evaluation.cases.case import Record
 
 _NAME = "records.jsonl"
 _DIGITS = 5
+_CALIBRATION = "calibration.json"
 
 
 class Store:
@@ -26,16 +28,17 @@ class Store:
         folder: made where it is missing.
         settings: everything that the figures depend on but the code, whose digest is added.
         overwrite: whether records of other settings or other code may be thrown away.
+        calibrated: whether the figures depend on the shipped calibration.
 
     Raises:
         UsageError: the folder holds another run.
         UnshutterError: the folder cannot be written to.
     """
 
-    def __init__(self, folder: Path, settings: dict[str, Any], overwrite: bool):
+    def __init__(self, folder: Path, settings: dict[str, Any], overwrite: bool, calibrated: bool = True):
         self._path = folder / _NAME
         self._done: dict[tuple[str, str], list[Record]] = {}
-        head = {"settings": settings, "code": code_digest()}
+        head = {"settings": settings, "code": code_digest(calibrated)}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if not self._resumed(head, overwrite):
@@ -87,12 +90,17 @@ class Store:
 
 
 @cache
-def code_digest() -> str:
-    """Digest of the package's code and weights, which tells records of other code from new ones."""
+def code_digest(calibrated: bool = True) -> str:
+    """Digest of the code and weights of both distributions, which tells records of other code from new ones.
+
+    Args:
+        calibrated: whether the shipped calibration counts.
+    """
     digest = hashlib.sha256()
-    root = Path(unshutter.__file__).parent
-    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".npz", ".onnx")):
-        digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    for root in (Path(unshutter.__file__).parent, Path(unshutter_lab.__file__).parent):
+        for path in sorted(root.rglob("*")):
+            if path.suffix in (".py", ".npz", ".onnx") or (calibrated and path.name == _CALIBRATION):
+                digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
 

@@ -24,8 +24,8 @@ Loaded = Callable[[str], Estimator]  # name -> estimator, built once per process
 NOTHING = "none"  # the estimator whose picture is the input
 
 
-class Case(ABC):
-    """One picture on which estimators are judged. It is made in one process and judged in another."""
+class Trial(ABC):
+    """One picture of which something is measured. It is chosen in one process and measured in another."""
 
     @property
     @abstractmethod
@@ -44,6 +44,10 @@ class Case(ABC):
         Raises:
             UnshutterError: the picture cannot be read or used.
         """
+
+
+class Case(Trial):
+    """One picture on which estimators are judged, and which can be looked at."""
 
     @abstractmethod
     def show(self, names: list[str], loaded: Loaded) -> Example:

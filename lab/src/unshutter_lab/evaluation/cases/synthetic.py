@@ -71,8 +71,14 @@ class Suite:
 
 
 @dataclass(frozen=True)
-class _Exam:
-    """A made picture: what estimators see, the global-shutter picture, the truth."""
+class Exam:
+    """A picture that was made.
+
+    Attributes:
+        view: what estimators see.
+        gs: the global-shutter picture, uint8 [H, W, 3].
+        truth: the true motion.
+    """
 
     view: View
     gs: np.ndarray
@@ -80,9 +86,11 @@ class _Exam:
 
     @property
     def photo(self) -> Photo:
+        """The rolling-shutter picture."""
         return self.view.photo
 
     def ask(self, estimator: Estimator) -> Answer:
+        """What an estimator answers."""
         return ask(estimator, self.view)
 
 
@@ -120,7 +128,7 @@ class SyntheticCase(Case):
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
         """One record for each estimator."""
-        exam = self._exam()
+        exam = self.exam()
         nothing = motion_error(RowMotion.zero(exam.truth.height, exam.truth.width), exam.truth)
         oracle = rectified(exam.photo, exam.truth) if self._of_pictures else None
         records = []
@@ -136,7 +144,7 @@ class SyntheticCase(Case):
 
     def show(self, names: list[str], loaded: Loaded) -> Example:
         """The pictures and curves behind the records."""
-        exam = self._exam()
+        exam = self.exam()
         curves = {name: exam.ask(loaded(name)).motion for name in names}
         errors = {name: motion_error(motion, exam.truth).epe for name, motion in curves.items()}
         nothing = motion_error(RowMotion.zero(exam.truth.height, exam.truth.width), exam.truth).epe
@@ -153,12 +161,13 @@ class SyntheticCase(Case):
         return self.suite.of_pictures and not self.suite.still
 
     @staticmethod
-    def _picture_scores(exam: _Exam, answer: Answer, oracle: tuple[np.ndarray, np.ndarray]) -> Record:
+    def _picture_scores(exam: Exam, answer: Answer, oracle: tuple[np.ndarray, np.ndarray]) -> Record:
         made, mask = rectified(exam.photo, answer.motion)
         pictures = {"": made, "input": in_8_bits(exam.photo), "oracle": oracle[0]}
         return picture_scores(pictures, exam.gs, mask & oracle[1])
 
-    def _exam(self) -> _Exam:
+    def exam(self) -> Exam:
+        """The picture, made again at every call."""
         pixels, digest, focal, known = _photo(self.path)
         kept = round(min(pixels.shape[:2]) / _CANVAS)  # px of the photo that the picture shows across
         pixels = np.ascontiguousarray(np.rot90(pixels, self.suite.turned))
@@ -180,7 +189,7 @@ class SyntheticCase(Case):
         roll, tilt = self._attitude()
         readout_ms = None if exposure_s is None else 1000 * readout_s
         camera = Camera(focal_px=focal if known else None, roll_deg=roll, tilt_deg=tilt, readout_ms=readout_ms)
-        return _Exam(View(photo, camera, None if known else focal), gs, truth)
+        return Exam(View(photo, camera, None if known else focal), gs, truth)
 
     def _attitude(self) -> tuple[float | None, float | None]:
         """What estimators are told of how the camera was held [degrees]."""

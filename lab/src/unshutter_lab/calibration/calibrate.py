@@ -1,0 +1,196 @@
+"""A whole calibration: all cases over several processes, resumable; the fits; the file with its provenance."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import subprocess
+from collections.abc import Sequence
+from importlib.metadata import version
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.estimators.right_angles.calibration import NetworkErrors
+from unshutter.estimators.right_angles.search import displacement
+from unshutter.storage.places import write_place
+from unshutter.storage.protection import Protection
+from unshutter_lab.calibration.cases import (
+    CROP,
+    CROPS,
+    MOVED,
+    STILL,
+    WHOLE,
+    NetworkCase,
+    OrdinarySearchCase,
+    SearchCase,
+    SyntheticSearchCase,
+    errors_as_tuples,
+)
+from unshutter_lab.calibration.network_errors import fit_network_errors
+from unshutter_lab.evaluation.cases.folders import logs_in, photos_in
+from unshutter_lab.evaluation.cases.synthetic import SyntheticCase
+from unshutter_lab.evaluation.run import check_jobs, measure
+from unshutter_lab.evaluation.store import Store, code_digest
+
+FILE, REPORT = "calibration.json", "report.txt"
+# folders of the data
+NETWORK, ODDS, ORDINARY, LOGS = "val", "train", "ordinary", "trajectories"
+_FEWEST_ERRORS = 12  # answers of the network: twice its coefficients
+_LIBRARIES = ("numpy", "opencv-python-headless", "pyvips", "scikit-learn", "scipy")
+_NAME = "calibration"  # of what the store takes for an estimator
+_PX = 256.0
+
+
+def calibrate(
+    data: Path, output: Path, photos: int | None = None, seed: int = 0, jobs: int | None = None, overwrite: bool = False
+) -> Path:
+    """Measures everything that the default method consists of besides its network.
+
+    Args:
+        data: folder with undistorted photos in ``val`` (for the network's errors) and ``train`` (for the odds), photos
+            that people took in ``ordinary``, and recorded motions in ``trajectories``.
+        output: folder; a run in it that was stopped goes on.
+        photos: at most so many of each folder, chosen by the seed.
+        seed: of the motions.
+        jobs: processes; by default one for each processor. The file does not depend on it.
+        overwrite: whether a run in the folder with other settings or code may be thrown away.
+
+    Returns:
+        The file.
+
+    Raises:
+        UsageError: numbers that cannot be, another run in the folder.
+        UnshutterError: scikit-learn or data are missing, there are too few photos, the folder cannot be written to.
+    """
+    check_jobs(jobs)
+    _check_libraries()
+    folders = {name: photos_in(data / name, photos, seed) for name in (NETWORK, ODDS, ORDINARY)}
+    logs = logs_in(data / LOGS)
+    Protection([*chain.from_iterable(folders.values()), *logs]).check_all_in(output)
+    digests = {name: _digest(paths) for name, paths in (*folders.items(), (LOGS, logs))}
+    store = Store(output, {"data": digests, "photos": photos, "seed": seed}, overwrite, calibrated=False)
+
+    errors = _network_errors(_synthetic(NETWORK, folders[NETWORK], MOVED, seed, logs), store, jobs)
+    cases = _search_cases(folders, seed, logs, errors)
+    usable = measure(cases, [_NAME], store, jobs)
+    sections, report = _fits(store.records([case.key for case in usable], [_NAME]), errors)
+    counts = {name: {"photos": len(paths), "sha256": digests[name]} for name, paths in folders.items()}
+    counts[LOGS] = {"files": len(logs), "sha256": digests[LOGS]}
+    fields = {"provenance": _provenance(counts, len(usable), photos, seed), **sections}
+    write_place(as_text(fields).encode(), output / FILE)
+    write_place(report.encode(), output / REPORT)
+    return output / FILE
+
+
+def _check_libraries() -> None:
+    try:
+        import sklearn  # noqa: F401
+    except ImportError as error:
+        raise UnshutterError(f"calibrate needs the extra: pip install 'unshutter-lab[calibrate]' ({error})") from None
+
+
+def _network_errors(photos: list[SyntheticCase], store: Store, jobs: int | None) -> NetworkErrors:
+    usable = measure([NetworkCase(photo) for photo in photos], [_NAME], store, jobs)
+    records = store.records([case.key for case in usable], [_NAME])
+    if len(records) < _FEWEST_ERRORS:
+        raise UnshutterError(f"the network answers to {len(records)} pictures of {NETWORK}: add photos of buildings")
+    answers, truths = (np.array([record[name] for record in records]) for name in ("answer", "truth"))
+    sizes = np.array([_PX * displacement(answer) for answer in answers])
+    return fit_network_errors(answers - truths, sizes)
+
+
+def _search_cases(
+    folders: dict[str, list[Path]], seed: int, logs: tuple[Path, ...], errors: NetworkErrors
+) -> list[SearchCase]:
+    known = errors_as_tuples(errors)
+    made: list[SearchCase] = [
+        SyntheticSearchCase(case.suite.name, case.photo, known, case)
+        for case in _synthetic(ODDS, folders[ODDS], (*MOVED, *STILL), seed, logs)
+    ]
+    ordinary = [
+        OrdinarySearchCase(WHOLE if crop is None else CROP, path.name, known, path, crop)
+        for path in folders[ORDINARY]
+        for crop in (None, *range(CROPS))
+    ]
+    return made + ordinary
+
+
+def _synthetic(
+    group: str, photos: list[Path], suites: Sequence[Any], seed: int, logs: tuple[Path, ...]
+) -> list[SyntheticCase]:
+    return [SyntheticCase(suite, group, path.name, path, 0, seed, logs) for path in photos for suite in suites]
+
+
+def _fits(records: list[dict[str, Any]], errors: NetworkErrors) -> tuple[dict[str, Any], str]:
+    """The sections of the file, and a report of how they do."""
+    from unshutter_lab.calibration.fits import Cases, fit_with_network, fit_without_network
+
+    with_network = fit_with_network(Cases.of(records, "with_network"))
+    without = fit_without_network(Cases.of(records, "without_network"))
+    sections = {
+        "network_errors": {
+            "freedom": errors.freedom,
+            "usual_px": errors.usual_px,
+            "scales": errors.scales.tolist(),
+            "correlations": errors.correlations.tolist(),
+        },
+        "odds_without_network": without.odds,
+        "confidence": {
+            "rectified": with_network.rectified,
+            "left": with_network.left,
+            "rectified without network": without.rectified,
+            "left without network": without.left,
+        },
+        "forest": with_network.odds,
+    }
+    return sections, f"{with_network.report}\n\n{without.report}\n"
+
+
+def _provenance(counts: dict[str, Any], cases: int, photos: int | None, seed: int) -> dict[str, Any]:
+    """From what the file was made: whoever has the same data and versions makes the same file."""
+    return {
+        "made_by": "unshutter calibrate",
+        "data": counts,
+        "photos": photos,
+        "cases": cases,
+        "seed": seed,
+        "commit": _commit(),
+        "code": code_digest(calibrated=False),
+        "versions": {"python": platform.python_version()}
+        | {name: version(name) for name in ("unshutter", "unshutter-lab", *_LIBRARIES)},
+    }
+
+
+def _commit() -> str | None:
+    """Of the sources, "..., changed" where they differ from it; None where they are not in a repository."""
+
+    def git(*words: str) -> str:
+        command = ["git", "-C", str(Path(__file__).parent), *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+    try:
+        return git("rev-parse", "HEAD") + (", changed" if git("status", "--porcelain", ".") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def _digest(paths: Sequence[Path]) -> str:
+    """Of the contents of files, in this order."""
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def as_text(sections: dict[str, dict[str, Any]]) -> str:
+    """JSON with a line for each entry of each section."""
+    parts = []
+    for name, section in sections.items():
+        lines = (f"  {json.dumps(key)}: {json.dumps(value, separators=(',', ':'))}" for key, value in section.items())
+        parts.append(f" {json.dumps(name)}: {{\n" + ",\n".join(lines) + "\n }")
+    return "{\n" + ",\n".join(parts) + "\n}\n"

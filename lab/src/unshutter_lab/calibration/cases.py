@@ -1,0 +1,229 @@
+"""Photos with known motions, and photos without any: what the network and the search find of them."""
+
+from __future__ import annotations
+
+import zlib
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from unshutter.estimators.base import View
+from unshutter.estimators.lines.segments import unusable
+from unshutter.estimators.methods.segment_manhattan import SegmentManhattan
+from unshutter.estimators.register import method
+from unshutter.estimators.right_angles.calibration import NetworkErrors
+from unshutter.estimators.right_angles.odds import confidence_figures, figures
+from unshutter.estimators.right_angles.search import Posterior, displacement, explore
+from unshutter.estimators.right_angles.view import LARGEST, LEAST_GAIN, STARTS, likelihood_of, segments_of
+from unshutter.estimators.segment_network import SegmentNetwork
+from unshutter.motion import Motion, RowMotion
+from unshutter.options import DEFAULT_ESTIMATOR
+from unshutter.photo import Photo
+from unshutter_lab.evaluation.cases.case import Loaded, Record, Trial, in_8_bits
+from unshutter_lab.evaluation.cases.synthetic import Suite, SyntheticCase
+from unshutter_lab.evaluation.metrics import motion_error
+
+MOVED = (
+    Suite("256 px", of_pictures=False),
+    Suite("native size", rows=None, of_pictures=False),
+    Suite("portrait", turned=1, orientation=6, of_pictures=False),
+    Suite("50 ms", readout_s=0.05, of_pictures=False),
+    Suite("20 ms", readout_s=0.02, of_pictures=False),
+)
+STILL = (
+    Suite("still 256 px", still=True),
+    Suite("still native size", rows=None, still=True),
+    Suite("still portrait", still=True, turned=1, orientation=6),
+)
+WHOLE, CROP = "whole", "crop"  # suites of photos that are taken as they are
+CROPS = 8  # of each of these
+_LONGEST_SIDE = 900  # of a crop [px]
+
+
+@dataclass(frozen=True)
+class NetworkCase(Trial):
+    """A photo with a known motion, and the network's answer.
+
+    Attributes:
+        photo: with the motion put in.
+    """
+
+    photo: SyntheticCase
+
+    @property
+    def key(self) -> str:
+        """The photo's."""
+        return f"network|{self.photo.key}"
+
+    @property
+    def oracles(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
+        """The answer and the truth, [6] each; no record where the photo has too few segments."""
+        exam = self.photo.exam()
+        segments, _ = segments_of(exam.view)
+        if unusable(segments, exam.view.height, exam.view.width):
+            return []
+        answer = _network().coefficients(segments, exam.view.up).ravel()
+        truth = coefficients_of(exam.truth)
+        return [{"estimator": name, "answer": answer.tolist(), "truth": truth.tolist()} for name in names]
+
+
+@dataclass(frozen=True)
+class SearchCase(Trial):
+    """A photo, and what the search makes of it.
+
+    Attributes:
+        suite: its name.
+        photo: name of the photo that it was made of.
+        errors: of the network, as tuples: freedom, scales, correlations, size of usual answers.
+    """
+
+    suite: str
+    photo: str
+    errors: tuple
+
+    @property
+    def oracles(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    @abstractmethod
+    def picture(self) -> tuple[View, Motion]:
+        """The photo and its true motion."""
+
+    def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
+        """What the search found with the network's answer and without; no record where neither is asked for odds."""
+        view, truth = self.picture()
+        segments, size = segments_of(view)
+        if unusable(segments, view.height, view.width) or view.attitude_deg()[0] is not None:
+            return []
+        posterior, answer = _estimator(self.errors).weigh(view, segments, size)
+        alone = explore(likelihood_of(view, segments, size), STARTS)
+        record = {
+            "suite": self.suite,
+            "photo": self.photo,
+            "nothing": motion_error(RowMotion.zero(view.height, view.width), truth).epe,
+            "with_network": _found(posterior, view, truth, answer),
+            "without_network": _found(alone, view, truth, None),
+        }
+        return [{"estimator": name, **record} for name in names]
+
+
+@dataclass(frozen=True)
+class SyntheticSearchCase(SearchCase):
+    """A photo with a known motion put in, or none.
+
+    Attributes:
+        made: how it is made.
+    """
+
+    made: SyntheticCase
+
+    @property
+    def key(self) -> str:
+        """The photo's."""
+        return self.made.key
+
+    def picture(self) -> tuple[View, Motion]:
+        """The photo and its true motion."""
+        exam = self.made.exam()
+        return exam.view, exam.truth
+
+
+@dataclass(frozen=True)
+class OrdinarySearchCase(SearchCase):
+    """A photo in which nothing moved, whole or a part of it.
+
+    Attributes:
+        path: of the photo.
+        crop: number of the part; None: all of it.
+    """
+
+    path: Path
+    crop: int | None
+
+    @property
+    def key(self) -> str:
+        """The photo's name, and the part's number."""
+        return f"{self.suite}|{self.photo}|{self.crop}"
+
+    def picture(self) -> tuple[View, Motion]:
+        """The photo and no motion."""
+        photo = Photo.open(self.path)
+        view = View(photo if self.crop is None else crop_of(photo, self.photo, self.crop))
+        return view, RowMotion.zero(view.height, view.width)
+
+
+def crop_of(photo: Photo, name: str, number: int) -> Photo:
+    """A part of a photo as another camera may have seen it, held a little askew.
+
+    Args:
+        photo: all of it.
+        name, number: of the photo and the part; they choose the part.
+    """
+    rows, columns = photo.height, photo.width
+    pixels = np.broadcast_to(in_8_bits(photo), (rows, columns, 3))
+    rng = np.random.default_rng([zlib.crc32(name.encode()), number])
+    share, roll_deg = rng.uniform(0.55, 0.85), rng.normal(0, 3)
+    height, width = int(rows * share), int(columns * share)
+    scale = min(1, _LONGEST_SIDE / max(height, width))
+    right, down = rng.uniform(-0.3, 0.3, 2)
+    middle = (columns / 2 + right * (columns - width), rows / 2 + down * (rows - height))
+    size = (int(width * scale), int(height * scale))
+    matrix = cv2.getRotationMatrix2D(middle, roll_deg, scale)
+    matrix[:, 2] += np.array(size) / 2 - middle
+    small = cv2.GaussianBlur(pixels, (0, 0), 0.5 / scale) if scale < 1 else pixels
+    crop = cv2.warpAffine(small, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    crop = crop[:, ::-1] if rng.random() < 0.5 else crop
+    return replace(Photo.from_array(np.ascontiguousarray(crop)), orientation=photo.orientation)
+
+
+def coefficients_of(motion: Motion) -> np.ndarray:
+    """[6] of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad], fitted to a motion by least squares."""
+    u = (np.arange(motion.height) + 0.5) / motion.height
+    powers = np.stack([u, u**2, u**3], axis=1)
+    tx, rz = (np.linalg.lstsq(powers - powers[0], a, rcond=None)[0] for a in (motion.tx_px, motion.rz_rad))
+    return np.concatenate([tx / motion.height, rz])
+
+
+def errors_as_tuples(errors: NetworkErrors) -> tuple:
+    """What a case of the search holds of them: values that can be compared and sent to another process."""
+    return (
+        errors.freedom,
+        tuple(errors.scales.tolist()),
+        tuple(tuple(row) for row in errors.correlations.tolist()),
+        errors.usual_px,
+    )
+
+
+@cache
+def _network() -> SegmentNetwork:
+    return SegmentNetwork(method(DEFAULT_ESTIMATOR).weights)
+
+
+@cache
+def _estimator(errors: tuple) -> SegmentManhattan:
+    freedom, scales, correlations, usual_px = errors
+    known = method(DEFAULT_ESTIMATOR)
+    return SegmentManhattan(
+        known, known.weights, NetworkErrors(freedom, np.array(scales), np.array(correlations), usual_px)
+    )
+
+
+def _found(posterior: Posterior, view: View, truth: Motion, answer: np.ndarray | None) -> Record | None:
+    """What the odds and the confidence depend on, and the error of the motion; None where it would be declined."""
+    if posterior.lines_gain < LEAST_GAIN or displacement(posterior.motion) > LARGEST:
+        return None
+    motion = view.cubic_motion(posterior.motion.reshape(2, 3), DEFAULT_ESTIMATOR)
+    return {
+        "error": motion_error(motion, truth).epe,
+        "figures": {"evidence": posterior.evidence} if answer is None else figures(posterior, answer),
+        "confidence_figures": confidence_figures(posterior, answer, odds=0.0),  # the odds are not known yet
+    }

@@ -1,0 +1,246 @@
+"""The odds of motion and the confidence, fitted to what the search found; needs scikit-learn.
+
+A forest of boosted trees, and logistic regressions. One thread fits them, so that sums do not depend on how many there
+are, and numbers are rounded as the file has them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from sklearn.ensemble import HistGradientBoostingClassifier
+from sklearn.linear_model import LogisticRegression
+from sklearn.preprocessing import StandardScaler
+from threadpoolctl import threadpool_limits
+
+from unshutter.errors import UnshutterError
+from unshutter.estimators.right_angles.odds import CAUTION
+from unshutter_lab.calibration.cases import CROP, WHOLE
+from unshutter_lab.evaluation.cases.case import Record
+
+WEIGHT_OF_ORDINARY = 4  # photos that people took are few: each counts as much as so many others
+MOST_AT_STAKE = 8.0  # px of 256 rows: a case counts by what undoing its motion gains or loses, up to this
+FOLDS = 4  # of the photos: each is judged by what was fitted to the others
+RIGHT_PX = 1.0  # error of an answer that is right [px of 256 rows]
+# figures of odds.confidence_figures on which the confidence depends
+RECTIFIED, LEFT = ("apart", "size", "lines_gain", "weight", "odds"), ("odds", "answer", "error")
+RECTIFIED_ALONE, LEFT_ALONE = ("error", "odds"), ("error", "odds")
+_ODDS = (-4.0, 6.0)  # beyond these, odds say no more about the confidence
+_FAINT = 0.05  # px: what a case counts for at least
+
+
+@dataclass(frozen=True)
+class Cases:
+    """Photos for which there is something to decide.
+
+    Attributes:
+        suite, photo: [N] of each.
+        error, nothing: [N] mean displacement that is left when the motion is undone, and when nothing is [px of 256
+            rows].
+        figures, confidence_figures: name -> [N], see unshutter.estimators.right_angles.odds.
+    """
+
+    suite: np.ndarray
+    photo: np.ndarray
+    error: np.ndarray
+    nothing: np.ndarray
+    figures: dict[str, np.ndarray]
+    confidence_figures: dict[str, np.ndarray]
+
+    @classmethod
+    def of(cls, records: list[Record], search: str) -> Cases:
+        """The cases of some records that were not declined.
+
+        Args:
+            records: of ``SearchCase``.
+            search: "with_network" or "without_network".
+
+        Raises:
+            UnshutterError: there are too few, or of one kind only.
+        """
+        chosen = [(record, record[search]) for record in records if record[search]]
+        if not chosen:
+            raise UnshutterError("no photo shows right angles: calibrate needs photos of buildings")
+
+        def columns(name: str) -> dict[str, np.ndarray]:
+            return {key: np.array([found[name][key] for _, found in chosen], float) for key in chosen[0][1][name]}
+
+        suite, photo = (np.array([record[name] for record, _ in chosen], str) for name in ("suite", "photo"))
+        error = np.array([found["error"] for _, found in chosen])
+        nothing = np.array([record["nothing"] for record, _ in chosen])
+        cases = cls(suite, photo, error, nothing, columns("figures"), columns("confidence_figures"))
+        for fold in range(FOLDS):
+            if len(set(cases.helps[cases.folds != fold])) < 2:
+                raise UnshutterError(
+                    f"too few photos to calibrate with: {len(set(photo))} in {len(suite)} cases, all of one kind"
+                )
+        return cases
+
+    @property
+    def helps(self) -> np.ndarray:
+        """[N] whether undoing the motion is better than leaving it."""
+        return self.error < self.nothing
+
+    @property
+    def at_stake(self) -> np.ndarray:
+        """[N] how much each counts for the odds: what undoing its motion gains or loses."""
+        stake = np.minimum(np.abs(self.error - self.nothing), MOST_AT_STAKE) + _FAINT
+        return stake * np.where(np.isin(self.suite, (WHOLE, CROP)), WEIGHT_OF_ORDINARY, 1)
+
+    @property
+    def share(self) -> np.ndarray:
+        """[N] how much each counts for the confidence: photos with and without motion half each."""
+        still = np.char.startswith(self.suite, "still") | np.isin(self.suite, (WHOLE, CROP))
+        return np.where(still, 0.5 / max(still.sum(), 1), 0.5 / max((~still).sum(), 1)) * len(still)
+
+    @property
+    def folds(self) -> np.ndarray:
+        """[N] the fold of each photo."""
+        return np.array([hashlib.sha256(name.encode()).digest()[0] % FOLDS for name in self.photo])
+
+    @property
+    def table(self) -> np.ndarray:
+        """[N, figures] what the odds depend on."""
+        return np.stack(list(self.figures.values()), axis=1)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Odds and confidence of one kind of search.
+
+    Attributes:
+        odds: fields of the forest, or of the regression without the network.
+        rectified, left: fields of the regressions of the confidence.
+        report: how they do on photos that they have not seen.
+    """
+
+    odds: dict[str, Any]
+    rectified: dict[str, Any]
+    left: dict[str, Any]
+    report: str
+
+
+def fit_with_network(cases: Cases) -> Fit:
+    """A forest for the odds, and the confidence."""
+    with threadpool_limits(1):
+        unseen = np.zeros(len(cases.error))
+        for fold in range(FOLDS):
+            asked = cases.folds == fold
+            if asked.any():
+                unseen[asked] = _forest(cases, ~asked).decision_function(cases.table[asked])
+        unseen -= CAUTION
+        forest = forest_fields(_forest(cases, np.ones(len(unseen), bool)), tuple(cases.figures))
+        rectified, left, report = _confidence(cases, unseen, RECTIFIED, LEFT)
+    return Fit(forest, rectified, left, f"With the network:\n{_table(cases, unseen)}\n{report}")
+
+
+def fit_without_network(cases: Cases) -> Fit:
+    """A logistic regression for the odds, and the confidence."""
+    with threadpool_limits(1):
+        everything = np.ones(len(cases.error), bool)
+        fields = _regression(cases.figures, ("evidence",), cases.helps, cases.at_stake, everything)
+        unseen = np.zeros(len(cases.error))
+        for fold in range(FOLDS):
+            asked = cases.folds == fold
+            fitted = _regression(cases.figures, ("evidence",), cases.helps, cases.at_stake, ~asked)
+            unseen[asked] = _log_odds(fitted, cases.figures)[asked] - CAUTION
+        rectified, left, report = _confidence(cases, unseen, RECTIFIED_ALONE, LEFT_ALONE)
+    return Fit(fields, rectified, left, f"Without the network:\n{_table(cases, unseen)}\n{report}")
+
+
+def _forest(cases: Cases, chosen: np.ndarray) -> HistGradientBoostingClassifier:
+    settings: dict[str, Any] = {"max_depth": 3, "max_iter": 200, "learning_rate": 0.05, "min_samples_leaf": 80}
+    trees = HistGradientBoostingClassifier(**settings, early_stopping=False, random_state=0)  # type: ignore[arg-type]
+    return trees.fit(cases.table[chosen], cases.helps[chosen], sample_weight=cases.at_stake[chosen])
+
+
+def forest_fields(trees: HistGradientBoostingClassifier, names: tuple[str, ...]) -> dict[str, Any]:
+    """A fitted forest as :meth:`Forest.of` reads it."""
+    nodes = [tree[0].nodes for tree in trees._predictors]
+    most = max(len(each) for each in nodes)
+
+    def column(of: Any) -> list[list[float]]:
+        return [[rounded(x) for x in of(each)] + [0.0] * (most - len(each)) for each in nodes]
+
+    def whole(of: Any) -> list[list[int]]:
+        return [[int(x) for x in each] for each in column(of)]
+
+    leaf, own = (lambda n: n["is_leaf"].astype(bool)), (lambda n: np.arange(len(n)))
+    return {
+        "features": list(names),
+        "baseline": rounded(trees._baseline_prediction.ravel()[0]),
+        "depth": max(int(each["depth"].max()) for each in nodes),
+        "feature": whole(lambda n: np.where(leaf(n), 0, n["feature_idx"])),
+        "threshold": column(lambda n: np.where(leaf(n), 0, n["num_threshold"])),
+        "left": whole(lambda n: np.where(leaf(n), own(n), n["left"])),
+        "right": whole(lambda n: np.where(leaf(n), own(n), n["right"])),
+        "value": column(lambda n: np.where(leaf(n), n["value"], 0)),
+    }
+
+
+def _regression(
+    figures: dict[str, np.ndarray], names: tuple[str, ...], right: np.ndarray, weight: np.ndarray, chosen: np.ndarray
+) -> dict[str, Any]:
+    """Fields of a regression; of the constant alone where all chosen cases say the same."""
+    if len(set(right[chosen])) < 2:
+        count, rights = chosen.sum(), right[chosen].sum()
+        constant = rounded(math.log((rights + 0.5) / (count - rights + 0.5)))
+        return {"constant": constant, "slopes": dict.fromkeys(names, 0.0)}
+    columns = np.stack([figures[name] for name in names], axis=1)[chosen]
+    scaler: Any = StandardScaler().fit(columns)
+    fitted: Any = LogisticRegression(max_iter=3000)
+    fitted.fit(scaler.transform(columns), right[chosen], sample_weight=weight[chosen])
+    slopes = fitted.coef_[0] / scaler.scale_
+    constant = rounded(fitted.intercept_[0] - slopes @ scaler.mean_)
+    return {"constant": constant, "slopes": {name: rounded(slope) for name, slope in zip(names, slopes, strict=True)}}
+
+
+def _log_odds(fields: dict[str, Any], figures: dict[str, np.ndarray]) -> np.ndarray:
+    return fields["constant"] + sum(slope * figures[name] for name, slope in fields["slopes"].items())
+
+
+def _confidence(
+    cases: Cases, odds: np.ndarray, rectified: tuple[str, ...], left: tuple[str, ...]
+) -> tuple[dict[str, Any], dict[str, Any], str]:
+    """The regressions, and how often answers are right on photos that they have not seen."""
+    figures = cases.confidence_figures | {"odds": np.clip(odds, *_ODDS)}
+    right = np.where(odds > 0, cases.error, cases.nothing) < RIGHT_PX
+    stated, fits = np.zeros(len(odds)), []
+    for names, of in ((rectified, odds > 0), (left, odds <= 0)):
+        for fold in range(FOLDS):
+            asked = of & (cases.folds == fold)
+            fitted = _regression(figures, names, right, cases.share, of & (cases.folds != fold))
+            stated[asked] = 1 / (1 + np.exp(-_log_odds(fitted, figures)[asked]))
+        fits.append(_regression(figures, names, right, cases.share, of))
+    lines = []
+    for low in range(10):
+        of = (stated * 10).astype(int) == low
+        if of.any():
+            mean, true = (np.average(each[of], weights=cases.share[of]) for each in (stated, right))
+            lines.append(f"confidence {mean:.2f}: right {true:.2f} ({of.sum()} cases)")
+    return fits[0], fits[1], "\n".join(lines)
+
+
+def _table(cases: Cases, odds: np.ndarray) -> str:
+    """A line for each suite: what is left where the odds decide, and how often that is better or worse than nothing."""
+    left = np.where(odds > 0, cases.error, cases.nothing)
+    lines = [f"{'suite':22} cases  median  (all undone, nothing)  better  worse by > 1 px, > 3 px"]
+    for suite in sorted(set(cases.suite)):
+        of = cases.suite == suite
+        worse = left[of] - cases.nothing[of]
+        medians = [np.median(x[of]) for x in (left, cases.error, cases.nothing)]
+        shares = [np.mean(x) for x in (worse < 0, worse > 1, worse > 3)]
+        lines.append(
+            f"{suite:22} {of.sum():5d} {medians[0]:7.2f}  ({medians[1]:.2f}, {medians[2]:.2f})"
+            f"  {shares[0]:9.0%} {shares[1]:9.1%} {shares[2]:9.1%}"
+        )
+    return "\n".join(lines)
+
+
+def rounded(number: float) -> float:
+    """To the six digits that the file has."""
+    return float(f"{number:.6g}")

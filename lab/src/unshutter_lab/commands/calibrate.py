@@ -1,0 +1,43 @@
+"""``unshutter calibrate``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from unshutter.cli.arguments import Command, positional
+from unshutter.options import option
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """What the command takes."""
+
+    data: Path = positional(
+        "Folder with undistorted photos in val and train, photos that people took in ordinary, and NPZ files of "
+        "recorded motions in trajectories.",
+        "input",
+    )
+    output: Path = option(
+        Path("calibration"),
+        "Folder for calibration.json and for what was measured. A run that was stopped there goes on. Default: "
+        "calibration.",
+        short="-o",
+        names="output",
+    )
+    photos: int | None = option(None, "Use at most N photos of each folder, chosen by the seed. Default: all.")
+    seed: int = option(0, "Same seed and data, same file. Default: 0.")
+    jobs: int | None = option(None, "Number of processes. Default: one for each processor.")
+    overwrite: bool = option(False, "Delete a run with other settings that the folder holds.")
+
+
+def run(given: Arguments) -> int:
+    """Calibrates; returns the exit code."""
+    from unshutter_lab.calibration import calibrate
+
+    path = calibrate.calibrate(given.data, given.output, given.photos, given.seed, given.jobs, given.overwrite)
+    print(f"calibration: {path}; how it does on photos that it has not seen: {given.output / calibrate.REPORT}")
+    return 0
+
+
+COMMAND = Command("Measure the default method's calibration (needs the extra `calibrate`).", Arguments, run)
