@@ -84,11 +84,11 @@ def _run_command(words: list[str]) -> int:
     else:
         command = command_named(name)
         try:
-            given = parse(name, command, words[1:])
+            arguments = parse(name, command, words[1:])
         except SystemExit:  # its help was asked for
             return 0
         try:
-            return command.run(given)
+            return command.run(arguments)
         except KeyboardInterrupt as stop:
             return _say(f"stopped; {command.when_stopped}", _exit_code(stop))
     return 0

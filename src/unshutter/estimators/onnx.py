@@ -50,11 +50,11 @@ class Network:
         self._turn, self._owner = Lock(), os.getpid()
         self._runner: Runner | None = self._opened()
 
-    def answers(self, given: dict[str, np.ndarray], *shapes: tuple[int, ...]) -> list[np.ndarray]:
+    def answers(self, inputs: dict[str, np.ndarray], *shapes: tuple[int, ...]) -> list[np.ndarray]:
         """Runs it.
 
         Args:
-            given: what it takes, by name.
+            inputs: what it takes, by name.
             shapes: of its answers. It may give fewer than there are shapes, but one.
 
         Returns:
@@ -70,7 +70,7 @@ class Network:
         with self._turn:
             runner, self._runner = self._runner or self._opened(), None  # it ends if anything goes wrong
             try:
-                _, outputs = runner.ask({"inputs": list(given)}, list(given.values()))
+                _, outputs = runner.ask({"inputs": list(inputs)}, list(inputs.values()))
             except EndedError as ended:
                 raise self._refusal(str(ended)) from None
             except RefusedError as refused:
@@ -90,10 +90,10 @@ class Network:
             raise UnshutterError("networks in ONNX files need the extra: pip install 'unshutter[onnx]'")
         runner = Runner()
         try:
-            told, _ = runner.ask({"open": str(self._weights.absolute()), "opens_fast": self._opens_fast})
+            message, _ = runner.ask({"open": str(self._weights.absolute()), "opens_fast": self._opens_fast})
         except (EndedError, RefusedError) as error:
             raise self._refusal(str(error)) from None
-        if told["inputs"] != self._inputs or told["outputs"][:1] != [self._answer]:
+        if message["inputs"] != self._inputs or message["outputs"][:1] != [self._answer]:
             raise self._refusal(f"they are not of {self._name}")
         return runner
 
@@ -159,8 +159,8 @@ class Runner:
             send(self._process.stdin, {**words, "limit_s": limit_s + _GRACE_S}, arrays)  # pyright: ignore[reportArgumentType]
             return self._receive()
         except (OSError, EndedError):
-            told = f"it was not done after {limit_s:g} s" if late.is_set() else "it makes its process crash"
-            raise EndedError(told) from None
+            message = f"it was not done after {limit_s:g} s" if late.is_set() else "it makes its process crash"
+            raise EndedError(message) from None
         finally:
             clock.cancel()
 

@@ -48,11 +48,11 @@ def serve(requests: BinaryIO, answers: BinaryIO) -> None:
         try:
             if "open" in words:
                 session = _opened(words["open"], words["opens_fast"])
-                told = {
+                description = {
                     "inputs": [each.name for each in session.get_inputs()],
                     "outputs": [each.name for each in session.get_outputs()],
                 }
-                send(answers, told)
+                send(answers, description)
             else:
                 send(answers, {}, _run(session, dict(zip(words["inputs"], arrays, strict=True))))
         except Exception as error:  # onnxruntime's own kinds have no common parent
@@ -73,8 +73,8 @@ def _opened(path: str, opens_fast: bool) -> InferenceSession:
     return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
 
 
-def _run(session: InferenceSession, given: dict[str, np.ndarray]) -> list[np.ndarray]:
-    outputs = [np.asarray(output) for output in session.run(None, given)]
+def _run(session: InferenceSession, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+    outputs = [np.asarray(output) for output in session.run(None, inputs)]
     if not all(output.dtype.kind == "f" for output in outputs):
         raise ValueError("it answers with something else than floating-point numbers")
     return outputs

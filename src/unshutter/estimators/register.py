@@ -95,8 +95,8 @@ def check_name(name: str) -> None:
         UnshutterError: the package that it comes from is broken.
     """
     own, _, weights = name.partition("@")
-    found = method(own)
-    if weights and not found.takes_weights:
+    entry = method(own)
+    if weights and not entry.takes_weights:
         raise UsageError(f"estimator '{own}' does not run on other weights: leave out @{weights}")
 
 
@@ -122,30 +122,30 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     own, _, weights = name.partition("@")
     if weights and not Path(weights).is_file():
         raise MissingFileError(f"cannot read weights {weights}: no such file")
-    found = method(own)
-    estimator = _class_of(found)(found, Path(weights) if weights else found.weights)
+    entry = method(own)
+    estimator = _class_of(entry)(entry, Path(weights) if weights else entry.weights)
     if weights:
         estimator.prepare()  # so that a bad file is refused here, not at the first photo
     return estimator
 
 
-def _class_of(found: Method) -> type[Estimator]:
+def _class_of(entry: Method) -> type[Estimator]:
     from unshutter.estimators.base import Estimator  # not above: it imports NumPy
 
-    module, _, name = found.home.partition(":")
+    module, _, name = entry.home.partition(":")
     kind = getattr(import_module(module), name, None)
     if not (isinstance(kind, type) and issubclass(kind, Estimator)):
-        raise UnshutterError(f"cannot load estimator '{found.name}': {found.home} is no Estimator")
+        raise UnshutterError(f"cannot load estimator '{entry.name}': {entry.home} is no Estimator")
     return kind
 
 
-def _loaded(entry: EntryPoint) -> Method:
+def _loaded(point: EntryPoint) -> Method:
     """The method that another package's entry point names."""
-    failure = f"cannot load the installed estimator '{entry.name}'"
+    failure = f"cannot load the installed estimator '{point.name}'"
     try:
-        found = entry.load()
+        entry = point.load()
     except Exception as error:  # another package's import may raise anything
         raise UnshutterError(" ".join(f"{failure}: {type(error).__name__}: {error}".split())) from None
-    if not isinstance(found, Method) or found.name != entry.name:
-        raise UnshutterError(f"{failure}: {entry.value} is no Method of that name")
-    return found
+    if not isinstance(entry, Method) or entry.name != point.name:
+        raise UnshutterError(f"{failure}: {point.value} is no Method of that name")
+    return entry

@@ -91,7 +91,7 @@ def _in_onnx(weights: Path) -> Network:
     network = open_network(_NAME, weights, ["tokens", "mask"], "coefficients", opens_fast=True)
 
     def run(tokens: np.ndarray) -> np.ndarray:
-        given = {"tokens": tokens[None], "mask": np.ones((1, len(tokens)), dtype=bool)}
-        return network.answers(given, (1, 2, 3))[0][0]
+        inputs = {"tokens": tokens[None], "mask": np.ones((1, len(tokens)), dtype=bool)}
+        return network.answers(inputs, (1, 2, 3))[0][0]
 
     return run

@@ -119,7 +119,7 @@ def map_file(
     check_map_target(target, overwrite, source)
     Protection([weights_file(find.estimator)]).check(target)
     remove_leftovers(target.parent)
-    wanted = None if size is None else _parse_size(size)
+    map_size = None if size is None else _parse_size(size)
     if source.suffix.lower() == ".json":
         find.camera.check_unused()
         motion = Motion.load(source)
@@ -127,7 +127,7 @@ def map_file(
     else:
         motion = estimate_photo(Photo.open(source), load(find.estimator), find.camera)
     motion = motion.rereferenced(reference or motion.reference)
-    motion = fitted(motion, *wanted) if wanted else motion
+    motion = fitted(motion, *map_size) if map_size else motion
     PixelMap.of(motion, inverse).save(target, overwrite)
     return motion
 

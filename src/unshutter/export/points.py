@@ -79,8 +79,8 @@ class PointTable:
             lines = lines[1:]
         for number, fields in lines:
             if len(fields) != len(first):
-                told = f"{len(fields)} columns where the first line has {len(first)}"
-                raise UnshutterError(f"{path}, line {number}: {told}")
+                columns = f"{len(fields)} columns where the first line has {len(first)}"
+                raise UnshutterError(f"{path}, line {number}: {columns}")
             for name, field in (("x", fields[x]), ("y", fields[y])):
                 if _number(field) is None:
                     raise UnshutterError(f"{path}, line {number}: {name} is {field[:40]!r}, not a number")

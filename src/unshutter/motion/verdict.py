@@ -41,15 +41,15 @@ class Verdict:
     reason: Reason | None = None
 
     @classmethod
-    def of(cls, motion: Motion, how: Undo) -> Verdict:
+    def of(cls, motion: Motion, undo: Undo) -> Verdict:
         """Whether a motion is undone.
 
         Args:
             motion: as it would be undone: for the photo's size, with its strength and reference row.
-            how: what is asked for; of it, the strength and the least confidence count here.
+            undo: what is asked for; of it, the strength and the least confidence count here.
         """
         largest, sure = motion.largest_px, motion.confidence
-        return cls(largest, sure, _reason_against(motion, largest, sure, how))
+        return cls(largest, sure, _reason_against(motion, largest, sure, undo))
 
     @property
     def changes(self) -> bool:
@@ -95,20 +95,20 @@ class Verdict:
         return "" if self.confidence is None else f", confidence {_two_decimals(self.confidence):.2f}"
 
 
-def _reason_against(motion: Motion, largest: float, sure: float | None, how: Undo) -> Reason | None:
+def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Undo) -> Reason | None:
     """Why a motion is not undone; None where it is."""
     if motion.is_zero and motion.reason is not None:
         return motion.reason
-    if how.strength == 0:
+    if undo.strength == 0:
         return Reason(Code.STRENGTH_0)
     if motion.is_zero:
         return Reason(Code.NO_MOTION)
-    if sure is not None and how.min_confidence > 0:
+    if sure is not None and undo.min_confidence > 0:
         if largest < max(LEAST_PX, motion.height / _SMALLEST):  # no larger than what one photo can show
             if sure >= _PROBABLY:
                 return Reason(Code.NO_VISIBLE_MOTION)
             return Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=_two_decimals(sure))
-        if sure < how.min_confidence:
+        if sure < undo.min_confidence:
             return Reason.of(Code.UNSURE, confidence=_two_decimals(sure))
     return Reason(Code.TOO_SMALL) if largest < LEAST_PX else None
 

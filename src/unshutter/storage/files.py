@@ -59,8 +59,8 @@ def check_target(target: Path, overwrite: bool, *originals: Path | None) -> None
         if not target.parent.is_dir():
             raise UnshutterError(f"cannot write {target}: there is no folder {target.parent}")
     except (OSError, ValueError) as error:
-        told = error.strerror if isinstance(error, OSError) else error
-        raise UnshutterError(f"cannot write {str(target)!r}: {told}") from None
+        cause = error.strerror if isinstance(error, OSError) else error
+        raise UnshutterError(f"cannot write {str(target)!r}: {cause}") from None
 
 
 @contextmanager

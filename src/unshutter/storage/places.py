@@ -83,8 +83,8 @@ def objects_below(folder: UPath) -> list[PurePosixPath]:
     with _one_line(folder):
         folder.fs.invalidate_cache()  # others write there, too
         root = folder.path.rstrip("/")
-        found = sorted(folder.fs.find(folder.path))
-    return [PurePosixPath(path[len(root) :].lstrip("/")) for path in found]
+        paths = sorted(folder.fs.find(folder.path))
+    return [PurePosixPath(path[len(root) :].lstrip("/")) for path in paths]
 
 
 def fingerprint(where: Place) -> str | None:

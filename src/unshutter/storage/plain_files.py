@@ -98,9 +98,9 @@ def digest(path: Path) -> str | None:
 
 def digest_of(data: bytes) -> str:
     """The same of bytes."""
-    made = _new_hash()
-    made.update(data)
-    return made.hexdigest()
+    digest = _new_hash()
+    digest.update(data)
+    return digest.hexdigest()
 
 
 def _open_unnoticed(path: Path) -> int:

@@ -101,19 +101,19 @@ class Protection:
 
     @cached_property
     def _inodes(self) -> set[tuple[int, int]]:
-        found = set()
+        inodes = set()
         for file in self._files:
             with suppress(OSError):
                 if (status := file.stat()).st_ino:
-                    found.add((status.st_dev, status.st_ino))
-        return found
+                    inodes.add((status.st_dev, status.st_ino))
+        return inodes
 
     @cached_property
     def _real_paths(self) -> set[str]:
         """Of the inputs, and of the links that some of them are."""
         real_folder = cache(os.path.realpath)  # most lie in a few folders
-        found = set()
+        paths = set()
         for file in self._files:
             path = os.path.join(real_folder(file.parent), file.name)
-            found |= {path, os.path.realpath(path)} if os.path.islink(path) else {path}
-        return {os.path.normcase(path) for path in found}
+            paths |= {path, os.path.realpath(path)} if os.path.islink(path) else {path}
+        return {os.path.normcase(path) for path in paths}

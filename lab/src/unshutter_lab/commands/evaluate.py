@@ -59,15 +59,22 @@ class Arguments:
     overwrite: bool = option(False, "Delete a run with other settings that the folder holds.")
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Measures; returns the exit code."""
     from unshutter_lab.evaluation.cases.protocols import Request
     from unshutter_lab.evaluation.run import evaluate
 
-    request = Request(given.protocol, tuple(given.data), given.photos, given.per_photo, given.seed, given.trajectory)
-    request = replace(request, readout_ratio=tuple(given.readout_ratio or ()))
-    unusable = evaluate(request, given.estimators, given.output, given.jobs, given.overwrite)
-    print(f"results: {given.output / 'results.md'}, with plots and pictures beside it; every figure: results.csv")
+    request = Request(
+        arguments.protocol,
+        tuple(arguments.data),
+        arguments.photos,
+        arguments.per_photo,
+        arguments.seed,
+        arguments.trajectory,
+    )
+    request = replace(request, readout_ratio=tuple(arguments.readout_ratio or ()))
+    unusable = evaluate(request, arguments.estimators, arguments.output, arguments.jobs, arguments.overwrite)
+    print(f"results: {arguments.output / 'results.md'}, with plots and pictures beside it; every figure: results.csv")
     return 1 if unusable else 0
 
 

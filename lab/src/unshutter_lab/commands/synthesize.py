@@ -20,18 +20,18 @@ class Arguments:
     clip: SynthesizeClip = field(default_factory=SynthesizeClip)
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Makes the pictures; returns the exit code."""
-    if given.clip.video:
+    if arguments.clip.video:
         from unshutter_lab.synthesis.clip import synthesize_clip
 
-        if len(given.photos) != 1:
+        if len(arguments.photos) != 1:
             raise UsageError("--video makes one clip: name one photo")
-        synthesize_clip(given.photos[0], given.output, given.pictures, given.clip)
+        synthesize_clip(arguments.photos[0], arguments.output, arguments.pictures, arguments.clip)
         return 0
     from unshutter_lab.synthesis.batch import synthesize_files
 
-    return synthesize_files(given.photos, given.output, given.pictures)
+    return synthesize_files(arguments.photos, arguments.output, arguments.pictures)
 
 
 COMMAND = Command("Make rolling-shutter pictures with known motion from undistorted photos.", Arguments, run)

@@ -40,21 +40,21 @@ class Arguments:
     seed: int | None = option(None, "Seed for the initial weights and the batches, instead of the configuration's.")
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Trains; returns the exit code."""
     try:
         from unshutter_lab.training import train
     except ImportError as error:
         raise UnshutterError(f"training needs the extra: pip install 'unshutter[train]' ({error})") from None
     folder = train.run(
-        given.config,
-        given.out,
-        given.steps,
-        given.device,
-        base=given.base,
-        photos=given.photos,
-        start=given.start,
-        seed=given.seed,
+        arguments.config,
+        arguments.out,
+        arguments.steps,
+        arguments.device,
+        base=arguments.base,
+        photos=arguments.photos,
+        start=arguments.start,
+        seed=arguments.seed,
     )
     print(f"model: {folder / train.MODEL}, its log: {folder / train.LOG}")
     return 0

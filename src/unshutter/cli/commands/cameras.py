@@ -14,11 +14,11 @@ class Arguments:
     word: list[str] = positional("List only cameras with these words in their name.", "word", optional=True)
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Prints the list."""
     from unshutter.video.cameras import as_text, listed
 
-    print(as_text(listed(" ".join(given.word))))
+    print(as_text(listed(" ".join(arguments.word))))
     return 0
 
 

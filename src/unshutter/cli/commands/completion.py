@@ -15,9 +15,9 @@ class Arguments:
     shell: str = field(metadata={"help": "The shell that is to complete.", "positional": True, "choices": SHELLS})
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Prints the script."""
-    print(completion_script(given.shell))
+    print(completion_script(arguments.shell))
     return 0
 
 

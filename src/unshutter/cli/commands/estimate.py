@@ -32,12 +32,12 @@ class Arguments:
     find: Find = field(default_factory=Find)
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Estimates the motions; returns the exit code."""
     from unshutter.batch.estimating import Estimates, estimate_files
 
-    wanted = Estimates(given.find, given.reference, given.plot)
-    return estimate_files(given.photos, given.output, wanted, given.overwrite, given.max_pixels)
+    request = Estimates(arguments.find, arguments.reference, arguments.plot)
+    return estimate_files(arguments.photos, arguments.output, request, arguments.overwrite, arguments.max_pixels)
 
 
 COMMAND = Command("Find the camera's motion during each photo, as JSON.", Arguments, run)

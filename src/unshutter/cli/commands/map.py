@@ -35,21 +35,21 @@ class Arguments:
     find: Find = field(default_factory=Find)
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Writes the map."""
     from unshutter.export.maps import map_file
 
     motion = map_file(
-        given.source,
-        given.output,
-        inverse=given.inverse,
-        size=given.size,
-        find=given.find,
-        reference=given.reference,
-        overwrite=given.overwrite,
+        arguments.source,
+        arguments.output,
+        inverse=arguments.inverse,
+        size=arguments.size,
+        find=arguments.find,
+        reference=arguments.reference,
+        overwrite=arguments.overwrite,
     )
     note = f" (changes nothing: {motion.reason})" if motion.reason else ""
-    print(visible(f"{given.source} -> {given.output}{note}"), file=sys.stderr)
+    print(visible(f"{arguments.source} -> {arguments.output}{note}"), file=sys.stderr)
     return 0
 
 

@@ -12,7 +12,7 @@ class Arguments:
     """The command takes none."""
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Prints the list."""
     from unshutter.estimators.catalogue import as_text, list_models
 

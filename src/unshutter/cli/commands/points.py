@@ -28,17 +28,17 @@ class Arguments:
     overwrite: bool = option(False, "Replace a file that exists already.")
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Moves the points."""
     from unshutter.export.points import move_file
     from unshutter.motion import Motion
     from unshutter.storage.protection import Protection
 
-    Protection([given.motion, given.table]).check(given.output)
-    motion, first = Motion.load(given.motion), float(given.first_pixel)
-    total, unseen = move_file(motion, given.table, given.output, given.inverse, first, given.overwrite)
+    Protection([arguments.motion, arguments.table]).check(arguments.output)
+    motion, first = Motion.load(arguments.motion), float(arguments.first_pixel)
+    total, unseen = move_file(motion, arguments.table, arguments.output, arguments.inverse, first, arguments.overwrite)
     note = f", {unseen} of them outside the photo" if unseen else ""
-    print(visible(f"{given.table} -> {given.output}: {total} points{note}"), file=sys.stderr)
+    print(visible(f"{arguments.table} -> {arguments.output}: {total} points{note}"), file=sys.stderr)
     return 0
 
 

@@ -43,13 +43,15 @@ class Arguments:
     run: Run = field(default_factory=Run)
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Rectifies the photos; returns the exit code."""
     from unshutter.batch.rectifying import Outputs, rectify_files
 
-    wanted = Rectify(given.find, given.motion, given.undo, given.save, given.neighbours)
+    options = Rectify(arguments.find, arguments.motion, arguments.undo, arguments.save, arguments.neighbours)
     try:
-        return rectify_files(given.photos, Outputs(given.output, given.save_motion, given.masks), wanted, given.run)
+        return rectify_files(
+            arguments.photos, Outputs(arguments.output, arguments.save_motion, arguments.masks), options, arguments.run
+        )
     except UnknownRatioError as error:
         raise error.with_advice("say --readout-ratio, or --readout-ms with --fps") from None
 

@@ -7,12 +7,12 @@ from unshutter.cli.stopping import Stopped
 from unshutter.serve.settings import Settings
 
 
-def run(given: Settings) -> int:
+def run(arguments: Settings) -> int:
     """Serves the page until Ctrl-C; returns the exit code."""
     from unshutter.serve.server import serve
 
     try:
-        return serve(given)
+        return serve(arguments)
     except KeyboardInterrupt as stop:
         if isinstance(stop, Stopped):  # by a signal that says more than that it is time to end
             raise

@@ -20,12 +20,12 @@ class Arguments:
     how: RectifyClip = field(default_factory=RectifyClip)
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Rectifies the clip; returns the exit code."""
     from unshutter.video.rectifying import rectify_clip
 
     try:
-        rectify_clip(given.clip, given.output, given.how)
+        rectify_clip(arguments.clip, arguments.output, arguments.how)
     except UnknownRatioError as error:
         raise error.with_advice("say it with --readout-ms, or name the camera with --camera") from None
     return 0

@@ -35,10 +35,10 @@ def find_segments(grey: UInt8[np.ndarray, "height width"], limit: int | None = N
     """
     cv2.setNumThreads(1)  # LSD is serial; OpenCV's idle threads only cost
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, _SCALE)
-    found = detector.detect(np.ascontiguousarray(grey))[0]
-    if found is None:
+    detected = detector.detect(np.ascontiguousarray(grey))[0]
+    if detected is None:
         return np.zeros((0, 4))
-    segments = found.reshape(-1, 4).astype(np.float64) + _PIXEL_SHIFT
+    segments = detected.reshape(-1, 4).astype(np.float64) + _PIXEL_SHIFT
     length = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
     return segments[np.argsort(-length, kind="stable")][:limit]
 

@@ -96,19 +96,19 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     everything = slice(0, UNKNOWNS)
     tried, energy, _ = descend(likelihood, begin, everything, _FIRST_STEPS)
     promising = tried[_distinct(tried, energy)[:_FOLLOWED]]
-    found, energy, hessian = descend(likelihood, promising, everything)
-    optima = _distinct(found, energy)
-    found, energy, hessian = found[optima], energy[optima], hessian[optima]
+    hypotheses, energy, hessian = descend(likelihood, promising, everything)
+    optima = _distinct(hypotheses, energy)
+    hypotheses, energy, hessian = hypotheses[optima], energy[optima], hessian[optima]
     # Laplace's approximation: the logarithm of each optimum's evidence, and of their sum
     moving = likelihood.prior.log_volume - energy - 0.5 * np.linalg.slogdet(hessian)[1]
     evidence = float(np.logaddexp.reduce(moving))
     share = np.exp(moving - evidence)
     # the posterior of the motion is a mixture of Gaussians, one for each optimum
-    mean = share @ found[:, MOTION]
-    apart = found[:, MOTION] - mean
+    mean = share @ hypotheses[:, MOTION]
+    apart = hypotheses[:, MOTION] - mean
     covariances = np.linalg.inv(hessian)[:, MOTION, MOTION]
     covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
-    best = found[np.argmax(moving)]
+    best = hypotheses[np.argmax(moving)]
     at_rest, still = _at_rest(likelihood, begin[:poses])
     breadth, against, in_favour = _by_parts(likelihood, best, still)
     return Posterior(
@@ -240,11 +240,11 @@ def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> n
     return grid[kept]
 
 
-def _distinct(found: np.ndarray, energy: np.ndarray) -> list[int]:
+def _distinct(hypotheses: np.ndarray, energy: np.ndarray) -> list[int]:
     """One index for each optimum, the best first: several starts may have led to it."""
     kept: list[int] = []
     for k in np.argsort(energy, kind="stable"):
-        if all(displacement(found[k, MOTION] - found[j, MOTION]) > _SAME for j in kept):
+        if all(displacement(hypotheses[k, MOTION] - hypotheses[j, MOTION]) > _SAME for j in kept):
             kept.append(int(k))
     return kept
 
