@@ -50,7 +50,7 @@ bench: .venv/dev
 	$(BIN)/python benchmarks/bench_estimators.py
 
 results: .venv/dev  ## measures all methods (within an hour) and writes docs/results: make results DATA=../shared/data
-	$(BIN)/python benchmarks/results.py $(DATA)
+	$(BIN)/python lab/benchmarks/results.py $(DATA)
 
 release-check:  ## builds what is published, and tries it in fresh environments; publishes nothing
 	.ci/release-check

@@ -19,8 +19,9 @@ from unshutter.estimators.right_angles.calibration import Calibration, Forest
 from unshutter.motion import RowMotion
 from unshutter.photo import Photo
 from unshutter_lab.calibration.cases import coefficients_of
-from unshutter_lab.calibration.fits import forest_fields
 from unshutter_lab.calibration.network_errors import fit_network_errors
+
+pytest.importorskip("sklearn")
 
 NAMES = ("c.png", "d.png")  # in different folds
 
@@ -156,6 +157,8 @@ def test_coefficients_are_those_of_the_motion() -> None:
 
 def test_the_forest_of_the_file_says_what_the_fitted_one_says() -> None:
     from sklearn.ensemble import HistGradientBoostingClassifier
+
+    from unshutter_lab.calibration.fits import forest_fields
 
     rng = np.random.default_rng(0)
     table = rng.normal(size=(600, 3))

@@ -20,7 +20,7 @@ def record(estimator: str, epe: float, **more: object) -> dict:
 
 
 def results_py(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(ROOT / "benchmarks" / "results.py"), *words]
+    command = [sys.executable, str(ROOT / "lab" / "benchmarks" / "results.py"), *words]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True)
 
 

@@ -78,4 +78,4 @@ def run(arguments: Arguments) -> int:
     return 1 if unusable else 0
 
 
-COMMAND = Command("Measure methods side by side on the same pictures (needs the extra `plot`).", Arguments, run)
+COMMAND = Command("Measure methods side by side on the same pictures.", Arguments, run)

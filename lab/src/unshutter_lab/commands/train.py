@@ -45,7 +45,7 @@ def run(arguments: Arguments) -> int:
     try:
         from unshutter_lab.training import train
     except ImportError as error:
-        raise UnshutterError(f"training needs the extra: pip install 'unshutter[train]' ({error})") from None
+        raise UnshutterError(f"training needs the extra: pip install 'unshutter-lab[train]' ({error})") from None
     folder = train.run(
         arguments.config,
         arguments.out,

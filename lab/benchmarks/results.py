@@ -1,7 +1,7 @@
 """Measures everything that docs/results says, and writes it: ``make results DATA=../shared/data``.
 
-    python benchmarks/results.py DATA [--estimators all] [--jobs 2] [--most N]
-    python benchmarks/results.py --pages-only          # writes the pages again from build/results
+    python lab/benchmarks/results.py DATA [--estimators all] [--jobs 2] [--most N]
+    python lab/benchmarks/results.py --pages-only          # writes the pages again from build/results
 
 DATA is a folder with test/yorkurban, test/eurasiancities, test/urban100, val, real/{bsrsc,fastec,carla} and
 trajectories, none of which are part of the repository. Every run is an ``unshutter evaluate`` into build/results, and
@@ -19,7 +19,7 @@ from pathlib import Path
 
 from result_pages import write_pages
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 BUILD = Path("build/results")
 DOCS = Path("docs/results")
 TEST = ["test/yorkurban", "test/eurasiancities", "test/urban100"]

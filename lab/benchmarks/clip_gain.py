@@ -1,6 +1,6 @@
 """What ``unshutter video`` gains on clips with a known truth, with the readout time given and found.
 
-    python benchmarks/clip_gain.py PHOTO LOG.npz [--seeds 1 5] [--readout-ms 20] [--frame 1920x1080]
+    python lab/benchmarks/clip_gain.py PHOTO LOG.npz [--seeds 1 5] [--readout-ms 20] [--frame 1920x1080]
 
 Each clip is the photo seen by a camera that turns as the log says (``unshutter synthesize --video``). Told, before and
 after: PSNR of the luma against the true global-shutter clip [dB, without a border of 6 %]; |R_F|, the matches of

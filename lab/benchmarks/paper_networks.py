@@ -1,8 +1,8 @@
 """Measures the ablations of the paper's network, and writes docs/results/paper-networks.md.
 
-    python benchmarks/paper_networks.py DATA RUNS [--jobs 2]
+    python lab/benchmarks/paper_networks.py DATA RUNS [--jobs 2]
 
-DATA as for results.py. RUNS holds what benchmarks/ablations.py leaves: RUNS/seedN/NAME/model.onnx. Their weights are
+DATA as for results.py. RUNS holds what lab/benchmarks/ablations.py leaves: RUNS/seedN/NAME/model.onnx. Their weights are
 not part of the repository, so ``make results`` leaves this page as it is.
 """
 
@@ -50,7 +50,7 @@ def main() -> None:
     given = parser.parse_args()
     networks = sorted(given.runs.glob("seed*/*/model.onnx"))
     if not networks:
-        sys.exit(f"paper_networks: no {given.runs}/seedN/NAME/model.onnx: benchmarks/ablations.py trains them")
+        sys.exit(f"paper_networks: no {given.runs}/seedN/NAME/model.onnx: lab/benchmarks/ablations.py trains them")
     parts = [READING.read_text().strip()]
     for protocol, (title, folders, options, figure, form) in RUNS.items():
         words = ["evaluate", "--protocol", protocol, "--data", *(str(given.data / folder) for folder in folders)]

@@ -1,6 +1,6 @@
 """What the row block of kandula2020 has learned: its residual beside that of the true motion.
 
-    python benchmarks/bench_row_map.py PHOTOS [NETWORK]
+    python lab/benchmarks/bench_row_map.py PHOTOS [NETWORK]
 
 NETWORK is an exported one; without it, the shipped one is measured.
 
@@ -23,7 +23,7 @@ from unshutter_lab.training.data.pictures import load_photos
 from unshutter_lab.training.data.pixels import synthesise
 from unshutter_lab.training.warping import pixel_grid, rs_positions
 
-WEIGHTS = Path(__file__).parent.parent / "lab" / "src" / "unshutter_lab" / "weights" / "kandula2020.onnx"
+WEIGHTS = Path(__file__).parents[1] / "src" / "unshutter_lab" / "weights" / "kandula2020.onnx"
 CANVAS = 356
 
 

@@ -1,10 +1,10 @@
 """Trains the ablations of kandula2020 on one CPU core, with several seeds: an hour and a half a seed.
 
-    python benchmarks/ablations.py PHOTOS RUNS [--seeds 0 1]
+    python lab/benchmarks/ablations.py PHOTOS RUNS [--seeds 0 1]
 
 With each seed, all networks but one share a first phase (64,000 samples regressing the true motion), from which each
 has 6,400 samples of the second. The network without a trajectory module has a first phase to itself: with the module,
-nothing constrains single rows. RUNS/seed0/NAME/model.onnx is what benchmarks/paper_networks.py measures. A run that was
+nothing constrains single rows. RUNS/seed0/NAME/model.onnx is what lab/benchmarks/paper_networks.py measures. A run that was
 stopped goes on, one that is finished is left alone.
 """
 
