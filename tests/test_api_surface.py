@@ -18,7 +18,8 @@ SURFACE = Path(__file__).with_name("api_surface.json")
 
 def surface() -> dict[str, str]:
     """Path of every public name -> what it is, as its source says it."""
-    package = griffe.load("unshutter", search_paths=[ROOT / "src"])
+    extensions = griffe.load_extensions(ROOT / "docs" / "keywords.py")
+    package = griffe.load("unshutter", search_paths=[ROOT / "src"], extensions=extensions)
     face = {f"unshutter.{name}": package[name].target_path for name in package.exports if name in package.members}
     documented = re.findall(r"^::: unshutter\.(\S+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
     return face | {path: said for name in documented for path, said in described(f"unshutter.{name}", package[name])}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, BinaryIO, TypedDict, Unpack, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, Unpack, overload
 
 from unshutter.errors import UsageError
 from unshutter.estimators.base import Estimator, View
@@ -11,14 +11,8 @@ from unshutter.estimators.find import find_motion
 from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
 from unshutter.motion.verdict import Verdict
-from unshutter.options import (
-    DEFAULT_ESTIMATOR,
-    MIN_CONFIDENCE,
-    Camera,
-    Edges,
-    Reference,
-    Undo,
-)
+from unshutter.options import DEFAULT_ESTIMATOR, Camera, CameraKeywords, Find, Reference, Undo, UndoKeywords
+from unshutter.options.keywords import from_keywords, takes_options
 from unshutter.photo import Photo
 from unshutter.photo.argument import check_size, in_kind, is_bytes, is_file, open_photo
 from unshutter.result import Rectified
@@ -31,32 +25,28 @@ if TYPE_CHECKING:
 # ---- for users ------------------------------------------------------------------------------------------
 
 
-def estimate(
-    photo: Any,
-    *,
-    estimator: str | Estimator = DEFAULT_ESTIMATOR,
-    readout: str = "auto",
-    reference: Reference = "first",
-    focal_px: float | None = None,
-    roll_deg: float | None = None,
-    tilt_deg: float | None = None,
-    exposure_s: float | None = None,
-    readout_ms: float | None = None,
-    moving: bool = False,
-) -> Motion:
+class EstimateOptions(CameraKeywords, total=False):
+    """Keywords of :func:`estimate`."""
+
+    estimator: str | Estimator
+    reference: Reference | None
+
+
+class RectifyOptions(CameraKeywords, UndoKeywords, total=False):
+    """Keywords of :func:`rectify`."""
+
+    estimator: str | Estimator
+    motion: Motion | str | os.PathLike[str] | None
+
+
+@takes_options(EstimateOptions, Camera, Undo, Find)
+def estimate(photo: Any, **options: Unpack[EstimateOptions]) -> Motion:
     """Finds how the camera moved while the photo was read out.
 
     Args:
         photo: what :func:`rectify` takes.
         estimator: name (``unshutter models`` lists them) or one made by :func:`unshutter.load`.
-        readout: direction in which the stored pixels were read; ``auto``: as the photo shows, else top-to-bottom.
-        reference: row at whose moment the global-shutter picture is taken: first, middle or last.
-        focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
-        roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
-        tilt_deg: how far it looked up (-90: straight down), where known, for methods that use it.
-        exposure_s: how long the photo was exposed [s]; by default as EXIF says.
-        readout_ms: time from the first row to the last [ms]; by default what is usual for the kind of camera.
-        moving: whether the camera was on the move: in a train, on a car, in the air.
+        **options: what is known of the camera, and the reference row of the motion.
 
     Returns:
         The motion for the photo's full size; zero, with a ``reason``, where the photo does not say enough.
@@ -64,54 +54,24 @@ def estimate(
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
     """
-    camera, how = Camera(readout, focal_px, roll_deg, tilt_deg, exposure_s, readout_ms, moving), Undo(reference)
+    camera, how = from_keywords(Camera, options), from_keywords(Undo, options)
     source = open_photo(photo)
     check_size(source.height, source.width)
-    return estimate_photo(source, _loaded(estimator), camera).rereferenced(how.reference or "first")
-
-
-class _Options(TypedDict, total=False):
-    estimator: str | Estimator
-    motion: Motion | str | os.PathLike[str] | None
-    readout: str
-    focal_px: float | None
-    roll_deg: float | None
-    tilt_deg: float | None
-    exposure_s: float | None
-    readout_ms: float | None
-    moving: bool
-    reference: Reference | None
-    strength: float
-    edges: Edges
-    min_confidence: float
+    estimator = _loaded(options.get("estimator", DEFAULT_ESTIMATOR))
+    return estimate_photo(source, estimator, camera).rereferenced(how.reference or "first")
 
 
 @overload
-def rectify(photo: str | os.PathLike[str] | BinaryIO | Photo, **options: Unpack[_Options]) -> Rectified: ...
+def rectify(photo: str | os.PathLike[str] | BinaryIO | Photo, **options: Unpack[RectifyOptions]) -> Rectified: ...
 @overload
-def rectify(photo: bytes | bytearray | memoryview, **options: Unpack[_Options]) -> bytes: ...
+def rectify(photo: bytes | bytearray | memoryview, **options: Unpack[RectifyOptions]) -> bytes: ...
 @overload
-def rectify(photo: np.ndarray, **options: Unpack[_Options]) -> np.ndarray: ...
+def rectify(photo: np.ndarray, **options: Unpack[RectifyOptions]) -> np.ndarray: ...
 @overload
-def rectify(photo: Image, **options: Unpack[_Options]) -> Image: ...
-def rectify(
-    photo: Any,
-    *,
-    estimator: str | Estimator = DEFAULT_ESTIMATOR,
-    motion: Motion | str | os.PathLike[str] | None = None,
-    readout: str = "auto",
-    reference: Reference | None = None,
-    focal_px: float | None = None,
-    roll_deg: float | None = None,
-    tilt_deg: float | None = None,
-    exposure_s: float | None = None,
-    readout_ms: float | None = None,
-    moving: bool = False,
-    strength: float = 1.0,
-    edges: Edges = "keep",
-    min_confidence: float = MIN_CONFIDENCE,
-) -> Any:
-    """Gives the photo back as a global shutter would have taken it.
+def rectify(photo: Image, **options: Unpack[RectifyOptions]) -> Image: ...
+@takes_options(RectifyOptions, Camera, Undo, Find)
+def rectify(photo: Any, **options: Unpack[RectifyOptions]) -> Any:
+    """Removes rolling-shutter distortion from a photo.
 
     A photo is left as it is, to the byte, where its motion is not sure enough, or would move nothing by half a pixel.
 
@@ -121,21 +81,7 @@ def rectify(
         estimator: name, or an estimator made by :func:`unshutter.load`; not used when ``motion`` is given.
         motion: undo this motion, or that of this motion file, instead of estimating one; it is resized to the photo
             when its aspect fits.
-        readout: direction in which the stored pixels were read; ``auto``: the motion's, else as the photo shows.
-        reference: row at whose moment the picture is taken; by default the motion's own, else the first.
-        focal_px: focal length [px of the photo] for methods that use one; by default EXIF's, else a guess.
-        roll_deg: how far the camera was turned clockwise from upright, where known, for methods that use it.
-        tilt_deg: how far it looked up (-90: straight down), where known, for methods that use it.
-        exposure_s: how long the photo was exposed [s]; by default as EXIF says.
-        readout_ms: time from the first row to the last [ms]; by default what is usual for the kind of camera.
-        moving: whether the camera was on the move: in a train, on a car, in the air.
-        strength: 0 (nothing) to 1 (the whole motion).
-        edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
-            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge,
-            ``auto`` (the command line's default) crops where that leaves at least 80 % of the area, else keeps.
-        min_confidence: leave the photo as it is where a motion that was found is less sure than this; 0: never, and
-            the likeliest motion is undone even where none at all is likelier. A ``motion`` that is given is undone
-            whatever its confidence.
+        **options: what is known of the camera, and how the motion is undone.
 
     Returns:
         The kind of thing that it was given. A path, an open file or a Photo gives a :class:`Rectified`, bytes give
@@ -145,9 +91,7 @@ def rectify(
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    camera = Camera(readout, focal_px, roll_deg, tilt_deg, exposure_s, readout_ms, moving)
-    how = Undo(reference, strength, edges, min_confidence)
-    result = _rectified(photo, estimator, motion, camera, how)
+    result = rectified(photo, **options)
     if is_file(photo):
         return result
     if is_bytes(photo):
@@ -155,18 +99,27 @@ def rectify(
     return in_kind(photo, result.to_array() if result.changed else None)
 
 
-def rectified(photo: Any, **options: Unpack[_Options]) -> Rectified:
-    """As :func:`rectify`, with the same arguments, but gives a :class:`Rectified` whatever it is given.
+@takes_options(RectifyOptions, Camera, Undo, Find)
+def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
+    """Removes rolling-shutter distortion from a photo, and reports what was found and done.
+
+    Args:
+        photo: what :func:`rectify` takes.
+        estimator: name, or an estimator made by :func:`unshutter.load`; not used when ``motion`` is given.
+        motion: undo this motion, or that of this motion file, instead of estimating one; it is resized to the photo
+            when its aspect fits.
+        **options: what is known of the camera, and how the motion is undone.
+
+    Returns:
+        A :class:`Rectified`, whatever kind of photo was given.
 
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    return rectify(open_photo(photo), **options)
-
-
-def _rectified(
-    photo: Any, estimator: str | Estimator, motion: Motion | str | os.PathLike[str] | None, camera: Camera, how: Undo
-) -> Rectified:
+    camera, how = from_keywords(Camera, options), from_keywords(Undo, options)
+    if not (is_file(photo) or is_bytes(photo)):  # pixels, of which programs know the coordinates
+        how = how.keeping_coordinates()
+    estimator, motion = options.get("estimator", DEFAULT_ESTIMATOR), options.get("motion")
     if motion is not None:
         camera.check_unused()
         how = how.of_given_motion()

@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,8 +29,18 @@ def test_rectified_tells_of_whatever_it_is_given(pixels: np.ndarray) -> None:
     assert result.changed and result.motion == MOTION
     np.testing.assert_array_equal(result.to_array(), unshutter.rectify(pixels, motion=MOTION))
     encoded = Photo.from_array(pixels).to_bytes("png")
-    np.testing.assert_array_equal(unshutter.rectified(encoded, motion=MOTION).pixels, result.pixels)
+    np.testing.assert_array_equal(unshutter.rectified(encoded, motion=MOTION, edges="keep").pixels, result.pixels)
     assert not unshutter.rectified(pixels, estimator=UNSURE).changed
+
+
+def test_automatic_edges_keep_the_coordinates_of_pixels_and_crop_files(pixels: np.ndarray) -> None:
+    encoded = Photo.from_array(pixels).to_bytes("png")
+    choices: tuple[dict[str, Any], ...] = ({}, {"edges": "auto"})
+    for edges in choices:
+        assert unshutter.rectify(pixels, motion=MOTION, **edges).shape == pixels.shape
+        assert unshutter.rectified(Image.fromarray(pixels), motion=MOTION, **edges).edges == "keep"
+        cropped = unshutter.rectified(encoded, motion=MOTION, **edges)
+        assert cropped.edges == "crop" and cropped.pixels.shape < pixels.shape
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain, islice, pairwise
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -16,62 +16,55 @@ from unshutter.frames.between import Frame, rectified_densely
 from unshutter.frames.choice import chosen
 from unshutter.frames.neighbours import copy_side
 from unshutter.frames.rectified_frame import RectifiedFrame
-from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, known_ratio
+from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, FramesOptions, known_ratio
 from unshutter.frames.wanted import Wanted
-from unshutter.geometry.readout import Readout
-from unshutter.options import Clock, Edges, Find, FrameModel, Reference, Undo
+from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Undo
+from unshutter.options.keywords import from_keywords, takes_options
 from unshutter.photo import Photo
 from unshutter.photo.argument import in_kind, is_bytes, is_file
 from unshutter.reasons import Cause
 from unshutter.rectification import estimate_photo, undo
 
 
+class RectifyFramesOptions(FramesOptions, total=False):
+    """Keywords of :func:`rectify_frames`."""
+
+    at: float | None
+    edges: Edges
+    strength: float
+    model: FrameModel | None
+    fallback: bool
+
+
+@takes_options(RectifyFramesOptions, Clock, Camera, Undo, Neighbours)
 def rectify_frames(
-    frames: Iterable[str | os.PathLike[str] | np.ndarray | Photo],
-    *,
-    readout_ratio: float | None = None,
-    readout_ms: float | None = None,
-    fps: float | None = None,
-    readout: str = "auto",
-    focal_px: float | None = None,
-    reference: Reference = "first",
-    at: float | None = None,
-    edges: Edges = "keep",
-    strength: float = 1.0,
-    model: FrameModel | None = None,
-    fallback: bool = False,
+    frames: Iterable[str | os.PathLike[str] | np.ndarray | Photo], **options: Unpack[RectifyFramesOptions]
 ) -> Iterator[Any]:
     """Rectifies successive frames of one camera, each with the help of the one before and the one after.
 
     Three frames are held at a time; while the readout ratio is looked for, some 60.
 
     Args:
-        frames: paths, Photos or pixels [H, W] or [H, W, 1..4] (uint8 or uint16), in the order in which they were taken.
-        readout_ratio: time in which one frame is read out / time from frame to frame, above 0 and at most 1; found
-            from the first frames where it is not given.
-        readout_ms, fps: the same by readout time [ms] and frames per second.
-        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
+        frames: whatever :func:`rectify` takes, in the order in which they were taken.
         focal_px: focal length [px of the frames]; by default EXIF's, else it is found.
-        reference: row at whose moment the pictures are taken: first, middle or last.
-        at: moment of the pictures instead, in frame intervals from each frame's first row, -1 to 1.
-        edges: for what a frame did not see: ``keep`` (black), ``crop``, ``fill``, or ``borrow`` it from neighbours.
-        strength: 0 (nothing) to 1 (the whole motion); less than 1 needs the camera's motion.
-        model: ``camera``: one motion for the whole picture; ``dense``: near and far may move differently, and things of
-            their own accord; by default, for each frame the one that it bears out.
+        at: moment of the pictures, instead of a reference row, in frame intervals from each frame's first row, -1 to 1.
         fallback: whether a frame of which its neighbours say nothing is rectified by what it says itself.
+        **options: how fast the frames were taken and read out, and how motion is undone.
 
     Yields:
-        For each frame a :class:`RectifiedFrame`; for pixels, pixels.
+        For each frame a :class:`RectifiedFrame`; for pixels (arrays and Pillow images), pixels.
 
     Raises:
         UnshutterError: a frame cannot be read, is too small, or has too little in common with its neighbour; the
             readout ratio was not given, and the frames do not say it.
         UsageError: fewer than two frames, frames of different sizes, or an option that is none of its choices.
     """
-    clock, undoing = Clock(readout_ratio, fps=fps, readout_ms=readout_ms), Undo(reference, strength, edges)
-    known_ratio(readout_ratio, readout_ms, fps)  # raises where only a part of it is given
-    alone = Find() if fallback else None
-    how = Wanted(clock, undoing, Readout.parse(readout), at, model, focal_px, alone)
+    ratio, milliseconds, fps = options.get("readout_ratio"), options.get("readout_ms"), options.get("fps")
+    clock, undoing = Clock(ratio, fps, milliseconds), from_keywords(Undo, options).keeping_coordinates()
+    known_ratio(ratio, milliseconds, fps)  # raises where only a part of it is given
+    camera, alone = from_keywords(Camera, options), Find() if options.get("fallback") else None
+    model = options.get("model")
+    how = Wanted(clock, undoing, camera.direction, options.get("at"), model, camera.focal_px, alone)
     return _with_advice(_each(iter(frames), how))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from unshutter.frames.shots import Seen, Shot
 from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
-from unshutter.options import Camera, Clock, Reference, Undo
+from unshutter.options import Camera, Clock, ClockKeywords, Reference, Undo
+from unshutter.options.keywords import from_keywords, takes_options
 from unshutter.photo import Photo
 from unshutter.photo.argument import open_photo
 from unshutter.reasons import Code, Reason
@@ -243,30 +244,30 @@ class CameraMotion:
 # ---- for users ---------------------------------------------------------------------------------------------------
 
 
-def estimate_frames(
-    frames: Iterable[_FRAME],
-    *,
-    readout_ratio: float | None = None,
-    readout_ms: float | None = None,
-    fps: float | None = None,
-    focal_px: float | None = None,
-    readout: str = "auto",
-    reference: Reference = "first",
-) -> Iterator[Motion]:
+class FramesOptions(ClockKeywords, total=False):
+    """Keywords of :func:`estimate_frames`."""
+
+    readout_ms: float | None
+    focal_px: float | None
+    readout: str
+    reference: Reference | None
+
+
+@takes_options(FramesOptions, Clock, Camera, Undo)
+def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) -> Iterator[Motion]:
     """Finds how the camera moved while each frame of a sequence was read out, from the frames beside it.
 
     Exact where one photo cannot be: what moves from frame to frame by v is sheared by ratio * v over a frame's height.
     Cuts, and frames of another size, begin a sequence of their own.
 
     Args:
-        frames: in the order in which they were taken, at even intervals: paths, encoded files as bytes, pixels
-            [H, W] or [H, W, 1..4] (uint8 or uint16), or Photos. They are taken one by one and not kept.
-        readout_ratio: time in which a frame is read out, in frame intervals (above 0, at most 1).
-        readout_ms, fps: the same as a time [ms] and the frames per second. Without either, the ratio is found from the
-            frames: how smoothly the camera moved says it, unless it stood still, moved evenly or shook.
+        frames: in the order in which they were taken, at even intervals: whatever :func:`rectify` takes. They are taken
+            one by one and not kept.
+        readout_ratio: time in which a frame is read out, in frame intervals (above 0, at most 1). Without it, and
+            without ``readout_ms`` and ``fps``, it is found from the frames: how smoothly the camera moved shows it,
+            unless the camera stood still, moved evenly or shook.
         focal_px: focal length [px of the frames]; by default EXIF's, else it is found, too.
-        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
-        reference: row at whose moment the global-shutter pictures are taken: first, middle or last.
+        **options: the readout ratio in other words, and the reference row of the motions.
 
     Yields:
         The motion of each frame, up to some 60 frames (while a ratio is looked for, 240) after it was taken from
@@ -275,9 +276,9 @@ def estimate_frames(
     Raises:
         UsageError: a ratio or another option that cannot be. UnshutterError: a frame cannot be read.
     """
-    camera, how = Camera(readout, focal_px), Undo(reference)
-    ratio = known_ratio(readout_ratio, readout_ms, fps)
-    found = CameraMotion(ratio, focal_px, camera.direction)
+    ratio = known_ratio(options.get("readout_ratio"), options.get("readout_ms"), options.get("fps"))
+    camera, how = from_keywords(Camera, options), from_keywords(Undo, options)
+    found = CameraMotion(ratio, camera.focal_px, camera.direction)
     return (frame.motion(how.reference or "first") for frame in found.frames(frames))
 
 

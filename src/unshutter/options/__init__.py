@@ -7,13 +7,13 @@ where the work is done.
 Nothing here imports NumPy: a photo is being decoded before that.
 """
 
-from unshutter.options.camera import DEFAULT_ESTIMATOR, MOST_ROLL_DEG, MOST_TILT_DEG, Camera, Find
+from unshutter.options.camera import DEFAULT_ESTIMATOR, MOST_ROLL_DEG, MOST_TILT_DEG, Camera, CameraKeywords, Find
 from unshutter.options.description import Names, option
-from unshutter.options.neighbours import Clock, FrameModel, Neighbours, model_for
+from unshutter.options.neighbours import Clock, ClockKeywords, FrameModel, Neighbours, model_for
 from unshutter.options.rectify import Rectify
 from unshutter.options.run import MAX_PIXELS, Run
 from unshutter.options.save import PictureFormat, Save, Subsampling
-from unshutter.options.undo import MIN_CONFIDENCE, Edges, Reference, Undo, check_edges
+from unshutter.options.undo import MIN_CONFIDENCE, Edges, Reference, Undo, UndoKeywords, check_edges
 
 __all__ = [
     "DEFAULT_ESTIMATOR",
@@ -22,7 +22,9 @@ __all__ = [
     "MOST_ROLL_DEG",
     "MOST_TILT_DEG",
     "Camera",
+    "CameraKeywords",
     "Clock",
+    "ClockKeywords",
     "Edges",
     "Find",
     "FrameModel",
@@ -35,6 +37,7 @@ __all__ = [
     "Save",
     "Subsampling",
     "Undo",
+    "UndoKeywords",
     "check_edges",
     "model_for",
     "option",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import TypedDict
 
 from unshutter.errors import UsageError
 from unshutter.geometry.readout import Readout
@@ -18,16 +19,8 @@ class Camera:
     """What you know of the camera, beside the photo itself.
 
     Attributes:
-        readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom, unless the photo shows that
-            its pixels were turned.
-        focal_px: focal length [px of the full-size photo]; None: EXIF's, else a guess.
-        roll_deg: how far the camera was turned clockwise, as its user sees it, from upright; None: unknown.
-        tilt_deg: how far it looked up, -90 is straight down; None: unknown.
-        exposure_s: how long each line was exposed [s]; None: as EXIF says, if it does.
-        readout_ms: time from the first line read to the last [ms]; None: as is usual for the kind of camera.
-        moving: whether the camera was on the move (in a train, on a car, in the air), so that motion is likely.
-        at_any_odds: whether the likeliest motion is wanted even where none at all is likelier; a least confidence of 0
-            asks for it (:meth:`for_least_confidence`).
+        at_any_odds: whether the likeliest motion is asked for even where none at all is likelier; a least confidence
+            of 0 asks for it (:meth:`for_least_confidence`).
 
     Raises:
         UsageError: an unknown direction, a focal length or time that is not positive, an angle out of range.
@@ -35,8 +28,8 @@ class Camera:
 
     readout: str = option(
         "auto",
-        "Direction in which the sensor was read, if an editor has turned the file. Default: what the photo shows, else "
-        "top-to-bottom.",
+        "Direction in which the sensor was read, if an editor has turned the file. Default: that of a given motion, "
+        "else what the photo shows, else top-to-bottom.",
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(
@@ -44,9 +37,12 @@ class Camera:
         "Focal length in px of the photo, for methods that use it. Default: EXIF's, else 0.85 (width + height).",
     )
     roll_deg: float | None = option(
-        None, "How far the camera was turned clockwise from upright, if you know it, for methods that use it."
+        None,
+        "How far the camera was turned clockwise from upright in degrees, if you know it, for methods that use it.",
     )
-    tilt_deg: float | None = option(None, "How far the camera looked up, if you know it; -90 is straight down.")
+    tilt_deg: float | None = option(
+        None, "How far the camera looked up in degrees, if you know it; -90 is straight down."
+    )
     exposure_s: float | None = option(
         None, "Exposure time of the photo, in seconds. Default: EXIF's.", metavar="SECONDS"
     )
@@ -84,6 +80,18 @@ class Camera:
                 "focal length, roll, tilt, exposure, readout time and --moving are for finding a motion: "
                 "leave them out when you give one"
             )
+
+
+class CameraKeywords(TypedDict, total=False):
+    """The fields of :class:`Camera` as keywords of Python's functions."""
+
+    readout: str
+    focal_px: float | None
+    roll_deg: float | None
+    tilt_deg: float | None
+    exposure_s: float | None
+    readout_ms: float | None
+    moving: bool
 
 
 @dataclass(frozen=True)

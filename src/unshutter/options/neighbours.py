@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, TypedDict, get_args
 
 from unshutter.errors import UsageError
 from unshutter.options.description import option
@@ -27,9 +27,10 @@ class Clock:
     """
 
     readout_ratio: float | None = option(
-        None, "Time to read out a frame / time from frame to frame, 0 to 1. --sequence finds it if it can."
+        None,
+        "Time to read out a frame / time from frame to frame, 0 to 1. Default: found from a sequence, if it shows it.",
     )
-    fps: float | None = option(None, "Frames per second; with --readout-ms, instead of the ratio.", metavar="N")
+    fps: float | None = option(None, "Frames per second; with the readout time, instead of the ratio.", metavar="N")
     readout_ms: float | None = None  # a flag of the camera's
 
     def __post_init__(self) -> None:
@@ -66,6 +67,13 @@ class Clock:
         return self.readout_ms * self.fps / 1000
 
 
+class ClockKeywords(TypedDict, total=False):
+    """The fields of :class:`Clock` as keywords of Python's functions."""
+
+    readout_ratio: float | None
+    fps: float | None
+
+
 def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameModel | None:
     """How motion is described: as asked for, else as other options need it; None: as the frames say.
 
@@ -88,12 +96,7 @@ class Neighbours:
     """Frames taken just before and after the photo.
 
     Attributes:
-        before, after: their files.
-        sequence: whether the photos are frames of one camera, in order, each the neighbour of the next.
         clock: how fast frames were taken and read out.
-        at: moment of the picture, in frame intervals from the photo's first row; None: the reference row's.
-        model: how motion is described; None: as the frames bear out.
-        fallback: whether the photo alone is asked where its neighbours say nothing.
 
     Raises:
         UsageError: options for neighbours without any.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal, TypedDict, get_args
 
 from unshutter.errors import UsageError
 from unshutter.options.description import option
@@ -20,35 +20,38 @@ def check_edges(edges: str) -> None:
         raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
 
 
+class UndoKeywords(TypedDict, total=False):
+    """The fields of :class:`Undo` as keywords of Python's functions."""
+
+    reference: Reference | None
+    strength: float
+    edges: Edges
+    min_confidence: float
+
+
 @dataclass(frozen=True)
 class Undo:
     """How a motion is undone.
-
-    Attributes:
-        reference: row at whose moment the picture is taken; None: the motion's own.
-        strength: 0 (nothing) to 1 (the whole motion).
-        edges: ``keep`` leaves places that the photo did not see black (and transparent where it has alpha),
-            ``crop`` cuts to the largest rectangle of the same aspect without them, ``fill`` repeats the edge;
-            ``auto`` crops where that leaves at least 80 % of the area, else keeps; ``borrow`` takes them from the
-            photo's neighbours.
-        min_confidence: a photo whose motion is less sure is left as it is; 0 leaves none, and takes the likeliest
-            motion even where none at all is likelier. Motions without a confidence are undone.
 
     Raises:
         UsageError: a value that is none of its choices.
     """
 
-    reference: Reference | None = option(None, "Row at whose moment the picture is taken. Default: first.")
+    reference: Reference | None = option(
+        None, "Row at whose moment the picture is taken. Default: that of a given motion, else first."
+    )
     strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
     edges: Edges = option(
         "auto",
-        "Places the photo did not see: keep them empty, crop them away, or fill them with the nearest colour. auto "
-        "crops if that leaves at least 80 % of the photo, and keeps them otherwise and with --masks, --save-motion or "
-        "--sequence. borrow takes them from the neighbouring frames. Default: auto.",
+        "Places the photo did not see: keep them empty (black, transparent with alpha), crop them away, or fill them "
+        "with the nearest colour. auto crops if that leaves at least 80 % of the photo, and keeps them otherwise and "
+        "where coordinates are those of the whole photo: with masks, saved motions and sequences, and for arrays and "
+        "Pillow images in Python. borrow takes them from the neighbouring frames. Default: auto.",
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
         "Leave a photo as it is if its motion is less sure than this; 0 undoes the likeliest motion, however unsure. "
+        "A motion that you give is undone whatever its confidence. "
         f"Default: {MIN_CONFIDENCE:g}.",
     )
 

@@ -1,0 +1,90 @@
+"""An option has one default: in Python, on the command line, in forms, in OpenAPI and, where it has it, for clips."""
+
+import inspect
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import unshutter
+from unshutter.cli.arguments import parse
+from unshutter.cli.commands.rectify import COMMAND as RECTIFY
+from unshutter.cli.commands.video import COMMAND as VIDEO
+from unshutter.options import Camera, Rectify, Undo
+from unshutter.options.description import Option, options_of
+from unshutter.serve import openapi
+from unshutter.serve.fields import fields, read, read_clip
+from unshutter.video.options import RectifyClip
+
+PAGE = Path(openapi.__file__).parent / "page"
+PHOTO = {option.key: option.default for option in options_of(Rectify)}
+CLIP = {option.key: option.default for option in options_of(RectifyClip)}
+
+# Photos and clips differ in these, for reasons that docs/conventions.md gives.
+EDGES = {"photo": "auto", "clip": "fill"}
+REFERENCE = {"photo": "first", "clip": "middle"}
+MODEL = {"photo": None, "clip": "camera"}
+
+
+def test_clips_have_the_defaults_of_photos_but_for_three() -> None:
+    differing = {key for key in PHOTO.keys() & CLIP.keys() if PHOTO[key] != CLIP[key]}
+    assert differing == {"edges", "reference", "model"}
+    assert (PHOTO["edges"], CLIP["edges"]) == tuple(EDGES.values())
+    assert (PHOTO["reference"] or "first", CLIP["reference"]) == tuple(REFERENCE.values())
+    assert (PHOTO["model"], CLIP["model"]) == tuple(MODEL.values())
+
+
+@pytest.mark.parametrize("name", ["rectify", "rectified", "estimate", "rectify_frames", "estimate_frames"])
+def test_python_has_the_command_lines_defaults(name: str) -> None:
+    parameters = inspect.signature(getattr(unshutter, name)).parameters
+    shared = parameters.keys() & PHOTO.keys()
+    assert len(shared) > 3
+    assert {key: parameters[key].default for key in shared} == {key: PHOTO[key] for key in shared}
+
+
+@pytest.mark.parametrize("option", [*options_of(Camera), *options_of(Undo)], ids=lambda option: option.name)
+def test_an_option_is_on_every_surface_with_its_help(option: Option, capsys: pytest.CaptureFixture[str]) -> None:
+    help = " ".join(option.help.split())
+    assert option.key in inspect.signature(unshutter.rectify).parameters
+    assert help in " ".join((unshutter.rectify.__doc__ or "").split())
+    with pytest.raises(SystemExit):
+        parse("rectify", RECTIFY, ["--help"])
+    assert f"--{option.name} " in (text := capsys.readouterr().out)
+    assert "".join(help.split()) in "".join(text.split())
+    assert {each.name: each.help for each in fields()}[option.name] == option.help
+    form = openapi.description()["paths"]["/api/rectify"]["post"]["requestBody"]["content"]["multipart/form-data"]
+    assert form["schema"]["properties"][option.name]["description"] == option.help
+
+
+def _flat(value: Any) -> dict[str, Any]:
+    """Name -> value of the options in a dataclass, groups taken apart."""
+    flat: dict[str, Any] = {}
+    for key, each in vars(value).items():
+        flat |= _flat(each) if hasattr(each, "__dataclass_fields__") else {key: each}
+    return flat
+
+
+def test_forms_have_the_command_lines_defaults() -> None:
+    command_line = _flat(parse("rectify", RECTIFY, ["photo.jpg"]))
+    form = _flat(read({}, Path).rectify)
+    assert {key: command_line[key] for key in form} == form
+    clip = _flat(parse("video", VIDEO, ["in.mp4", "-o", "out.mp4"]))
+    form = _flat(read_clip({}))
+    assert {key: clip[key] for key in form} == form
+
+
+@pytest.mark.parametrize(("address", "defaults"), [("/api/rectify", PHOTO), ("/api/video", CLIP)])
+def test_openapi_has_the_command_lines_defaults(address: str, defaults: dict[str, Any]) -> None:
+    body = openapi.description()["paths"][address]["post"]["requestBody"]["content"]["multipart/form-data"]
+    stated = {name.replace("-", "_"): schema.get("default") for name, schema in body["schema"]["properties"].items()}
+    shared = stated.keys() & defaults.keys() - {"motion"}
+    assert len(shared) > 10
+    assert {key: stated[key] for key in shared} == {key: defaults[key] for key in shared}
+
+
+@pytest.mark.parametrize(("script", "kind"), [("controls.js", "photo"), ("clip_controls.js", "clip")])
+def test_the_page_shows_these_defaults(script: str, kind: str) -> None:
+    text = (PAGE / script).read_text(encoding="utf-8")
+    assert re.findall(r'options\.edges \?\? "(\w+)"', text) == [EDGES[kind]]
+    assert re.findall(r'= reference\("[\w-]+", "(\w+)"', text) == [REFERENCE[kind]]
