@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 from unshutter.errors import visible
 
-Watch: TypeAlias = Callable[[str, int, int], None]  # is told what is counted, how many are done, and of how many
+Watch: TypeAlias = Callable[[str, int, int], None]  # called with what is counted, how many are done, and the total
 
 
 class Progress:
@@ -16,13 +16,11 @@ class Progress:
 
     Args:
         total: how many there are.
-        what: they are.
-        watch: is told of each that is done, beside the bar.
+        what: plural noun for the items.
     """
 
-    def __init__(self, total: int, what: str = "photos", watch: Watch | None = None):
+    def __init__(self, total: int, what: str = "photos"):
         self._bar: Any = None
-        self._watch, self._what, self._done, self._total = watch, what, 0, total
         if total > 1 and sys.stderr.isatty():
             self._bar = _bar()
             self._task = self._bar.add_task(what, total=total, rate="")
@@ -37,9 +35,6 @@ class Progress:
 
     def advance(self) -> None:
         """One more is done."""
-        self._done += 1
-        if self._watch is not None:
-            self._watch(self._what, self._done, self._total)
         if self._bar is not None:
             self._bar.advance(self._task)
             self._bar.update(self._task, rate=rate(self._bar.tasks[self._task].speed))
@@ -51,6 +46,52 @@ class Progress:
             self._bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
         else:
             print(line, file=sys.stderr)
+
+
+class Steps:
+    """Counts the steps of some work and reports each to a callback; prints nothing.
+
+    Args:
+        what: plural noun for the steps.
+        total: how many there are.
+        watch: the callback; None: nobody watches.
+    """
+
+    def __init__(self, what: str, total: int, watch: Watch | None):
+        self._what, self._total, self._watch, self._done = what, total, watch, 0
+
+    def advance(self) -> None:
+        """One more step is done."""
+        self._done += 1
+        if self._watch is not None:
+            self._watch(self._what, self._done, self._total)
+
+
+class Bars:
+    """Progress bars for the terminal, one after the other: a callback for work that counts several kinds of steps."""
+
+    def __init__(self) -> None:
+        self._what = ""
+        self._bar: Progress | None = None
+
+    def __enter__(self) -> Bars:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._bar is not None:
+            self._bar.__exit__(*error)
+        self._bar = None
+
+    def __call__(self, what: str, done: int, total: int) -> None:
+        """One more step is done, of the kind ``what``."""
+        if self._bar is None or what != self._what:
+            self.__exit__()
+            self._what, self._bar = what, Progress(total, what)
+        self._bar.advance()
+
+    def tell(self, line: str) -> None:
+        """Shows one line above the bar."""
+        (self._bar or Progress(1)).tell(line)
 
 
 def rate(per_second: float | None) -> str:

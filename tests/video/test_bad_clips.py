@@ -221,7 +221,7 @@ def test_killed_and_begun_anew(tmp_path, long_clip, capsys):
     assert not (tmp_path / "out.mp4").exists()
     words = ["video", str(long_clip), "-o", str(tmp_path / "out.mp4"), "--readout-ratio", "0.6"]
     assert main([*words, "--preset", "ultrafast"]) == 0
-    assert "starts from the beginning" in capsys.readouterr().err
+    assert "started from the beginning" in capsys.readouterr().err
     assert left_behind(tmp_path) == ["out.mp4"]
 
 
@@ -234,7 +234,7 @@ def test_pictures_of_a_killed_run_are_removed_by_the_next(tmp_path, long_clip, c
     process.communicate(timeout=60)
     assert len(left_behind(tmp_path)) == 1
     assert main([*words, "--end", "0.2"]) == 0
-    assert "starts from the beginning" in capsys.readouterr().err
+    assert "started from the beginning" in capsys.readouterr().err
     assert left_behind(tmp_path) == ["out"]
 
 

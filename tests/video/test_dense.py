@@ -12,8 +12,8 @@ from unshutter.cli import main
 from unshutter.geometry.readout import Readout
 from unshutter.motion import RowMotion
 from unshutter.video.clip import Clip
-from unshutter.video.dense import beside_each_other
-from unshutter.video.moving import Moved
+from unshutter.video.dense import linked
+from unshutter.video.moving import MovingFrame
 from unshutter.video.planes import PixelFormat
 
 FRAMES = 12
@@ -159,11 +159,11 @@ def test_three_frames_are_held_at_a_time(tmp_path):
 
     def moved():
         for frame in clip.items(None, None, False):
-            item = Moved(frame, RowMotion.zero(65, 98))
+            item = MovingFrame(frame, RowMotion.zero(65, 98))
             held.add(item)
             yield item
 
     most = 0
-    for _ in beside_each_other(clip, moved(), two_layers.RATIO, Readout.TOP_TO_BOTTOM, True):
+    for _ in linked(clip, moved(), two_layers.RATIO, Readout.TOP_TO_BOTTOM, True):
         most = max(most, len(held))
     assert most <= 5  # three, the one that is yielded, and the one that is read

@@ -10,6 +10,11 @@ import pytest
 
 from support import clips
 from unshutter.cli import main
+from unshutter.reasons import Code
+from unshutter.video import cameras
+from unshutter.video.cameras import CameraMode
+from unshutter.video.options import Encode, RectifyClip, Shutter
+from unshutter.video.rectifying import rectify_clip
 
 FRAMES = 16
 CAMERA, GREYS = clips.moving(FRAMES)
@@ -224,6 +229,29 @@ def test_the_readout_time_is_found(tmp_path, frames, capsys):
     assert told["readout_ratio"] == pytest.approx(clips.RATIO, abs=0.05)
     assert 0 < told["readout_ratio_sd"] < 0.08 and told["found_by"] == "motion"
     assert "readout time" in capsys.readouterr().err
+
+
+def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
+    """Neither a readout time that is found nor the result is printed; the caller is told of both."""
+    still, found, steps = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1"), [], []
+    listed = RectifyClip(Shutter(camera="nemo"), encode=Encode(codec="ffv1"))
+    with pytest.MonkeyPatch.context() as patch:
+        one = CameraMode("Nemo", "One", "", clips.WIDTH, clips.HEIGHT, 30.0, 20.0, "", "one.json")
+        patch.setattr(cameras, "table", lambda: (one,))
+        outcome = rectify_clip(
+            str(still),
+            str(tmp_path / "out.mkv"),
+            listed,
+            watch=lambda *step: steps.append(step),
+            when_found=lambda *each: found.append(each),
+        )
+    assert capfd.readouterr() == ("", "")
+    assert found == [(outcome.ratio, outcome.interval_s)]
+    assert outcome.ratio.value == pytest.approx(0.6) and outcome.ratio.camera == "nemo"
+    assert outcome.ratio.instead_of is not None
+    assert dict(outcome.ratio.instead_of.figures)["because"] == Code.STOOD_STILL
+    assert [reason.code for reason in outcome.reasons] == [Code.STOOD_STILL]
+    assert steps[-1][:2] == ("frames", 30) and {what for what, _, _ in steps} == {"readout time", "frames"}
 
 
 def test_a_shot_of_a_few_frames_is_left_alone(tmp_path):

@@ -47,11 +47,15 @@ class ReadoutRatio:
         value: readout time in frame intervals, 0 ... 1.
         error: its standard deviation.
         source: what it was found from.
+        camera: name of the camera whose time was listed, where the source is the table of cameras; else empty.
+        instead_of: why a listed time was taken: the clip does not show its own; else None.
     """
 
     value: float
     error: float
     source: str
+    camera: str = ""
+    instead_of: Reason | None = None
 
     def __str__(self) -> str:
         return f"{self.value:.3f} +- {self.error:.3f} (from {self.source})"

@@ -79,7 +79,7 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
         "readout": Readout.parse(data.get("readout", "auto")),
         "estimator": visible(str(data.get("estimator", "given"))),
         "confidence": _number(data.get("confidence")),
-        "reason": _reason(data),
+        "reason": reason_of(data),
         "roll_deg": _number(attitude.get("roll_deg")),
         "tilt_deg": _number(attitude.get("tilt_deg")),
         "attitude_from": visible(str(attitude.get("from", ""))),
@@ -88,7 +88,7 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _reason(data: dict[str, Any]) -> Reason | None:
+def reason_of(data: dict[str, Any]) -> Reason | None:
     """Why there is no motion; versions before 1.1 wrote the sentence alone."""
     if "declined" in data:
         return Reason.from_json(data["declined"])

@@ -20,7 +20,7 @@ from unshutter.video.pictures import Numbered
 from unshutter.video.planes import PixelFormat
 
 if TYPE_CHECKING:
-    from av import VideoFrame
+    from av import Packet, VideoFrame
 
 _WHOLE = 0.03  # of a frame interval: times are taken to be this close to even ones
 _LONGEST_GAP = 4  # frame intervals; what lies farther apart is no motion
@@ -30,8 +30,15 @@ _NO_TABLES = ("mpegts", "mpeg", "h264", "hevc", "mpegvideo", "m4v", "mjpeg", "ob
 
 
 @dataclass(frozen=True)
+class SidePacket:
+    """A packet of another stream of a clip's file, of sound or subtitles, which goes into the new file unchanged."""
+
+    packet: Packet
+
+
+@dataclass(frozen=True)
 class Clip:
-    """What a clip says about itself; its file is opened anew by each who reads it.
+    """What a clip's file says about the clip; each reader opens the file for itself.
 
     Attributes:
         path: of the file; of pictures, their pattern (``frames/%05d.png``).
@@ -121,7 +128,19 @@ class Clip:
         """The file as PyAV reads it; UnshutterError where it cannot be read any more."""
         return opened(self.path, self.pictures, 1 / self.interval_s if self.pictures else None)
 
-    def items(self, start: float | None = None, end: float | None = None, all_streams: bool = False) -> Iterator:
+    def iter_frames(self, start: float | None = None, end: float | None = None) -> Iterator[VideoFrame]:
+        """The frames that are shown from and before these moments [s], in order; None: all.
+
+        Raises:
+            UnshutterError: the file is damaged, or ends before it should.
+        """
+        for item in self.items(start, end):
+            if not isinstance(item, SidePacket):
+                yield item
+
+    def items(
+        self, start: float | None = None, end: float | None = None, all_streams: bool = False
+    ) -> Iterator[VideoFrame | SidePacket]:
         """Frames in the order in which they are shown, and packets of the other streams where they lie between them.
 
         Args:
@@ -142,7 +161,7 @@ class Clip:
                 ending.add(packet, of_film)
                 if not of_film:
                     if all_streams and packet.dts is not None and _wanted(time_of(packet), start, end):
-                        yield packet
+                        yield SidePacket(packet)
                     continue
                 for frame in decoded(packet, self.path):
                     times.set(frame)

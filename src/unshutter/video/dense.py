@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,8 +17,8 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.neighbours import Link, copy_side, link, moving_about
 from unshutter.frames.timing import Timing
 from unshutter.geometry.readout import Readout
-from unshutter.video.clip import Clip
-from unshutter.video.moving import Moved
+from unshutter.video.clip import Clip, SidePacket
+from unshutter.video.moving import MovingFrame
 from unshutter.video.options import UndoFrames
 from unshutter.video.warping import FrameMap
 
@@ -43,65 +43,67 @@ class Lender:
 
 
 @dataclass(frozen=True)
-class Beside:
-    """A frame and what the frames beside it say of it.
+class LinkedFrame:
+    """A frame and the flow between it and its neighbours.
 
     Attributes:
-        moved: the frame, and the camera's motion where that is known.
-        links: -1 and 1 -> what connects it with the frame before and after; those that show the same scene.
+        moving: the frame, and the camera's motion where that is known.
+        links: -1 and 1 -> the flow to the frame before and after, of those that show the same scene.
         planes: -1 and 1 -> pixels of these frames, where they are to be borrowed from.
         timing: the clock of the clip.
         readout: direction in which its stored pixels were read.
     """
 
-    moved: Moved
+    moving: MovingFrame
     links: dict[int, Link]
     planes: dict[int, list[UInt[np.ndarray, "rows columns *bands"]]]
     timing: Timing
     readout: Readout
 
-    def look(self, undo: UndoFrames) -> tuple[FrameMap | None, list[Lender]]:
+    def maps(self, undo: UndoFrames) -> tuple[FrameMap | None, list[Lender]]:
         """Where each pixel of the rectified frame looks, in the frame itself and in those that may lend to it.
 
-        None where the frames beside it do not say enough.
+        None where the neighbours do not show enough.
         """
         if not self.links or not undo.strength:
             return None, []
-        moving = moving_about(self.links, self.timing, self.timing.moment(undo.reference))
-        if moving.reason:
+        motion = moving_about(self.links, self.timing, self.timing.moment(undo.reference))
+        if motion.reason:
             return None, []
-        own = moving.field.shift(0)
+        own = motion.field.shift(0)
         left = (1 - undo.strength) * own  # of the distortion
         lenders = [
-            Lender(planes, self._map(moving.field.shift(side * self.links[side].apart) - left))
+            Lender(planes, self._map(motion.field.shift(side * self.links[side].apart) - left))
             for side, planes in self.planes.items()
         ]
         return self._map(own - left), lenders
 
     def _map(self, shift: np.ndarray) -> FrameMap:
         """A shift of every pixel of the small copy as the map of a whole frame."""
-        return FrameMap.along(shift, self.readout, self.moved.frame.height, self.moved.frame.width)
+        return FrameMap.along(shift, self.readout, self.moving.frame.height, self.moving.frame.width)
 
 
-def beside_each_other(clip: Clip, items: Iterable[Any], ratio: float, readout: Readout, borrow: bool) -> Iterator[Any]:
-    """The items of a clip, its frames with what the frames beside them say; three frames are held at a time.
+def linked(
+    clip: Clip, items: Iterable[MovingFrame | SidePacket], ratio: float, readout: Readout, borrow: bool
+) -> Iterator[LinkedFrame | SidePacket]:
+    """The items of a clip, its frames linked with their neighbours; three frames are held at a time.
 
     Args:
         clip: the clip.
-        items: frames with their motion (:class:`Moved`), and packets.
+        items: frames with their motion, and packets.
         ratio: readout time in frame intervals.
         readout: direction in which stored pixels were read.
-        borrow: whether frames keep the pixels of those beside them.
+        borrow: whether frames keep the pixels of their neighbours.
     """
     timing = Timing(ratio, readout.frame_size(clip.height, clip.width)[0])
-    before: _Looked | None = None
-    current: _Looked | None = None
-    packets: list[Any] = []  # that came after the current frame
+    before: _Copied | None = None
+    current: _Copied | None = None
+    packets: list[SidePacket] = []  # that came after the current frame
     for item in items:
-        if not isinstance(item, Moved):
+        if isinstance(item, SidePacket):
             packets.append(item)
             continue
-        following = _Looked.at(clip, item, readout, borrow)
+        following = _Copied.at(clip, item, readout, borrow)
         if current is not None:
             current.to_next = _connection(clip, current, following, ratio)
             yield current.with_neighbours(before, following, timing, readout)
@@ -114,25 +116,25 @@ def beside_each_other(clip: Clip, items: Iterable[Any], ratio: float, readout: R
 
 
 @dataclass
-class _Looked:
-    """A frame that was looked at."""
+class _Copied:
+    """A frame and its small copy, in which flow is looked for."""
 
-    moved: Moved
+    moving: MovingFrame
     copy: UInt8[np.ndarray, "rows columns"]  # small and grey, in the readout frame
     planes: list[np.ndarray]  # empty where nothing is borrowed
     to_next: Link | None = None
 
     @classmethod
-    def at(cls, clip: Clip, moved: Moved, readout: Readout, borrow: bool) -> _Looked:
+    def at(cls, clip: Clip, moving: MovingFrame, readout: Readout, borrow: bool) -> _Copied:
         side = copy_side(clip.height, clip.width)
-        copy = np.ascontiguousarray(readout.turn(clip.pixels.grey(moved.frame, side)))
+        copy = np.ascontiguousarray(readout.turn(clip.pixels.grey(moving.frame, side)))
         # The frame itself may be written to before those beside it are made.
-        planes = [plane.copy() for plane in clip.pixels.arrays(moved.frame)] if borrow else []
-        return cls(moved, copy, planes)
+        planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []
+        return cls(moving, copy, planes)
 
     def with_neighbours(
-        self, before: _Looked | None, after: _Looked | None, timing: Timing, readout: Readout
-    ) -> Beside:
+        self, before: _Copied | None, after: _Copied | None, timing: Timing, readout: Readout
+    ) -> LinkedFrame:
         links: dict[int, Link] = {}
         planes: dict[int, list[np.ndarray]] = {}
         for side, neighbour, connection in ((-1, before, before and before.to_next), (1, after, self.to_next)):
@@ -140,17 +142,18 @@ class _Looked:
                 links[side] = connection
                 if neighbour.planes:
                     planes[side] = neighbour.planes
-        return Beside(self.moved, links, planes, timing, readout)
+        return LinkedFrame(self.moving, links, planes, timing, readout)
 
 
-def _connection(clip: Clip, current: _Looked, following: _Looked, ratio: float) -> Link | None:
+def _connection(clip: Clip, current: _Copied, following: _Copied, ratio: float) -> Link | None:
     """What connects two frames; None where frames are missing between them, or they show different scenes."""
-    apart = clip.since(current.moved.frame, following.moved.frame)
+    apart = clip.since(current.moving.frame, following.moving.frame)
     if apart is None or apart < ratio:
         return None
     try:
-        found = link(current.copy, following.copy, apart)
+        flow_to_next = link(current.copy, following.copy, apart)
     except UnshutterError:
         return None
     # Corners that went apart may mean a cut, or near and far that move very differently: then nearly all must be there.
-    return None if following.moved.cut and found.flow.consistent < _ALMOST_ALL else found
+    too_little = following.moving.cut and flow_to_next.flow.consistent < _ALMOST_ALL
+    return None if too_little else flow_to_next

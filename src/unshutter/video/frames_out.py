@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.motion import Motion
-from unshutter.video.clip import Clip
-from unshutter.video.dense import Beside, Lender
+from unshutter.video.clip import Clip, SidePacket
+from unshutter.video.dense import Lender, LinkedFrame
 from unshutter.video.library import av
-from unshutter.video.moving import Moved
+from unshutter.video.moving import MovingFrame
 from unshutter.video.options import UndoFrames
 from unshutter.video.warping import FrameMap, Scratch, borrow_plane, seen, warp_plane
 from unshutter.warp.crop import valid_window
@@ -22,6 +22,8 @@ from unshutter.warp.grid import Tile
 if TYPE_CHECKING:
     from av import VideoFrame
 
+    from unshutter.geometry.shapes import Bool
+
 _PASSED_ON = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 _FULL_RANGE = 2  # as FFmpeg counts
@@ -29,8 +31,21 @@ _COARSE = 8  # px between places that are looked at for a crop, whose multiples 
 
 
 @dataclass(frozen=True)
+class NewFrame:
+    """A frame that is to be encoded.
+
+    Attributes:
+        source: the frame that it was made of, and its motion.
+        picture: its pixels, time and colours; the source's own frame where nothing moved.
+    """
+
+    source: MovingFrame
+    picture: VideoFrame
+
+
+@dataclass(frozen=True)
 class Warper:
-    """Makes the frames of a clip.
+    """Makes the rectified frames of a clip.
 
     Attributes:
         clip: the clip.
@@ -49,38 +64,40 @@ class Warper:
         w = self.window
         return (self.clip.height, self.clip.width) if w is None else (w.bottom - w.top, w.right - w.left)
 
-    def motion(self, moved: Moved) -> Motion:
-        """What is undone."""
-        return moved.motion.rereferenced(self.undo.reference).scaled(self.undo.strength)
+    def motion(self, moving: MovingFrame) -> Motion:
+        """The part of a frame's motion that is undone, at the reference row."""
+        return moving.motion.rereferenced(self.undo.reference).scaled(self.undo.strength)
 
-    def __call__(self, item: Any) -> tuple[Any, Any]:
-        """(item, a frame without what is beside it; the frame to encode); a packet is both."""
-        if isinstance(item, Beside):
-            return self._densely(item)
-        if not isinstance(item, Moved):
-            return item, item
-        motion, frame = self.motion(item), item.frame
+    def __call__(self, item: MovingFrame | LinkedFrame | SidePacket) -> NewFrame | SidePacket:
+        """The frame to encode; packets go on unchanged."""
+        if isinstance(item, SidePacket):
+            return item
+        return self._by_flow(item) if isinstance(item, LinkedFrame) else self.rectified(item)
+
+    def rectified(self, moving: MovingFrame) -> NewFrame:
+        """A frame by its camera's motion."""
+        motion, frame = self.motion(moving), moving.frame
         if motion.is_zero and self.window is None:
-            return item, frame
+            return NewFrame(moving, frame)
         made = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
         if motion.is_zero:
             for before, after in zip(*map(self.clip.pixels.arrays, (frame, made)), strict=True):
                 np.copyto(after, before)
         else:
             self._warp(frame, made, FrameMap.of(motion, frame.height, frame.width))
-        return item, self._dressed(made, frame)
+        return NewFrame(moving, self._dressed(made, frame))
 
-    def _densely(self, item: Beside) -> tuple[Moved, VideoFrame]:
-        """By the frames beside it; where they do not say enough, by the camera's motion."""
-        moved, frame = item.moved, item.moved.frame
-        where, lenders = item.look(self.undo)
+    def _by_flow(self, linked: LinkedFrame) -> NewFrame:
+        """A frame by the flow to its neighbours; where they do not show enough, by the camera's motion."""
+        moving, frame = linked.moving, linked.moving.frame
+        where, lenders = linked.maps(self.undo)
         if where is None:
-            return self(moved)
+            return self.rectified(moving)
         made = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
         self._warp(frame, made, where)
         if lenders:
             self._borrow(lenders, made, where)
-        return replace(moved, dense=True), self._dressed(made, frame)
+        return NewFrame(replace(moving, dense=True), self._dressed(made, frame))
 
     def _warp(self, frame: VideoFrame, made: VideoFrame, found: FrameMap) -> None:
         """Writes the planes of a frame, as they look after the motion is undone, into those of another."""
@@ -141,44 +158,29 @@ class Warper:
         return made
 
 
-@dataclass
-class Seen:
-    """What all frames of a clip saw: found by looking at each of them once."""
+def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
+    """The largest rectangle of a clip's shape that all its frames show after rectifying; None: they show everything.
 
-    clip: Clip
-    mask: np.ndarray = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.mask = np.ones((self.clip.height // _COARSE, self.clip.width // _COARSE), bool)
-
-    def add(self, motion: Motion) -> None:
-        """One more frame."""
-        if motion.is_zero:
-            return
-        height, width = self.clip.height, self.clip.width
-        margin = 1.0  # places between those that are looked at
-        for rows, (col, row) in FrameMap.of(motion, height, width).positions(_COARSE, _COARSE):
-            seen = (col >= margin) & (col <= width / _COARSE - 1 - margin)
-            seen &= (row >= margin) & (row <= height / _COARSE - 1 - margin)
-            mask = self.mask[rows]
-            mask &= seen[: mask.shape[0], : mask.shape[1]]
-
-    def window(self) -> Tile | None:
-        """The largest rectangle of the clip's shape that all frames saw; None: all of them saw all.
-
-        Raises:
-            CropTooSmallError: hardly anything would be left.
-        """
-        if self.mask.all():
-            return None
-        rows, cols = self.mask.shape
-        window = EdgePolicy("crop").decide((rows, cols), lambda: valid_window(self.mask), "frame").window
-        return Tile(*(_COARSE * side for side in window))
+    Raises:
+        CropTooSmallError: hardly anything would be left.
+    """
+    clip = warper.clip
+    mask = np.ones((clip.height // _COARSE, clip.width // _COARSE), bool)
+    for moving in frames:
+        motion = warper.motion(moving)
+        if not motion.is_zero:
+            _clear_unseen(mask, FrameMap.of(motion, clip.height, clip.width))
+    if mask.all():
+        return None
+    window = EdgePolicy("crop").decide(mask.shape, lambda: valid_window(mask), "frame").window
+    return Tile(*(_COARSE * side for side in window))
 
 
-def common_window(warper: Warper, items: Iterable[Moved]) -> Tile | None:
-    """What ``crop`` leaves of a clip."""
-    seen = Seen(warper.clip)
-    for moved in items:
-        seen.add(warper.motion(moved))
-    return seen.window()
+def _clear_unseen(mask: Bool[np.ndarray, "rows cols"], frame_map: FrameMap) -> None:
+    """Clears the places of a coarse mask that one frame does not show."""
+    margin = 1.0  # places between those that are looked at
+    for rows, (col, row) in frame_map.positions(_COARSE, _COARSE):
+        inside = (col >= margin) & (col <= frame_map.width / _COARSE - 1 - margin)
+        inside &= (row >= margin) & (row <= frame_map.height / _COARSE - 1 - margin)
+        part = mask[rows]
+        part &= inside[: part.shape[0], : part.shape[1]]

@@ -11,16 +11,16 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, visible
+from unshutter.errors import UnshutterError
 from unshutter.frames.ratio import ReadoutRatio
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
-from unshutter.reasons import Reason
+from unshutter.motion.motion_file import reason_of
 from unshutter.storage.files import written_whole
 from unshutter.storage.plain_files import check_plain
 from unshutter.version import __version__
 from unshutter.video.clip import Clip
-from unshutter.video.moving import ROWS, Moved
+from unshutter.video.moving import ROWS, MovingFrame
 
 FORMAT = "unshutter-clip-motion/1"
 _KEPT = 17  # rows of a frame whose rotation is written; ROWS - 1 is a multiple of one less
@@ -78,16 +78,17 @@ class MotionWriter:
         }
         stream.write(json.dumps(head)[:-1] + ', "frames": [\n')
 
-    def add(self, moved: Moved) -> None:
+    def add(self, moving: MovingFrame) -> None:
         """The next frame."""
-        motion = moved.motion
-        told: dict[str, Any] = {"time_s": moved.frame.time or 0.0, "cut": moved.cut}
+        motion = moving.motion
+        record: dict[str, Any] = {"time_s": moving.frame.time or 0.0, "cut": moving.cut}
         if isinstance(motion, RotationMotion):
             kept = motion.rotations[:: (ROWS - 1) // (_KEPT - 1)]
-            told |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(kept, 9).tolist()}
+            record |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(kept, 9).tolist()}
         else:
-            told |= {"rotations_rad": None, "reason": str(motion.reason)}
-        self._stream.write(("" if self._first else ",\n") + json.dumps(told))
+            record |= {"rotations_rad": None, "reason": "" if motion.reason is None else str(motion.reason)}
+            record |= {} if motion.reason is None else {"declined": motion.reason.as_json()}
+        self._stream.write(("" if self._first else ",\n") + json.dumps(record))
         self._first = False
 
     def end(self) -> None:
@@ -147,11 +148,7 @@ def _made(data: dict[str, Any]) -> ClipMotion:
     motions: list[Motion] = []
     for frame in data["frames"]:
         if frame["rotations_rad"] is None:
-            motions.append(
-                RowMotion.zero(
-                    ROWS, small, readout=readout, reason=Reason.stated(visible(str(frame.get("reason", ""))))
-                )
-            )
+            motions.append(RowMotion.zero(ROWS, small, readout=readout, reason=reason_of(frame)))
             continue
         kept = np.array(frame["rotations_rad"], np.float64)
         if kept.shape != (_KEPT, 3):

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from unshutter.frames.sequence import CameraMotion, FrameMotion
 from unshutter.frames.shots import Seen
 from unshutter.motion import Motion
-from unshutter.video.clip import Clip
+from unshutter.video.clip import Clip, SidePacket
 
 if TYPE_CHECKING:
     from av import VideoFrame
@@ -24,14 +26,14 @@ _IN_MEMORY = 60_000_000  # bytes: frames that wait for their motion, and as many
 
 
 @dataclass(frozen=True)
-class Moved:
-    """A frame and its motion.
+class MovingFrame:
+    """A frame of a clip and its motion.
 
     Attributes:
         frame: as decoded.
         motion: of a small picture of the same shape, first row as the reference; zero, with a reason, where none is.
         cut: whether it shows another scene than the frame before it.
-        dense: whether what undoes it is not this motion, but the flow to the frames beside it.
+        dense: whether it was rectified by the flow to its neighbours instead of this motion.
     """
 
     frame: VideoFrame
@@ -57,14 +59,14 @@ def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side
         since: time since the frame before [usual frame intervals].
         side: short side of the copy [px].
     """
-    import numpy as np
-
     readout = camera.readout
     grey = np.ascontiguousarray(readout.turn(clip.pixels.grey(frame, side)))
     return Seen(*readout.frame_size(frame.height, frame.width), grey, after=since)
 
 
-def with_motion(clip: Clip, items: Iterable[Any], camera: CameraMotion) -> Iterator[Any]:
+def with_motion(
+    clip: Clip, items: Iterable[VideoFrame | SidePacket], camera: CameraMotion
+) -> Iterator[MovingFrame | SidePacket]:
     """The items of a clip, its frames with their motion; they come some frames later than they are taken.
 
     Args:
@@ -72,14 +74,13 @@ def with_motion(clip: Clip, items: Iterable[Any], camera: CameraMotion) -> Itera
         items: frames and packets (:meth:`Clip.items`).
         camera: finds the motion; its ratio is known.
     """
-    waiting: deque[Any] = deque()
-    frame_type = _frame_type()
+    waiting: deque[VideoFrame | SidePacket] = deque()
 
-    def seen() -> Iterator[Seen | None]:
+    def small_copies() -> Iterator[Seen | None]:
         before = None
         for item in items:
             waiting.append(item)
-            if isinstance(item, frame_type):
+            if not isinstance(item, SidePacket):
                 since = clip.since(before, item)
                 if since is None:
                     yield None
@@ -87,25 +88,17 @@ def with_motion(clip: Clip, items: Iterable[Any], camera: CameraMotion) -> Itera
                 before = item
 
     last = None
-    for found in camera.motions(seen()):
-        while not isinstance(waiting[0], frame_type):
-            yield waiting.popleft()
-        yield Moved(waiting.popleft(), small_motion(found), last is not None and _parted(last, found))
-        last = found
-    yield from waiting
+    for motion in camera.motions(small_copies()):
+        while isinstance(item := waiting.popleft(), SidePacket):
+            yield item
+        yield MovingFrame(item, small_motion(motion), cut=last is not None and motion.shot != last.shot)
+        last = motion
+    for item in waiting:
+        assert isinstance(item, SidePacket)  # each frame has its motion by now
+        yield item
 
 
-def small_motion(found: FrameMotion) -> Motion:
+def small_motion(motion: FrameMotion) -> Motion:
     """The motion for a picture of ``ROWS`` rows."""
-    width = max(1, round(found.width * ROWS / found.height))
-    return replace(found, height=ROWS, width=width).motion()
-
-
-def _parted(before: FrameMotion, after: FrameMotion) -> bool:
-    return after.shot != before.shot
-
-
-def _frame_type() -> type:
-    from unshutter.video.library import av
-
-    return av().VideoFrame
+    width = max(1, round(motion.width * ROWS / motion.height))
+    return replace(motion, height=ROWS, width=width).motion()

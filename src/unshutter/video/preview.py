@@ -18,6 +18,8 @@ from unshutter.video.library import av
 from unshutter.video.writing import writing
 
 if TYPE_CHECKING:
+    from av import VideoFrame
+
     from unshutter.geometry.shapes import UInt8
 
 _MOMENTS = 5
@@ -60,11 +62,11 @@ def write_preview(path: Path, before: Clip, after: str, start_s: float, frames: 
 
 def _pairs(before: Clip, after: Clip, start_s: float) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
     """Frames of both clips, side by side."""
-    for one, other in zip(before.items(start_s or None), after.items(), strict=False):
+    for one, other in zip(before.iter_frames(start_s or None), after.iter_frames(), strict=False):
         yield np.concatenate([_small(one), _small(other)], axis=1)
 
 
-def _small(frame) -> UInt8[np.ndarray, "height width 3"]:
+def _small(frame: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
     """A frame as it is looked at, RGB."""
     height = 2 * round(_WIDTH * frame.height / frame.width / 2)
     seen = frame.reformat(width=_WIDTH, height=height, format="rgb24").to_ndarray()

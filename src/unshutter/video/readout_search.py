@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 
-from unshutter.errors import UnknownRatioError, visible
+from unshutter.errors import UnknownRatioError
+from unshutter.frames.camera import ROWS
 from unshutter.frames.focal import focal_from_motion
 from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
 from unshutter.frames.sequence import CameraMotion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.geometry.readout import Readout
-from unshutter.progress import Progress, Watch
+from unshutter.progress import Steps, Watch
 from unshutter.reasons import Code, Reason
 from unshutter.video import cameras
 from unshutter.video.background import ahead
@@ -30,28 +29,22 @@ _AGREE = 0.6  # share of the parts' weight that has to
 _GUESSED_RATIO = 0.5
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Consecutive frames of one shot, as tracks."""
-
-    pairs: list[Tracks]
-
-
 def found_or_listed(
     clip: Clip, readout: Readout, shutter: Shutter, span: tuple[float, float], watch: Watch | None = None
 ) -> ReadoutRatio:
-    """The readout ratio that the clip shows, or else the one that the table of cameras has; prints which.
+    """The readout ratio that the clip shows, or else the one that the table of cameras has.
 
     Args:
         clip: the clip; its tags name the camera where the user does not.
         readout: direction in which the stored pixels were read.
         shutter: what the user says of the camera, but not its readout time.
         span: the part of the clip that is looked at [s].
-        watch: is told of every part of it.
+        watch: called for every part of it.
 
     Raises:
         UsageError: the user names a camera that the table does not have, or not in this mode.
-        UnshutterError: neither the clip nor the table tells it, or the clip cannot be read.
+        UnknownRatioError: neither the clip nor the table shows it.
+        UnshutterError: the clip cannot be read.
     """
     mode = clip.width, clip.height, 1 / clip.interval_s
     if shutter.camera is None:
@@ -59,15 +52,12 @@ def found_or_listed(
     else:
         listed = shutter.camera, cameras.readout_ms(shutter.camera, *mode)
     try:
-        ratio = find_ratio(clip, readout, shutter.focal_px, span, watch)
+        return find_ratio(clip, readout, shutter.focal_px, span, watch)
     except UnknownRatioError as error:
         if listed is None:
             raise
         name, ms = listed
-        print(visible(f"unshutter: {error}; the table of cameras says {ms:.1f} ms for {name}"), file=sys.stderr)
-        return ReadoutRatio(min(ms / 1000 / clip.interval_s, 1.0), 0.0, "table of cameras")
-    tell(ratio, clip.interval_s)
-    return ratio
+        return ReadoutRatio(min(ms / 1000 / clip.interval_s, 1.0), 0.0, "table of cameras", name, error.reason)
 
 
 def find_ratio(
@@ -80,50 +70,50 @@ def find_ratio(
         readout: direction in which the stored pixels were read.
         focal_px: focal length [px of a frame]; None: found, too.
         span: the part of the clip that is looked at [s].
-        watch: is told of every part of it.
+        watch: called for every part of it.
 
     Raises:
         UnknownRatioError: the clip does not show it.
         UnshutterError: the clip cannot be read.
     """
-    found: list[ReadoutRatio] = []
+    ratios: list[ReadoutRatio] = []
     unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_FEWEST))
-    with Progress(_MOST_PARTS, "readout time", watch) as progress:
-        for part in _parts(clip, readout, span):
-            focal = None if focal_px is None else focal_px * 256 / part.pairs[0].height
-            try:
-                focal = focal or focal_from_motion(part.pairs[: _PART // 2], _GUESSED_RATIO)
-                found.append(ratio_from_motion(part.pairs, focal))
-            except UnknownRatioError as error:
-                unknown = error
-            progress.advance()
-    if not found:
+    steps = Steps("readout time", _MOST_PARTS, watch)
+    for pairs in _parts(clip, readout, span):
+        focal = None if focal_px is None else focal_px * ROWS / pairs[0].height
+        try:
+            focal = focal or focal_from_motion(pairs[: _PART // 2], _GUESSED_RATIO)
+            ratios.append(ratio_from_motion(pairs, focal))
+        except UnknownRatioError as error:
+            unknown = error
+        steps.advance()
+    if not ratios:
         raise unknown.of_clip()
-    return agreed(found)
+    return agreed(ratios)
 
 
-def agreed(found: list[ReadoutRatio]) -> ReadoutRatio:
-    """What parts of a clip say together.
+def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:
+    """The ratio that the parts of a clip agree on.
 
     Raises:
         UnknownRatioError: they do not agree.
     """
-    values, errors = np.array([each.value for each in found]), np.array([each.error for each in found])
+    values, errors = np.array([part.value for part in parts]), np.array([part.error for part in parts])
     weights = 1 / errors**2
     order = np.argsort(values)
     middle = values[order][np.searchsorted(np.cumsum(weights[order]), weights.sum() / 2)]
     near = np.abs(values - middle) <= _FAR * np.hypot(errors, errors.min())
     if weights[near].sum() < _AGREE * weights.sum():
-        ratios = ", ".join(f"{value:.2f}" for value in values)
-        raise UnknownRatioError.because(Reason.of(Code.PARTS_DISAGREE, ratios=ratios)).of_clip()
+        listed = ", ".join(f"{value:.2f}" for value in values)
+        raise UnknownRatioError.because(Reason.of(Code.PARTS_DISAGREE, ratios=listed)).of_clip()
     value = float(np.average(values[near], weights=weights[near]))
     spread = ((values[near] - value) ** 2 * weights[near]).sum() / max(near.sum() - 1, 1)
     error = float(np.sqrt(max(spread, 1.0) / weights[near].sum()))
     return ReadoutRatio(value, error, "motion")
 
 
-def _parts(clip: Clip, readout: Readout, span: tuple[float, float]) -> Iterator[_Part]:
-    """Parts of the clip, evenly over it."""
+def _parts(clip: Clip, readout: Readout, span: tuple[float, float]) -> Iterator[list[Tracks]]:
+    """Parts of the clip, evenly over it: the tracks between consecutive frames of one shot."""
     length = _PART * clip.interval_s
     starts = np.linspace(span[0], max(span[1] - 1.1 * length, span[0]), _MOST_PARTS)
     if (span[1] - span[0]) < _MOST_PARTS * length:
@@ -131,28 +121,22 @@ def _parts(clip: Clip, readout: Readout, span: tuple[float, float]) -> Iterator[
     for start in starts:
         pairs = _tracked(clip, readout, float(start), float(start) + length * 1.001)
         if len(pairs) >= _FEWEST:
-            yield _Part(pairs)
+            yield pairs
 
 
 def _tracked(clip: Clip, readout: Readout, start: float, end: float) -> list[Tracks]:
     """The longest run of neighbours between two moments, as tracks."""
     camera = CameraMotion(readout=readout)
     runs: list[list[Tracks]] = [[]]
-    before = seen = None
+    before = copy = None
     with suppress(StopIteration):
-        for frame in ahead(clip.items(start, end), 3):
+        for frame in ahead(clip.iter_frames(start, end), 3):
             since = clip.since(before, frame)
-            now = look(clip, frame, camera, 1.0, TRACKED_SIDE)
-            moved = background(follow(seen.grey, now.grey)) if seen is not None else None
-            if since != 1.0 or (moved is not None and not moved.joined):
+            next_copy = look(clip, frame, camera, 1.0, TRACKED_SIDE)
+            pair = background(follow(copy.grey, next_copy.grey)) if copy is not None else None
+            if since != 1.0 or (pair is not None and not pair.joined):
                 runs.append([])
-            elif moved is not None:
-                runs[-1].append(moved.tracks)
-            before, seen = frame, now
+            elif pair is not None:
+                runs[-1].append(pair.tracks)
+            before, copy = frame, next_copy
     return max(runs, key=len)
-
-
-def tell(ratio: ReadoutRatio, interval_s: float) -> None:
-    """Prints what was found, in a form that can be given back."""
-    ms, error = 1000 * interval_s * ratio.value, 1000 * interval_s * ratio.error
-    print(f"unshutter: readout time {ms:.1f} +- {error:.1f} ms (--readout-ms {ms:.1f})", file=sys.stderr)

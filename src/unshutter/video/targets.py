@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
 from unshutter.errors import UnshutterError, UsageError
@@ -35,37 +34,38 @@ def are_pictures(target: Path) -> bool:
     return pictures.is_pattern(str(target)) or not target.suffix or target.is_dir()
 
 
-def check_targets(source: str, target: Path, wanted: RectifyClip) -> JsonLog | None:
-    """Checks all that is to be written; gives the log, where one is wanted.
+def check_targets(source: str, target: Path, options: RectifyClip) -> tuple[JsonLog | None, bool]:
+    """Checks all that is to be written.
 
     Args:
         source: the clip, as :func:`on_this_machine` names it.
         target: where it goes.
-        wanted: what is done.
+        options: what is done.
+
+    Returns:
+        The log, where one is asked for; and whether an earlier run was killed there, whose leftovers were removed.
 
     Raises:
         UsageError: one name stands for two files, or has an ending of another kind of file.
         UnshutterError: something may not be written, or cannot.
     """
-    check_ending(wanted.preview)
-    if wanted.plot is not None:
-        check_plot(wanted.plot)
-    protection = Protection([*pictures.files_of(source), wanted.motion])
+    check_ending(options.preview)
+    if options.plot is not None:
+        check_plot(options.plot)
+    protection = Protection([*pictures.files_of(source), options.motion])
     named = {target.absolute()}
-    for path in filter(None, (wanted.save_motion, wanted.preview, wanted.plot, wanted.json_log)):
+    for path in filter(None, (options.save_motion, options.preview, options.plot, options.json_log)):
         protection.check(path)
         if path.absolute() in named:
             raise UsageError(f"{path} is to be written twice: choose another name")
         named.add(path.absolute())
-        if path is not wanted.json_log:
-            check_target(path, wanted.overwrite)
+        if path is not options.json_log:
+            check_target(path, options.overwrite)
             remove_leftovers(path.parent)
     protection.check(target)
     if are_pictures(target):
         left = remove_left_folders(target.parent if pictures.is_pattern(str(target)) else target)
     else:
-        check_target(target, wanted.overwrite)
+        check_target(target, options.overwrite)
         left = remove_leftovers(target.parent)
-    if left:
-        print("unshutter: an earlier run was killed here; this one starts from the beginning", file=sys.stderr)
-    return JsonLog(wanted.json_log, protection) if wanted.json_log is not None else None
+    return JsonLog(options.json_log, protection) if options.json_log is not None else None, bool(left)

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from unshutter.cli.arguments import Command, positional, required
-from unshutter.errors import UnknownRatioError
+from unshutter.errors import UnknownRatioError, visible
 from unshutter.video.options import RectifyClip
+
+if TYPE_CHECKING:
+    from unshutter.frames.ratio import ReadoutRatio
+    from unshutter.video.outcome import ClipOutcome
 
 
 @dataclass(frozen=True)
@@ -22,13 +29,50 @@ class Arguments:
 
 def run(arguments: Arguments) -> int:
     """Rectifies the clip; returns the exit code."""
+    from unshutter.progress import Bars
     from unshutter.video.rectifying import rectify_clip
 
-    try:
-        rectify_clip(arguments.clip, arguments.output, arguments.how)
-    except UnknownRatioError as error:
-        raise error.with_advice("say it with --readout-ms, or name the camera with --camera") from None
+    with Bars() as bars:
+
+        def tell(ratio: ReadoutRatio, interval_s: float) -> None:
+            bars.tell(_line_of(ratio, 1000 * interval_s))
+
+        try:
+            outcome = rectify_clip(arguments.clip, arguments.output, arguments.how, watch=bars, when_found=tell)
+        except UnknownRatioError as error:
+            raise error.with_advice("say it with --readout-ms, or name the camera with --camera") from None
+    for line in _lines_of(outcome):
+        print(visible(line), file=sys.stderr)
     return 0
+
+
+def _line_of(ratio: ReadoutRatio, interval_ms: float) -> str:
+    """What was found of the readout time, in a form that can be given back."""
+    ms, error = interval_ms * ratio.value, interval_ms * ratio.error
+    if ratio.instead_of is not None:
+        return f"unshutter: {ratio.instead_of}; the table of cameras says {ms:.1f} ms for {ratio.camera}"
+    return f"unshutter: readout time {ms:.1f} +- {error:.1f} ms (--readout-ms {ms:.1f})"
+
+
+def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
+    """What was done, a line for each thing that the user should know."""
+    if outcome.after_killed_run:
+        yield "unshutter: an earlier run was killed here; this one started from the beginning"
+    note, by_camera = "", outcome.rectified - outcome.dense
+    if outcome.model == "dense" and by_camera:
+        note = f" ({by_camera} of them by the camera's motion alone)"
+    if left := outcome.frames - outcome.rectified:
+        reason, count = outcome.reasons.most_common(1)[0]
+        others = f"; {left - count} for other reasons" if left > count else ""
+        note += f", {left} left as they are ({reason}{others})"
+    frames = f"{outcome.rectified} of {outcome.frames} frames straightened"
+    yield f"{outcome.source} -> {outcome.output}: {frames}{note}"
+    if outcome.left_out:
+        yield f"unshutter: such files have no place for: {', '.join(outcome.left_out)}"
+    if outcome.gap_s is not None:
+        at, seconds = outcome.gap_s
+        hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"
+        yield f"unshutter: {outcome.source} {hole}: part of it may be missing"
 
 
 COMMAND = Command(

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import math
-import os
 import time
-from contextlib import redirect_stderr
+from contextlib import chdir
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from unshutter.errors import UnknownRatioError, UnshutterError
+from unshutter.errors import UnknownRatioError
 from unshutter.serve.jobs.cache import Held, in_one_line, put
 from unshutter.video.options import RectifyClip
 
@@ -21,6 +19,7 @@ if TYPE_CHECKING:
     from unshutter.frames.ratio import ReadoutRatio
     from unshutter.video.clip import Clip
 
+_REPORTED = ("frames", "rectified", "left", "declined", "left_out", "readout_ms")
 _NOTE_S = 0.2  # between two notes of progress
 
 
@@ -74,11 +73,7 @@ def rectified(held: Held, target: Path, wanted: RectifyClip, progress: ProgressF
         UsageError, UnshutterError: see :func:`unshutter.video.rectifying.rectify_clip`.
     """
     progress.note("frames", 0, 0)
-    try:
-        with redirect_stderr(io.StringIO()):  # what is told there, the page says itself
-            return in_one_line(held, lambda: _rectified(held, target, wanted, progress))
-    except UnshutterError as error:
-        raise type(error)(str(error).replace(f"{target.parent}{os.sep}", "")) from None
+    return in_one_line(held, lambda: _rectified(held, target, wanted, progress))
 
 
 def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, progress: ProgressFile | None = None) -> ReadoutRatio:
@@ -99,18 +94,17 @@ def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, progress: ProgressFile
     file = held.path.with_name(f"readout-{digest(wanted.shutter, part)}.json")
     if not file.exists():
         try:
-            with redirect_stderr(io.StringIO()):  # the page says itself what was found
-                how = (Readout.parse(wanted.shutter.readout), wanted.shutter, part)
-                found = found_or_listed(clip, *how, progress.note if progress else None)
-            told = {"value": found.value, "error": found.error, "source": found.source}
+            readout = Readout.parse(wanted.shutter.readout)
+            ratio = found_or_listed(clip, readout, wanted.shutter, part, progress.note if progress else None)
+            record = {"value": ratio.value, "error": ratio.error, "source": ratio.source, "camera": ratio.camera}
         except UnknownRatioError as error:
-            told = {"why": error.reason.as_json()}
-        put(file, lambda new: new.write_text(json.dumps(told), encoding="utf-8"))
-    told = json.loads(file.read_text(encoding="utf-8"))
-    if "why" in told:
-        reason = Reason.from_json(told["why"])
+            record = {"declined": error.reason.as_json()}
+        put(file, lambda new: new.write_text(json.dumps(record), encoding="utf-8"))
+    record = json.loads(file.read_text(encoding="utf-8"))
+    if "declined" in record:
+        reason = Reason.from_json(record["declined"])
         raise UnknownRatioError(str(reason), reason)
-    return ReadoutRatio(**told)
+    return ReadoutRatio(**record)
 
 
 def digest(*values: object) -> str:
@@ -136,14 +130,7 @@ def _rectified(held: Held, target: Path, wanted: RectifyClip, progress: Progress
     from unshutter.video.clip import Clip
     from unshutter.video.rectifying import rectify_clip
 
-    clip = Clip.look(held.path)
-    found = ratio_of(held, clip, wanted, progress)
-    given = wanted.shutter.ratio(clip.interval_s) is not None
-    done = rectify_clip(str(held.path), str(target), wanted, None if given else found, progress.note)
-    return {
-        "frames": done.frames,
-        "rectified": done.rectified,
-        "left": dict(done.reasons),
-        "left_out": done.left_out,
-        "readout_ms": 1000 * clip.interval_s * found.value,
-    }
+    ratio = ratio_of(held, Clip.look(held.path), wanted, progress)
+    with chdir(target.parent):  # so that messages name the new file without its folder
+        outcome = rectify_clip(str(held.path), target.name, wanted, ratio, progress.note)
+    return {name: value for name, value in outcome.as_json().items() if name in _REPORTED}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from unshutter.reasons import Reason
     from unshutter.video.clip import Clip
-    from unshutter.video.moving import Moved
+    from unshutter.video.moving import MovingFrame
 
 MOMENTS = 5  # of a clip that are shown
 _BESIDE = 12  # frames on both sides of a moment from which its motion is found
@@ -76,17 +76,17 @@ def _after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) ->
 
     clip = Clip.look(held.path)
     undo = replace(wanted.undo, edges="keep") if wanted.undo.edges == "crop" else wanted.undo
-    warper, moved = Warper(clip, undo), _moved_at(held, clip, wanted, _time_of(clip, wanted, moment))
+    warper, moving = Warper(clip, undo), _moving_at(held, clip, wanted, _time_of(clip, wanted, moment))
     size = Readout.parse(wanted.shutter.readout).frame_size(clip.height, clip.width)
-    motion = warper.motion(moved).resized(*size)
-    pixels = _seen(warper(moved)[1], longest, like=moved.frame)
+    motion = warper.motion(moving).resized(*size)
+    pixels = _seen(warper.rectified(moving).picture, longest, like=moving.frame)
     return as_jpeg(pixels), {
         "changed": not motion.is_zero,
-        **_reason_facts(moved.motion.reason),
+        **_reason_facts(moving.motion.reason),
         "largest_px": motion.largest_px,
         "tiny": motion.largest_px < LEAST_PX,
         "edges": wanted.undo.edges,
-        "at_s": moved.frame.time or 0.0,
+        "at_s": moving.frame.time or 0.0,
     }
 
 
@@ -97,29 +97,29 @@ def _time_of(clip: Clip, wanted: RectifyClip, moment: int) -> float:
 
 
 def _frame_at(clip: Clip, at: float) -> VideoFrame:
-    for frame in clip.items(max(at - clip.interval_s / 2, 0.0)):
+    for frame in clip.iter_frames(max(at - clip.interval_s / 2, 0.0)):
         return frame
     raise UnshutterError(f"the clip has no frame at {at:.1f} s: its part ends before")
 
 
-def _moved_at(held: Held, clip: Clip, wanted: RectifyClip, at: float) -> Moved:
+def _moving_at(held: Held, clip: Clip, wanted: RectifyClip, at: float) -> MovingFrame:
     """The frame at a moment and its motion, which is kept beside the clip."""
     from unshutter.frames.sequence import CameraMotion
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion
-    from unshutter.video.moving import FEWEST, Moved, window, with_motion
+    from unshutter.video.moving import FEWEST, MovingFrame, window, with_motion
 
     ratio = ratio_of(held, clip, wanted)
     file = held.path.with_name(f"moment-{digest(wanted.shutter, ratio, at)}.json")
     if file.exists():
-        return Moved(_frame_at(clip, at), Motion.from_json(file.read_text(encoding="utf-8")))
+        return MovingFrame(_frame_at(clip, at), Motion.from_json(file.read_text(encoding="utf-8")))
     readout = Readout.parse(wanted.shutter.readout)
     camera = CameraMotion(ratio, wanted.shutter.focal_px, readout, window=window(clip), fewest=FEWEST)
     first = max(at - _BESIDE * clip.interval_s, 0.0)
-    for moved in with_motion(clip, islice(clip.items(first), 2 * _BESIDE + 1), camera):
-        if (moved.frame.time or 0.0) >= at - clip.interval_s / 2:
-            put(file, lambda part, found=moved.motion: part.write_text(found.to_json(), encoding="utf-8"))
-            return moved
+    for moving in with_motion(clip, islice(clip.iter_frames(first), 2 * _BESIDE + 1), camera):
+        if isinstance(moving, MovingFrame) and (moving.frame.time or 0.0) >= at - clip.interval_s / 2:
+            put(file, lambda part, motion=moving.motion: part.write_text(motion.to_json(), encoding="utf-8"))
+            return moving
     raise UnshutterError(f"the clip has no frame at {at:.1f} s: its part ends before")
 
 
