@@ -55,7 +55,7 @@ def test_without_a_least_confidence_the_likeliest_motion_is_undone(facade_canvas
 
 def test_who_asks_for_the_likeliest_motion() -> None:
     def asks(**options) -> bool:
-        return Rectify(undo=Undo(min_confidence=0), **options).find.camera.at_any_odds
+        return Rectify.of(undo=Undo(min_confidence=0), **options).find.camera.at_any_odds
 
     alone, between = Path("m.json"), Neighbours(after=Path("b.jpg"))
     assert asks() and asks(neighbours=replace(between, fallback=True))

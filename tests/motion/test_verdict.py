@@ -95,7 +95,7 @@ def test_the_largest_displacement_counts_turns_at_the_sides() -> None:
 
 
 def test_a_given_motion_is_undone_however_sure() -> None:
-    assert Rectify(motion="m.json").undo.min_confidence == 0  # pyright: ignore[reportArgumentType]
+    assert Rectify.of(motion="m.json").undo.min_confidence == 0  # pyright: ignore[reportArgumentType]
     assert Rectify().undo.min_confidence == MIN_CONFIDENCE
     with pytest.raises(UsageError, match="leave out the least confidence"):
         Undo(min_confidence=0.7).of_given_motion()

@@ -17,7 +17,9 @@ from unshutter.options.neighbours import Clock
 from unshutter.photo import Photo
 from unshutter.serve.jobs import photo as screen
 from unshutter.serve.jobs.cache import Held
-from unshutter.video.frames_out import Seen
+from unshutter.video.frames_out import Warper, common_window
+from unshutter.video.moving import MovingFrame
+from unshutter.video.options import UndoFrames
 from unshutter.warp import edges
 from unshutter.warp.edges import EdgePolicy
 from unshutter.warp.grid import Tile
@@ -64,9 +66,9 @@ def _with_neighbours(folder: Path) -> None:
 
 
 def _as_a_clip(folder: Path) -> None:
-    seen = Seen(SimpleNamespace(height=90, width=120))  # type: ignore[arg-type]
-    seen.add(shake(90, 120))
-    seen.window()
+    clip: Any = SimpleNamespace(height=90, width=120)
+    frame: Any = None  # only its motion counts
+    common_window(Warper(clip, UndoFrames(edges="crop")), [MovingFrame(frame, shake(90, 120))])
 
 
 def _on_the_page(folder: Path) -> None:

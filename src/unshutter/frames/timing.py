@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UsageError
+from unshutter.options import check_ratio
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,11 +38,7 @@ class Timing:
     first_row: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 < self.readout_ratio <= 1:
-            raise UsageError(
-                "the readout ratio (readout time / frame interval) must be above 0 and at most 1, "
-                f"got {self.readout_ratio:g}"
-            )
+        check_ratio(self.readout_ratio)
 
     @property
     def per_row(self) -> float:

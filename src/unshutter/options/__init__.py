@@ -9,7 +9,7 @@ Nothing here imports NumPy: a photo is being decoded before that.
 
 from unshutter.options.camera import DEFAULT_ESTIMATOR, MOST_ROLL_DEG, MOST_TILT_DEG, Camera, CameraKeywords, Find
 from unshutter.options.description import Names, option
-from unshutter.options.neighbours import Clock, ClockKeywords, FrameModel, Neighbours, model_for
+from unshutter.options.neighbours import Clock, ClockKeywords, FrameModel, Neighbours, check_ratio, model_for
 from unshutter.options.rectify import Rectify
 from unshutter.options.run import MAX_PIXELS, Run
 from unshutter.options.save import PictureFormat, Save, Subsampling
@@ -39,6 +39,7 @@ __all__ = [
     "Undo",
     "UndoKeywords",
     "check_edges",
+    "check_ratio",
     "model_for",
     "option",
 ]

@@ -14,6 +14,14 @@ from unshutter.options.undo import Undo
 FrameModel = Literal["camera", "dense"]
 
 
+def check_ratio(ratio: float | None) -> None:
+    """Raises UsageError for a readout ratio that cannot be; None, an unknown one, can."""
+    if ratio is not None and not 0 < ratio <= 1:
+        raise UsageError(
+            f"the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, got {ratio:g}"
+        )
+
+
 @dataclass(frozen=True)
 class Clock:
     """How fast frames were taken and read out.
@@ -39,11 +47,8 @@ class Clock:
         for each in (self.readout_ms, self.fps):
             if each is not None and not 0 < each < math.inf:
                 raise UsageError(f"readout time and frame rate must be positive, got {each:g}")
-        if self.is_known and not 0 < self.ratio <= 1:
-            raise UsageError(
-                "the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, "
-                f"got {self.ratio:g}"
-            )
+        if self.is_known:
+            check_ratio(self.ratio)
 
     @property
     def is_known(self) -> bool:

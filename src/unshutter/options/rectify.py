@@ -11,10 +11,12 @@ from unshutter.options.neighbours import Clock, Neighbours, model_for
 from unshutter.options.save import Save
 from unshutter.options.undo import Undo
 
+_FIND, _UNDO, _SAVE, _NEIGHBOURS = Find(), Undo(), Save(), Neighbours()
+
 
 @dataclass(frozen=True)
 class Rectify:
-    """What is done to a photo: its motion found or given, undone, and the picture written.
+    """What is done to a photo: its motion found or given, undone, and the picture written. :meth:`of` makes one.
 
     Attributes:
         find: how the motion is found.
@@ -34,19 +36,42 @@ class Rectify:
     save: Save = field(default_factory=Save)
     neighbours: Neighbours = field(default_factory=Neighbours)
 
+    @classmethod
+    def of(
+        cls,
+        find: Find = _FIND,
+        motion: Path | None = None,
+        undo: Undo = _UNDO,
+        save: Save = _SAVE,
+        neighbours: Neighbours = _NEIGHBOURS,
+    ) -> Rectify:
+        """What users ask for, and what follows from it.
+
+        A given motion is undone whatever its confidence, results of a sequence keep their coordinates, and a least
+        confidence of 0 asks for the likeliest motion.
+
+        Args:
+            find, motion, undo, save, neighbours: as users give them.
+
+        Raises:
+            UsageError: options that do not go together.
+        """
+        asked = cls(find, motion, undo, save, neighbours)
+        if motion is not None:
+            undo = undo.of_given_motion()
+        if neighbours.sequence:
+            undo = undo.keeping_coordinates()
+        if asked.find_alone is not None or neighbours.fallback:
+            find = replace(find, camera=find.camera.for_least_confidence(undo.min_confidence))
+        return replace(asked, find=find, undo=undo)
+
     def __post_init__(self) -> None:
         if self.motion is not None:
             self.find.camera.check_unused()
-            object.__setattr__(self, "undo", self.undo.of_given_motion())
         if self.neighbours or self.neighbours.sequence:
             self._check_neighbours()
         elif self.undo.edges == "borrow":
             raise UsageError("--edges borrow needs a neighbour: name one with --before or --after")
-        if self.neighbours.sequence:
-            object.__setattr__(self, "undo", self.undo.keeping_coordinates())
-        if self.find_alone is not None or self.neighbours.fallback:
-            camera = self.find.camera.for_least_confidence(self.undo.min_confidence)
-            object.__setattr__(self, "find", replace(self.find, camera=camera))
 
     def _check_neighbours(self) -> None:
         camera, given = self.find.camera, self.neighbours

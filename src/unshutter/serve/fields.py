@@ -27,7 +27,7 @@ class Wanted:
     @property
     def rectify(self) -> Rectify:
         """The same as the command line has it."""
-        return Rectify(find=self.find, undo=self.undo, save=self.save, neighbours=self.neighbours)
+        return Rectify.of(find=self.find, undo=self.undo, save=self.save, neighbours=self.neighbours)
 
 
 def read(given: Mapping[str, str], photo: Callable[[str], Path]) -> Wanted:

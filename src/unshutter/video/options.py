@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 from unshutter.errors import UsageError
 from unshutter.geometry.readout import Readout
-from unshutter.options import FrameModel, Reference, option
+from unshutter.options import FrameModel, Reference, check_ratio, option
 
 ClipEdges = Literal["keep", "crop", "fill", "borrow"]
 MAX_CLIP_PIXELS = 38_000_000  # of a frame, unless a user allows more: 8K
@@ -80,14 +80,6 @@ class Shutter:
                 f"frames are {1000 * interval_s:.2f} ms apart: they cannot take {self.readout_ms:g} ms to be read out"
             )
         return min(ratio, 1.0)
-
-
-def check_ratio(ratio: float | None) -> None:
-    """Raises UsageError for a readout ratio that cannot be."""
-    if ratio is not None and not 0 < ratio <= 1:
-        raise UsageError(
-            f"the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, got {ratio:g}"
-        )
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def run(arguments: Arguments) -> int:
     """Rectifies the photos; returns the exit code."""
     from unshutter.batch.rectifying import Outputs, rectify_files
 
-    options = Rectify(arguments.find, arguments.motion, arguments.undo, arguments.save, arguments.neighbours)
+    options = Rectify.of(arguments.find, arguments.motion, arguments.undo, arguments.save, arguments.neighbours)
     try:
         return rectify_files(
             arguments.photos, Outputs(arguments.output, arguments.save_motion, arguments.masks), options, arguments.run

@@ -24,7 +24,7 @@ async def rectify(request: Request) -> Response:
         if isinstance(motion, UploadFile):
             file = files["photo"].path.with_name("given.json")
             file.write_bytes(await motion.read())
-            wanted = Rectify(wanted.find, file, wanted.undo, wanted.save, wanted.neighbours)
+            wanted = Rectify.of(wanted.find, file, wanted.undo, wanted.save, wanted.neighbours)
         return await picture_answer(desk, files["photo"], wanted, tuple(files.values()))
 
 

@@ -1,0 +1,36 @@
+"""What follows from options for others."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from unshutter.errors import UsageError
+from unshutter.options import Camera, Find, Neighbours, Rectify, Undo
+
+SEQUENCE = Neighbours(sequence=True)
+
+
+def test_a_value_has_the_options_that_it_was_made_with() -> None:
+    choices: list[dict[str, Any]] = [
+        {"motion": Path("m.json")},
+        {"neighbours": SEQUENCE},
+        {"undo": Undo(min_confidence=0)},
+    ]
+    for options in choices:
+        made = Rectify(**options)
+        assert all(getattr(made, name) == value for name, value in options.items())
+        assert (made.find, made.undo) == (Find(), options.get("undo", Undo()))
+
+
+def test_what_follows_from_options_for_others() -> None:
+    assert Rectify.of(motion=Path("m.json")).undo == Undo(min_confidence=0)
+    assert Rectify.of(neighbours=SEQUENCE).undo == Undo(edges="keep")
+    assert Rectify.of(neighbours=SEQUENCE, undo=Undo(edges="crop")).undo == Undo(edges="crop")
+    assert Rectify.of(undo=Undo(min_confidence=0)).find == Find(camera=Camera(at_any_odds=True))
+    assert Rectify.of() == Rectify()
+
+
+def test_a_given_motion_has_no_least_confidence() -> None:
+    with pytest.raises(UsageError, match="leave out the least confidence"):
+        Rectify.of(motion=Path("m.json"), undo=Undo(min_confidence=0.5))
