@@ -4,7 +4,8 @@
 
 Each `unshutter` command of the README's shell blocks runs in a folder of its own, in which the names that the README
 gives to photos and folders stand for the given photo; so does its first block of Python. The page, `unshutter serve`,
-is only asked for its help. Run it with the interpreter that unshutter was installed for; nothing else is needed.
+is only asked for its help. unshutter-lab must not be installed: its commands and methods are tried, too, and one line
+has to say what to install. Run it with the interpreter that unshutter was installed for; nothing else is needed.
 """
 
 from __future__ import annotations
@@ -19,6 +20,11 @@ from pathlib import Path
 
 PHOTOS = ["street.jpg", "photo.jpg", "next.jpg", "a.jpg", "b.jpg", "c.jpg"]
 FOLDERS = ["holiday", "frames"]
+# command of unshutter-lab -> what its message names
+FROM_THE_LAB = {
+    "train --config segment-transformer": "'train'",
+    "rectify street.jpg --estimator kandula2020": "'kandula2020'",
+}
 NOT_FOR_A_PHOTO = {"serve": "waits for a browser", "video": "needs a clip"}
 
 
@@ -61,6 +67,17 @@ def try_out(what: str, command: list[str], photo: Path) -> None:
     print(f"ok: {what}")
 
 
+def refuse(program: str, words: list[str], name: str, photo: Path) -> None:
+    """Ends the program unless a command is refused with exit code 2 and one line that says what to install."""
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copy(photo, Path(folder) / PHOTOS[0])
+        done = subprocess.run([program, *words], cwd=folder, capture_output=True, text=True, timeout=60, check=False)
+    lines = done.stderr.splitlines()
+    if done.returncode != 2 or len(lines) != 1 or name not in lines[0] or "pip install unshutter-lab" not in lines[0]:
+        sys.exit(f"smoke: exit code {done.returncode} of {shlex.join(words)}\n{done.stdout}{done.stderr}")
+    print(f"ok: {shlex.join(words)}: {lines[0]}")
+
+
 def main() -> None:
     page, photo = Path(sys.argv[1]).read_text(encoding="utf-8"), Path(sys.argv[2]).resolve()
     program = shutil.which("unshutter", path=str(Path(sys.executable).parent))
@@ -69,6 +86,8 @@ def main() -> None:
     asked = commands(page)
     if not asked:
         sys.exit("smoke: the README has no `unshutter` command")
+    for words, missing in FROM_THE_LAB.items():
+        refuse(program, words.split(), missing, photo)
     for words in [["unshutter", "--version"], ["unshutter", "models"], *asked]:
         arguments = [words[1], "--help"] if words[1] in NOT_FOR_A_PHOTO else words[1:]
         try_out(shlex.join(["unshutter", *arguments]), [program, *arguments], photo)

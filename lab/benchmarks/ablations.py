@@ -4,7 +4,7 @@
 
 With each seed, all networks but one share a first phase (64,000 samples regressing the true motion), from which each
 has 6,400 samples of the second. The network without a trajectory module has a first phase to itself: with the module,
-nothing constrains single rows. RUNS/seed0/NAME/model.onnx is what lab/benchmarks/paper_networks.py measures. A run that was
+nothing constrains single rows. RUNS/seed0/NAME/model.onnx is what paper_networks.py measures. A run that was
 stopped goes on, one that is finished is left alone.
 """
 

@@ -2,7 +2,7 @@
 
     python lab/benchmarks/paper_networks.py DATA RUNS [--jobs 2]
 
-DATA as for results.py. RUNS holds what lab/benchmarks/ablations.py leaves: RUNS/seedN/NAME/model.onnx. Their weights are
+DATA as for results.py. RUNS holds what ablations.py leaves: RUNS/seedN/NAME/model.onnx. Their weights are
 not part of the repository, so ``make results`` leaves this page as it is.
 """
 
