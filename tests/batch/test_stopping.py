@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from support.batches import leftovers, make_photos, rectify, results, start_rectify
+from support.batches import leave_some_undone, leftovers, make_photos, rectify, results, start_rectify
 from unshutter.photo import Photo
 from unshutter.storage.files import written_whole
 
@@ -77,8 +77,9 @@ def test_in_the_middle_of_a_batch(
     assert 0 < len(done) < 400
     assert done <= there
     assert len(there - done) <= 2  # a signal may come between a picture and its record
+    left = leave_some_undone(tmp_path / "many", there)
     assert rectify(tmp_path / "many", "-o", out, "--motion", motion) == 0
-    assert len(results(out)) == 400
+    assert len(results(out)) == left
 
 
 def test_a_run_under_nohup_goes_on(motion: Path, tmp_path: Path) -> None:

@@ -49,6 +49,23 @@ def results(folder: Path) -> dict[str, str]:
     }
 
 
+def leave_some_undone(folder: Path, names: set[str], more: int = 20) -> int:
+    """Deletes photos of a batch that was stopped, but for those that are done and a few others: going on is quick.
+
+    Args:
+        folder: of the photos.
+        names: of the results.
+        more: photos to be left besides.
+
+    Returns:
+        Number of photos in the folder.
+    """
+    undone = [path for path in sorted(folder.iterdir()) if not any(name.startswith(path.stem) for name in names)]
+    for path in undone[more:]:
+        path.unlink()
+    return len(list(folder.iterdir()))
+
+
 def leftovers(folder: Path) -> list[str]:
     """Temporary files below a folder."""
     return [path.name for path in folder.rglob(".unshutter-*")]

@@ -1,4 +1,4 @@
-"""benchmarks/gpu: training on a bare machine that is lent for minutes, tried here on a tiny budget."""
+"""lab/benchmarks/gpu: training on a bare machine that is lent for minutes, tried here on a tiny budget."""
 
 import csv
 import os
@@ -16,7 +16,7 @@ from support.small_kandula2020 import DATA, NETWORK
 from unshutter_lab.training.data.pictures import draw_picture
 from unshutter_lab.training.train import run
 
-GPU = Path(__file__).parents[3] / "benchmarks" / "gpu"
+GPU = Path(__file__).parents[2] / "benchmarks" / "gpu"
 # what the machine does not have, though this one may
 _LACKING = ["onnx", "onnxruntime", "onnxscript", "pyvips", "rich", "scipy", "jaxtyping", "beartype", "PIL", "av"]
 _BARE = f"""

@@ -1,9 +1,9 @@
 """Everything that a bare GPU machine lacks, in one folder: small photos, and the sources that training imports.
 
-    python benchmarks/gpu/bundle.py PHOTOS BUNDLE
+    python lab/benchmarks/gpu/bundle.py PHOTOS BUNDLE
 
 Photos are scaled to the canvas of the networks' windows and stored as WebP: 1,647 of them take 26 MiB. With the folder
-BUNDLE, benchmarks/gpu/train.py needs a Python with torch, NumPy and OpenCV, and nothing installed besides.
+BUNDLE, lab/benchmarks/gpu/train.py needs a Python with torch, NumPy and OpenCV, and nothing installed besides.
 """
 
 from __future__ import annotations

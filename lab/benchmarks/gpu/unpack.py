@@ -1,6 +1,6 @@
 """Makes runs of the parcels that a lent machine gave back: RUNS/NAME with its checkpoint and log.
 
-python benchmarks/gpu/unpack.py PARCELS RUNS
+python lab/benchmarks/gpu/unpack.py PARCELS RUNS
 unshutter train --config NAME --out RUNS --photos FOLDER    # of a finished run it only writes model.onnx
 """
 

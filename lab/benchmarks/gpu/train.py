@@ -1,10 +1,10 @@
 """Trains the networks one after another on a machine that is lent for minutes; the next run goes on where it stopped.
 
-    python benchmarks/gpu/train.py BUNDLE PARCELS --from PARCELS-OF-THE-RUN-BEFORE --minutes 9
+    python lab/benchmarks/gpu/train.py BUNDLE PARCELS --from PARCELS-OF-THE-RUN-BEFORE --minutes 9
 
 BUNDLE is what bundle.py wrote. PARCELS gets a parcel for each network (parcels.py), those that were not touched
 included: carry the whole folder to the next run. Needs torch, NumPy and OpenCV. At home again,
-``python benchmarks/gpu/unpack.py PARCELS RUNS`` makes runs of the parcels.
+``python lab/benchmarks/gpu/unpack.py PARCELS RUNS`` makes runs of the parcels.
 """
 
 from __future__ import annotations
