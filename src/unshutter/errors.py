@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Self
 
 from unshutter.reasons import Code, Reason
 
 # Names of files and methods may hold line breaks, and codes that change a terminal.
+_FIELD = re.compile(r"\{(\w+)\}")
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
 
 
@@ -17,10 +22,45 @@ def visible(text: str) -> str:
 
 
 class UnshutterError(Exception):
-    """Something about the input makes the job impossible; the message is one line for the user (exit code 1)."""
+    """Something about the input makes the job impossible; the message is one line for the user (exit code 1).
+
+    Files that a message mentions are fields of the error, so that each surface can call them by its own names: the
+    command line shows paths, the page says "the photo".
+
+        raise UnshutterError("{photo} is empty (0 bytes)", photo=path)
+
+    Args:
+        message: one line, with a field in braces for each file.
+        more: further arguments of a subclass.
+        files: field -> file.
+
+    Attributes:
+        files: field -> path, as text.
+        subject: path of the file that was worked on; a message that does not mention it begins with it. Empty: none.
+        names: path -> what the file is called instead.
+    """
+
+    def __init__(self, message: str = "", *more: object, **files: object):
+        super().__init__(message, *more)
+        self.files = {field: str(file) for field, file in files.items()}
+        self.subject = ""
+        self.names: dict[str, str] = {}
+
+    @property
+    def sentence(self) -> str:
+        """The message, with the names of its files."""
+
+        def name(field: re.Match[str]) -> str:
+            path = self.files.get(field[1])
+            return field[0] if path is None else self.names.get(path, path)
+
+        message = str(self.args[0]) if self.args else ""
+        return _FIELD.sub(name, message) if self.files else message
 
     def __str__(self) -> str:
-        return visible(super().__str__())
+        starts = self.subject and self.subject not in self.files.values()
+        about = self.names.get(self.subject, self.subject)
+        return visible(f"{about}: {self.sentence}" if starts else self.sentence)
 
 
 class MissingFileError(UnshutterError, FileNotFoundError):
@@ -68,11 +108,13 @@ class UnknownRatioError(UnshutterError):
 
     def __init__(self, message: str, reason: Reason | None = None, advice: str = ""):
         super().__init__(message, reason, advice)  # all three, so that other processes can pass it on
-        self.message, self.advice = message, advice
+        self.advice = advice
         self.reason = Reason.stated(message) if reason is None else reason
 
-    def __str__(self) -> str:
-        return visible(f"{self.message}: {self.advice}" if self.advice else self.message)
+    @property
+    def sentence(self) -> str:
+        """The message, and the advice."""
+        return f"{super().sentence}: {self.advice}" if self.advice else super().sentence
 
     @classmethod
     def because(cls, cause: Reason) -> Self:
@@ -85,8 +127,45 @@ class UnknownRatioError(UnshutterError):
 
     def with_advice(self, advice: str) -> Self:
         """This error with what the user can do about it."""
-        return type(self)(self.message, self.reason, advice)
+        return type(self)(self.args[0], self.reason, advice)
 
     @classmethod
     def _of(cls, reason: Reason) -> Self:
         return cls(str(reason), reason)
+
+
+@contextmanager
+def errors_in_one_line(subject: object = "", names: Mapping[str, str] | None = None) -> Iterator[None]:
+    """Errors in the block become UnshutterErrors about a file; UNSHUTTER_DEBUG=1 shows unexpected ones as they are.
+
+    Args:
+        subject: the file that the block works on, named by messages that do not mention it; empty: none.
+        names: path -> what a file is called in messages instead.
+
+    Raises:
+        UnshutterError: whatever went wrong, but for a BrokenPipeError, which is not about the file.
+    """
+    try:
+        yield
+    except UnshutterError as error:
+        error.subject = error.subject or str(subject)
+        error.names.update(names or {})
+        raise
+    except BrokenPipeError:  # the reader of our output went away
+        raise
+    except MemoryError:
+        raise _about("not enough memory", subject) from None
+    except Exception as error:
+        if os.environ.get("UNSHUTTER_DEBUG"):
+            raise
+        line = " ".join(str(error).split())
+        if isinstance(error, OSError):  # a full disc, say
+            raise _about(error.strerror or line, subject) from error
+        unexpected = f"unexpected {type(error).__name__}: {line} (please report it; UNSHUTTER_DEBUG=1 shows more)"
+        raise _about(unexpected, subject) from error
+
+
+def _about(line: str, subject: object) -> UnshutterError:
+    error = UnshutterError(line)
+    error.subject = str(subject)
+    return error

@@ -16,6 +16,7 @@ from unshutter.cli import main
 from unshutter.cli.arguments import parse
 from unshutter.cli.commands.video import COMMAND
 from unshutter.errors import UsageError
+from unshutter.reasons import Code
 from unshutter.serve import app, requests, savings
 from unshutter.serve.app import application
 from unshutter.serve.fields import fields, read_clip
@@ -151,6 +152,8 @@ def test_the_readout_time(client: httpx.Client, walk: Path, tmp_path: Path) -> N
         _refused(client.get(f"/api/clips/{id}/readout"), 422, "the camera stood still")
         refused = client.get(f"/api/clips/{id}/after")
         _refused(refused, 422, "the camera stood still")
+        assert refused.json()["code"] == Code.READOUT_TIME_UNKNOWN
+        assert refused.json()["figures"]["because"] == Code.STOOD_STILL
 
 
 def test_photos_and_clips_in_one_folder(tmp_path: Path, photo: Path, walk: Path) -> None:

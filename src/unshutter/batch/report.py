@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from collections import Counter
@@ -14,7 +13,7 @@ from unshutter.batch.inputs import Inputs
 from unshutter.batch.job import Job, Outcome
 from unshutter.batch.preview import Preview
 from unshutter.batch.words import about
-from unshutter.errors import UnshutterError, visible
+from unshutter.errors import UnshutterError, errors_in_one_line
 from unshutter.progress import Progress, rate
 from unshutter.reasons import Cause
 from unshutter.storage.json_log import JsonLog
@@ -161,7 +160,8 @@ def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
             bar.tell(f"unshutter: cannot read folder {folder}: {reason}")
         for photo in files:
             try:
-                naming_the_photo(photo, lambda photo: one(photo, bar.tell))
+                with errors_in_one_line(photo):
+                    one(photo, bar.tell)
             except UnshutterError as error:
                 if len(files) == 1:
                     raise
@@ -171,31 +171,6 @@ def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
         if inputs.passed_over:
             bar.tell(f"unshutter: {inputs.not_taken()}")
     return exit_code(failed, len(files) + len(inputs.unreadable))
-
-
-def naming_the_photo(photo: Place, one: Callable[[Place], None]) -> None:
-    """Errors name their photo; what nobody foresaw becomes one line, too (UNSHUTTER_DEBUG=1 shows it whole)."""
-    try:
-        one(photo)
-    except UnshutterError as error:
-        if visible(str(photo)) in str(error):
-            raise
-        raise type(error)(f"{photo}: {error}") from None
-    except MemoryError:
-        raise UnshutterError(f"{photo}: not enough memory") from None
-    except BrokenPipeError:  # the reader of our output went away
-        raise
-    except OSError as error:  # a full disc, say
-        if os.environ.get("UNSHUTTER_DEBUG"):
-            raise
-        raise UnshutterError(f"{photo}: {error.strerror or ' '.join(str(error).split())}") from error
-    except Exception as error:
-        if os.environ.get("UNSHUTTER_DEBUG"):
-            raise
-        line = " ".join(str(error).split())
-        raise UnshutterError(
-            f"{photo}: unexpected {type(error).__name__}: {line} (please report it; UNSHUTTER_DEBUG=1 shows more)"
-        ) from error
 
 
 def exit_code(failed: int, total: int) -> int:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from unshutter.batch.job import Job, Outcome
 from unshutter.batch.manifest import Manifest
-from unshutter.batch.report import Report, naming_the_photo
+from unshutter.batch.report import Report
 from unshutter.batch.workers import Workers
-from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, errors_in_one_line
 from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import check_place
 from unshutter.storage.protection import Protection
@@ -110,7 +110,8 @@ class Batch:
             self._report.skipped(job.source, job.target)
             return False
         try:
-            naming_the_photo(job.source, lambda _: check_outputs(job, self._protection))
+            with errors_in_one_line(job.source):
+                check_outputs(job, self._protection)
         except UnshutterError as error:
             if not self._put_off(job):
                 self._report_on(job, Outcome(str(error), isinstance(error, UsageError)))

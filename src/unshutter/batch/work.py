@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from unshutter.batch.job import Job, Outcome
 from unshutter.batch.photos import mask_file, save_picture
 from unshutter.batch.preview import before_and_after
-from unshutter.batch.report import naming_the_photo
-from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, errors_in_one_line
 from unshutter.options import Rectify
 from unshutter.prefetch import Coming, Prefetch, open_photo
 from unshutter.storage.places import Place, check_place, digest, fingerprint, remove, write_place
@@ -34,16 +33,27 @@ def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefe
         prefetch: where the photo comes from; by default it is read now.
     """
     start = time.perf_counter()
-    outcomes: list[Outcome] = []
     try:
-        naming_the_photo(job.source, lambda _: outcomes.append(_do(job, wanted, motion, prefetch)))
+        with errors_in_one_line(job.source):
+            outcome = finish_job(job, wanted, motion, prefetch)
     except UnshutterError as error:
         usage, unknown_ratio = isinstance(error, UsageError), isinstance(error, UnknownRatioError)
         return Outcome(str(error), usage, unknown_ratio, seconds=time.perf_counter() - start)
-    return replace(outcomes[0], seconds=time.perf_counter() - start)
+    return replace(outcome, seconds=time.perf_counter() - start)
 
 
-def _do(job: Job, wanted: Rectify, motion: str | None, prefetch: Prefetch | None) -> Outcome:
+def finish_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
+    """Does the job.
+
+    Args:
+        job: see :func:`do_job`, for all of these.
+        wanted: of all jobs of a batch.
+        motion: text of a motion file.
+        prefetch: where the photo comes from.
+
+    Raises:
+        UnshutterError, UsageError: something about the photo or the options makes it impossible.
+    """
     over_picture, over_motion, over_mask = (
         _may_replace(job, *output) for output in zip(job.targets, job.left, strict=True)
     )
@@ -103,7 +113,9 @@ def _between(photo: Photo, job: Job, wanted: Rectify) -> RectifiedFrame:
         before, after = (path and open_photo(path, job.max_pixels) for path in (given.before, given.after))
         return rectify_between(photo, before, after, how)
     if job.motion is None:
-        raise UnshutterError(f"{job.source} could not be read when the motion of the sequence was found: start again")
+        raise UnshutterError(
+            "{photo} could not be read when the motion of the sequence was found: start again", photo=job.source
+        )
     before, after = (place and open_photo(place, job.max_pixels) for place in (job.before, job.after))
     try:
         return rectify_between(photo, before, after, how, job.motion)

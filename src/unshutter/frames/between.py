@@ -24,7 +24,7 @@ class Frame:
     def __init__(self, given: Any, how: Wanted) -> None:
         self.given, self.photo, self._readout = given, open_photo(given), how.readout
         self.to_next: Link | None = None
-        check_size(*self._size, self.name)
+        check_size(*self._size, "{photo}", photo=self.name)
 
     @property
     def name(self) -> str:
@@ -46,11 +46,17 @@ class Frame:
         if self._size != following._size:
             sizes = [f"{width}x{height} px" for height, width in (self._size, following._size)]
             raise UnshutterError(
-                f"{self.name} has {sizes[0]} but {following.name} has {sizes[1]}: neighbours must be of one size"
+                f"{{photo}} has {sizes[0]} but {{neighbour}} has {sizes[1]}: neighbours must be of one size",
+                photo=self.name,
+                neighbour=following.name,
             )
         if self.photo.bands != following.photo.bands:
-            bands = f"{self.name} has {self.photo.bands} bands but {following.name} has {following.photo.bands}"
-            raise UnshutterError(f"{bands}: neighbours must be of one kind")
+            raise UnshutterError(
+                f"{{photo}} has {self.photo.bands} bands but {{neighbour}} has {following.photo.bands}: "
+                "neighbours must be of one kind",
+                photo=self.name,
+                neighbour=following.name,
+            )
 
     def connect(self, following: Frame) -> None:
         """Finds the flow to the next frame, which is like it; once.
@@ -115,5 +121,9 @@ def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:
     theirs, own = neighbour.pixels, frame.photo.pixels
     if theirs.dtype != own.dtype:
         bits = [f"{8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
-        raise UnshutterError(f"{frame.name} has {bits[0]} but {neighbour.name} has {bits[1]}: they must be alike")
+        raise UnshutterError(
+            f"{{photo}} has {bits[0]} but {{neighbour}} has {bits[1]}: they must be alike",
+            photo=frame.name,
+            neighbour=neighbour.name,
+        )
     return theirs

@@ -257,11 +257,12 @@ class Motion(ABC):
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
             kind = MissingFileError if isinstance(error, FileNotFoundError) else UnshutterError
-            raise kind(f"cannot read motion file {path}: {reason}") from None
+            raise kind(f"cannot read motion file {{motion}}: {reason}", motion=path) from None
         try:
             return Motion.from_json(text)
         except UnshutterError as error:
-            raise UnshutterError(f"{path}: {error}") from None
+            error.subject = str(path)
+            raise
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -39,16 +39,17 @@ def open_photo(argument: Any) -> Photo:
     return Photo.from_array(_pixels(argument))
 
 
-def check_size(height: int, width: int, subject: str = "the photo") -> None:
+def check_size(height: int, width: int, subject: str = "the photo", **files: object) -> None:
     """Raises UnshutterError for a picture too small to find or undo a motion in.
 
     Args:
         height, width: of the picture [px].
-        subject: what it is called in the message.
+        subject: what it is called in the message; files that this mentions stand in braces.
+        files: see :class:`unshutter.UnshutterError`.
     """
     if min(height, width) < SMALLEST_SIDE:
         size = f"{width}x{height} px"
-        raise UnshutterError(f"{subject} is {size}; both sides must be at least {SMALLEST_SIDE} px")
+        raise UnshutterError(f"{subject} is {size}; both sides must be at least {SMALLEST_SIDE} px", **files)
 
 
 def is_bytes(argument: Any) -> bool:

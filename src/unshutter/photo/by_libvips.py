@@ -37,7 +37,7 @@ def opened(source: Source, operation: str) -> pyvips.Image:
     Raises:
         UnshutterError: libvips cannot make sense of it.
     """
-    with refusing(f"{source} is damaged, incomplete or unusual"):
+    with refusing("{photo} is damaged, incomplete or unusual", photo=source):
         image = source.load(operation, access="sequential")
         image.get_fields()  # their names may be damaged, too
     return image
@@ -66,7 +66,9 @@ def header(
     """
     count = field(image, "n-pages", 1) if pictures is None else pictures
     if count > 1:
-        raise UnshutterError(f"{source} holds {count} pictures: unshutter takes single photos, save them one by one")
+        raise UnshutterError(
+            f"{{photo}} holds {count} pictures: unshutter takes single photos, save them one by one", photo=source
+        )
     _check_pixels(source, image)
     orientation = Orientation(field(image, "orientation") or exif.orientation(metadata.exif) or 1)
     return Header(format, coding, image.height, image.width, image.bands, orientation, metadata)
@@ -75,14 +77,16 @@ def header(
 def _check_pixels(source: Source, image: pyvips.Image) -> None:
     """Refuses CMYK or CIELAB colours, samples other than 8 or 16 bits unsigned, more than four channels."""
     if image.interpretation == "cmyk":
-        raise UnshutterError(f"{source} is in CMYK colours: convert it to RGB first")
+        raise UnshutterError("{photo} is in CMYK colours: convert it to RGB first", photo=source)
     if image.interpretation in ("lab", "labs", "labq", "lch", "xyz", "yxy", "hsv"):
-        raise UnshutterError(f"{source} is in {str(image.interpretation).upper()} colours: convert it to RGB first")
+        raise UnshutterError(
+            f"{{photo}} is in {str(image.interpretation).upper()} colours: convert it to RGB first", photo=source
+        )
     if image.format not in ("uchar", "ushort"):
         kind = _SAMPLES.get(str(image.format), str(image.format))
-        raise UnshutterError(f"{source} has {kind} samples: convert it to 8 or 16 bits first")
+        raise UnshutterError(f"{{photo}} has {kind} samples: convert it to 8 or 16 bits first", photo=source)
     if image.bands > 4:
-        raise UnshutterError(f"{source} has {image.bands} channels: convert it to grey or RGB first")
+        raise UnshutterError(f"{{photo}} has {image.bands} channels: convert it to grey or RGB first", photo=source)
 
 
 def decoded(source: Source, operation: str, fail_on: str = "error") -> np.ndarray:
@@ -96,7 +100,7 @@ def decoded(source: Source, operation: str, fail_on: str = "error") -> np.ndarra
     Raises:
         UnshutterError: damaged or incomplete. (Of PNG and TIFF libvips warns much that harms nothing.)
     """
-    with refusing(f"{source} is damaged or incomplete"):
+    with refusing("{photo} is damaged or incomplete", photo=source):
         return computed(source.load(operation, access="sequential", fail_on=fail_on))
 
 

@@ -54,15 +54,15 @@ def _remember_the_fork() -> None:
 
 
 @contextmanager
-def refusing(what: str) -> Iterator[None]:
-    """Failures of libvips become an UnshutterError: ``what`` and the cause."""
+def refusing(what: str, **files: object) -> Iterator[None]:
+    """Failures of libvips become an UnshutterError: ``what``, with its files in braces, and the cause."""
     vips = libvips()
     _take_notes()
     try:
         yield
     except (vips.Error, UnicodeDecodeError) as error:  # pyvips takes libvips's notes for text
         told = _take_notes() if isinstance(error, UnicodeDecodeError) else f"{error.detail}\n{error.message}"
-        raise UnshutterError(f"{what}: {_cause(told)}") from None
+        raise UnshutterError(f"{what}: {_cause(told)}", **files) from None
 
 
 def _take_notes() -> str:

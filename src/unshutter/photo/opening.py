@@ -27,13 +27,15 @@ def read_header(source: Source, max_pixels: int) -> Header:
     try:
         header, length = format.read_header(source), source.length
     except OSError as error:
-        raise UnshutterError(f"cannot read {source}: {error.strerror}") from None
+        raise UnshutterError(f"cannot read {{photo}}: {error.strerror}", photo=source) from None
     pixels = header.width * header.height
     size = f"{header.width}x{header.height} px ({pixels / 1e6:.0f} megapixels)"
     if pixels > max_pixels:
-        raise UnshutterError(f"{source} has {size}, more than the limit of {max_pixels / 1e6:g} megapixels")
+        raise UnshutterError(
+            f"{{photo}} has {size}, more than the limit of {max_pixels / 1e6:g} megapixels", photo=source
+        )
     if pixels >= _MANY_PIXELS and 8 * length < _LEAST_BITS * pixels:
-        raise UnshutterError(f"{source} is no photo: {size} cannot come from {length} bytes")
+        raise UnshutterError(f"{{photo}} is no photo: {size} cannot come from {length} bytes", photo=source)
     return header
 
 
@@ -47,20 +49,20 @@ def recognise(source: Source) -> Format:
     if source.path:
         check_plain(source.path)
     if suffix == SEVERAL_PICTURES:
-        raise UnshutterError(f"{source} holds several pictures (MPO): unshutter takes single photos")
+        raise UnshutterError("{photo} holds several pictures (MPO): unshutter takes single photos", photo=source)
     try:
         with source.stream() as stream:
             head = stream.read(_HEAD_BYTES)
         found = next((format for format in FORMATS.values() if format.recognises(source, head)), None)
     except FileNotFoundError as error:
-        raise MissingFileError(f"cannot read {source}: {error.strerror}") from None
+        raise MissingFileError(f"cannot read {{photo}}: {error.strerror}", photo=source) from None
     except OSError as error:
         reason = "it is a folder, not a photo" if isinstance(error, IsADirectoryError) else error.strerror
-        raise UnshutterError(f"cannot read {source}: {reason}") from None
+        raise UnshutterError(f"cannot read {{photo}}: {reason}", photo=source) from None
     except ValueError as error:  # a NUL in the name
-        raise UnshutterError(f"cannot read {str(source)!r}: {error}") from None
+        raise UnshutterError(f"cannot read {{photo}}: {error}", photo=source) from None
     if not head:
-        raise UnshutterError(f"{source} is empty (0 bytes)")
+        raise UnshutterError("{photo} is empty (0 bytes)", photo=source)
     if found is None:
-        raise UnshutterError(f"{source} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture")
+        raise UnshutterError("{photo} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture", photo=source)
     return found

@@ -55,7 +55,7 @@ class Source:
         try:
             return self.place.read_bytes()
         except OSError as error:
-            raise UnshutterError(f"cannot read {self}: {error.strerror}") from None
+            raise UnshutterError(f"cannot read {{photo}}: {error.strerror}", photo=self) from None
 
     def copy_to(self, path: Path) -> None:
         """Fills a file with them; OSError where that fails."""

@@ -15,13 +15,11 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 
-from unshutter.batch.job import Outcome
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, visible
 from unshutter.options import Rectify
 from unshutter.serve.desk import Desk
 from unshutter.serve.fields import Wanted
 from unshutter.serve.jobs import photo as photo_jobs
-from unshutter.serve.jobs.cache import without_path
 from unshutter.serve.lanes import Busy, Urgency
 from unshutter.serve.names import motion_name, photo_result
 from unshutter.serve.store import Full, Missing, Stored
@@ -58,9 +56,8 @@ async def picture_answer(desk: Desk, stored: Stored, wanted: Rectify, closing: S
         for each in closing:
             desk.store.remove(each)
 
-    outcome = await desk.lanes.do(Urgency.NOW, photo_jobs.saved, desk.held(stored), target, wanted)
-    raise_if_failed(outcome, stored)
-    headers = {"unshutter-result": header_text(outcome_facts(outcome)), "unshutter-name": header_text(name)}
+    facts = await desk.lanes.do(Urgency.NOW, photo_jobs.saved, desk.held(stored), target, wanted)
+    headers = {"unshutter-result": header_text(facts), "unshutter-name": header_text(name)}
     return FileResponse(target, filename=name, headers=headers, background=BackgroundTask(clean_up))
 
 
@@ -76,23 +73,6 @@ async def motion_answer(desk: Desk, stored: Stored, wanted: Wanted) -> Response:
     text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, desk.held(stored), wanted.find, reference)
     headers = {"unshutter-name": header_text(motion_name(stored.name))}
     return Response(text, media_type="application/json", headers=headers)
-
-
-def raise_if_failed(outcome: Outcome, stored: Stored) -> None:
-    """Raises the error of an outcome that has one.
-
-    Raises:
-        UsageError, UnshutterError: the outcome's error.
-    """
-    if outcome.error:
-        line = without_path(outcome.error, stored.path)
-        raise (UsageError if outcome.usage else UnshutterError)(line)
-
-
-def outcome_facts(outcome: Outcome) -> dict[str, Any]:
-    """The facts about a picture that was written."""
-    verdict = outcome.verdict.as_json() if outcome.verdict else {}
-    return {**verdict, **({"note": outcome.note} if outcome.note else {})}
 
 
 async def refusal(request: Request, error: Exception) -> Response:

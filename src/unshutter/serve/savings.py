@@ -15,7 +15,6 @@ from typing import Any, Literal, TypeAlias
 from starlette.requests import Request
 
 from unshutter.errors import UnshutterError
-from unshutter.serve.answers import outcome_facts, raise_if_failed
 from unshutter.serve.desk import Desk
 from unshutter.serve.fields import Wanted
 from unshutter.serve.jobs import clip as clip_jobs
@@ -117,11 +116,8 @@ class Saving:
                 about = await self._clip(desk, stored, target, wanted)
             else:
                 target = self._free_name(photo_result(stored.name, wanted.save.format))
-                outcome = await desk.lanes.do(
-                    Urgency.LATER, photo_jobs.saved, desk.held(stored), target, wanted.rectify
-                )
-                raise_if_failed(outcome, stored)
-                about = outcome_facts(outcome)
+                job = desk.held(stored), target, wanted.rectify
+                about = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, *job)
         except UnshutterError as error:
             return {**facts, "error": str(error)}
         except OSError as error:

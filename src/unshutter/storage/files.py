@@ -47,20 +47,26 @@ def check_target(target: Path, overwrite: bool, *originals: Path | None) -> None
     try:
         for original in originals:
             if original is not None and target.exists() and original.exists() and target.samefile(original):
-                raise UnshutterError(f"{target} is the original, which is never overwritten: choose another name")
+                raise UnshutterError(
+                    "{target} is the original, which is never overwritten: choose another name", target=target
+                )
         if target.is_dir():
-            raise UnshutterError(f"cannot write {target}: it is a folder")
+            raise UnshutterError("cannot write {target}: it is a folder", target=target)
         if target.is_symlink():
-            raise UnshutterError(f"cannot write {target}: it is a link, and nothing is written through links")
+            raise UnshutterError(
+                "cannot write {target}: it is a link, and nothing is written through links", target=target
+            )
         if target.exists() and not target.is_file():
-            raise UnshutterError(f"cannot write {target}: it is not a plain file")
+            raise UnshutterError("cannot write {target}: it is not a plain file", target=target)
         if not overwrite and target.exists():
             raise _exists(target)
         if not target.parent.is_dir():
-            raise UnshutterError(f"cannot write {target}: there is no folder {target.parent}")
+            raise UnshutterError(
+                "cannot write {target}: there is no folder {folder}", folder=target.parent, target=target
+            )
     except (OSError, ValueError) as error:
         cause = error.strerror if isinstance(error, OSError) else error
-        raise UnshutterError(f"cannot write {str(target)!r}: {cause}") from None
+        raise UnshutterError(f"cannot write {{target}}: {cause}", target=target) from None
 
 
 @contextmanager
@@ -91,7 +97,7 @@ def written_whole(
         _to_disc(part, mode, times_ns)
         _take_name(part, target, overwrite)
     except OSError as error:
-        raise UnshutterError(f"cannot write {target}: {error.strerror}") from None
+        raise UnshutterError(f"cannot write {{target}}: {error.strerror}", target=target) from None
     finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
@@ -127,7 +133,7 @@ def remove_own_parts() -> None:
 
 
 def _exists(target: Path) -> UnshutterError:
-    return UnshutterError(f"{target} exists already: use --overwrite to replace it")
+    return UnshutterError("{target} exists already: use --overwrite to replace it", target=target)
 
 
 def _permissions(model: Path | None) -> int | None:
@@ -168,7 +174,9 @@ def _take_name(part: Path, target: Path, overwrite: bool) -> None:
     """Gives the finished file its name."""
     if overwrite:
         if target.is_symlink():
-            raise UnshutterError(f"cannot write {target}: it is a link, and nothing is written through links")
+            raise UnshutterError(
+                "cannot write {target}: it is a link, and nothing is written through links", target=target
+            )
         return os.replace(part, target)
     try:
         os.link(part, target)  # fails where there is anything; a rename would replace it

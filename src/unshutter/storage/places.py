@@ -139,7 +139,7 @@ def write_place(
         return
     if not overwrite and fingerprint(target) is not None:
         if read_place(target) != data:
-            raise UnshutterError(f"{target} exists already: use --overwrite to replace it")
+            raise UnshutterError("{target} exists already: use --overwrite to replace it", target=target)
         return
     with _one_line(target):
         target.fs.pipe_file(target.path, data)
@@ -172,7 +172,7 @@ def make_folder(folder: Place) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise UnshutterError(f"cannot make folder {folder}: {error.strerror}") from None
+            raise UnshutterError(f"cannot make folder {{folder}}: {error.strerror}", folder=folder) from None
 
 
 def check_place(target: Place, overwrite: bool, original: Place | None = None) -> None:
@@ -180,9 +180,9 @@ def check_place(target: Place, overwrite: bool, original: Place | None = None) -
     if isinstance(target, Path):
         return check_target(target, overwrite, original if isinstance(original, Path) else None)
     if target == original:
-        raise UnshutterError(f"{target} is the original, which is never overwritten: choose another name")
+        raise UnshutterError("{target} is the original, which is never overwritten: choose another name", target=target)
     if not overwrite and fingerprint(target) is not None:
-        raise UnshutterError(f"{target} exists already: use --overwrite to replace it")
+        raise UnshutterError("{target} exists already: use --overwrite to replace it", target=target)
 
 
 @contextmanager
@@ -193,8 +193,12 @@ def _one_line(where: Place | str) -> Iterator[None]:
     except UnshutterError:
         raise
     except ImportError as error:
-        raise UnshutterError(f"{where} needs a package that is missing: {error} (see unshutter[dask])") from None
+        raise UnshutterError(
+            f"{{file}} needs a package that is missing: {error} (see unshutter[dask])", file=where
+        ) from None
     except FileNotFoundError:
-        raise UnshutterError(f"cannot reach {where}: no such file or folder") from None
+        raise UnshutterError("cannot reach {file}: no such file or folder", file=where) from None
     except Exception as error:  # every store has its own
-        raise UnshutterError(f"cannot reach {where}: {' '.join(str(error).split()) or type(error).__name__}") from None
+        raise UnshutterError(
+            f"cannot reach {{file}}: {' '.join(str(error).split()) or type(error).__name__}", file=where
+        ) from None

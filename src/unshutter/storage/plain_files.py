@@ -25,22 +25,26 @@ def open_plain(path: Path, flags: int) -> int:
     doing = "write" if writing else "read"
     try:
         if path.is_symlink():
-            raise UnshutterError(f"cannot {doing} {path}: it is a link, and nothing is written through links")
+            raise UnshutterError(
+                f"cannot {doing} {{file}}: it is a link, and nothing is written through links", file=path
+            )
         if path.exists() and not path.is_file():
-            raise UnshutterError(f"cannot {doing} {path}: it is not a plain file")
+            raise UnshutterError(f"cannot {doing} {{file}}: it is not a plain file", file=path)
         descriptor = os.open(path, flags | NEVER_FOLLOW, 0o666)
     except FileNotFoundError:
         if flags & os.O_CREAT:
-            raise UnshutterError(f"cannot write {path}: there is no folder {path.parent}") from None
+            raise UnshutterError(
+                "cannot write {file}: there is no folder {folder}", folder=path.parent, file=path
+            ) from None
         raise
     except OSError as error:
-        raise UnshutterError(f"cannot {doing} {path}: {error.strerror}") from None
+        raise UnshutterError(f"cannot {doing} {{file}}: {error.strerror}", file=path) from None
     status = os.fstat(descriptor)
     if stat.S_ISREG(status.st_mode) and not (writing and status.st_nlink > 1):
         return descriptor
     os.close(descriptor)
     what = "it has a second name (a hard link)" if stat.S_ISREG(status.st_mode) else "it is not a plain file"
-    raise UnshutterError(f"cannot {doing} {path}: {what}")
+    raise UnshutterError(f"cannot {doing} {{file}}: {what}", file=path)
 
 
 def add_bytes(descriptor: int, data: bytes) -> None:
@@ -68,7 +72,7 @@ def add_text(path: Path, text: str) -> None:
     try:
         add_bytes(descriptor, text.encode())
     except OSError as error:
-        raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+        raise UnshutterError(f"cannot write {{file}}: {error.strerror}", file=path) from None
     finally:
         os.close(descriptor)
 
@@ -82,7 +86,7 @@ def check_plain(path: Path) -> None:
     with suppress(OSError, ValueError):
         mode = path.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-            raise UnshutterError(f"cannot read {path}: it is a pipe or a device, not a file")
+            raise UnshutterError("cannot read {file}: it is a pipe or a device, not a file", file=path)
 
 
 def digest(path: Path) -> str | None:

@@ -113,7 +113,7 @@ class Clip:
         )
         beside, delay = _first_frame(place, pictures, fps)
         if "SPHERICAL" in beside:
-            raise UnshutterError(f"{place} is a 360-degree clip: its rows are no rows of the sensor")
+            raise UnshutterError("{clip} is a 360-degree clip: its rows are no rows of the sensor", clip=place)
         step = max(1, round(interval / base))
         clock = Clock((first or 0) - before * step if first is not None else 0, step, delay if kind == "avi" else None)
         lead_s = math.inf if first is None else _LEAD_S if kind in _NO_TABLES else 0.0
@@ -204,19 +204,21 @@ class Clip:
         if frame.interlaced_frame:
             raise _interlaced(self.path)
         if (frame.width, frame.height, frame.format.name) != (self.width, self.height, self.pixels.name):
-            raise UnshutterError(f"{self.path}: its frames change in size or kind at {frame.time or 0:.1f} s")
+            raise UnshutterError(
+                f"{{clip}}: its frames change in size or kind at {frame.time or 0:.1f} s", clip=self.path
+            )
         return frame
 
 
 def _check_size(place: str, width: int, height: int, most: int) -> None:
     """Raises UnshutterError for frames that are too small or too large to be worked on."""
     if not width or not height:
-        raise UnshutterError(f"{place} does not say how large its frames are")
+        raise UnshutterError("{clip} does not say how large its frames are", clip=place)
     size = f"{width}x{height} px"
     if width * height > most:
         millions = f"({width * height / 1e6:.0f} megapixels), more than the limit of {most / 1e6:g} megapixels"
-        raise UnshutterError(f"{place} has frames of {size} {millions}: see --max-pixels")
-    check_size(height, width, f"{place}: a frame")
+        raise UnshutterError(f"{{clip}} has frames of {size} {millions}: see --max-pixels", clip=place)
+    check_size(height, width, "{clip}: a frame", clip=place)
 
 
 def _first_frame(place: str, pictures: Numbered | None, fps: float | None) -> tuple[dict[str, bytes], int]:
@@ -235,7 +237,7 @@ def _first_frame(place: str, pictures: Numbered | None, fps: float | None) -> tu
                 beside: Any = frame.side_data
                 delay = frame.dts - begun if frame.dts is not None and begun is not None else 0
                 return {data.type.name: bytes(data) for data in beside}, delay
-    raise UnshutterError(f"{place} has no frame that can be decoded")
+    raise UnshutterError("{clip} has no frame that can be decoded", clip=place)
 
 
 def _wanted(at: float | None, start: float | None, end: float | None) -> bool:
@@ -243,4 +245,4 @@ def _wanted(at: float | None, start: float | None, end: float | None) -> bool:
 
 
 def _interlaced(place: str) -> UnshutterError:
-    return UnshutterError(f"{place} is interlaced: its rows are of two moments; deinterlace it first")
+    return UnshutterError("{clip} is interlaced: its rows are of two moments; deinterlace it first", clip=place)

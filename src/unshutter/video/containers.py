@@ -51,7 +51,7 @@ def opened(place: str, pictures: Numbered | None = None, fps: float | None = Non
         container = av().open(os.path.abspath(name), metadata_errors="replace", **how)
     except (OSError, ValueError, av().error.FFmpegError) as error:
         told = error.strerror if isinstance(error, OSError) else ""
-        raise UnshutterError(f"cannot read {place}: {told or 'no film that can be read'}") from None
+        raise UnshutterError(f"cannot read {{clip}}: {told or 'no film that can be read'}", clip=place) from None
     try:
         yield container
     finally:
@@ -62,7 +62,7 @@ def film_of(container: Any, place: str) -> Any:
     """The first stream of pictures that move; UnshutterError where there is none."""
     films = [s for s in container.streams.video if not s.disposition & 0x400]  # an attached picture is a cover
     if not films or films[0].codec_context is None:
-        raise UnshutterError(f"{place} has no film in it, or one of an unknown kind")
+        raise UnshutterError("{clip} has no film in it, or one of an unknown kind", clip=place)
     return films[0]
 
 
@@ -73,7 +73,7 @@ def packets(container: Any, stream: Any, place: str) -> Iterator[Packet]:
     except IndexError:  # PyAV, at the end, after the empty packets of all streams but those that began in mid-file
         return
     except av().error.FFmpegError as error:
-        raise UnshutterError(f"cannot read {place} to its end: {error.strerror}") from None
+        raise UnshutterError(f"cannot read {{clip}} to its end: {error.strerror}", clip=place) from None
 
 
 def decoded(packet: Packet, place: str) -> list[VideoFrame]:
@@ -92,7 +92,7 @@ def time_of(packet: Packet) -> float | None:
 def damaged(place: str, at: float | None) -> UnshutterError:
     """What is said of a film that is damaged at a moment [s]."""
     where = "" if at is None else f" at {at:.1f} s"
-    return UnshutterError(f"{place} is damaged{where}: take what is whole with --start and --end")
+    return UnshutterError(f"{{clip}} is damaged{where}: take what is whole with --start and --end", clip=place)
 
 
 def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:

@@ -110,4 +110,4 @@ class Ending:
     def _early(self, told: str) -> UnshutterError:
         kept = math.floor(10 * self._film_s) / 10 if math.isfinite(self._film_s) else 0.0
         way = f"; --end {kept:.1f} keeps what is there" if kept > max(self._extent.start_s, 0.0) else ""
-        return UnshutterError(f"{self._path} {told}: the file is cut off{way}")
+        return UnshutterError(f"{{clip}} {told}: the file is cut off{way}", clip=self._path)

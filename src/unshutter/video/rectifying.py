@@ -186,7 +186,7 @@ def _counted(
                 steps.advance()
             yield item
         if not outcome.frames:
-            raise UnshutterError(f"{clip.path} has no frames there")
+            raise UnshutterError("{clip} has no frames there", clip=clip.path)
 
     with (
         motion_written(options.save_motion, options.overwrite, clip, pipeline.ratio, pipeline.readout) as motions,

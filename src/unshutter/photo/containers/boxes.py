@@ -80,7 +80,7 @@ def refuse_animation(source: Source) -> None:
     """
     with source.stream() as stream:
         if _ANIMATION.match(stream.read(12)):
-            raise UnshutterError(f"{source} is an animation: unshutter takes single photos")
+            raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
 
 
 # ---- properties of the primary picture -----------------------------------------------------------------

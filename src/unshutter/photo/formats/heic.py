@@ -58,7 +58,7 @@ class Heic(Format):
         """See Format."""
         pixels = header.orientation.stored(_upright_pixels(source))
         if pixels.shape != (header.height, header.width, header.bands):
-            raise UnshutterError(f"{source} is damaged: it holds another picture than it says")
+            raise UnshutterError("{photo} is damaged: it holds another picture than it says", photo=source)
         return pixels
 
 
@@ -70,7 +70,7 @@ def _upright_pixels(source: Source) -> np.ndarray:
     try:
         pixels = np.array(picture)  # copied: what pi-heif gives goes with its picture
     except Exception as error:  # libheif's, by whatever class pi-heif gives them
-        raise UnshutterError(f"{source} is damaged or incomplete: {_cause(error)}") from None
+        raise UnshutterError(f"{{photo}} is damaged or incomplete: {_cause(error)}", photo=source) from None
     pixels = pixels.reshape(*pixels.shape[:2], -1)
     if _channels(picture).endswith("a"):  # colours multiplied by the opacity
         top = np.iinfo(pixels.dtype).max
@@ -90,7 +90,9 @@ def _primary(source: Source) -> Any:
     try:
         import pi_heif
     except ImportError:
-        raise UnshutterError(f"{source} is a HEIC photo: to read it, pip install 'unshutter[heic]'") from None
+        raise UnshutterError(
+            "{photo} is a HEIC photo: to read it, pip install 'unshutter[heic]'", photo=source
+        ) from None
     try:
         with source.stream() as stream:
             if not _item_names_are_text(stream):
@@ -102,9 +104,13 @@ def _primary(source: Source) -> Any:
     except OSError as error:
         if error.strerror:
             raise
-        raise UnshutterError(f"{source} is a HEIC photo, damaged, incomplete or unusual: {_cause(error)}") from None
+        raise UnshutterError(
+            f"{{photo}} is a HEIC photo, damaged, incomplete or unusual: {_cause(error)}", photo=source
+        ) from None
     except Exception as error:
-        raise UnshutterError(f"{source} is a HEIC photo, damaged, incomplete or unusual: {_cause(error)}") from None
+        raise UnshutterError(
+            f"{{photo}} is a HEIC photo, damaged, incomplete or unusual: {_cause(error)}", photo=source
+        ) from None
 
 
 def _item_names_are_text(file: BinaryIO) -> bool:

@@ -60,7 +60,7 @@ class Jpeg(WrittenFormat):
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. To libjpeg damaged data are but a warning."""
-        with refusing(f"{source} is damaged or incomplete"):
+        with refusing("{photo} is damaged or incomplete", photo=source):
             data = _without_tangles(source)
             try:
                 return computed(data.load("jpegload", access="sequential", fail_on="warning", shrink=shrink))

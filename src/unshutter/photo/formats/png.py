@@ -131,7 +131,7 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
         elif name == b"PLTE":
             palette = data
         elif name == b"acTL" and data[:4] > _ONE_FRAME:
-            raise UnshutterError(f"{source} is an animation: unshutter takes single photos")
+            raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
         elif (kept := _carried(name, data, coding, palette)) is not None:
             carried.append((name, kept))
         elif name not in _OF_THE_CODING:

@@ -82,7 +82,7 @@ class Raw(Format):
             with kept_back(_COMPLAINT):
                 raw.unpack()
             if is_whole is None and not _is_complete(source, raw.raw_image):
-                raise UnshutterError(f"{source} is incomplete: it ends before its picture does")
+                raise UnshutterError("{photo} is incomplete: it ends before its picture does", photo=source)
             pixels = raw.postprocess(
                 rawpy.Params(
                     user_flip=0,
@@ -94,7 +94,7 @@ class Raw(Format):
                 )
             )
         if pixels.shape != (header.height, header.width, 3):
-            raise UnshutterError(f"{source} cannot be developed: LibRaw turned or cut it")
+            raise UnshutterError("{photo} cannot be developed: LibRaw turned or cut it", photo=source)
         return pixels
 
 
@@ -115,7 +115,7 @@ def _is_told_whole(source: Source) -> bool | None:
     with source.stream() as stream:
         told = sensor_data.is_told_whole(stream)
     if told is False:
-        raise UnshutterError(f"{source} is incomplete: it ends before its picture does")
+        raise UnshutterError("{photo} is incomplete: it ends before its picture does", photo=source)
     return told
 
 
@@ -145,18 +145,22 @@ def _opened(source: Source) -> Iterator[Any]:
     try:
         import rawpy
     except ImportError:
-        raise UnshutterError(f"{source} is a camera's raw file: to read it, pip install 'unshutter[raw]'") from None
+        raise UnshutterError(
+            "{photo} is a camera's raw file: to read it, pip install 'unshutter[raw]'", photo=source
+        ) from None
     try:
         with source.stream() as stream, rawpy.RawPy() as raw:
             with kept_back(_COMPLAINT):
                 raw.open_buffer(stream)
             yield raw
     except rawpy.LibRawIOError:
-        raise UnshutterError(f"cannot read {source} as a camera's raw file: it ends before its picture does") from None
+        raise UnshutterError(
+            "cannot read {photo} as a camera's raw file: it ends before its picture does", photo=source
+        ) from None
     except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError) as error:
         told = error.args[0] if error.args else type(error).__name__
         cause = told.decode(errors="replace") if isinstance(told, bytes) else str(told)
-        raise UnshutterError(f"cannot read {source} as a camera's raw file: {cause}") from None
+        raise UnshutterError(f"cannot read {{photo}} as a camera's raw file: {cause}", photo=source) from None
 
 
 # ---- tags ----------------------------------------------------------------------------------------------

@@ -111,10 +111,13 @@ def _check_kind(source: Source, numbers: dict[int, int]) -> None:
             beside it, which is no RGB.
     """
     if numbers.get(_COMPRESSION) == _OLD_JPEG:
-        raise UnshutterError(f"{source} holds a JPEG in the old style of TIFF: save it anew with another program first")
+        raise UnshutterError(
+            "{photo} holds a JPEG in the old style of TIFF: save it anew with another program first", photo=source
+        )
     if _COLOURS.get(numbers.get(_PHOTOMETRIC, -1)) == 1 and _extra_samples(numbers) > 1:
         raise UnshutterError(
-            f"{source} has {_extra_samples(numbers)} channels beside grey: convert it to grey or RGB first"
+            f"{{photo}} has {_extra_samples(numbers)} channels beside grey: convert it to grey or RGB first",
+            photo=source,
         )
 
 

@@ -28,4 +28,6 @@ def profile_of(primaries: int, transfer: int, source: object) -> bytes | None:
             return None
         if primaries == _P3:
             return libvips().Image.profile_load("p3")
-    raise UnshutterError(f"{source} has colours of HDR or video (code points {primaries}/{transfer}): convert it first")
+    raise UnshutterError(
+        f"{{photo}} has colours of HDR or video (code points {primaries}/{transfer}): convert it first", photo=source
+    )

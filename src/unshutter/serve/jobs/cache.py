@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from unshutter.batch.report import naming_the_photo
-from unshutter.errors import UnshutterError
-from unshutter.options import Find
+from unshutter.errors import errors_in_one_line
+from unshutter.options import Find, Neighbours
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from unshutter.motion import Motion
     from unshutter.photo import Photo
 
-T = TypeVar("T")
 Kind: TypeAlias = Literal["photo", "clip"]
 
 
@@ -93,17 +91,22 @@ def put(file: Path, write: Callable[[Path], Any]) -> None:
     os.replace(part, file)
 
 
-def in_one_line(held: Held, work: Callable[[], T]) -> T:
-    """Whatever goes wrong becomes one line, in which the file is called "the photo" or "the clip"."""
-    done: list[T] = []
-    try:
-        naming_the_photo(held.path, lambda _: done.append(work()))
-    except UnshutterError as error:
-        raise type(error)(without_path(str(error), held.path, held.kind)) from None
-    return done[0]
+@contextmanager
+def errors_of(held: Held, names: Mapping[Path, str] | None = None) -> Iterator[None]:
+    """Errors in the block are one line, in which files go by names that mean something to whoever sent them.
+
+    Args:
+        held: the file that is worked on: "the photo" or "the clip".
+        names: path -> name of further files.
+
+    Raises:
+        UnshutterError: whatever went wrong.
+    """
+    called = {held.path: f"the {held.kind}", **(names or {})}
+    with errors_in_one_line(names={str(path): name for path, name in called.items()}):
+        yield
 
 
-def without_path(line: str, path: Path, kind: Kind = "photo") -> str:
-    """A message without the places where files lie meanwhile, which tell nobody anything."""
-    line = line.removeprefix(f"{path}: ").replace(str(path), f"the {kind}")
-    return re.sub(rf"{re.escape(str(path.parent.parent))}/[\w-]+/photo(\.\w+)?", "its neighbour", line)
+def neighbour_names(neighbours: Neighbours) -> dict[Path, str]:
+    """What a photo's neighbours are called in messages, by their paths."""
+    return dict.fromkeys(filter(None, (neighbours.before, neighbours.after)), "its neighbour")

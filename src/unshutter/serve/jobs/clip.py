@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnknownRatioError
-from unshutter.serve.jobs.cache import Held, in_one_line, put
+from unshutter.serve.jobs.cache import Held, errors_of, put
 from unshutter.video.options import RectifyClip
 
 if TYPE_CHECKING:
@@ -57,7 +57,8 @@ def readout(held: Held, wanted: RectifyClip) -> dict[str, Any]:
     Raises:
         UnshutterError: the clip cannot be read, or does not tell it.
     """
-    return in_one_line(held, lambda: _readout(held, wanted))
+    with errors_of(held):
+        return _readout(held, wanted)
 
 
 def rectified(held: Held, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
@@ -73,7 +74,9 @@ def rectified(held: Held, target: Path, wanted: RectifyClip, progress: ProgressF
         UsageError, UnshutterError: see :func:`unshutter.video.rectifying.rectify_clip`.
     """
     progress.note("frames", 0, 0)
-    return in_one_line(held, lambda: _rectified(held, target, wanted, progress))
+    names = {target: target.name, target.parent: "the folder"}
+    with errors_of(held, names):
+        return _rectified(held, target, wanted, progress)
 
 
 def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, progress: ProgressFile | None = None) -> ReadoutRatio:

@@ -6,7 +6,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
-from unshutter.serve.jobs.cache import Held, in_one_line, put
+from unshutter.serve.jobs.cache import Held, errors_of, put
 from unshutter.serve.jobs.clip import digest, ratio_of
 from unshutter.video.options import RectifyClip
 
@@ -34,7 +34,8 @@ def before(held: Held, wanted: RectifyClip, moment: int, longest: int | None) ->
     Raises:
         UnshutterError: the clip cannot be read.
     """
-    return in_one_line(held, lambda: _before(held, wanted, moment, longest))
+    with errors_of(held):
+        return _before(held, wanted, moment, longest)
 
 
 def after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
@@ -45,7 +46,8 @@ def after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> 
     Raises:
         UsageError, UnshutterError: options that do not fit the clip, or it does not tell its readout time.
     """
-    return in_one_line(held, lambda: _after(held, wanted, moment, longest))
+    with errors_of(held):
+        return _after(held, wanted, moment, longest)
 
 
 def _before(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:

@@ -7,10 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from unshutter.batch.job import Job, Outcome
-from unshutter.errors import UnshutterError
+from unshutter.batch.job import Job
 from unshutter.options import Find, Rectify, Reference
-from unshutter.serve.jobs.cache import Held, found_motion, in_one_line, motion_file, opened, small_copy
+from unshutter.serve.jobs.cache import Held, errors_of, found_motion, motion_file, neighbour_names, opened, small_copy
 
 if TYPE_CHECKING:
     import numpy as np
@@ -44,28 +43,38 @@ def estimated(held: Held, find: Find, reference: Reference) -> str:
     Raises:
         UnshutterError: the photo cannot be read.
     """
-    return in_one_line(held, lambda: found_motion(held, opened(held), find).rereferenced(reference).to_json() + "\n")
+    with errors_of(held):
+        return found_motion(held, opened(held), find).rereferenced(reference).to_json() + "\n"
 
 
-def saved(held: Held, target: Path, wanted: Rectify) -> Outcome:
-    """Writes the rectified photo as `unshutter rectify` does, to the byte; what goes wrong is in the outcome."""
-    from unshutter.batch.work import do_job
+def saved(held: Held, target: Path, wanted: Rectify) -> dict[str, Any]:
+    """Writes the rectified photo exactly as `unshutter rectify` does; returns the verdict and a note, for programs.
 
-    motion = None
+    Raises:
+        UnshutterError, UsageError: something about the photo or the options makes it impossible.
+    """
+    from unshutter.batch.work import finish_job
+
+    names = {target: target.name, **neighbour_names(wanted.neighbours)}
+    if wanted.motion is not None:
+        names[wanted.motion] = "the motion"
+    with errors_of(held, names):
+        job = Job(held.path, target, None, overwrite=False, max_pixels=held.max_pixels)
+        outcome = finish_job(job, wanted, _known_motion(held, wanted))
+    about = outcome.verdict.as_json() if outcome.verdict else {}
+    return {**about, "note": outcome.note} if outcome.note else about
+
+
+def _known_motion(held: Held, wanted: Rectify) -> str | None:
+    """The text of the motion that is sent along, or was found for the screen; None: it is to be found."""
     if wanted.neighbours:
-        pass  # who say it anew
-    elif wanted.motion is None:
-        cached = motion_file(held, wanted.find)
-        motion = cached.read_text(encoding="utf-8") if cached.exists() else None
-    else:
+        return None
+    if wanted.motion is not None:
         from unshutter.motion import Motion
 
-        try:
-            motion = Motion.load(wanted.motion).to_json()
-        except UnshutterError as error:
-            return Outcome(str(error).replace(str(wanted.motion), "the motion"))
-    job = Job(held.path, target, None, overwrite=False, max_pixels=held.max_pixels)
-    return do_job(job, wanted, motion)
+        return Motion.load(wanted.motion).to_json()
+    file = motion_file(held, wanted.find)
+    return file.read_text(encoding="utf-8") if file.exists() else None
 
 
 def before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
@@ -78,7 +87,8 @@ def before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     Raises:
         UnshutterError: it cannot be read.
     """
-    return in_one_line(held, lambda: _before(held, longest))
+    with errors_of(held):
+        return _before(held, longest)
 
 
 def after(held: Held, wanted: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
@@ -87,7 +97,8 @@ def after(held: Held, wanted: Rectify, longest: int | None) -> tuple[bytes, dict
     Raises:
         UnshutterError, UsageError: see :func:`unshutter.rectification.undo`.
     """
-    return in_one_line(held, lambda: _after(held, wanted, longest))
+    with errors_of(held, neighbour_names(wanted.neighbours)):
+        return _after(held, wanted, longest)
 
 
 def segments(held: Held, wanted: Rectify) -> dict[str, Any]:
@@ -96,7 +107,8 @@ def segments(held: Held, wanted: Rectify) -> dict[str, Any]:
     Raises:
         UnshutterError: the photo cannot be read.
     """
-    return in_one_line(held, lambda: _segments(held, wanted))
+    with errors_of(held, neighbour_names(wanted.neighbours)):
+        return _segments(held, wanted)
 
 
 def _before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
