@@ -1,3 +1,3 @@
 """The version, on its own so that the build can read it."""
 
-__version__ = "1.0.0"
+__version__ = "1.1.0"
