@@ -54,11 +54,11 @@ def estimate(photo: Any, **options: Unpack[EstimateOptions]) -> Motion:
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
     """
-    camera, how = from_keywords(Camera, options), from_keywords(Undo, options)
+    camera, undoing = from_keywords(Camera, options), from_keywords(Undo, options)
     source = open_photo(photo)
     check_size(source.height, source.width)
     estimator = _loaded(options.get("estimator", DEFAULT_ESTIMATOR))
-    return estimate_photo(source, estimator, camera).rereferenced(how.reference or "first")
+    return estimate_photo(source, estimator, camera).rereferenced(undoing.reference or "first")
 
 
 @overload
@@ -116,23 +116,23 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
     """
-    camera, how = from_keywords(Camera, options), from_keywords(Undo, options)
+    camera, undoing = from_keywords(Camera, options), from_keywords(Undo, options)
     if not (is_file(photo) or is_bytes(photo)):  # pixels, of which programs know the coordinates
-        how = how.keeping_coordinates()
+        undoing = undoing.keeping_coordinates()
     estimator, motion = options.get("estimator", DEFAULT_ESTIMATOR), options.get("motion")
     if motion is not None:
         camera.check_unused()
-        how = how.of_given_motion()
+        undoing = undoing.of_given_motion()
         motion = motion if isinstance(motion, Motion) else Motion.load(motion)
     source = open_photo(photo)
     check_size(source.height, source.width)
     if motion is None:
         grey_px = method(estimator).grey_px if isinstance(estimator, str) else None
         source.start_decoding(grey_px=grey_px)  # while the estimator is loaded
-        motion = estimate_photo(source, _loaded(estimator), camera.for_least_confidence(how.min_confidence))
+        motion = estimate_photo(source, _loaded(estimator), camera.for_least_confidence(undoing.min_confidence))
     else:
         source.start_decoding()
-    return undo(source, motion, how, camera.readout)
+    return undo(source, motion, undoing, camera.readout)
 
 
 # ---- the two steps ----------------------------------------------------------------------------------------
@@ -148,13 +148,13 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
     return find_motion(estimator, View(photo, camera))
 
 
-def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rectified:
+def undo(photo: Photo, motion: Motion, options: Undo, readout: str = "auto") -> Rectified:
     """The photo with a motion undone, where :func:`judged` says so; else as it is, and its pixels are not looked at.
 
     Args:
         photo: the photo.
         motion: its motion; of another size if the aspect fits.
-        how: reference row, strength, edges, least confidence.
+        options: reference row, strength, edges, least confidence.
         readout: direction in which the stored pixels were read; ``auto``: the motion's.
 
     Raises:
@@ -162,24 +162,24 @@ def undo(photo: Photo, motion: Motion, how: Undo, readout: str = "auto") -> Rect
         UnshutterError: another aspect, a motion that cannot be undone, a photo that is too small or damaged.
     """
     check_size(photo.height, photo.width)
-    found, verdict = judged(motion, how, photo.height, photo.width, readout)
+    found, verdict = judged(motion, options, photo.height, photo.width, readout)
     if not verdict.changes:
         return Rectified(photo, verdict.left_alone(found), photo, found, verdict)
     from unshutter.warp.pixels import straighten
 
-    made = straighten(photo.pixels, found, how.edges, photo.masked)
-    return Rectified(photo.with_pixels(made.pixels), found, photo, found, verdict, made.edges, made.whole)
+    result = straighten(photo.pixels, found, options.edges, photo.masked)
+    return Rectified(photo.with_pixels(result.pixels), found, photo, found, verdict, result.edges, result.whole)
 
 
-def judged(motion: Motion, how: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:
+def judged(motion: Motion, options: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:
     """A motion as it would be undone in a stored picture of height x width [px], and whether it is.
 
     Raises:
         UsageError: another readout direction than the motion's; UnshutterError: another aspect.
     """
     motion = fitted(motion, height, width, readout)
-    motion = motion.rereferenced(how.reference or motion.reference).scaled(how.strength)
-    return motion, Verdict.of(motion, how)
+    motion = motion.rereferenced(options.reference or motion.reference).scaled(options.strength)
+    return motion, Verdict.of(motion, options)
 
 
 def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Motion:

@@ -21,12 +21,12 @@ from support.drawn_photos import encoded, textured
 from support.odd_requests import TEXTS, Odd
 from support.page_server import Server, events, rss, served, temporary_folders
 from unshutter.errors import visible
-from unshutter.serve.fields import Wanted, fields
+from unshutter.serve.fields import PhotoOptions, fields
 from unshutter.video.options import RectifyClip
 
 MOST_FAILURES, LONGEST_S, MORE_MEMORY, SHOWN = 20, 60.0, 400_000_000, 800
 METHODS = ["none", "none", "segment-manhattan"]  # of which one takes no time
-PHOTO_FIELDS, CLIP_FIELDS = list(fields(Wanted)), list(fields(RectifyClip))
+PHOTO_FIELDS, CLIP_FIELDS = list(fields(PhotoOptions)), list(fields(RectifyClip))
 _USUAL = ("unshutter: open this link", "unshutter: stopped")  # lines of the server's log
 NAMES = {"photos": "a.jpg", "clips": "walk.mp4"}
 QUERIES = {

@@ -74,17 +74,17 @@ class Rectify:
             raise UsageError("--edges borrow needs a neighbour: name one with --before or --after")
 
     def _check_neighbours(self) -> None:
-        camera, given = self.find.camera, self.neighbours
+        camera, neighbours = self.find.camera, self.neighbours
         if self.motion is not None:
             raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
-        if replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout) and not given.fallback:
+        if replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout) and not neighbours.fallback:
             raise UsageError("roll, tilt, exposure and --moving are for single photos: leave them out")
-        if given.at is not None and self.undo.reference is not None:
+        if neighbours.at is not None and self.undo.reference is not None:
             raise UsageError("--at and --reference both set the moment of the picture: choose one")
-        if (camera.readout_ms is None) != (given.clock.fps is None) and not given.fallback:
+        if (camera.readout_ms is None) != (neighbours.clock.fps is None) and not neighbours.fallback:
             raise UsageError("--readout-ms and --fps go together: what counts is their product")
         _ = self.clock  # raises where the numbers cannot be
-        model_for(given.model, given.at, self.undo)
+        model_for(neighbours.model, neighbours.at, self.undo)
 
     @property
     def clock(self) -> Clock:

@@ -18,7 +18,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, visible
 from unshutter.options import Rectify
 from unshutter.serve.desk import Desk
-from unshutter.serve.fields import Wanted
+from unshutter.serve.fields import PhotoOptions
 from unshutter.serve.jobs import photo as photo_jobs
 from unshutter.serve.lanes import Busy, Urgency
 from unshutter.serve.names import motion_name, photo_result
@@ -61,7 +61,7 @@ async def picture_answer(desk: Desk, stored: Stored, wanted: Rectify, closing: S
     return FileResponse(target, filename=name, headers=headers, background=BackgroundTask(clean_up))
 
 
-async def motion_answer(desk: Desk, stored: Stored, wanted: Wanted) -> Response:
+async def motion_answer(desk: Desk, stored: Stored, wanted: PhotoOptions) -> Response:
     """The photo's motion as JSON, as ``unshutter estimate`` writes it.
 
     Raises:

@@ -16,8 +16,8 @@ _YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What is wanted of a photo, as far as the page can ask for it."""
+class PhotoOptions:
+    """The options of a photo that the page and its API offer."""
 
     find: Find = field(default_factory=Find)
     neighbours: Neighbours = field(default_factory=Neighbours)
@@ -26,57 +26,57 @@ class Wanted:
 
     @property
     def rectify(self) -> Rectify:
-        """The same as the command line has it."""
+        """The options as the command line has them."""
         return Rectify.of(find=self.find, undo=self.undo, save=self.save, neighbours=self.neighbours)
 
 
-def read(given: Mapping[str, str], photo: Callable[[str], Path]) -> Wanted:
+def read(form: Mapping[str, str], photo: Callable[[str], Path]) -> PhotoOptions:
     """The options in a form or query.
 
     Args:
-        given: field -> text.
+        form: field -> text.
         photo: where the open photo of an id lies; fields that name a file on the command line name one here.
 
     Raises:
         UsageError: a field that is not known, or a value that it does not take.
     """
-    _check_known(given, Wanted)
-    wanted = with_values(Wanted, _values(given, photo))
-    if "@" in wanted.find.estimator:
+    _check_known(form, PhotoOptions)
+    options = with_values(PhotoOptions, _values(form, photo))
+    if "@" in options.find.estimator:
         raise UsageError("weights of your own are for the command line: name a method alone")
-    return wanted
+    return options
 
 
-def read_clip(given: Mapping[str, str]) -> RectifyClip:
+def read_clip(form: Mapping[str, str]) -> RectifyClip:
     """The options of a clip in a form or query.
 
     Args:
-        given: field -> text.
+        form: field -> text.
 
     Raises:
         UsageError: a field that is not known, or a value that it does not take.
     """
-    _check_known(given, RectifyClip)
-    return with_values(RectifyClip, _values(given, Path))
+    _check_known(form, RectifyClip)
+    return with_values(RectifyClip, _values(form, Path))
 
 
-def fields(kind: type = Wanted) -> Iterator[Option]:
+def fields(kind: type = PhotoOptions) -> Iterator[Option]:
     """All options that a form may give, those of groups among them."""
     return (option for option in options_of(kind) if option.on_page)
 
 
-def _check_known(given: Mapping[str, str], kind: type) -> None:
+def _check_known(form: Mapping[str, str], kind: type) -> None:
     known = {option.name for option in fields(kind)}
-    for name in given:
+    for name in form:
         if name not in known:
             raise UsageError(f"unknown field '{name:.40}': choose one of {', '.join(sorted(known))}")
 
 
-def _values(given: Mapping[str, str], photo: Callable[[str], Path]) -> Callable[[Option], Any]:
+def _values(form: Mapping[str, str], photo: Callable[[str], Path]) -> Callable[[Option], Any]:
     """Gives the value of each option in a form."""
 
     def value(option: Option) -> Any:
-        text = given.get(option.name, "")
+        text = form.get(option.name, "")
         if text == "" or not option.on_page:
             return option.default
         return photo(text) if option.type is Path else _value(option, text)

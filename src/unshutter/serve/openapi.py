@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from unshutter.serve.fields import Wanted, fields
+from unshutter.serve.fields import PhotoOptions, fields
 from unshutter.version import __version__
 from unshutter.video.options import RectifyClip
 
@@ -109,7 +109,7 @@ def _of_saves() -> dict[str, Any]:
     }
 
 
-def _options(kind: type = Wanted) -> dict[str, dict[str, Any]]:
+def _options(kind: type = PhotoOptions) -> dict[str, dict[str, Any]]:
     """The schema of each option of a photo or clip, by its name."""
     schemas = {}
     for field in fields(kind):

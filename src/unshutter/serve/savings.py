@@ -16,7 +16,7 @@ from starlette.requests import Request
 
 from unshutter.errors import UnshutterError
 from unshutter.serve.desk import Desk
-from unshutter.serve.fields import Wanted
+from unshutter.serve.fields import PhotoOptions
 from unshutter.serve.jobs import clip as clip_jobs
 from unshutter.serve.jobs import photo as photo_jobs
 from unshutter.serve.jobs.clip import ProgressFile
@@ -27,7 +27,7 @@ from unshutter.storage.files import remove_leftovers
 from unshutter.video.options import RectifyClip
 
 To: TypeAlias = Literal["file", "zip", "folder"]
-Item: TypeAlias = tuple[Stored, Wanted | RectifyClip]  # an open photo or clip, and what to do with it
+Item: TypeAlias = tuple[Stored, PhotoOptions | RectifyClip]  # an open photo or clip, and what to do with it
 
 _ZIP_NAME = "unshutter.zip"
 _MOST_KEPT = 8  # savings whose files lie ready, or that are at work
@@ -108,7 +108,7 @@ class Saving:
                 desk.store.remove(each)
             self._wake()
 
-    async def _one(self, desk: Desk, stored: Stored, wanted: Wanted | RectifyClip) -> dict[str, Any]:
+    async def _one(self, desk: Desk, stored: Stored, wanted: PhotoOptions | RectifyClip) -> dict[str, Any]:
         facts: dict[str, Any] = {"photo": stored.id, "name": stored.name}
         try:
             if isinstance(wanted, RectifyClip):

@@ -1,6 +1,6 @@
 """From a Motion to pixels: the sampling map, the warp in both directions, and the picture's edges.
 
-The output is made tile by tile, several at a time: beside the picture before and after, memory does not grow
+The output is made tile by tile, several at a time: apart from the picture before and after, memory does not grow
 with its size.
 
 Convention: everything here takes and gives **stored** pixels (readout.py); positions are (col, row),
@@ -88,8 +88,8 @@ def straighten(
     grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
     decision = _decision(grid, policy)
     black_beyond = _HAIRLINE if decision.edges == "keep" else None
-    made = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
-    return Straightened(made, decision.edges, decision.whole)
+    warped = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
+    return Straightened(warped, decision.edges, decision.whole)
 
 
 def edge_decision(motion: Motion, edges: Edges) -> EdgeDecision:
@@ -191,8 +191,8 @@ def _warped(
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
 
     has_alpha = pixels.shape[2] in (2, 4) and not masked
-    how = {"method": interpolation, "black_beyond": black_beyond, "has_alpha": has_alpha, "scratch": _Scratch()}
-    make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, **how)
+    settings = {"method": interpolation, "black_beyond": black_beyond, "has_alpha": has_alpha, "scratch": _Scratch()}
+    make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, **settings)
     with ThreadPoolExecutor(thread_count()) as threads:
         for _ in threads.map(make, window.tiles()):
             pass  # errors come out here
@@ -238,16 +238,16 @@ def _make(
             return
     source, left, top = _cut(pixels, extent)
     col, row = grid.positions(tile, left, top, out=positions)
-    made = out[tile.within(window)]
-    _sample(source, col, row, method, has_alpha, made, scratch)
+    part = out[tile.within(window)]
+    _sample(source, col, row, method, has_alpha, part, scratch)
     if black_beyond is not None and not grid.contains(extent):
-        made[~grid.inside(col, row, left, top, black_beyond)] = 0
+        part[~grid.inside(col, row, left, top, black_beyond)] = 0
 
 
 def thread_count() -> int:
     """As many as libvips takes: one per processor, or what VIPS_CONCURRENCY says."""
-    told = os.environ.get("VIPS_CONCURRENCY", "")
-    return min(int(told) if told.isdigit() and int(told) else os.cpu_count() or 1, _MOST_THREADS)
+    setting = os.environ.get("VIPS_CONCURRENCY", "")
+    return min(int(setting) if setting.isdigit() and int(setting) else os.cpu_count() or 1, _MOST_THREADS)
 
 
 def _too_long(extent: Extent) -> bool:

@@ -7,7 +7,7 @@ from starlette.responses import JSONResponse, Response
 
 from unshutter.serve.answers import jpeg_answer, motion_answer, picture_answer
 from unshutter.serve.desk import desk_of
-from unshutter.serve.fields import Wanted, read
+from unshutter.serve.fields import PhotoOptions, read
 from unshutter.serve.jobs import photo as jobs
 from unshutter.serve.lanes import Urgency
 from unshutter.serve.requests import body_closed, body_opened, item_of, longest_of, options_of, urgency_of
@@ -54,5 +54,5 @@ async def motion(request: Request) -> Response:
     return await motion_answer(desk_of(request), item_of(request), _options(request))
 
 
-def _options(request: Request) -> Wanted:
+def _options(request: Request) -> PhotoOptions:
     return read(options_of(request), desk_of(request).photo_path)
