@@ -16,7 +16,7 @@ from unshutter.options import Find, Neighbours, Rectify, Undo
 from unshutter.options.neighbours import Clock
 from unshutter.photo import Photo
 from unshutter.serve.jobs import photo as screen
-from unshutter.serve.jobs.cache import Held
+from unshutter.serve.jobs.cache import OpenFile
 from unshutter.video.frames_out import Warper, common_window
 from unshutter.video.moving import MovingFrame
 from unshutter.video.options import UndoFrames
@@ -77,7 +77,11 @@ def _on_the_page(folder: Path) -> None:
         path.parent.mkdir()
         Photo.from_array(Scene(speed=(20, 3)).frame(number, 0.8)).save(path)
     neighbours = Neighbours(after=paths[1], clock=Clock(0.8), model="dense")
-    screen.after(Held(paths[0], 10**9), Rectify(Find(), None, Undo(edges="crop"), neighbours=neighbours), 320)
+    screen.after(
+        OpenFile("a", "photo", "a.png", paths[0], 10**9),
+        Rectify(Find(), None, Undo(edges="crop"), neighbours=neighbours),
+        320,
+    )
 
 
 @pytest.mark.parametrize("surface", [_straightened, _with_neighbours, _as_a_clip, _on_the_page])

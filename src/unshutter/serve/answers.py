@@ -22,7 +22,7 @@ from unshutter.serve.fields import PhotoOptions
 from unshutter.serve.jobs import photo as photo_jobs
 from unshutter.serve.lanes import Busy, Urgency
 from unshutter.serve.names import motion_name, photo_result
-from unshutter.serve.store import Full, Missing, Stored
+from unshutter.serve.store import Full, Missing, OpenFile
 
 # Statuses of refusals; the first type that an error has counts.
 _STATUSES: dict[type[Exception], int] = {UsageError: 400, Missing: 404, Full: 413, Busy: 503, UnshutterError: 422}
@@ -39,29 +39,31 @@ def jpeg_answer(jpeg: bytes, facts: dict[str, Any]) -> Response:
     return Response(jpeg, media_type="image/jpeg", headers={"unshutter-result": header_text(facts)})
 
 
-async def picture_answer(desk: Desk, stored: Stored, wanted: Rectify, closing: Sequence[Stored] = ()) -> Response:
+async def picture_answer(
+    desk: Desk, open_file: OpenFile, wanted: Rectify, closing: Sequence[OpenFile] = ()
+) -> Response:
     """The rectified photo as a file, exactly as the command line would write it.
 
     Args:
         desk: the server's.
-        stored: the photo.
+        open_file: the photo.
         wanted: what to do with it.
         closing: photos that are closed once the answer has been sent.
     """
-    name = photo_result(stored.name, wanted.save.format)
-    target = stored.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
+    name = photo_result(open_file.name, wanted.save.format)
+    target = open_file.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
 
     def clean_up() -> None:
         target.unlink(missing_ok=True)
         for each in closing:
             desk.store.remove(each)
 
-    facts = await desk.lanes.do(Urgency.NOW, photo_jobs.saved, desk.held(stored), target, wanted)
+    facts = await desk.lanes.do(Urgency.NOW, photo_jobs.saved, open_file, target, wanted)
     headers = {"unshutter-result": header_text(facts), "unshutter-name": header_text(name)}
     return FileResponse(target, filename=name, headers=headers, background=BackgroundTask(clean_up))
 
 
-async def motion_answer(desk: Desk, stored: Stored, wanted: PhotoOptions) -> Response:
+async def motion_answer(desk: Desk, open_file: OpenFile, wanted: PhotoOptions) -> Response:
     """The photo's motion as JSON, as ``unshutter estimate`` writes it.
 
     Raises:
@@ -70,8 +72,8 @@ async def motion_answer(desk: Desk, stored: Stored, wanted: PhotoOptions) -> Res
     if wanted.rectify.neighbours:
         raise UsageError("what is found from neighbours is no motion of the camera alone: leave them out")
     reference = wanted.undo.reference or "first"
-    text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, desk.held(stored), wanted.find, reference)
-    headers = {"unshutter-name": header_text(motion_name(stored.name))}
+    text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, open_file, wanted.find, reference)
+    headers = {"unshutter-name": header_text(motion_name(open_file.name))}
     return Response(text, media_type="application/json", headers=headers)
 
 

@@ -9,10 +9,9 @@ from pathlib import Path
 from starlette.requests import Request
 
 from unshutter.errors import UsageError
-from unshutter.serve.jobs.cache import Held
 from unshutter.serve.lanes import Lanes
 from unshutter.serve.settings import Settings
-from unshutter.serve.store import Store, Stored
+from unshutter.serve.store import Store
 
 LANES = min(max(os.cpu_count() or 1, 2), 4)
 _MOST_FILES, _ROOM = 1000, 10  # files that may be open; their bytes, in times of the largest photo and clip
@@ -39,7 +38,9 @@ class Desk:
     @classmethod
     def open(cls, settings: Settings, folder: Path) -> Desk:
         """A desk with nothing on it; ``folder`` is for its files."""
-        store = Store(folder, _MOST_FILES, _ROOM * max(settings.max_bytes, settings.max_clip_bytes))
+        store = Store(
+            folder, _MOST_FILES, _ROOM * max(settings.max_bytes, settings.max_clip_bytes), settings.max_pixels
+        )
         lanes = Lanes(LANES, _TIMEOUT_S, _MOST_WAITING, _REST_S)
         return cls(settings, store, lanes, Lanes(1, _CLIP_TIMEOUT_S, _MOST_CLIPS, _CLIP_REST_S))
 
@@ -55,14 +56,10 @@ class Desk:
             Missing: it is not open.
             UsageError: it is a clip.
         """
-        stored = self.store.get(id)
-        if stored.kind != "photo":
-            raise UsageError(f"{stored.name} is a clip: the photos before and after a photo are photos, too")
-        return stored.path
-
-    def held(self, stored: Stored) -> Held:
-        """A photo or clip as lanes take it."""
-        return Held(stored.path, self.settings.max_pixels, stored.kind)
+        open_file = self.store.get(id)
+        if open_file.kind != "photo":
+            raise UsageError(f"{open_file.name} is a clip: the photos before and after a photo are photos, too")
+        return open_file.path
 
 
 def desk_of(request: Request) -> Desk:

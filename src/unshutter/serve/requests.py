@@ -15,7 +15,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.serve.desk import Desk, desk_of
 from unshutter.serve.jobs.cache import Kind
 from unshutter.serve.lanes import Urgency
-from unshutter.serve.store import Stored
+from unshutter.serve.store import OpenFile
 
 SCREEN_SIDES = (320, 1000, 1600, 2400)  # longer sides of copies for screens [px]
 _FULL = "full"
@@ -27,7 +27,7 @@ _PIECE = 1 << 18
 # ---- queries about open files --------------------------------------------------------------------------------
 
 
-def item_of(request: Request) -> Stored:
+def item_of(request: Request) -> OpenFile:
     """The open photo or clip that the address names.
 
     Raises:
@@ -85,10 +85,10 @@ async def body_opened(request: Request, kind: Kind) -> Response:
     length = request.headers.get("content-length", "")
     size = int(length) if length.isdigit() else 0
     try:
-        stored = await desk_of(request).store.add(name, request.stream(), kind, size)
+        open_file = await desk_of(request).store.add(name, request.stream(), kind, size)
     except ClientDisconnect:
         return Response(status_code=400)
-    return JSONResponse({"id": stored.id, "name": stored.name}, 201)
+    return JSONResponse({"id": open_file.id, "name": open_file.name}, 201)
 
 
 async def body_closed(request: Request) -> Response:
@@ -117,7 +117,7 @@ async def form_of(request: Request, kind: Kind = "photo") -> AsyncIterator[FormD
 @asynccontextmanager
 async def files_of(
     desk: Desk, form: FormData, kind: Kind, *others: str, keep: bool = False
-) -> AsyncIterator[dict[str, Stored]]:
+) -> AsyncIterator[dict[str, OpenFile]]:
     """The form's files, by the names of their parts, open inside the context.
 
     Args:
@@ -131,7 +131,7 @@ async def files_of(
         UsageError: the first part is missing.
         Full: there is no room for them.
     """
-    files: dict[str, Stored] = {}
+    files: dict[str, OpenFile] = {}
     done = False
     try:
         if not isinstance(form.get(kind), UploadFile):

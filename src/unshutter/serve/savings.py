@@ -22,12 +22,12 @@ from unshutter.serve.jobs import photo as photo_jobs
 from unshutter.serve.jobs.clip import ProgressFile
 from unshutter.serve.lanes import Busy, Urgency
 from unshutter.serve.names import clip_result, free_name, photo_result
-from unshutter.serve.store import Missing, Stored
+from unshutter.serve.store import Missing, OpenFile
 from unshutter.storage.files import remove_leftovers
 from unshutter.video.options import RectifyClip
 
 To: TypeAlias = Literal["file", "zip", "folder"]
-Item: TypeAlias = tuple[Stored, PhotoOptions | RectifyClip]  # an open photo or clip, and what to do with it
+Item: TypeAlias = tuple[OpenFile, PhotoOptions | RectifyClip]  # an open photo or clip, and what to do with it
 
 _ZIP_NAME = "unshutter.zip"
 _MOST_KEPT = 8  # savings whose files lie ready, or that are at work
@@ -55,7 +55,7 @@ class Saving:
     to: To
     folder: Path
     items: list[Item]
-    closing: Sequence[Stored] = ()
+    closing: Sequence[OpenFile] = ()
     done: list[dict[str, Any]] = field(default_factory=list)
     now: dict[str, Any] | None = None
     state: str = "working"
@@ -92,8 +92,8 @@ class Saving:
     async def run(self, desk: Desk) -> None:
         """Saves all; the state says how it ended."""
         try:
-            for stored, wanted in self.items:
-                self.done.append(await self._one(desk, stored, wanted))
+            for open_file, wanted in self.items:
+                self.done.append(await self._one(desk, open_file, wanted))
                 self.now = None
                 self._wake()
             self.state = "finished"
@@ -108,15 +108,15 @@ class Saving:
                 desk.store.remove(each)
             self._wake()
 
-    async def _one(self, desk: Desk, stored: Stored, wanted: PhotoOptions | RectifyClip) -> dict[str, Any]:
-        facts: dict[str, Any] = {"photo": stored.id, "name": stored.name}
+    async def _one(self, desk: Desk, open_file: OpenFile, wanted: PhotoOptions | RectifyClip) -> dict[str, Any]:
+        facts: dict[str, Any] = {"photo": open_file.id, "name": open_file.name}
         try:
             if isinstance(wanted, RectifyClip):
-                target = self._free_name(clip_result(stored.name))
-                about = await self._clip(desk, stored, target, wanted)
+                target = self._free_name(clip_result(open_file.name))
+                about = await self._clip(desk, open_file, target, wanted)
             else:
-                target = self._free_name(photo_result(stored.name, wanted.save.format))
-                job = desk.held(stored), target, wanted.rectify
+                target = self._free_name(photo_result(open_file.name, wanted.save.format))
+                job = open_file, target, wanted.rectify
                 about = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, *job)
         except UnshutterError as error:
             return {**facts, "error": str(error)}
@@ -129,11 +129,11 @@ class Saving:
     def _free_name(self, name: str) -> Path:
         return free_name(self.folder, name, self.folder / _ZIP_NAME if self.to == "zip" else None)
 
-    async def _clip(self, desk: Desk, stored: Stored, target: Path, wanted: RectifyClip) -> dict[str, Any]:
+    async def _clip(self, desk: Desk, open_file: OpenFile, target: Path, wanted: RectifyClip) -> dict[str, Any]:
         """Makes one clip, with its progress in ``now``."""
-        progress = ProgressFile(stored.path.with_name(f"saving-{self.id}.json"))
+        progress = ProgressFile(open_file.path.with_name(f"saving-{self.id}.json"))
         progress.file.unlink(missing_ok=True)
-        given = desk.held(stored), target, wanted, progress
+        given = open_file, target, wanted, progress
         job = asyncio.create_task(desk.long_lanes.do(Urgency.LATER, clip_jobs.rectified, *given))
         clock = asyncio.get_running_loop()
         last, since = None, clock.time()
@@ -142,7 +142,7 @@ class Saving:
                 note = progress.read()
                 if note != last or self.now is None:
                     last, since = note, clock.time()
-                    self.now = {"photo": stored.id, "name": stored.name, **(note or {"what": "waiting"})}
+                    self.now = {"photo": open_file.id, "name": open_file.name, **(note or {"what": "waiting"})}
                     self._wake()
                 elif note is not None and clock.time() - since > _STANDSTILL_S:
                     raise UnshutterError(f"given up: nothing was done for {_STANDSTILL_S:g} s")
@@ -170,7 +170,7 @@ class Savings:
         self._desk = desk
         self._savings: dict[str, Saving] = {}
 
-    def begin(self, to: To, items: list[Item], closing: Sequence[Stored] = ()) -> Saving:
+    def begin(self, to: To, items: list[Item], closing: Sequence[OpenFile] = ()) -> Saving:
         """A new saving, at work.
 
         Args:

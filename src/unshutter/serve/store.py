@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 
 from unshutter.errors import UnshutterError
 from unshutter.photo.formats import of_suffix
-from unshutter.serve.jobs.cache import Kind
+from unshutter.serve.jobs.cache import Kind, OpenFile
 from unshutter.serve.names import clean_name
 
 try:
@@ -35,23 +35,6 @@ class Missing(UnshutterError):
     """No such photo or clip is open."""
 
 
-@dataclass(frozen=True)
-class Stored:
-    """An open photo or clip.
-
-    Attributes:
-        id: by which the page calls it.
-        kind: which of the two.
-        name: of the file, as far as it may be used as one.
-        path: where it lies, alone in its folder.
-    """
-
-    id: str
-    kind: Kind
-    name: str
-    path: Path
-
-
 @dataclass
 class Store:
     """All open photos and clips.
@@ -59,15 +42,17 @@ class Store:
     Attributes:
         folder: where they lie.
         most_files, most_bytes: that there is room for.
+        max_pixels: photos with more are refused.
     """
 
     folder: Path
     most_files: int
     most_bytes: int
-    _open: dict[str, Stored] = field(default_factory=dict)
+    max_pixels: int
+    _open: dict[str, OpenFile] = field(default_factory=dict)
     _sizes: dict[str, int] = field(default_factory=dict)
 
-    async def add(self, name: str, data: AsyncIterator[bytes], kind: Kind = "photo", size: int = 0) -> Stored:
+    async def add(self, name: str, data: AsyncIterator[bytes], kind: Kind = "photo", size: int = 0) -> OpenFile:
         """Takes a file in, piece by piece.
 
         Args:
@@ -87,11 +72,11 @@ class Store:
         id, name = secrets.token_urlsafe(9), clean_name(name, kind)
         suffix = PurePosixPath(name).suffix.lower()
         known = _FILM.fullmatch(suffix) if kind == "clip" else of_suffix(suffix)
-        stored = Stored(id, kind, name, self.folder / id / f"{kind}{suffix if known else ''}")
+        open_file = OpenFile(id, kind, name, self.folder / id / f"{kind}{suffix if known else ''}", self.max_pixels)
         self._sizes[id] = 0
         try:
-            stored.path.parent.mkdir()
-            with stored.path.open("xb") as file:
+            open_file.path.parent.mkdir()
+            with open_file.path.open("xb") as file:
                 async for piece in data:
                     file.write(piece)
                     self._sizes[id] += len(piece)
@@ -100,15 +85,15 @@ class Store:
             if not self._sizes[id]:
                 raise UnshutterError(f"{name} is empty (0 bytes)")
         except OSError as error:
-            self.remove(stored)
+            self.remove(open_file)
             raise UnshutterError(f"cannot keep the {kind}: {error.strerror}") from None
         except BaseException:
-            self.remove(stored)
+            self.remove(open_file)
             raise
-        self._open[id] = stored
-        return stored
+        self._open[id] = open_file
+        return open_file
 
-    def get(self, id: str) -> Stored:
+    def get(self, id: str) -> OpenFile:
         """The photo or clip of that id.
 
         Raises:
@@ -118,11 +103,11 @@ class Store:
             raise Missing("this file is not open any more: drop it on the page again")
         return self._open[id]
 
-    def remove(self, stored: Stored) -> None:
+    def remove(self, open_file: OpenFile) -> None:
         """Forgets a file and all that was found about it."""
-        self._open.pop(stored.id, None)
-        self._sizes.pop(stored.id, None)
-        shutil.rmtree(stored.path.parent, ignore_errors=True)
+        self._open.pop(open_file.id, None)
+        self._sizes.pop(open_file.id, None)
+        shutil.rmtree(open_file.path.parent, ignore_errors=True)
 
 
 @contextmanager

@@ -38,22 +38,22 @@ async def remove(request: Request) -> Response:
 async def before(request: Request) -> Response:
     """``GET /api/clips/{id}/before``: a frame as a JPEG for the screen, with facts from the clip's file in a header."""
     desk = desk_of(request)
-    job = desk.held(item_of(request)), _options(request), _moment(request), longest_of(request)
+    job = item_of(request), _options(request), _moment(request), longest_of(request)
     return jpeg_answer(*await desk.lanes.do(urgency_of(request), moments.before, *job))
 
 
 async def after(request: Request) -> Response:
     """``GET /api/clips/{id}/after``: the frame rectified, as a JPEG for the screen, with the result in a header."""
     desk = desk_of(request)
-    job = desk.held(item_of(request)), _options(request), _moment(request), longest_of(request)
+    job = item_of(request), _options(request), _moment(request), longest_of(request)
     return jpeg_answer(*await desk.lanes.do(Urgency.LATER, moments.after, *job))
 
 
 async def readout(request: Request) -> Response:
     """``GET /api/clips/{id}/readout``: the readout time of its camera, given or found."""
     desk = desk_of(request)
-    held = desk.held(item_of(request))
-    return JSONResponse(await desk.lanes.do(Urgency.LATER, jobs.readout, held, _options(request)))
+    open_file = item_of(request)
+    return JSONResponse(await desk.lanes.do(Urgency.LATER, jobs.readout, open_file, _options(request)))
 
 
 def _options(request: Request) -> RectifyClip:

@@ -26,22 +26,24 @@ async def remove(request: Request) -> Response:
 async def before(request: Request) -> Response:
     """``GET /api/photos/{id}/before``: a JPEG for the screen, with facts from the photo's file in a header."""
     desk = desk_of(request)
-    held = desk.held(item_of(request))
-    return jpeg_answer(*await desk.lanes.do(urgency_of(request), jobs.before, held, longest_of(request)))
+    open_file = item_of(request)
+    return jpeg_answer(*await desk.lanes.do(urgency_of(request), jobs.before, open_file, longest_of(request)))
 
 
 async def after(request: Request) -> Response:
     """``GET /api/photos/{id}/after``: the rectified photo as a JPEG for the screen, with the result in a header."""
     desk = desk_of(request)
-    held, wanted = desk.held(item_of(request)), _options(request)
-    return jpeg_answer(*await desk.lanes.do(urgency_of(request), jobs.after, held, wanted.rectify, longest_of(request)))
+    open_file, wanted = item_of(request), _options(request)
+    return jpeg_answer(
+        *await desk.lanes.do(urgency_of(request), jobs.after, open_file, wanted.rectify, longest_of(request))
+    )
 
 
 async def segments(request: Request) -> Response:
     """``GET /api/photos/{id}/segments``: the lines that estimators look at."""
     desk = desk_of(request)
-    held, wanted = desk.held(item_of(request)), _options(request)
-    return JSONResponse(await desk.lanes.do(Urgency.NOW, jobs.segments, held, wanted.rectify))
+    open_file, wanted = item_of(request), _options(request)
+    return JSONResponse(await desk.lanes.do(Urgency.NOW, jobs.segments, open_file, wanted.rectify))
 
 
 async def picture(request: Request) -> Response:

@@ -12,7 +12,7 @@ from unshutter.serve.desk import desk_of
 from unshutter.serve.fields import read, read_clip
 from unshutter.serve.requests import check_clips_can_be_opened, files_of, form_of, texts_of
 from unshutter.serve.savings import savings_of
-from unshutter.serve.store import Stored
+from unshutter.serve.store import OpenFile
 
 
 async def rectify(request: Request) -> Response:
@@ -44,6 +44,6 @@ async def video(request: Request) -> Response:
         return JSONResponse(saving.as_json(), 202)
 
 
-def _options(form: FormData, files: dict[str, Stored]) -> dict[str, str]:
+def _options(form: FormData, files: dict[str, OpenFile]) -> dict[str, str]:
     """The form's options; photos of this form are named by their ids."""
     return texts_of(form) | {name: file.id for name, file in files.items() if name != "photo"}

@@ -97,8 +97,8 @@ def _item(desk: Desk, each: Any) -> Item:
     id, options = (each.get("id"), each.get("options", {})) if isinstance(each, dict) else (None, None)
     if not (isinstance(id, str) and isinstance(options, dict) and _are_texts(options)):
         raise UsageError('each photo is {"id": ..., "options": {name: text}}')
-    stored = desk.store.get(id)
-    return stored, read_clip(options) if stored.kind == "clip" else read(options, desk.photo_path)
+    open_file = desk.store.get(id)
+    return open_file, read_clip(options) if open_file.kind == "clip" else read(options, desk.photo_path)
 
 
 def _are_texts(options: dict[str, Any]) -> bool:

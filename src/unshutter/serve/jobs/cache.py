@@ -23,34 +23,38 @@ Kind: TypeAlias = Literal["photo", "clip"]
 
 
 @dataclass(frozen=True)
-class Held:
-    """A photo or clip as a lane is handed it.
+class OpenFile:
+    """An open photo or clip.
 
     Attributes:
-        path: its file, alone in a folder with what is found about it.
-        max_pixels: of photos, more are refused.
-        kind: what it is called in messages.
+        id: by which the page and programs name it.
+        kind: what it is, and is called in messages.
+        name: of the file that was sent, as far as it is safe for a file.
+        path: where it lies, alone in a folder with what jobs found out about it.
+        max_pixels: photos with more are refused.
     """
 
+    id: str
+    kind: Kind
+    name: str
     path: Path
     max_pixels: int
-    kind: Kind = "photo"
 
 
-def opened(held: Held) -> Photo:
+def opened(open_file: OpenFile) -> Photo:
     """The photo, nothing of its pixels decoded yet."""
     from unshutter.photo import Photo
 
-    return Photo.open(held.path, held.max_pixels)
+    return Photo.open(open_file.path, open_file.max_pixels)
 
 
-def found_motion(held: Held, photo: Photo, find: Find) -> Motion:
+def found_motion(open_file: OpenFile, photo: Photo, find: Find) -> Motion:
     """The photo's motion, first row as the reference."""
     from unshutter.estimators.register import load, method
     from unshutter.motion import Motion
     from unshutter.rectification import estimate_photo
 
-    file = motion_file(held, find)
+    file = motion_file(open_file, find)
     if file.exists():
         return Motion.from_json(file.read_text(encoding="utf-8"))
     photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
@@ -59,19 +63,19 @@ def found_motion(held: Held, photo: Photo, find: Find) -> Motion:
     return motion
 
 
-def motion_file(held: Held, find: Find) -> Path:
+def motion_file(open_file: OpenFile, find: Find) -> Path:
     """Where its motion lies, once it was found in this way."""
     digest = hashlib.sha256(repr(find).encode()).hexdigest()[:16]
-    return held.path.with_name(f"motion-{digest}.json")
+    return open_file.path.with_name(f"motion-{digest}.json")
 
 
-def small_copy(held: Held, photo: Photo, longest: int | None) -> np.ndarray:
+def small_copy(open_file: OpenFile, photo: Photo, longest: int | None) -> np.ndarray:
     """A copy of the stored pixels for the screen; of the full size none is kept."""
     import numpy as np
 
     if longest is None:
         return photo.screen_copy()
-    file = held.path.with_name(f"copy-{longest}.npy")
+    file = open_file.path.with_name(f"copy-{longest}.npy")
     if file.exists():
         return np.load(file, mmap_mode="r")
     pixels = photo.screen_copy(longest)
@@ -92,17 +96,17 @@ def put(file: Path, write: Callable[[Path], Any]) -> None:
 
 
 @contextmanager
-def errors_of(held: Held, names: Mapping[Path, str] | None = None) -> Iterator[None]:
+def errors_of(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[None]:
     """Errors in the block are one line, in which files go by names that mean something to whoever sent them.
 
     Args:
-        held: the file that is worked on: "the photo" or "the clip".
+        open_file: the photo or clip that is worked on, called just that.
         names: path -> name of further files.
 
     Raises:
         UnshutterError: whatever went wrong.
     """
-    called = {held.path: f"the {held.kind}", **(names or {})}
+    called = {open_file.path: f"the {open_file.kind}", **(names or {})}
     with errors_in_one_line(names={str(path): name for path, name in called.items()}):
         yield
 

@@ -6,13 +6,12 @@ import hashlib
 import json
 import math
 import time
-from contextlib import chdir
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnknownRatioError
-from unshutter.serve.jobs.cache import Held, errors_of, put
+from unshutter.serve.jobs.cache import OpenFile, errors_of, put
 from unshutter.video.options import RectifyClip
 
 if TYPE_CHECKING:
@@ -51,21 +50,21 @@ class ProgressFile:
         put(self.file, lambda part: part.write_text(text, encoding="utf-8"))
 
 
-def readout(held: Held, wanted: RectifyClip) -> dict[str, Any]:
+def readout(open_file: OpenFile, wanted: RectifyClip) -> dict[str, Any]:
     """The readout time of a clip's camera, given or found: ``ratio``, ``ms``, their errors, and where from.
 
     Raises:
         UnshutterError: the clip cannot be read, or does not tell it.
     """
-    with errors_of(held):
-        return _readout(held, wanted)
+    with errors_of(open_file):
+        return _readout(open_file, wanted)
 
 
-def rectified(held: Held, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
+def rectified(open_file: OpenFile, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
     """Writes a clip as `unshutter video` does; returns what was done.
 
     Args:
-        held: the clip.
+        open_file: the clip.
         target: what is written.
         wanted: what is done.
         progress: where to note progress.
@@ -75,11 +74,13 @@ def rectified(held: Held, target: Path, wanted: RectifyClip, progress: ProgressF
     """
     progress.note("frames", 0, 0)
     names = {target: target.name, target.parent: "the folder"}
-    with errors_of(held, names):
-        return _rectified(held, target, wanted, progress)
+    with errors_of(open_file, names):
+        return _rectified(open_file, target, wanted, progress)
 
 
-def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, progress: ProgressFile | None = None) -> ReadoutRatio:
+def ratio_of(
+    open_file: OpenFile, clip: Clip, wanted: RectifyClip, progress: ProgressFile | None = None
+) -> ReadoutRatio:
     """The readout ratio of a clip, given or found; what was found is kept beside the clip.
 
     Raises:
@@ -94,7 +95,7 @@ def ratio_of(held: Held, clip: Clip, wanted: RectifyClip, progress: ProgressFile
     if given is not None:
         return ReadoutRatio(given, 0.0, "given")
     part = wanted.span(clip.duration_s)
-    file = held.path.with_name(f"readout-{digest(wanted.shutter, part)}.json")
+    file = open_file.path.with_name(f"readout-{digest(wanted.shutter, part)}.json")
     if not file.exists():
         try:
             readout = Readout.parse(wanted.shutter.readout)
@@ -115,11 +116,11 @@ def digest(*values: object) -> str:
     return hashlib.sha256(repr(values).encode()).hexdigest()[:16]
 
 
-def _readout(held: Held, wanted: RectifyClip) -> dict[str, Any]:
+def _readout(open_file: OpenFile, wanted: RectifyClip) -> dict[str, Any]:
     from unshutter.video.clip import Clip
 
-    clip = Clip.look(held.path)
-    found, interval_ms = ratio_of(held, clip, wanted), 1000 * clip.interval_s
+    clip = Clip.look(open_file.path)
+    found, interval_ms = ratio_of(open_file, clip, wanted), 1000 * clip.interval_s
     return {
         "ratio": found.value,
         "ratio_sd": found.error,
@@ -129,11 +130,10 @@ def _readout(held: Held, wanted: RectifyClip) -> dict[str, Any]:
     }
 
 
-def _rectified(held: Held, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
+def _rectified(open_file: OpenFile, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
     from unshutter.video.clip import Clip
     from unshutter.video.rectifying import rectify_clip
 
-    ratio = ratio_of(held, Clip.look(held.path), wanted, progress)
-    with chdir(target.parent):  # so that messages name the new file without its folder
-        outcome = rectify_clip(str(held.path), target.name, wanted, ratio, progress.note)
+    ratio = ratio_of(open_file, Clip.look(open_file.path), wanted, progress)
+    outcome = rectify_clip(str(open_file.path), str(target), wanted, ratio, progress.note)
     return {name: value for name, value in outcome.as_json().items() if name in _REPORTED}

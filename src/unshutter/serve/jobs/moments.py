@@ -6,7 +6,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
-from unshutter.serve.jobs.cache import Held, errors_of, put
+from unshutter.serve.jobs.cache import OpenFile, errors_of, put
 from unshutter.serve.jobs.clip import digest, ratio_of
 from unshutter.video.options import RectifyClip
 
@@ -22,11 +22,11 @@ MOMENTS = 5  # of a clip that are shown
 _BESIDE = 12  # frames on both sides of a moment from which its motion is found
 
 
-def before(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def before(open_file: OpenFile, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     """A frame of the clip as a JPEG for the screen, upright, and what the file says.
 
     Args:
-        held: the clip.
+        open_file: the clip.
         wanted: of it, only the part that is kept counts.
         moment: which of the moments, 0 ... MOMENTS - 1, evenly over that part.
         longest: longer side [px]; None: full size.
@@ -34,11 +34,11 @@ def before(held: Held, wanted: RectifyClip, moment: int, longest: int | None) ->
     Raises:
         UnshutterError: the clip cannot be read.
     """
-    with errors_of(held):
-        return _before(held, wanted, moment, longest)
+    with errors_of(open_file):
+        return _before(open_file, wanted, moment, longest)
 
 
-def after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def after(open_file: OpenFile, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     """The same frame, straightened, and what was found and done. A part of the clip around it says how it moved.
 
     Edges that would be cropped are kept: what all frames saw is known when the whole clip was looked at.
@@ -46,15 +46,15 @@ def after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> 
     Raises:
         UsageError, UnshutterError: options that do not fit the clip, or it does not tell its readout time.
     """
-    with errors_of(held):
-        return _after(held, wanted, moment, longest)
+    with errors_of(open_file):
+        return _after(open_file, wanted, moment, longest)
 
 
-def _before(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def _before(open_file: OpenFile, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     from unshutter.serve.jobs.photo import as_jpeg
     from unshutter.video.clip import Clip
 
-    clip = Clip.look(held.path)
+    clip = Clip.look(open_file.path)
     frame = _frame_at(clip, _time_of(clip, wanted, moment))
     height, width = _upright_size(frame, None)
     return as_jpeg(_seen(frame, longest)), {
@@ -67,7 +67,7 @@ def _before(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -
     }
 
 
-def _after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def _after(open_file: OpenFile, wanted: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     from dataclasses import replace
 
     from unshutter.geometry.readout import Readout
@@ -76,9 +76,9 @@ def _after(held: Held, wanted: RectifyClip, moment: int, longest: int | None) ->
     from unshutter.video.clip import Clip
     from unshutter.video.frames_out import Warper
 
-    clip = Clip.look(held.path)
+    clip = Clip.look(open_file.path)
     undo = replace(wanted.undo, edges="keep") if wanted.undo.edges == "crop" else wanted.undo
-    warper, moving = Warper(clip, undo), _moving_at(held, clip, wanted, _time_of(clip, wanted, moment))
+    warper, moving = Warper(clip, undo), _moving_at(open_file, clip, wanted, _time_of(clip, wanted, moment))
     size = Readout.parse(wanted.shutter.readout).frame_size(clip.height, clip.width)
     motion = warper.motion(moving).resized(*size)
     pixels = _seen(warper.rectified(moving).picture, longest, like=moving.frame)
@@ -104,15 +104,15 @@ def _frame_at(clip: Clip, at: float) -> VideoFrame:
     raise UnshutterError(f"the clip has no frame at {at:.1f} s: its part ends before")
 
 
-def _moving_at(held: Held, clip: Clip, wanted: RectifyClip, at: float) -> MovingFrame:
+def _moving_at(open_file: OpenFile, clip: Clip, wanted: RectifyClip, at: float) -> MovingFrame:
     """The frame at a moment and its motion, which is kept beside the clip."""
     from unshutter.frames.sequence import CameraMotion
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion
     from unshutter.video.moving import FEWEST, MovingFrame, window, with_motion
 
-    ratio = ratio_of(held, clip, wanted)
-    file = held.path.with_name(f"moment-{digest(wanted.shutter, ratio, at)}.json")
+    ratio = ratio_of(open_file, clip, wanted)
+    file = open_file.path.with_name(f"moment-{digest(wanted.shutter, ratio, at)}.json")
     if file.exists():
         return MovingFrame(_frame_at(clip, at), Motion.from_json(file.read_text(encoding="utf-8")))
     readout = Readout.parse(wanted.shutter.readout)

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from unshutter.batch.job import Job
 from unshutter.options import Find, Rectify, Reference
-from unshutter.serve.jobs.cache import Held, errors_of, found_motion, motion_file, neighbour_names, opened, small_copy
+from unshutter.serve.jobs.cache import (
+    OpenFile,
+    errors_of,
+    found_motion,
+    motion_file,
+    neighbour_names,
+    opened,
+    small_copy,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,17 +45,17 @@ def warm() -> int:
     return os.getpid()
 
 
-def estimated(held: Held, find: Find, reference: Reference) -> str:
+def estimated(open_file: OpenFile, find: Find, reference: Reference) -> str:
     """The photo's motion as JSON, as `unshutter estimate` writes it.
 
     Raises:
         UnshutterError: the photo cannot be read.
     """
-    with errors_of(held):
-        return found_motion(held, opened(held), find).rereferenced(reference).to_json() + "\n"
+    with errors_of(open_file):
+        return found_motion(open_file, opened(open_file), find).rereferenced(reference).to_json() + "\n"
 
 
-def saved(held: Held, target: Path, wanted: Rectify) -> dict[str, Any]:
+def saved(open_file: OpenFile, target: Path, wanted: Rectify) -> dict[str, Any]:
     """Writes the rectified photo exactly as `unshutter rectify` does; returns the verdict and a note, for programs.
 
     Raises:
@@ -58,14 +66,14 @@ def saved(held: Held, target: Path, wanted: Rectify) -> dict[str, Any]:
     names = {target: target.name, **neighbour_names(wanted.neighbours)}
     if wanted.motion is not None:
         names[wanted.motion] = "the motion"
-    with errors_of(held, names):
-        job = Job(held.path, target, None, overwrite=False, max_pixels=held.max_pixels)
-        outcome = finish_job(job, wanted, _known_motion(held, wanted))
+    with errors_of(open_file, names):
+        job = Job(open_file.path, target, None, overwrite=False, max_pixels=open_file.max_pixels)
+        outcome = finish_job(job, wanted, _known_motion(open_file, wanted))
     about = outcome.verdict.as_json() if outcome.verdict else {}
     return {**about, "note": outcome.note} if outcome.note else about
 
 
-def _known_motion(held: Held, wanted: Rectify) -> str | None:
+def _known_motion(open_file: OpenFile, wanted: Rectify) -> str | None:
     """The text of the motion that is sent along, or was found for the screen; None: it is to be found."""
     if wanted.neighbours:
         return None
@@ -73,50 +81,50 @@ def _known_motion(held: Held, wanted: Rectify) -> str | None:
         from unshutter.motion import Motion
 
         return Motion.load(wanted.motion).to_json()
-    file = motion_file(held, wanted.find)
+    file = motion_file(open_file, wanted.find)
     return file.read_text(encoding="utf-8") if file.exists() else None
 
 
-def before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     """The photo as a JPEG for the screen, upright, and what its file says.
 
     Args:
-        held: the photo.
+        open_file: the photo.
         longest: longer side [px]; None: full size.
 
     Raises:
         UnshutterError: it cannot be read.
     """
-    with errors_of(held):
-        return _before(held, longest)
+    with errors_of(open_file):
+        return _before(open_file, longest)
 
 
-def after(held: Held, wanted: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def after(open_file: OpenFile, wanted: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     """The rectified photo for the screen, upright and not cropped, and what was found and done.
 
     Raises:
         UnshutterError, UsageError: see :func:`unshutter.rectification.undo`.
     """
-    with errors_of(held, neighbour_names(wanted.neighbours)):
-        return _after(held, wanted, longest)
+    with errors_of(open_file, neighbour_names(wanted.neighbours)):
+        return _after(open_file, wanted, longest)
 
 
-def segments(held: Held, wanted: Rectify) -> dict[str, Any]:
+def segments(open_file: OpenFile, wanted: Rectify) -> dict[str, Any]:
     """The line segments that methods look at: shares of width and height of the upright photo, before and after.
 
     Raises:
         UnshutterError: the photo cannot be read.
     """
-    with errors_of(held, neighbour_names(wanted.neighbours)):
-        return _segments(held, wanted)
+    with errors_of(open_file, neighbour_names(wanted.neighbours)):
+        return _segments(open_file, wanted)
 
 
-def _before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def _before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     from unshutter.geometry.orientation import Orientation
     from unshutter.serve.upright import arrows
 
-    photo = opened(held)
-    pixels = small_copy(held, photo, longest)
+    photo = opened(open_file)
+    pixels = small_copy(open_file, photo, longest)
     held_so = photo.attitude
     height, width = Orientation(photo.orientation).size(photo.height, photo.width)
     return as_jpeg(pixels, photo.orientation), {
@@ -130,25 +138,25 @@ def _before(held: Held, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     }
 
 
-def _after(held: Held, wanted: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def _after(open_file: OpenFile, wanted: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
     from unshutter.serve.upright import corners_of
 
-    photo = opened(held)
+    photo = opened(open_file)
     made = _shown_between if wanted.neighbours else _shown_alone
-    pixels, told, window = made(held, photo, wanted, longest)
+    pixels, told, window = made(open_file, photo, wanted, longest)
     crop = corners_of(window, photo.orientation) if told["edges"] == "crop" else None
     return as_jpeg(pixels, photo.orientation), {**told, "crop": crop}
 
 
-def _shown_alone(held: Held, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
+def _shown_alone(open_file: OpenFile, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
     """By what the photo says itself: what will be saved, decided at full size, and drawn small."""
     from unshutter.rectification import judged
     from unshutter.warp.pixels import edge_decision, straighten
 
-    motion = found_motion(held, photo, wanted.find)
+    motion = found_motion(open_file, photo, wanted.find)
     found, verdict = judged(motion, wanted.undo, photo.height, photo.width, wanted.find.camera.readout)
     told: dict[str, Any] = {**verdict.as_json(), **_told_of(found), "edges": None, "whole": None}
-    pixels = small_copy(held, photo, longest)
+    pixels = small_copy(open_file, photo, longest)
     if not verdict.changes:
         return pixels, told, _WHOLE
     frame = edge_decision(found, wanted.undo.edges)
@@ -159,7 +167,7 @@ def _shown_alone(held: Held, photo: Photo, wanted: Rectify, longest: int | None)
     return pixels, {**told, "edges": frame.edges, "whole": frame.whole}, shares
 
 
-def _shown_between(held: Held, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
+def _shown_between(open_file: OpenFile, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
     """By what the photo's neighbours say, all of them as small as they are shown."""
     from unshutter.frames.rectifying import rectify_between
     from unshutter.frames.wanted import Wanted
@@ -174,9 +182,9 @@ def _shown_between(held: Held, photo: Photo, wanted: Rectify, longest: int | Non
     alone = wanted.find if given.fallback else None
     told_so = given.at, given.model, focal and focal / scale, alone
     how = Wanted(wanted.clock, undo, wanted.find.camera.direction, *told_so)
-    neighbours = [path and Held(path, held.max_pixels) for path in (given.before, given.after)]
+    neighbours = [path and replace(open_file, path=path) for path in (given.before, given.after)]
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
-    result = rectify_between(Photo.from_array(small_copy(held, photo, longest)), copies[0], copies[1], how)
+    result = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], how)
     told: dict[str, Any] = {**result.verdict.as_json(), "edges": None, "whole": None, "readout": str(how.readout)}
     told |= {"largest_px": result.verdict.largest_px * scale, "neighbours": True}
     if not result.changed:
@@ -204,7 +212,7 @@ def _told_of(motion: Motion) -> dict[str, Any]:
     }
 
 
-def _segments(held: Held, wanted: Rectify) -> dict[str, Any]:
+def _segments(open_file: OpenFile, wanted: Rectify) -> dict[str, Any]:
     import numpy as np
 
     from unshutter.estimators.lines.segments import find_segments
@@ -213,14 +221,14 @@ def _segments(held: Held, wanted: Rectify) -> dict[str, Any]:
     from unshutter.serve.upright import shares
     from unshutter.warp.grid import rs_to_gs_map
 
-    photo = opened(held)
+    photo = opened(open_file)
     grey = photo.grey(SHORT_SIDE)
     ends = find_segments(grey, MOST_SEGMENTS).reshape(-1, 2)
     scale = np.array([photo.width / grey.shape[1], photo.height / grey.shape[0]])
     col, row = ((ends + 0.5) * scale - 0.5).T
     ends_at = {"before": (col, row)}
     if not wanted.neighbours:  # what they say holds for places, not for lines
-        motion, verdict = judged(found_motion(held, photo, wanted.find), wanted.undo, photo.height, photo.width)
+        motion, verdict = judged(found_motion(open_file, photo, wanted.find), wanted.undo, photo.height, photo.width)
         ends_at["after"] = rs_to_gs_map(motion)(col, row) if verdict.changes else (col, row)
     size = photo.width, photo.height
     return {name: shares(*at, size, photo.orientation).reshape(-1, 4).round(4).tolist() for name, at in ends_at.items()}
