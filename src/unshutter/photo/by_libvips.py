@@ -1,16 +1,18 @@
-"""The steps that are the same for all formats that libvips reads and writes."""
+"""What all formats that libvips reads and writes have in common."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from unshutter.errors import UnshutterError
 from unshutter.geometry.orientation import Orientation
-from unshutter.photo.format import Coding, Format, Header
-from unshutter.photo.libvips import computed, field, refusing, set_blob
-from unshutter.photo.metadata import Metadata
+from unshutter.photo.format import Coding, Format, Header, Picture
+from unshutter.photo.libvips import computed, field, libvips, refusing, set_blob
+from unshutter.photo.metadata import Metadata, Resolution
 from unshutter.photo.source import Source
 from unshutter.photo.tags import exif
 
@@ -31,7 +33,40 @@ _SAMPLES = {
 }
 
 
-def opened(source: Source, operation: str) -> pyvips.Image:
+class ExifBlock(NamedTuple):
+    """EXIF in a file: its bytes, and the place of some of them that show libvips that this is EXIF."""
+
+    marker_at: int
+    blob: bytes
+
+
+def without_exif_loops(source: Source, exif_blocks: Callable[[BinaryIO], Iterable[ExifBlock]]) -> Source:
+    """The data, with EXIF whose directories lead back to themselves hidden from libvips, which would work for minutes.
+
+    Args:
+        source: the data.
+        exif_blocks: finds the EXIF in a file of the format.
+    """
+    with suppress(OSError), source.stream() as stream:  # libvips reports what is wrong with a file
+        places = [block.marker_at for block in exif_blocks(stream) if exif.has_loop(block.blob)]
+        if places:
+            return source.patched(places, b"none")
+    return source
+
+
+def metadata_of(image: pyvips.Image) -> Metadata:
+    """The metadata that libvips found in a file."""
+    return Metadata(
+        exif=field(image, "exif-data"),
+        icc=field(image, "icc-profile-data"),
+        xmp=field(image, "xmp-data"),
+        resources=field(image, "iptc-data"),
+        resolution=Resolution(image.xres, image.yres, field(image, "resolution-unit")),
+        description=field(image, "image-description"),
+    )
+
+
+def open_image(source: Source, operation: str) -> pyvips.Image:
     """The picture, its pixels not decoded yet.
 
     Raises:
@@ -89,7 +124,7 @@ def _check_pixels(source: Source, image: pyvips.Image) -> None:
         raise UnshutterError(f"{{photo}} has {image.bands} channels: convert it to grey or RGB first", photo=source)
 
 
-def decoded(source: Source, operation: str, fail_on: str = "error") -> np.ndarray:
+def decode(source: Source, operation: str, fail_on: str = "error") -> np.ndarray:
     """The pixels [H, W, bands].
 
     Args:
@@ -104,23 +139,33 @@ def decoded(source: Source, operation: str, fail_on: str = "error") -> np.ndarra
         return computed(source.load(operation, access="sequential", fail_on=fail_on))
 
 
-def encoded(
-    image: pyvips.Image, operation: str, path: Path | None, with_exif: bool = False, **options: Any
-) -> bytes | None:
-    """A file of the image and its metadata, or its bytes without ``path``; ``pyvips.Error`` on failure.
+def encode(picture: Picture, operation: str, path: Path | None, **options: Any) -> bytes | None:
+    """A file of a picture, or its bytes without ``path``; ``pyvips.Error`` on failure.
 
     Args:
-        image: pixels and metadata.
+        picture: pixels, and the metadata that libvips is to write. In the place of EXIF it writes a placeholder.
         operation: libvips's.
         path: the file.
-        with_exif: whether libvips is to make a place for EXIF, if the image has any: what stands there is not it.
         options: of the operation.
     """
-    options["keep"] = _KEEP
-    if with_exif and field(image, "exif-data") is not None:
-        options["keep"] |= _KEEP_EXIF
-        image = image.copy()
-        set_blob(image, "exif-data", _PLACEHOLDER)
+    image = _with_fields(picture.image, picture.metadata, picture.orientation)
+    options["keep"] = _KEEP if picture.metadata.exif is None else _KEEP | _KEEP_EXIF
     if path is None:
         return getattr(image, operation + "_buffer")(**options)
     return getattr(image, operation)(os.fsencode(path), **options)
+
+
+def _with_fields(image: pyvips.Image, metadata: Metadata, orientation: Orientation) -> pyvips.Image:
+    """The image with the metadata where libvips looks for them when it writes a file."""
+    resolution = metadata.resolution
+    image = image.copy(xres=resolution.across, yres=resolution.down)
+    image.set_type(libvips().GValue.gint_type, "orientation", int(orientation))
+    for name, text in (("resolution-unit", resolution.unit), ("image-description", metadata.description)):
+        if text is not None:
+            image.set_type(libvips().GValue.refstr_type, name, text)
+    blobs = {"icc-profile-data": metadata.icc, "xmp-data": metadata.xmp}
+    blobs["exif-data"] = None if metadata.exif is None else _PLACEHOLDER
+    for name, data in blobs.items():
+        if data is not None:
+            set_blob(image, name, data)
+    return image

@@ -36,11 +36,11 @@ class Decoder:
         self._pixels_ahead: Future[np.ndarray] | None = None
         self._grey_begun = self._pixels_begun = False
 
-    def __reduce__(self) -> tuple:  # what is decoded is decoded anew where it is wanted
+    def __reduce__(self) -> tuple:  # the other process decodes it again
         return Decoder, (self.source, self._header)
 
     def start(self, executor: Executor, grey_px: int | None, whole: bool) -> None:
-        """Begins with the grey copy, if one is wanted, then the pixels, if they are wanted ``whole``.
+        """Begins with the grey copy, if one is needed, then the pixels, if all of them are (``whole``).
 
         Errors are raised where the results are asked for.
         """
@@ -75,7 +75,7 @@ class Decoder:
         return grey_copy(as_image(pixels), *grey_size(self._height, self._width, short_side))
 
     def reduced(self, longest: int) -> np.ndarray:
-        """The pixels [h, w, bands], decoded at a smaller size where the longer side stays at least so long [px]."""
+        """The pixels [h, w, bands], decoded at a smaller size whose longer side is at least so long [px]."""
         side = max(self._height, self._width)
         shrink = next((n for n in self._header.format.shrinks if side >= n * longest), 1)
         return self._decode(shrink) if shrink > 1 else self.pixels

@@ -1,16 +1,19 @@
-"""Pictures to be looked at: upright, in sRGB, 8 bits."""
+"""Pictures for display: 8 bits, sRGB."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from unshutter.photo.libvips import computed, refusing, set_blob, standard, to_8_bits
+from unshutter.photo.libvips import computed, in_srgb, libvips, refusing, standard, to_8_bits
 
 if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
     from unshutter.geometry.orientation import Orientation
+
+
+_BEHIND = 128  # grey level behind transparent places of small copies
 
 
 def upright(image: pyvips.Image, icc: bytes | None, orientation: Orientation, longest_px: int = 0) -> np.ndarray:
@@ -37,9 +40,50 @@ def upright(image: pyvips.Image, icc: bytes | None, orientation: Orientation, lo
         if image.hasalpha():
             image = image.flatten(background=[65535 if image.format == "ushort" else 255])
         if icc is not None:
-            image = image.copy()
-            set_blob(image, "icc-profile-data", icc)
-            image = image.icc_transform("srgb", embedded=True, depth=16 if image.format == "ushort" else 8)
+            image = in_srgb(image, icc)
         image = to_8_bits(standard(image))
         colour = image if image.bands == 3 else image[0].bandjoin([image[0], image[0]])
         return np.ascontiguousarray(orientation.upright(computed(standard(colour))))
+
+
+def screen_pixels(image: pyvips.Image, height: int, width: int, profile: bytes | None) -> np.ndarray:
+    """[height, width, 3] uint8 sRGB of the stored pixels of an image, scaled to that size.
+
+    Args:
+        image: of 1 to 4 bands, 8 or 16 bits.
+        height, width: [px], not larger than the image; transparent places become grey.
+        profile: ICC profile of its colours; without one, or with one that does not fit, they count as sRGB.
+
+    Raises:
+        UnshutterError: libvips refuses.
+    """
+    import numpy as np
+
+    with refusing("cannot compute the copy for the screen"):
+        if image.hasalpha():
+            image = image.flatten(background=[_BEHIND * (257 if image.format == "ushort" else 1)])
+        if (image.height, image.width) != (height, width):
+            image = image.resize(width / image.width, vscale=height / image.height, kernel="mitchell")
+        image = _in_srgb(image, profile)
+        if image.bands == 1:
+            image = image.bandjoin([image, image])
+        pixels = image.numpy()
+    missing = height - pixels.shape[0], width - pixels.shape[1]  # at most a row or column, by rounding
+    if any(missing):
+        pixels = np.pad(pixels, ((0, max(missing[0], 0)), (0, max(missing[1], 0)), (0, 0)), mode="edge")
+    return np.ascontiguousarray(pixels[:height, :width])
+
+
+def _in_srgb(image: pyvips.Image, profile: bytes | None) -> pyvips.Image:
+    """The image in 8-bit sRGB; grey stays grey if it has no usable profile."""
+    if profile is not None:
+        try:
+            return _computed(in_srgb(standard(image), profile, bits=8))
+        except libvips().Error:  # damaged, or for other colours: programs then take them for sRGB
+            libvips().vips_lib.vips_error_clear()
+    return to_8_bits(image)
+
+
+def _computed(image: pyvips.Image) -> pyvips.Image:
+    """The image with its pixels computed now, so that failures show here."""
+    return libvips().Image.new_from_memory(image.write_to_memory(), image.width, image.height, image.bands, "uchar")

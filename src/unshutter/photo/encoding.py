@@ -1,16 +1,17 @@
-"""Pixels and metadata into files, as far as it is the same for all formats."""
+"""Pictures into files, as far as all formats have it in common."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.format import Coding, WrittenFormat
-from unshutter.photo.libvips import field, libvips, refusing, standard, to_8_bits
+from unshutter.geometry.orientation import Orientation
+from unshutter.photo.format import Picture, WrittenFormat
+from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.tags import exif, iptc, xmp
 
@@ -24,37 +25,55 @@ _NAMED = 4  # of the parts that were left out; the rest is counted
 # ---- what goes into a file -----------------------------------------------------------------------------
 
 
-def with_metadata(
-    image: pyvips.Image, metadata: Metadata, orientation: int, is_new: bool, format: WrittenFormat
-) -> tuple[pyvips.Image, tuple[str, ...]]:
-    """The pixels with metadata that are true of them, and the names of those that cannot go along.
+def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Picture, tuple[str, ...]]:
+    """The picture as a format can hold it, its metadata true of its pixels, and the names of what is lost.
 
     Args:
-        image: pixels alone.
-        metadata: of the photo that they come from.
-        orientation: EXIF orientation 1-8.
-        is_new: whether the pixels are others than the metadata's, so that thumbnails must be made anew, or go.
+        picture: pixels and metadata of a photo.
         format: of the file.
+        is_new: whether the pixels are others than the file's that the metadata come from: small pictures of the old
+            ones are replaced or removed.
+
+    Raises:
+        UnshutterError: too large for the format.
     """
+    lost_channels = tuple(_lost_channels(picture, format))
+    if picture.masked and not format.masks:  # libvips would take the mask for transparency
+        picture = replace(picture, image=standard(picture.image[: picture.image.bands - 1]))
+    metadata, left_out = _true_metadata(picture, format, is_new)
+    image, profile = _fitted_pixels(picture.image, metadata.icc, format)
+    fitting = replace(picture, image=image, metadata=replace(metadata, icc=profile))
+    return fitting, (*dict.fromkeys(left_out), *lost_channels)
+
+
+def _lost_channels(picture: Picture, format: WrittenFormat) -> Iterator[str]:
+    """Names of the channels that a format cannot hold."""
+    if picture.masked and not format.masks:
+        yield "mask channel"
+    if picture.has_alpha and not format.alpha and _is_transparent(picture.image):
+        yield "transparency"
+
+
+def _true_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Metadata, list[str]]:
+    """The metadata made true of the pixels, and the names of those that are lost."""
+    image, metadata, orientation = picture.image, picture.metadata, picture.orientation
     left_out = [*metadata.without_place(format.holds), *metadata.left_behind]
     packet, resources = metadata.xmp, metadata.resources
     if packet is not None:
         film = metadata.film if "film" in format.holds else None
         left_out += xmp.gone(packet, film is not None)
-        # where only XMP tells how to turn the picture, it goes on doing so
-        told = orientation if orientation != 1 else exif.orientation(metadata.exif)
-        packet = xmp.after(packet, xmp.Next(image.height, image.width, told, is_new, film and film.place))
+        # an orientation that only XMP gives stays there
+        given = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
+        packet = xmp.after(packet, xmp.Next(image.height, image.width, given, is_new, film and film.place))
         if packet is None:
             left_out.append("XMP (damaged)")
     if is_new and resources is not None:
         resources = iptc.without_thumbnails(resources)
-    blob = _exif_of(image, metadata.exif, orientation, is_new)
-    image = replace(metadata, exif=blob, xmp=packet, resources=resources).on(image)
-    image.set_type(libvips().GValue.gint_type, "orientation", orientation)
-    return image, tuple(dict.fromkeys(left_out))
+    blob = _true_exif(image, metadata.exif, orientation, is_new)
+    return replace(metadata, exif=blob, xmp=packet, resources=resources), left_out
 
 
-def _exif_of(image: pyvips.Image, blob: bytes | None, orientation: int, is_new: bool) -> bytes | None:
+def _true_exif(image: pyvips.Image, blob: bytes | None, orientation: Orientation, is_new: bool) -> bytes | None:
     if blob is not None:
         blob = exif.with_size(blob, image.height, image.width)
         if is_new and exif.has_thumbnail(blob):
@@ -69,8 +88,10 @@ def _thumbnail(image: pyvips.Image) -> bytes:
     return to_8_bits(small).jpegsave_buffer(Q=80, keep=0)
 
 
-def fitted(image: pyvips.Image, format: WrittenFormat) -> pyvips.Image:
-    """What of the pixels a format can hold: depth, alpha (else over black), one channel (else three).
+def _fitted_pixels(
+    image: pyvips.Image, profile: bytes | None, format: WrittenFormat
+) -> tuple[pyvips.Image, bytes | None]:
+    """Pixels that a format can hold, and their ICC profile: depth, alpha (else over black), one channel (else three).
 
     Raises:
         UnshutterError: too large for the format.
@@ -85,17 +106,17 @@ def fitted(image: pyvips.Image, format: WrittenFormat) -> pyvips.Image:
     if not format.deep:
         image = to_8_bits(image)
     if image.bands > 2 or format.grey:
-        return image
-    grey, alpha = image[0], image[1:] if image.bands == 2 else None
-    profile = field(image, "icc-profile-data")
+        return image, profile
+    grey, alpha = standard(image[0]), image[1:] if image.bands == 2 else None
     if profile is not None and profile[16:20] == b"GRAY":  # its tones would be lost with it
-        colour = standard(grey).icc_transform("srgb", embedded=True, depth=16 if image.format == "ushort" else 8)
+        colour = in_srgb(grey, profile)
+        profile = field(colour, "icc-profile-data")
     else:
         colour = grey.bandjoin([grey, grey])
-    return standard(colour if alpha is None else colour.bandjoin(alpha))
+    return standard(colour if alpha is None else colour.bandjoin(alpha)), profile
 
 
-def is_transparent(image: pyvips.Image) -> bool:
+def _is_transparent(image: pyvips.Image) -> bool:
     """Whether an image shows through anywhere, by its last channel."""
     opaque = 65_535 if image.format == "ushort" else 255
     return float(image[image.bands - 1].min()) < opaque  # pyright: ignore[reportArgumentType]
@@ -127,24 +148,22 @@ def not_written(left_out: Sequence[str]) -> str:
 # ---- files ---------------------------------------------------------------------------------------------
 
 
-def to_bytes(image: pyvips.Image, format: WrittenFormat, coding: Coding, quality: int | None) -> Encoded:
-    """An encoded file of an image that is :func:`fitted`.
+def to_bytes(picture: Picture, format: WrittenFormat) -> Encoded:
+    """An encoded file of a picture that is :func:`fitted`.
 
     Raises:
         UnshutterError: libvips refuses.
     """
     with refusing(f"cannot encode the picture as {format.name.upper()}"):
-        data = format.encode(image, coding, quality, None)
+        data = format.encode(picture, None)
     assert data is not None
     stream = io.BytesIO(data)
-    left_out = format.embed(stream, image)
+    left_out = format.embed(stream, picture)
     return Encoded(stream.getvalue(), tuple(left_out))
 
 
-def to_file(
-    image: pyvips.Image, format: WrittenFormat, coding: Coding, quality: int | None, file: Path, target: Path
-) -> tuple[str, ...]:
-    """Writes a file of an image that is :func:`fitted`; ``target`` is what messages call it.
+def to_file(picture: Picture, format: WrittenFormat, file: Path, target: Path) -> tuple[str, ...]:
+    """Writes a file of a picture that is :func:`fitted`; ``target`` is what messages call it.
 
     Returns:
         What of the metadata the format could not take after all.
@@ -153,6 +172,6 @@ def to_file(
         UnshutterError: libvips or the system refuses.
     """
     with refusing(f"cannot write {target}"):
-        format.encode(image, coding, quality, file)
+        format.encode(picture, file)
     with file.open("r+b") as stream:
-        return tuple(format.embed(stream, image))
+        return tuple(format.embed(stream, picture))

@@ -1,4 +1,4 @@
-"""What a file format is: how it is recognised, read and written. Each is one file in formats/, and knows no other."""
+"""The interface of a file format: how it is recognised, read and written. formats/ has one file for each."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Coding:
         lossless: WebP only.
         bits: of a sample.
         compression: TIFF's number of it.
-        masked: the last of 2 or 4 channels is a mask or the like, of which the file does not say that it is
+        masked: the last of 2 or 4 channels is a mask or similar, of which the file does not say that it is
             transparency (TIFF only).
     """
 
@@ -59,6 +59,35 @@ class Header:
     bands: int
     orientation: Orientation
     metadata: Metadata
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture on its way into a file.
+
+    Attributes:
+        image: its pixels, without metadata.
+        metadata: those that go along.
+        orientation: of the pixels.
+        coding: how its predecessor was encoded.
+        quality: 1-100; None: like its predecessor's.
+    """
+
+    image: pyvips.Image
+    metadata: Metadata
+    orientation: Orientation
+    coding: Coding
+    quality: int | None = None
+
+    @property
+    def masked(self) -> bool:
+        """Whether the last channel is a mask rather than transparency."""
+        return self.image.bands in (2, 4) and self.coding.masked
+
+    @property
+    def has_alpha(self) -> bool:
+        """Whether the last channel is transparency."""
+        return self.image.bands in (2, 4) and not self.coding.masked
 
 
 class Format(ABC):
@@ -134,27 +163,25 @@ class WrittenFormat(Format):
     holds: ClassVar[frozenset[str]]
 
     @abstractmethod
-    def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
-        """Encodes an image into a file, or into bytes without ``path``; ``pyvips.Error`` on failure.
+    def encode(self, picture: Picture, path: Path | None) -> bytes | None:
+        """Encodes a picture into a file, or into bytes without ``path``; ``pyvips.Error`` on failure.
 
         Args:
-            image: pixels that the format can hold, and metadata as :meth:`Metadata.on` puts them there.
-            coding: how its predecessor was encoded.
-            quality: 1-100; None: like its predecessor's.
+            picture: pixels and metadata that the format can hold; of the metadata, those that libvips writes whole.
             path: the file.
         """
 
     @abstractmethod
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
-        """Puts EXIF, and what else libvips does not write well, into what :meth:`encode` made of the image.
+    def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
+        """Adds EXIF, and the other metadata that libvips does not write well, to the file that :meth:`encode` wrote.
 
-        libvips would take EXIF apart and write it anew: tags that it does not know are lost, and makers' notes move,
+        libvips would take EXIF apart and rebuild it: tags that it does not know are lost, and makers' notes move,
         which breaks those that point to places counted from the blob's beginning.
 
         Args:
             file: seekable, open for reading and writing.
-            image: the same that was encoded.
+            picture: the one that was encoded.
 
         Returns:
-            What of the metadata that the format ``holds`` did not go in after all, in words: "maker's note".
+            Names of metadata that the format ``holds``, but that did not fit after all, such as "maker's note".
         """

@@ -31,7 +31,7 @@ def grey_copy(
             image = standard(image.cast("uchar", shift=True))  # first: the rest takes a third of the time
         if (hscale, vscale) != (1.0, 1.0):
             image = image.embed(*(0, 0, _aligned(image.width, hscale), _aligned(image.height, vscale)), extend="copy")
-            image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # hardly rings: no ghosts beside edges
+            image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # hardly rings: no ghosts next to edges
         pixels = image.numpy()[:height, :width]
     if pixels.ndim == 3:
         import cv2

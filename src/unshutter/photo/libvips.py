@@ -28,7 +28,7 @@ def libvips() -> Any:
 
     Raises:
         UsageError: this process was forked from one that had it loaded. libvips's threads are not in this one, and it
-            would wait for them for ever; it has no way to start them anew (8.18).
+            would wait for them forever; it cannot restart them (8.18).
     """
     if _forked:
         raise UsageError(
@@ -61,8 +61,8 @@ def refusing(what: str, **files: object) -> Iterator[None]:
     try:
         yield
     except (vips.Error, UnicodeDecodeError) as error:  # pyvips takes libvips's notes for text
-        told = _take_notes() if isinstance(error, UnicodeDecodeError) else f"{error.detail}\n{error.message}"
-        raise UnshutterError(f"{what}: {_cause(told)}", **files) from None
+        notes = _take_notes() if isinstance(error, UnicodeDecodeError) else f"{error.detail}\n{error.message}"
+        raise UnshutterError(f"{what}: {_cause(notes)}", **files) from None
 
 
 def _take_notes() -> str:
@@ -77,9 +77,9 @@ def _cause(notes: str) -> str:
     """The cause in libvips's many lines of complaint: the system's, else the first."""
     lines = [line.strip() for line in notes.splitlines() if line.strip()]
     system = [line.removeprefix("system error: ") for line in lines if line.startswith("system error: ")]
-    told = [line for line in system if not line.startswith("Unknown error")]
+    known = [line for line in system if not line.startswith("Unknown error")]
     lines = [line for line in lines if "bad seek" not in line]  # how libheif finds the end of a stream
-    return (told or lines or ["unknown"])[0]
+    return (known or lines or ["unknown"])[0]
 
 
 # ---- threads -------------------------------------------------------------------------------------------
@@ -142,6 +142,19 @@ def to_8_bits(image: pyvips.Image) -> pyvips.Image:
     return standard(image.linear([255 / 65535], [0.5], uchar=True)) if image.format == "ushort" else image
 
 
+def in_srgb(image: pyvips.Image, profile: bytes, bits: int | None = None) -> pyvips.Image:
+    """The image in sRGB from the colours of an ICC profile; ``pyvips.Error`` if that does not fit them.
+
+    Args:
+        image: 8 or 16 bits.
+        profile: of its colours.
+        bits: of the result; None: as many as the image has.
+    """
+    image = image.copy()
+    set_blob(image, "icc-profile-data", profile)
+    return image.icc_transform("srgb", embedded=True, depth=bits or (16 if image.format == "ushort" else 8))
+
+
 # ---- images and arrays ---------------------------------------------------------------------------------
 
 
@@ -173,7 +186,7 @@ def as_image(pixels: np.ndarray) -> pyvips.Image:
 
 
 def with_bands(array: np.ndarray) -> np.ndarray:
-    """[H, W, bands] of what a photo can be made of.
+    """The array as pixels [H, W, bands] of a photo.
 
     Raises:
         UnshutterError: another shape or type than a photo's, or no pixels.

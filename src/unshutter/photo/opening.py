@@ -1,4 +1,4 @@
-"""From encoded data to what they say about their picture, before any of its pixels are decoded."""
+"""Photos opened: their format is recognised and their header read, before any pixels are decoded."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _MANY_PIXELS, _LEAST_BITS = 100_000_000, 0.03
 
 
 def read_header(source: Source, max_pixels: int) -> Header:
-    """Reads it.
+    """Reads what encoded data say about their picture.
 
     Raises:
         MissingFileError: there is no such file.
         UnshutterError: unreadable, of no format that is read, damaged, of a kind that the package does not
-            work on, more pixels than ``max_pixels`` or than its bytes can tell of, or in need of an extra that is not
+            work on, more pixels than ``max_pixels`` or than its bytes can encode, or in need of an extra that is not
             installed.
     """
     format = recognise(source)
@@ -53,7 +53,7 @@ def recognise(source: Source) -> Format:
     try:
         with source.stream() as stream:
             head = stream.read(_HEAD_BYTES)
-        found = next((format for format in FORMATS.values() if format.recognises(source, head)), None)
+        format = next((one for one in FORMATS.values() if one.recognises(source, head)), None)
     except FileNotFoundError as error:
         raise MissingFileError(f"cannot read {{photo}}: {error.strerror}", photo=source) from None
     except OSError as error:
@@ -63,6 +63,6 @@ def recognise(source: Source) -> Format:
         raise UnshutterError(f"cannot read {{photo}}: {error}", photo=source) from None
     if not head:
         raise UnshutterError("{photo} is empty (0 bytes)", photo=source)
-    if found is None:
+    if format is None:
         raise UnshutterError("{photo} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture", photo=source)
-    return found
+    return format

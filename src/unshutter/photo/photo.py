@@ -1,9 +1,8 @@
-"""Photo: the one way in which pixels and their metadata come in and go out."""
+"""Photo: pixels and metadata, read from a file or array, and written to a file."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,10 +15,10 @@ from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
 from unshutter.photo import display, encoding
 from unshutter.photo.decoding import Decoder
 from unshutter.photo.encoding import Encoded
-from unshutter.photo.format import Coding, WrittenFormat
+from unshutter.photo.format import Coding, Picture, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN, of_target
 from unshutter.photo.grey import grey_copy, grey_size
-from unshutter.photo.libvips import as_image, libvips, with_bands
+from unshutter.photo.libvips import as_image, with_bands
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
@@ -43,11 +42,11 @@ class Photo:
     Pixels are decoded when they are first asked for, or before (:meth:`start_decoding`), once. :attr:`pixels` is always
     [H, W, bands], for a grey photo too, of which bands is 1; :meth:`to_array` gives that one as [H, W].
 
-    What is kept on the way out:
+    What is preserved in a result:
 
     * bits: 16-bit pixels stay so in PNG and TIFF, become 10 (if the photo had 10) or 12 in AVIF, are rounded to 8 in
       JPEG and WebP;
-    * channels: grey stays grey in JPEG, PNG and TIFF, WebP and AVIF hold it as RGB; alpha stays except in JPEG,
+    * channels: grey stays grey in JPEG, PNG and TIFF, WebP and AVIF hold it as RGB; alpha is kept except in JPEG,
       where the picture is laid over black;
     * ICC profile, XMP, IPTC (JPEG and TIFF), and EXIF byte by byte (in TIFF, tag by tag), with the picture's size;
     * JPEG quality and chroma subsampling like the input's; TIFF compression if none or LZW, else deflate.
@@ -122,12 +121,12 @@ class Photo:
         pixels = with_bands(array).copy()
         pixels.setflags(write=False)
         height, width, bands = pixels.shape
-        said = Metadata()
+        metadata = Metadata()
         if exposure_s is not None:
             from unshutter.photo.tags import exposure
 
-            said = Metadata(exif=exposure.blob_of(exposure_s))
-        return cls("array", height, width, bands, 1, None, None, Coding(), said, pixels)
+            metadata = Metadata(exif=exposure.blob_of(exposure_s))
+        return cls("array", height, width, bands, 1, None, None, Coding(), metadata, pixels)
 
     def with_pixels(self, pixels: np.ndarray) -> Photo:
         """New pixels, possibly of another size, under this photo's metadata and format; not copied.
@@ -149,7 +148,7 @@ class Photo:
 
     @property
     def masked(self) -> bool:
-        """Whether the last channel is a mask beside the picture, as Photoshop stores some in TIFF."""
+        """Whether the last channel is a mask, as Photoshop stores some in TIFF."""
         return self.bands in (2, 4) and self._coding.masked
 
     def start_decoding(self, executor: Executor | None = None, grey_px: int | None = None, whole: bool = True) -> None:
@@ -157,8 +156,8 @@ class Photo:
 
         Args:
             executor: where to.
-            grey_px: short side of a grey copy that will be wanted, and before all else; None: none.
-            whole: all pixels will be wanted.
+            grey_px: short side of a grey copy that will be needed, before all else; None: none.
+            whole: all pixels will be needed.
         """
         if self._decoder is not None:
             thread = executor or ThreadPoolExecutor(1)
@@ -204,9 +203,9 @@ class Photo:
 
     def taken(self) -> datetime | None:
         """When it was taken, by EXIF, in the camera's time zone; None where it is not known."""
-        from unshutter.photo.tags import taken
+        from unshutter.photo.tags import exposure
 
-        return taken.taken(self._metadata.exif)
+        return exposure.taken(self._metadata.exif)
 
     def is_merged(self) -> bool:
         """Whether it was put together from several exposures (HDR), by EXIF: its exposure time is that of one."""
@@ -225,8 +224,8 @@ class Photo:
         """How the camera was held, as an accelerometer, level gauge or gimbal wrote it; None where it is not known."""
         from unshutter.photo.tags import attitude
 
-        said = self._metadata
-        return attitude.of_photo(said.exif, said.xmp, Orientation(self.orientation), self.height, self.width)
+        metadata = self._metadata
+        return attitude.of_photo(metadata.exif, metadata.xmp, Orientation(self.orientation), self.height, self.width)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
@@ -263,8 +262,6 @@ class Photo:
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone; UsageError: longest below 1.
         """
-        from unshutter.photo.screen import screen_pixels
-
         if longest is not None and longest < 1:
             raise UsageError(f"a copy for the screen needs a longer side of at least 1 px, got {longest}")
         if self._decoder is None or longest is None:
@@ -275,7 +272,7 @@ class Photo:
         side = max(self.height, self.width)
         scale = 1.0 if longest is None else min(longest / side, 1.0)
         height, width = (max(round(size * scale), 1) for size in (self.height, self.width))
-        return screen_pixels(image, height, width, self._metadata.icc)
+        return display.screen_pixels(image, height, width, self._metadata.icc)
 
     @property
     def times_ns(self) -> Times:
@@ -302,11 +299,11 @@ class Photo:
     # ---- out -------------------------------------------------------------------------------------------
 
     def file_as(self, format: str, how: Save) -> Source | None:
-        """The encoded data that the photo was read from, where nothing else is asked for.
+        """The encoded data that the photo was read from, if a result with these options would be a copy of them.
 
         Args:
-            format: that is wanted.
-            how: it is to be coded.
+            format: of the result.
+            how: options of its coding.
 
         Returns:
             None where the pixels are new, the format is another, or a quality or subsampling is asked for.
@@ -337,11 +334,11 @@ class Photo:
         """Like :meth:`to_bytes`, and says what of the metadata the format could not hold."""
         return self._encoded(Save(format, quality, subsampling))
 
-    def _encoded(self, how: Save) -> Encoded:
+    def _encoded(self, save: Save) -> Encoded:
         own = "png" if self.format == "array" else FORMATS[self.format].written_as
-        target = WRITTEN[how.format or own]
-        image, left_out = self._ready_for(target)
-        file = encoding.to_bytes(image, target, self._coding_for(how), how.quality)
+        target = WRITTEN[save.format or own]
+        picture, left_out = self._picture_for(target, save)
+        file = encoding.to_bytes(picture, target)
         return Encoded(file.data, left_out + file.left_out)
 
     def save(
@@ -352,7 +349,7 @@ class Photo:
         subsampling: Subsampling | None = None,
         keep_times: bool = False,
     ) -> tuple[str, ...]:
-        """Writes the photo whole or not at all: into a temporary file beside ``path``, renamed when complete.
+        """Writes the photo whole or not at all: into a temporary file next to ``path``, renamed when complete.
 
         It gets the permissions of the file that the photo was read from.
 
@@ -372,29 +369,19 @@ class Photo:
             UnshutterError: the file exists, is a link or the
                 photo's own, its folder is missing or cannot be written to, the disc is full, or the photo is damaged.
         """
-        target, how = Path(path), Save(None, quality, subsampling, keep_times)
-        times_ns = self.times_ns if how.keep_times else None
+        target, options = Path(path), Save(None, quality, subsampling, keep_times)
+        times_ns = self.times_ns if options.keep_times else None
         format = of_target(target)
         check_target(target, overwrite, self.path)
-        image, left_out = self._ready_for(format)  # decodes: a damaged photo is found before anything is written
+        picture, left_out = self._picture_for(format, options)  # decodes: damage is found before anything is written
         with written_whole(target, overwrite, mode_of=self.path, times_ns=times_ns) as part:
-            left_out += encoding.to_file(image, format, self._coding_for(how), how.quality, part, target)
+            left_out += encoding.to_file(picture, format, part, target)
         return left_out
 
-    def _coding_for(self, how: Save) -> Coding:
-        return replace(self._coding, subsampled=how.subsampling == "4:2:0") if how.subsampling else self._coding
-
-    def _ready_for(self, format: WrittenFormat) -> tuple[pyvips.Image, tuple[str, ...]]:
-        is_new = self._given is not None
-        image = self.image if format.masks else self._picture
-        image, left_out = encoding.with_metadata(image, self._metadata, self.orientation, is_new, format)
-        if self.masked:
-            image.set_type(libvips().GValue.gint_type, "tiff-masked", int(format.masks))
-        return encoding.fitted(image, format), (*left_out, *self._lost_channels(format))
-
-    def _lost_channels(self, format: WrittenFormat) -> Iterator[str]:
-        """Channels that a format cannot hold, in words."""
-        if self.masked and not format.masks:
-            yield "mask channel"
-        if self.has_alpha and not format.alpha and encoding.is_transparent(self.image):
-            yield "transparency"
+    def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, tuple[str, ...]]:
+        """The photo as a format can hold it, and the names of what it cannot."""
+        coding = self._coding
+        if save.subsampling is not None:
+            coding = replace(coding, subsampled=save.subsampling == "4:2:0")
+        picture = Picture(self.image, self._metadata, Orientation(self.orientation), coding, save.quality)
+        return encoding.fitted(picture, format, is_new=self._given is not None)

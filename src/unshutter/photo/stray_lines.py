@@ -1,4 +1,4 @@
-"""Lines that C libraries print on standard error by themselves, kept from the user, who gets one clear line instead."""
+"""Lines that C libraries print on standard error, suppressed: users get one clear line instead."""
 
 from __future__ import annotations
 

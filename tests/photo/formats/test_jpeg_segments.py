@@ -11,7 +11,8 @@ from support.drawn_photos import drawn, encoded
 from support.tagged_files import TITLE, exif_blob, full_exif, image_resources, jpeg_with
 from unshutter.photo import Photo
 from unshutter.photo.containers import segments
-from unshutter.photo.tags.directories import EXIF, GPS, Entry, Tree, encoded_number
+from unshutter.photo.tags.directories import EXIF, GPS, Entry, Tree
+from unshutter.photo.tags.directory_bytes import encoded_number
 from unshutter.photo.tags.exif import of_tiff
 
 PHOTOSHOP, ADOBE = b"Photoshop 3.0\0", b"http://ns.adobe.com/xap/1.0/\0"

@@ -171,8 +171,8 @@ def test_a_table_that_is_wrong_does_no_harm() -> None:
     """Panasonic's strips are said to be as long as they would be without compression."""
     data = dng(linear(soft()))
     odd = with_longer_strip(data, 100_000)
-    assert sensor_data.is_told_whole(io.BytesIO(data)) is True
-    assert sensor_data.is_told_whole(io.BytesIO(odd)) is None
+    assert sensor_data.is_whole(io.BytesIO(data)) is True
+    assert sensor_data.is_whole(io.BytesIO(odd)) is None
     assert np.array_equal(Photo.from_bytes(odd).pixels, Photo.from_bytes(data).pixels)
 
 
@@ -180,8 +180,8 @@ def test_lengths_of_fuji_and_canon_are_believed() -> None:
     fuji = b"FUJIFILMCCD-RAW ".ljust(84, b"\0") + struct.pack(">6I", 108, 50, 158, 10, 168, 32) + bytes(92)
     cr3 = box(b"ftyp", b"crx \0\0\0\1crx isom") + box(b"mdat", bytes(100))
     for data in (fuji, cr3):
-        assert sensor_data.is_told_whole(io.BytesIO(data)) is True
-        assert sensor_data.is_told_whole(io.BytesIO(data[:-1])) is False
+        assert sensor_data.is_whole(io.BytesIO(data)) is True
+        assert sensor_data.is_whole(io.BytesIO(data[:-1])) is False
 
 
 def test_panasonics_makers_note_is_found() -> None:

@@ -22,7 +22,8 @@ from unshutter import RowMotion, UnshutterError, rectify
 from unshutter.photo import Photo
 from unshutter.photo.formats import tiff
 from unshutter.photo.tags import exif
-from unshutter.photo.tags.directories import Entry, in_classic
+from unshutter.photo.tags.directories import Entry
+from unshutter.photo.tags.directory_bytes import in_classic
 
 
 @pytest.mark.parametrize(("compression", "expected"), [("raw", 1), ("tiff_lzw", 5), ("packbits", 8), ("jpeg", 8)])

@@ -24,13 +24,13 @@ _ANIMATION = re.compile(rb"....ftyp(avis|hevc|hevx|msf1)", re.DOTALL)
 # ---- boxes ---------------------------------------------------------------------------------------------
 
 
-def top_level(file: BinaryIO, wanted: bytes) -> bytes:
+def top_level(file: BinaryIO, kind: bytes) -> bytes:
     """Content of a box of the file itself, after which the file then stands; KeyError where there is none."""
     for name, start, end in top_level_extents(file):
-        if name == wanted:
+        if name == kind:
             file.seek(start)
             return file.read(min(end - start, _LONGEST_READ))
-    raise KeyError(wanted)
+    raise KeyError(kind)
 
 
 def top_level_extents(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:

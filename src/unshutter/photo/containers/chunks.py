@@ -29,7 +29,7 @@ class Chunk(NamedTuple):
 
 
 def is_safe_to_copy(name: bytes) -> bool:
-    """Whether a chunk's data stay true of a picture with other pixels; by its name, a chunk says so itself."""
+    """Whether a chunk's data are valid for other pixels, too, which the case of letters in its name shows."""
     return bool(name[0] & _LOWER and name[3] & _LOWER)
 
 
@@ -62,13 +62,13 @@ def encoded(name: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
 
-def place_of(file: BinaryIO, wanted: bytes) -> tuple[int, int] | None:
+def place_of(file: BinaryIO, name: bytes) -> tuple[int, int] | None:
     """Where a chunk before the pixels begins and ends; None where there is none."""
     at = SIGNATURE_BYTES
     file.seek(at)
     while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
         (length,) = struct.unpack_from(">I", head)
-        if head[4:] == wanted:
+        if head[4:] == name:
             return at, at + 12 + length
         at += 12 + length
         file.seek(at)
@@ -76,13 +76,14 @@ def place_of(file: BinaryIO, wanted: bytes) -> tuple[int, int] | None:
 
 
 def in_words(chunks: Sequence[tuple[bytes, bytes]], has_profile: bool) -> Iterator[str]:
-    """What a file without chunks lacks; colours are not lost where a profile tells them, or where they are sRGB's."""
+    """Names of what a file without chunks lacks: not the colours, if a profile describes them or they are sRGB's."""
     names = {name for name, _ in chunks}
     if names & TEXTS:
         yield "texts"
-    told = dict(chunks)
+    by_name = dict(chunks)
     are_usual = b"sRGB" in names or (
-        told.get(b"gAMA", _USUAL_GAMMA) == _USUAL_GAMMA and told.get(b"cHRM", _USUAL_PRIMARIES) == _USUAL_PRIMARIES
+        by_name.get(b"gAMA", _USUAL_GAMMA) == _USUAL_GAMMA
+        and by_name.get(b"cHRM", _USUAL_PRIMARIES) == _USUAL_PRIMARIES
     )
     if not has_profile and names & {b"gAMA", b"cHRM"} and not are_usual:
         yield "colours (gAMA and cHRM)"

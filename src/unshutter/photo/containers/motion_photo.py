@@ -1,7 +1,8 @@
 """Films behind the picture of a JPEG: motion photos as Google's and Samsung's phones write them.
 
 Google's film ends with the file. Samsung's stands in a trailer: blocks with a number and a name, and a directory at the
-very end that tells how far before it each block begins. So the trailer can move as a whole, and blocks can go.
+very end with the distance from there back to the start of each block. So the trailer can move as a whole, and blocks
+can be left out.
 
 Source: Google, Motion Photo format 1.0; for the trailer ExifTool's description of Samsung's tags.
 """
@@ -60,21 +61,21 @@ class _Block(NamedTuple):
         return 8 + int.from_bytes(self.data[4:8], "little")
 
 
-def film_of(file: BinaryIO, told: int | None) -> Film | None:
+def film_of(file: BinaryIO, film_bytes: int | None) -> Film | None:
     """The film of a JPEG.
 
     Args:
         file: the JPEG.
-        told: where XMP says that the film begins [bytes before the file's end]; None: nowhere.
+        film_bytes: length of the film at the end of the file, according to XMP; None: XMP names none.
     """
     in_trailer = _in_trailer(file)
     if in_trailer is not None:
         return in_trailer
-    if not told or told >= file.seek(0, io.SEEK_END):
+    if not film_bytes or film_bytes >= file.seek(0, io.SEEK_END):
         return None
-    file.seek(-told, io.SEEK_END)
-    data = file.read(told)
-    return Film(data, 0, told, told) if _is_film(data) else None
+    file.seek(-film_bytes, io.SEEK_END)
+    data = file.read(film_bytes)
+    return Film(data, 0, film_bytes, film_bytes) if _is_film(data) else None
 
 
 def _is_film(data: bytes) -> bool:

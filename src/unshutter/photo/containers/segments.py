@@ -22,15 +22,15 @@ _PIECE = 1 << 20  # bytes
 _FILL = b"\0\xff \r\n\t"
 
 
-def before_the_scan(file: BinaryIO, wanted: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
-    """(marker, content) of segments before the first scan."""
+def before_the_scan(file: BinaryIO, markers: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
+    """(marker, content) of the segments before the first scan that have one of the markers."""
     file.seek(2)
     while (marker := _marker(file)) not in (None, SCAN):
         size = file.read(2)
         length = int.from_bytes(size, "big")
         if len(size) < 2 or length < 2:
             return
-        if marker in wanted:
+        if marker in markers:
             yield marker, file.read(length - 2)
         else:
             file.seek(length - 2, 1)
@@ -66,10 +66,10 @@ def _after_segment(file: BinaryIO) -> int | None:
     at = file.tell() + int.from_bytes(size, "big") - 2
     file.seek(at)
     while len(piece := file.read(_PIECE)) > 1:
-        found = _IN_A_SCAN.search(piece)
-        if found is not None:
-            file.seek(at + found.end())
-            return piece[found.end() - 1]
+        match = _IN_A_SCAN.search(piece)
+        if match is not None:
+            file.seek(at + match.end())
+            return piece[match.end() - 1]
         at += len(piece) - 1  # a marker may be cut in two
         file.seek(at)
     return None

@@ -1,7 +1,7 @@
 """Whether a raw file still holds all of its sensor's data.
 
 LibRaw develops what it finds and takes the rest for zeros, without a word: a file that was cut short becomes a picture
-that is black from some row on. Where a file's own tables say that it is whole, that is believed. Else it is read a
+that is black from some row on. A file whose own tables say that it is whole counts as whole. Any other is read a
 second time with other bytes after its end: what differs was never there.
 
 Source: TIFF 6.0 (strips, tiles); TIFF/EP, DNG 1.6 (sub-directories); ISO/IEC 14496-12 (boxes).
@@ -28,8 +28,8 @@ _FUJI_TABLE = 84  # of places and lengths: of the JPEG, the header and the data
 _AFTER = b"\xa5" * 65_536  # like nothing that a decoder makes of a missing end
 
 
-def is_told_whole(file: BinaryIO) -> bool | None:
-    """Whether all data that the file tells of lie in it; None where it does not tell, or what it tells may be wrong."""
+def is_whole(file: BinaryIO) -> bool | None:
+    """Whether all data in the file's own tables lie in it; None where there are no tables, or they may be wrong."""
     length = file.seek(0, io.SEEK_END)
     file.seek(0)
     head = file.read(_FUJI_TABLE + 24)
@@ -67,8 +67,8 @@ def is_complete(data: bytes, pixels: np.ndarray, decode: Callable[[BinaryIO], np
 def _sub_pictures(file: BinaryIO, tree: Tree) -> list[Directory]:
     """The directories that hang on a page as pictures of their own."""
     offsets = [offset for page in tree.pages for offset in _numbers(page, _SUB_PICTURES, tree)]
-    found = (read_tree(file, most_pages=1, first_at=offset) for offset in offsets[:_MOST_SUB_PICTURES])
-    return [picture.pages[0] for picture in found if picture is not None]
+    trees = (read_tree(file, most_pages=1, first_at=offset) for offset in offsets[:_MOST_SUB_PICTURES])
+    return [tree.pages[0] for tree in trees if tree is not None]
 
 
 def _is_sensors(picture: Directory, tree: Tree) -> bool:

@@ -1,4 +1,4 @@
-"""The file formats: one line here and one file beside it for each."""
+"""The file formats: each has a line here and a file in this folder."""
 
 from __future__ import annotations
 

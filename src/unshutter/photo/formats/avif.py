@@ -7,22 +7,21 @@ from __future__ import annotations
 
 import re
 import struct
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
 from unshutter.photo import by_libvips
-from unshutter.photo.containers import boxes, extras, items
-from unshutter.photo.format import Coding, Header, WrittenFormat
+from unshutter.photo.by_libvips import ExifBlock, without_exif_loops
+from unshutter.photo.containers import boxes, items
+from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
 from unshutter.photo.libvips import field, threads
-from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
 from unshutter.photo.tags import colours, exif
 
 if TYPE_CHECKING:
     import numpy as np
-    import pyvips
 
 _THREADS = 4  # of the encoder, on every machine: it cuts the picture into tiles by their number
 _SIGNATURE = re.compile(rb"....ftyp(avis|(....)*avif)", re.DOTALL)
@@ -44,12 +43,12 @@ class Avif(WrittenFormat):
     def read_header(self, source: Source) -> Header:
         """See Format. The orientation is that of the boxes, by which the decoder turns; EXIF's does not count."""
         boxes.refuse_animation(source)
-        readable = _without_tangles(source)
-        image = by_libvips.opened(readable, "heifload")
+        readable = without_exif_loops(source, _exif_blocks)
+        image = by_libvips.open_image(readable, "heifload")
         with source.stream() as stream:
-            own, left_behind = boxes.read_coding(stream), extras.in_words(stream)
+            own, left_behind = boxes.read_coding(stream), items.extras_in_words(stream)
         coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
-        metadata = replace(Metadata.of_image(image), left_behind=left_behind)
+        metadata = replace(by_libvips.metadata_of(image), left_behind=left_behind)
         if readable is not source:
             metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *left_behind))
         metadata = replace(metadata, exif=exif.with_header(metadata.exif))
@@ -62,27 +61,28 @@ class Avif(WrittenFormat):
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        pixels = by_libvips.decoded(_without_tangles(source), "heifload")
+        pixels = by_libvips.decode(without_exif_loops(source, _exif_blocks), "heifload")
         if header.bands <= 2 < pixels.shape[2]:
             pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
         return header.orientation.stored(pixels)
 
-    def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
-        """See WrittenFormat. libvips writes EXIF, too: :meth:`embed` takes its place."""
+    def encode(self, picture: Picture, path: Path | None) -> bytes | None:
+        """See WrittenFormat."""
+        coding = picture.coding
         deep = coding.bits if coding.bits in (10, 12) else 12
         options = {
             "compression": "av1",
-            "Q": quality or 80,
+            "Q": picture.quality or 80,
             "effort": 0,  # a quarter of the time of 2, for which docs/formats.md says what is lost
-            "bitdepth": deep if image.format == "ushort" else 8,
+            "bitdepth": deep if picture.image.format == "ushort" else 8,
             "subsample_mode": "on" if coding.subsampled else "off",
         }
         with threads(_THREADS):
-            return by_libvips.encoded(image, "heifsave", path, with_exif=True, **options)
+            return by_libvips.encode(picture, "heifsave", path, **options)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
-        """See WrittenFormat. Appends the blob, and makes the item of the old one, which is zeroed, point to it."""
-        blob = field(image, "exif-data")
+    def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
+        """See WrittenFormat. Appends EXIF, and makes the placeholder's item, which is zeroed, point to it."""
+        blob = picture.metadata.exif
         old = None if blob is None else _exif_extent(file)
         if blob is None or old is None:
             return [] if blob is None else ["EXIF"]
@@ -96,18 +96,14 @@ class Avif(WrittenFormat):
         return []
 
 
-def _without_tangles(source: Source) -> Source:
-    """The data, with EXIF that libvips would be caught in made unreadable for it."""
-    with suppress(OSError), source.stream() as stream:
-        found = items.place(stream, b"Exif")
-        if found is not None:
-            at, length = found
-            stream.seek(at)
-            content = stream.read(length)  # four bytes that say where the TIFF header is, then EXIF
-            start = 4 + int.from_bytes(content[:4], "big")
-            if exif.is_tangled(content[start:]):
-                return source.patched([at + start], b"none")
-    return source
+def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
+    extent = items.extent(file, b"Exif")
+    if extent is not None:
+        at, length = extent
+        file.seek(at)
+        content = file.read(length)  # four bytes that say where the TIFF header is, then EXIF
+        start = 4 + int.from_bytes(content[:4], "big")
+        yield ExifBlock(at + start, content[start:])
 
 
 class _Extent(NamedTuple):

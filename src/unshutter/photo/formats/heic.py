@@ -12,7 +12,7 @@ import re
 from typing import TYPE_CHECKING, Any, BinaryIO, final
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.containers import boxes, extras
+from unshutter.photo.containers import boxes, items
 from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
@@ -41,15 +41,15 @@ class Heic(Format):
         picture = _primary(source)
         info = picture.info
         with source.stream() as stream:
-            own, left_behind = boxes.read_coding(stream), extras.in_words(stream)
+            own, left_behind = boxes.read_coding(stream), items.extras_in_words(stream)
         height, width = own.orientation.size(*picture.size[::-1])
         profile, packet = info.get("icc_profile") or colours.profile_of(*own.code_points, source), info.get("xmp")
         blob = info.get("exif")
         metadata = Metadata(
-            exif=exif.untangled(blob) if blob else None,
+            exif=exif.without_loop(blob) if blob else None,
             icc=bytes(profile) if profile else None,
             xmp=bytes(packet) if packet else None,
-            left_behind=(("EXIF (damaged)",) if blob and exif.is_tangled(blob) else ()) + left_behind,
+            left_behind=(("EXIF (damaged)",) if blob and exif.has_loop(blob) else ()) + left_behind,
         )
         coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"])
         return Header(self, coding, height, width, len(_channels(picture)), own.orientation, metadata)

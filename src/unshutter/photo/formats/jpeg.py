@@ -1,6 +1,7 @@
-"""JPEG: its tables give quality and subsampling; EXIF is a segment.
+"""JPEG: its tables give quality and subsampling; metadata are segments, of which libvips loses or cuts some.
 
-Source: ITU-T T.81 (segments, quantisation); CIPA DC-008 (EXIF in APP1).
+Source: ITU-T T.81 (segments, quantisation); ITU-T T.871 (JFIF); CIPA DC-008 (EXIF in APP1), DC-007 (several pictures in
+APP2); Adobe, XMP specification part 3 (XMP in APP1, Photoshop's resources in APP13).
 """
 
 from __future__ import annotations
@@ -8,22 +9,25 @@ from __future__ import annotations
 import io
 import re
 import struct
-from contextlib import suppress
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter.photo import by_libvips, jpeg_metadata
+from unshutter.photo import by_libvips
+from unshutter.photo.by_libvips import ExifBlock, without_exif_loops
 from unshutter.photo.containers import segments
 from unshutter.photo.containers.insertion import insert
-from unshutter.photo.format import Coding, Header, WrittenFormat
-from unshutter.photo.libvips import computed, field, libvips, refusing
+from unshutter.photo.containers.motion_photo import film_of
+from unshutter.photo.containers.segments import APP0, APP1, APP2, APP13, APP14, COMMENT, before_the_scan, bytes_behind
+from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
+from unshutter.photo.libvips import computed, libvips, refusing
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
-from unshutter.photo.tags import exif, iptc
+from unshutter.photo.tags import exif, iptc, xmp
 
 if TYPE_CHECKING:
     import numpy as np
-    import pyvips
 
 # Warnings about JPEGs in which every pixel is there, and which all viewers show.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
@@ -35,6 +39,18 @@ _LUMINANCE = (
     *(120, 101, 72, 92, 95, 98, 112, 100, 103, 99),
 )
 
+_JFIF, _XMP = b"JFIF\0", b"http://ns.adobe.com/xap/1.0/\0"
+_MORE_XMP, _PICTURES = b"http://ns.adobe.com/xmp/extension/\0", b"MPF\0"
+_METADATA = (*range(APP0, APP0 + 16), COMMENT)
+# Segments that libvips reads, or that only say how this file is coded.
+_READ: dict[int, tuple[bytes, ...]] = {
+    APP0: (_JFIF, b"JFXX\0", b"AVI1"),
+    APP1: (exif.PREFIX, _XMP),
+    APP2: (b"ICC_PROFILE\0",),
+    APP13: (iptc.PREFIX,),
+    APP14: (b"Adobe",),
+}
+
 
 @final
 class Jpeg(WrittenFormat):
@@ -44,7 +60,7 @@ class Jpeg(WrittenFormat):
     suffixes = (".jpg", ".jpeg", ".jpe", ".jfif")
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
-    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "segments", "film"})
+    holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "film"})
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format."""
@@ -52,16 +68,16 @@ class Jpeg(WrittenFormat):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        image = by_libvips.opened(_without_tangles(source), "jpegload")
+        image = by_libvips.open_image(without_exif_loops(source, _exif_blocks), "jpegload")
         with source.stream() as stream:
             coding = read_coding(stream)
-            metadata = jpeg_metadata.with_segments(Metadata.of_image(image), stream)
+            metadata = _with_segments(by_libvips.metadata_of(image), stream)
         return by_libvips.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
-        """See Format. To libjpeg damaged data are but a warning."""
+        """See Format. To libjpeg damaged data are only a warning."""
         with refusing("{photo} is damaged or incomplete", photo=source):
-            data = _without_tangles(source)
+            data = without_exif_loops(source, _exif_blocks)
             try:
                 return computed(data.load("jpegload", access="sequential", fail_on="warning", shrink=shrink))
             except libvips().Error as error:
@@ -69,56 +85,110 @@ class Jpeg(WrittenFormat):
                     raise
                 return computed(data.load("jpegload", access="sequential", fail_on="error", shrink=shrink))
 
-    def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
-        """See WrittenFormat. What libvips loses or cuts of segments, :meth:`embed` writes."""
-        chroma = "on" if coding.subsampled else "off"
-        image = image.copy()
-        for name in ("iptc-data", *(["xmp-data"] if _is_too_long(field(image, "xmp-data")) else [])):
-            image.remove(name)
-        return by_libvips.encoded(image, "jpegsave", path, Q=quality or coding.quality or 95, subsample_mode=chroma)
+    def encode(self, picture: Picture, path: Path | None) -> bytes | None:
+        """See WrittenFormat."""
+        metadata, coding = picture.metadata, picture.coding
+        packet = None if _is_too_long(metadata.xmp) else metadata.xmp
+        written = replace(picture, metadata=replace(metadata, exif=None, xmp=packet))
+        options = {"Q": picture.quality or coding.quality or 95, "subsample_mode": "on" if coding.subsampled else "off"}
+        return by_libvips.encode(written, "jpegsave", path, **options)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
+    def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat. Of EXIF that is too long, the longest tags are left out."""
+        metadata = picture.metadata
         left_out, added = [], b""
-        blob = field(image, "exif-data")
-        if blob is not None:
-            blob, left_out = exif.shortened(exif.PREFIX + blob.removeprefix(exif.PREFIX), segments.LONGEST)
-            added += b"" if blob is None else segments.encoded(segments.APP1, blob)
-        if _is_too_long(field(image, "xmp-data")):
+        if metadata.exif is not None:
+            blob, left_out = exif.shortened(exif.PREFIX + metadata.exif.removeprefix(exif.PREFIX), segments.LONGEST)
+            added += b"" if blob is None else segments.encoded(APP1, blob)
+        if _is_too_long(metadata.xmp):
             left_out.append("XMP (too long for a JPEG)")
-        resources = field(image, "iptc-data", b"")
-        added += b"".join(segments.encoded(segments.APP13, part) for part in iptc.segments(resources, segments.LONGEST))
-        added += field(image, "jpeg-segments", b"")
+        added += b"".join(segments.encoded(APP13, part) for part in iptc.segments(metadata.resources, segments.LONGEST))
+        added += b"".join(segments.encoded(COMMENT, comment) for comment in metadata.comments)
         file.seek(2)
         at, head = 2, file.read(4)
-        if head[:2] == bytes([0xFF, segments.APP0]):  # JFIF stays first
+        if head[:2] == bytes([0xFF, APP0]):  # JFIF stays first
             at += 2 + struct.unpack(">H", head[2:])[0]
-        elif (density := field(image, "jpeg-density")) is not None:
-            added = segments.encoded(segments.APP0, jpeg_metadata.JFIF + b"\1\1" + density + bytes(2)) + added
+        elif metadata.jfif_density is not None:
+            density = struct.pack(">BHH", *metadata.jfif_density)
+            added = segments.encoded(APP0, _JFIF + b"\1\1" + density + bytes(2)) + added
         if added:
             insert(file, at, added)
-        film = field(image, "jpeg-film")
-        if film is not None:
+        if metadata.film is not None:
             file.seek(0, io.SEEK_END)
-            file.write(film)
+            file.write(metadata.film.data)
         return left_out
 
 
+# ---- metadata ------------------------------------------------------------------------------------------
+
+
 def _is_too_long(packet: bytes | None) -> bool:
-    return packet is not None and len(packet) + len(jpeg_metadata.XMP) > segments.LONGEST
+    return packet is not None and len(packet) + len(_XMP) > segments.LONGEST
 
 
-def _without_tangles(source: Source) -> Source:
-    """The data, with EXIF that libvips would be caught in made unreadable for it."""
-    with suppress(OSError), source.stream() as stream:  # libvips says what is wrong
-        places = [
-            stream.tell() - len(content)
-            for _, content in segments.before_the_scan(stream, (segments.APP1,))
-            if content.startswith(exif.PREFIX) and exif.is_tangled(content)
-        ]
-        if places:
-            return source.patched(places, b"none")
-    return source
+def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
+    for _, content in before_the_scan(file, (APP1,)):
+        if content.startswith(exif.PREFIX):
+            yield ExifBlock(file.tell() - len(content), content)
+
+
+def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
+    """Completes the metadata that libvips found in a JPEG by those that it loses or cuts.
+
+    Args:
+        metadata: as libvips sees them.
+        file: the JPEG.
+
+    Returns:
+        EXIF (libvips takes it apart), density, comments, Photoshop's resources of several segments, and the film of a
+        motion photo; with the names of what no result gets.
+    """
+    listed = list(before_the_scan(file, _METADATA))
+    first_exif = next(iter(_beginning(listed, APP1, exif.PREFIX)), None)
+    blob = None if first_exif is None else exif.without_loop(first_exif)
+    resources = _beginning(listed, APP13, iptc.PREFIX)
+    left_behind = [name for marker, content in listed if (name := _lost(marker, content, metadata.xmp))]
+    if blob is not first_exif:
+        left_behind.append("EXIF (damaged)")
+    film = film_of(file, xmp.film_bytes(metadata.xmp))
+    if film is not None:
+        left_behind += film.left_behind
+    for prefix, name in ((exif.PREFIX, "a second EXIF"), (_XMP, "a second XMP")):
+        if len(_beginning(listed, APP1, prefix)) > 1:
+            left_behind.append(name)
+    has_pictures = _beginning(listed, APP2, _PICTURES) or xmp.has_gain_map(metadata.xmp)  # which have names
+    if not has_pictures and bytes_behind(file) > (film.taken_from if film else 0):
+        left_behind.append("data behind the picture")
+    return replace(
+        metadata,
+        exif=blob,
+        density=_density(listed),
+        resources=iptc.joined(resources) if resources else None,
+        comments=tuple(content for marker, content in listed if marker == COMMENT),
+        film=film,
+        left_behind=tuple(dict.fromkeys(left_behind)),
+    )
+
+
+def _beginning(listed: list[tuple[int, bytes]], marker: int, prefix: bytes) -> list[bytes]:
+    """Contents of the segments with a marker that begin with a prefix."""
+    return [content for own, content in listed if own == marker and content.startswith(prefix)]
+
+
+def _density(listed: list[tuple[int, bytes]]) -> tuple[int, int, int] | None:
+    header = next((content for content in _beginning(listed, APP0, _JFIF) if len(content) >= 12), None)
+    return None if header is None else struct.unpack_from(">BHH", header, 7)
+
+
+def _lost(marker: int, content: bytes, packet: bytes | None) -> str:
+    """Name of a segment that no result gets; empty for those that are copied or only describe this file."""
+    if marker == COMMENT or content.startswith(_READ.get(marker, b"\0nothing")):
+        return ""
+    if marker == APP1 and content.startswith(_MORE_XMP):
+        return "XMP beyond the first 64 kB"
+    if marker == APP2 and content.startswith(_PICTURES):
+        return "" if xmp.has_gain_map(packet) else "previews or further pictures"  # a gain map is named as such
+    return f"data of other programs (APP{marker - APP0})"
 
 
 # ---- how it is encoded ---------------------------------------------------------------------------------
@@ -132,7 +202,7 @@ def read_coding(file: BinaryIO) -> Coding:
     subsampled; libvips says so of 4:2:2, too.
     """
     total, factors = None, b""
-    for marker, content in segments.before_the_scan(file, (_TABLES, *_FRAMES)):
+    for marker, content in before_the_scan(file, (_TABLES, *_FRAMES)):
         if marker == _TABLES:
             total = _luminance_sum(content) or total
         else:

@@ -1,6 +1,6 @@
 """PNG: lossless, 8 or 16 bits; all metadata are chunks, before the pixels or behind them.
 
-libvips reads only the chunks before the pixels, and spells texts anew. So they are read here, and written as they were.
+libvips reads only the chunks before the pixels, and rewrites texts. So they are read here, and copied unchanged.
 
 Source: W3C, PNG third edition (chunks, eXIf, cICP, acTL).
 """
@@ -8,7 +8,7 @@ Source: W3C, PNG third edition (chunks, eXIf, cICP, acTL).
 from __future__ import annotations
 
 import struct
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING, BinaryIO, final
 from unshutter.errors import UnshutterError
 from unshutter.geometry.orientation import Orientation
 from unshutter.photo import by_libvips
+from unshutter.photo.by_libvips import ExifBlock, without_exif_loops
 from unshutter.photo.containers import chunks, insertion
 from unshutter.photo.containers.chunks import COLOURS, TEXTS
-from unshutter.photo.format import Coding, Header, WrittenFormat
+from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
 from unshutter.photo.libvips import field
-from unshutter.photo.metadata import Metadata
+from unshutter.photo.metadata import Metadata, Resolution
 from unshutter.photo.source import Source
 from unshutter.photo.tags import colours, exif, png_texts
 
 if TYPE_CHECKING:
     import numpy as np
-    import pyvips
 
 _AFTER_HEADER = 33  # bytes: signature and the chunk IHDR
 _PIXELS = (b"IDAT", b"fdAT")
@@ -43,7 +43,6 @@ _IN_WORDS = {
     b"dSIG": "digital signature (dSIG)",
 }
 _PALETTE, _BACKGROUND_BYTES = 3, {0: 2, 2: 6, 4: 2, 6: 6}  # by colour type
-_DAMAGED_EXIF = "EXIF (damaged)"
 _ONE_FRAME = struct.pack(">I", 1)
 
 
@@ -64,49 +63,46 @@ class Png(WrittenFormat):
         """See Format."""
         with source.stream() as stream:
             own = _read_metadata(source, stream)
-        image = by_libvips.opened(_without_tangles(source, own), "pngload")
+        image = by_libvips.open_image(without_exif_loops(source, _exif_blocks), "pngload")
         coding = Coding(bits=field(image, "bits-per-sample", 8))
-        metadata = replace(own, icc=own.icc or field(image, "icc-profile-data"), resolution=(image.xres, image.yres))
+        resolution = Resolution(image.xres, image.yres)
+        metadata = replace(own, icc=own.icc or field(image, "icc-profile-data"), resolution=resolution)
         header = by_libvips.header(self, source, image, coding, metadata)
         return replace(header, orientation=exif.orientation(metadata.exif) or Orientation.NORMAL)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        return by_libvips.decoded(_without_tangles(source, header.metadata), "pngload")
+        return by_libvips.decode(without_exif_loops(source, _exif_blocks), "pngload")
 
-    def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
-        """See WrittenFormat. XMP comes later: libvips packs it, which the XMP specification forbids."""
-        image = image.copy()
-        for name in ("xmp-data", "iptc-data"):
-            image.remove(name)
-        bits = 16 if image.format == "ushort" else 8
-        return by_libvips.encoded(image, "pngsave", path, filter="all", bitdepth=bits, palette=False)
+    def encode(self, picture: Picture, path: Path | None) -> bytes | None:
+        """See WrittenFormat. :meth:`embed` adds XMP: libvips compresses it, which the XMP specification forbids."""
+        bits = 16 if picture.image.format == "ushort" else 8
+        written = replace(picture, metadata=replace(picture.metadata, exif=None, xmp=None))
+        return by_libvips.encode(written, "pngsave", path, filter="all", bitdepth=bits, palette=False)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
-        """See WrittenFormat. libvips tells a resolution even if nobody knows it."""
-        blob, packet, resources = (field(image, name) for name in ("exif-data", "xmp-data", "iptc-data"))
-        added, carried = b"", field(image, "png-chunks", b"")
-        if blob is not None:
-            added += chunks.encoded(b"eXIf", blob.removeprefix(exif.PREFIX))
-        if packet is not None:
-            added += chunks.encoded(*png_texts.of_xmp(packet))
-        if resources is not None:
-            added += chunks.encoded(*png_texts.of_resources(resources))
-        resolution = chunks.place_of(file, b"pHYs")
-        if resolution is not None and (b"\0\0\0\x09pHYs" in carried or not field(image, "resolution-told")):
-            insertion.replace(file, *resolution, b"")
-        insertion.insert(file, _AFTER_HEADER, added + carried)
+    def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
+        """See WrittenFormat. libvips always writes a resolution (pHYs), even if it is not known."""
+        metadata, added = picture.metadata, []
+        if metadata.exif is not None:
+            added.append((b"eXIf", metadata.exif.removeprefix(exif.PREFIX)))
+        if metadata.xmp is not None:
+            added.append(png_texts.of_xmp(metadata.xmp))
+        if metadata.resources is not None:
+            added.append(png_texts.of_resources(metadata.resources))
+        written = chunks.place_of(file, b"pHYs")
+        has_own = any(name == b"pHYs" for name, _ in metadata.chunks)
+        if written is not None and (has_own or not metadata.resolution.is_known):
+            insertion.replace(file, *written, b"")
+        insertion.insert(file, _AFTER_HEADER, b"".join(chunks.encoded(*chunk) for chunk in (*added, *metadata.chunks)))
         return []
 
 
-def _without_tangles(source: Source, metadata: Metadata) -> Source:
-    """The data, with EXIF that libvips would be caught in made unreadable for it."""
-    if _DAMAGED_EXIF not in metadata.left_behind:
-        return source
-    with suppress(OSError), source.stream() as stream:  # a file that is gone, libvips tells of
-        if (place := chunks.place_of(stream, b"eXIf")) is not None:
-            return source.patched([place[0] + 8], b"none")
-    return source
+def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
+    extent = chunks.place_of(file, b"eXIf")
+    if extent is not None:
+        start, end = extent
+        file.seek(start + 8)
+        yield ExifBlock(start + 8, file.read(end - start - 12))
 
 
 def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
@@ -115,7 +111,7 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
     Raises:
         UnshutterError: an animation, or colours of HDR or video.
     """
-    found: dict[str, bytes] = {}
+    blobs: dict[str, bytes] = {}
     carried: list[tuple[bytes, bytes]] = []
     lost: list[str] = []
     coding, palette = _coding(file), b""
@@ -123,52 +119,52 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
         if data is None:
             lost.append("damaged chunks")
         elif name == b"eXIf":
-            found["exif"] = data  # rather than what a text says
-        elif name in TEXTS and (meant := png_texts.metadata_in(name, data)) is not None:
-            if not meant.data:
-                lost.append(f"{meant.attribute.upper()} (damaged)")
-            found.setdefault(meant.attribute, meant.data)
+            blobs["exif"] = data  # takes precedence over a text
+        elif name in TEXTS and (hidden := png_texts.metadata_in(name, data)) is not None:
+            if not hidden.data:
+                lost.append(f"{hidden.attribute.upper()} (damaged)")
+            blobs.setdefault(hidden.attribute, hidden.data)
         elif name == b"PLTE":
             palette = data
         elif name == b"acTL" and data[:4] > _ONE_FRAME:
             raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
-        elif (kept := _carried(name, data, coding, palette)) is not None:
-            carried.append((name, kept))
+        elif (copied := _carried(name, data, coding, palette)) is not None:
+            carried.append((name, copied))
         elif name not in _OF_THE_CODING:
             lost.append(_IN_WORDS.get(name, f"chunk {name.decode('latin-1')}"))
-    return _metadata(source, found, carried, lost + ["data behind the picture"] * chunks.has_data_behind(file))
+    return _metadata(source, blobs, carried, lost + ["data behind the picture"] * chunks.has_data_behind(file))
 
 
 def _carried(name: bytes, data: bytes, coding: tuple[int, int], palette: bytes) -> bytes | None:
-    """The data of a chunk for the result; None where it does not go along."""
+    """The data of a chunk in the result; None where it is not copied."""
     if name == b"bKGD":
         return _background(data, *coding, palette)
     return data if name in _CARRIED or chunks.is_safe_to_copy(name) else None
 
 
-def _metadata(source: Source, found: dict[str, bytes], carried: list[tuple[bytes, bytes]], lost: list[str]) -> Metadata:
-    """The metadata of what was found, by attribute, of chunks that go along, and of names of what does not."""
-    blob = found.get("exif", b"")
-    if exif.is_tangled(blob):
-        lost.append(_DAMAGED_EXIF)
+def _metadata(source: Source, blobs: dict[str, bytes], carried: list[tuple[bytes, bytes]], lost: list[str]) -> Metadata:
+    """The metadata, from those of other formats by attribute, copied chunks, and names of what is lost."""
+    blob = blobs.get("exif", b"")
+    if exif.has_loop(blob):
+        lost.append("EXIF (damaged)")
     return Metadata(
-        exif=exif.untangled(blob) or None,
-        icc=_profile_told(source, carried) or found.get("icc") or None,
-        xmp=found.get("xmp") or None,
-        resources=found.get("resources") or None,
+        exif=exif.without_loop(blob) or None,
+        icc=_cicp_profile(source, carried) or blobs.get("icc") or None,
+        xmp=blobs.get("xmp") or None,
+        resources=blobs.get("resources") or None,
         chunks=tuple(carried),
         left_behind=tuple(dict.fromkeys(lost)),
     )
 
 
-def _profile_told(source: Source, carried: list[tuple[bytes, bytes]]) -> bytes | None:
-    """The profile of the colours that the chunk cICP tells by numbers; None where it does not, or tells sRGB.
+def _cicp_profile(source: Source, carried: list[tuple[bytes, bytes]]) -> bytes | None:
+    """ICC profile of the colours in the chunk cICP; None where there is none, or it means sRGB.
 
     Raises:
         UnshutterError: those of HDR or video.
     """
-    told = dict(carried).get(b"cICP", b"")
-    return colours.profile_of(told[0], told[1], source) if len(told) == 4 else None
+    code_points = dict(carried).get(b"cICP", b"")
+    return colours.profile_of(code_points[0], code_points[1], source) if len(code_points) == 4 else None
 
 
 def _coding(file: BinaryIO) -> tuple[int, int]:

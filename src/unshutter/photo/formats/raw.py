@@ -1,7 +1,7 @@
 """Cameras' raw files, developed through LibRaw (package rawpy, extra ``raw``).
 
 Developed plainly, so that photos of a series stay comparable: the camera's white balance, no brightening, sRGB, 16
-bits. Rows stay rows of the sensor: LibRaw is kept from turning the picture, and knows no lens corrections.
+bits. Rows stay rows of the sensor: LibRaw is not allowed to turn the picture, and has no lens corrections.
 
 Most raw files are TIFFs, some of them under another magic number. Fuji's holds a JPEG that has EXIF, Canon's newest
 is a box file like HEIC with a TIFF for each directory. Of other kinds no tags are read.
@@ -54,7 +54,7 @@ class Raw(Format):
     suffixes = tuple(f".{ending}" for ending in _CAMERAS.split())
 
     def recognises(self, source: Source, head: bytes) -> bool:
-        """See Format. Raw files of many makers begin like a TIFF, and some kinds only their ending tells."""
+        """See Format. Raw files of many makers begin like a TIFF; some only their ending identifies."""
         return _SIGNATURE.match(head) is not None or source.suffix in self.suffixes or _is_raw_tiff(source)
 
     def read_header(self, source: Source) -> Header:
@@ -78,7 +78,7 @@ class Raw(Format):
         import rawpy
 
         with _opened(source) as raw:
-            is_whole = _is_told_whole(source)
+            is_whole = _is_whole(source)
             with kept_back(_COMPLAINT):
                 raw.unpack()
             if is_whole is None and not _is_complete(source, raw.raw_image):
@@ -106,17 +106,17 @@ def _orientation(flip: int) -> Orientation:
     return orientation
 
 
-def _is_told_whole(source: Source) -> bool | None:
-    """Whether a file says that it is whole; None where that cannot be known.
+def _is_whole(source: Source) -> bool | None:
+    """Whether a file is whole, by its own tables; None where they do not show that.
 
     Raises:
         UnshutterError: it cannot be whole.
     """
     with source.stream() as stream:
-        told = sensor_data.is_told_whole(stream)
-    if told is False:
+        whole = sensor_data.is_whole(stream)
+    if whole is False:
         raise UnshutterError("{photo} is incomplete: it ends before its picture does", photo=source)
-    return told
+    return whole
 
 
 def _is_complete(source: Source, pixels: np.ndarray) -> bool:
@@ -129,15 +129,15 @@ def _sensor_values(stream: BinaryIO) -> np.ndarray | None:
     import numpy as np
     import rawpy
 
-    opened = False
+    is_known = False
     try:
         with kept_back(_COMPLAINT), rawpy.RawPy() as raw:
             raw.open_buffer(stream)
-            opened = True
+            is_known = True
             raw.unpack()
             return raw.raw_image.copy()
     except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError):
-        return np.empty(0, np.uint16) if opened else None
+        return np.empty(0, np.uint16) if is_known else None
 
 
 @contextmanager
@@ -158,8 +158,8 @@ def _opened(source: Source) -> Iterator[Any]:
             "cannot read {photo} as a camera's raw file: it ends before its picture does", photo=source
         ) from None
     except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError) as error:
-        told = error.args[0] if error.args else type(error).__name__
-        cause = told.decode(errors="replace") if isinstance(told, bytes) else str(told)
+        message = error.args[0] if error.args else type(error).__name__
+        cause = message.decode(errors="replace") if isinstance(message, bytes) else str(message)
         raise UnshutterError(f"cannot read {{photo}} as a camera's raw file: {cause}", photo=source) from None
 
 
@@ -202,7 +202,7 @@ def _whole_exif(tree: Tree) -> bytes | None:
 
 
 def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
-    """What a raw file says beside its picture and nothing here can read, in words."""
+    """Names of the metadata in a raw file that nothing here can read."""
     if tree is None:
         yield "EXIF (of this kind of raw file it is not read)"
     elif _PRIVATE_DATA in tree.pages[0]:
@@ -211,10 +211,10 @@ def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
         yield "parts of the maker's note"
     file.seek(0)
     if file.read(12)[4:] == b"ftypcrx ":
-        found = list(boxes.top_level_extents(file))
+        extents = list(boxes.top_level_extents(file))
         if any(name == b"CMT3" for name, _ in boxes.inside(_canon_box(file))):
             yield "maker's note"
-        for name, start, _ in found:
+        for name, start, _ in extents:
             file.seek(start)
             if name == b"uuid" and file.read(16) == _CANON_XMP:
                 yield "XMP"
@@ -230,7 +230,7 @@ def _canon_box(file: BinaryIO) -> bytes:
 
 
 def _canon_tags(file: BinaryIO) -> Tree | None:
-    """One tree of the three that a CR3 has for its first directory, EXIF and GPS; the maker's note stays behind."""
+    """One tree of the three that a CR3 has for its first directory, EXIF and GPS; the maker's note is not read."""
     parts = dict(boxes.inside(_canon_box(file)))
     first, details, place = (read_tree(io.BytesIO(parts.get(name, b""))) for name in (b"CMT1", b"CMT2", b"CMT4"))
     if first is None:

@@ -16,16 +16,15 @@ from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter.errors import UnshutterError
 from unshutter.photo import by_libvips
-from unshutter.photo.format import Coding, Header, WrittenFormat
+from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
 from unshutter.photo.libvips import field
-from unshutter.photo.metadata import Metadata
+from unshutter.photo.metadata import Resolution
 from unshutter.photo.source import Source
 from unshutter.photo.tags import exif, iptc, moved_note
 from unshutter.photo.tags.directories import CLASSIC, SUBFILE_TYPE, Tree, header_of, read_tree, slots
 
 if TYPE_CHECKING:
     import numpy as np
-    import pyvips
 
 _SIGNATURE = re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
 _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _EXTRA_SAMPLES = 0x0103, 0x0106, 0x0115, 0x0152
@@ -61,18 +60,18 @@ class Tiff(WrittenFormat):
             tree = read_tree(stream)
             numbers = _numbers(stream)
         _check_kind(source, numbers)
-        image = by_libvips.opened(source, "tiffload")
+        image = by_libvips.open_image(source, "tiffload")
         meaning = numbers.get(_EXTRA_SAMPLES, _UNSPECIFIED)
         coding = Coding(
             bits=field(image, "bits-per-sample", 8),
             compression=numbers.get(_COMPRESSION),
             masked=_extra_samples(numbers) == 1 and meaning not in _TRANSPARENCY,
         )
-        metadata = replace(Metadata.of_image(image), resources=None)
+        metadata = replace(by_libvips.metadata_of(image), resources=None)
         if tree is None:
             return by_libvips.header(self, source, image, coding, metadata)
         if exif.has_no_resolution_unit(tree):  # to libvips that is pixels by the millimetre
-            metadata = replace(metadata, resolution=(1.0, 1.0), resolution_unit=None)
+            metadata = replace(metadata, resolution=Resolution())
         metadata = replace(metadata, exif=exif.of_tiff(tree), resources=iptc.of_tiff(tree), description=None)
         metadata = replace(metadata, left_behind=tuple(_left_behind(tree)))
         return by_libvips.header(self, source, image, coding, metadata, _pictures(tree))
@@ -80,26 +79,27 @@ class Tiff(WrittenFormat):
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. Damaged JPEG data are but a warning; of other warnings most harm nothing."""
         fail_on = "warning" if header.coding.compression == _JPEG else "error"
-        return by_libvips.decoded(source, "tiffload", fail_on)
+        return by_libvips.decode(source, "tiffload", fail_on)
 
-    def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
-        """See WrittenFormat. Photoshop's resources come later: libvips cuts them to a quarter."""
-        image = image.copy()
-        image.remove("iptc-data")
+    def encode(self, picture: Picture, path: Path | None) -> bytes | None:
+        """See WrittenFormat."""
+        image, metadata = picture.image, picture.metadata
+        written = replace(picture, metadata=replace(metadata, resolution=metadata.main_resolution))
         size = image.width * image.height * image.bands * (2 if image.format == "ushort" else 1)
-        options = {"compression": {1: "none", 5: "lzw"}.get(coding.compression or 0, "deflate")}
+        options = {"compression": {1: "none", 5: "lzw"}.get(picture.coding.compression or 0, "deflate")}
         if options["compression"] != "none":
             options["predictor"] = "horizontal"
-        return by_libvips.encoded(image, "tiffsave", path, with_exif=True, bigtiff=size > _CLASSIC_BYTES, **options)
+        return by_libvips.encode(written, "tiffsave", path, bigtiff=size > _CLASSIC_BYTES, **options)
 
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
+    def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat."""
-        _put_resolution(file, image)
-        more = iptc.tiff_tags(field(image, "iptc-data", b""))
-        added = exif.add_to_tiff(file, field(image, "exif-data"), image.height, image.width, more)
-        if field(image, "tiff-masked"):
+        metadata, image = picture.metadata, picture.image
+        _put_resolution(file, metadata.main_resolution)
+        more = iptc.tiff_tags(metadata.resources)
+        added = exif.add_to_tiff(file, metadata.exif, image.height, image.width, more)
+        if picture.masked:
             _put_number(file, _EXTRA_SAMPLES, _UNSPECIFIED)  # libvips calls it transparency
-        tree = exif.read(field(image, "exif-data"))
+        tree = exif.read(metadata.exif)
         return [*(_unknown_tags(tree) if tree else ())] if added else ["EXIF and IPTC (the TIFF is too large)"]
 
 
@@ -147,8 +147,8 @@ def _unknown_tags(tree: Tree) -> Iterator[str]:
 
 def _places(file: BinaryIO) -> tuple[str, dict[int, tuple[int, int]]]:
     """The byte order, and TIFF type and place of what the first directory has for its tags."""
-    length, found = file.seek(0, io.SEEK_END), header_of(file)
-    order, layout, at = found or ("<", CLASSIC, length)
+    length, header = file.seek(0, io.SEEK_END), header_of(file)
+    order, layout, at = header or ("<", CLASSIC, length)
     file.seek(min(at, length))
     counted = file.read(struct.calcsize("=" + layout.count))
     if len(counted) < struct.calcsize("=" + layout.count):
@@ -178,16 +178,16 @@ def _put_number(file: BinaryIO, tag: int, number: int) -> None:
         file.write(struct.pack(order + "H", number))
 
 
-def _put_resolution(file: BinaryIO, image: pyvips.Image) -> None:
-    """Tells the resolution by exact fractions: libvips rounds it, 230 pixels an inch to 229.999."""
-    found, (order, places) = header_of(file), _places(file)
+def _put_resolution(file: BinaryIO, resolution: Resolution) -> None:
+    """Writes the resolution as exact fractions: libvips rounds it, 230 pixels an inch to 229.999."""
+    header, (order, places) = header_of(file), _places(file)
     by_unit = _PER_MM.get(_numbers(file).get(_RESOLUTION_UNIT, 0))
-    for tag, told in zip(_RESOLUTION, (image.xres, image.yres), strict=True):
+    for tag, per_mm in zip(_RESOLUTION, resolution[:2], strict=True):
         kind, at = places.get(tag, (0, 0))
-        if found is None or by_unit is None or kind != _FRACTION:
+        if header is None or by_unit is None or kind != _FRACTION:
             continue
-        exact = Fraction(told * by_unit).limit_denominator(_MOST_PARTS)
-        if found[1] is CLASSIC:  # eight bytes, which do not fit into the entry
+        exact = Fraction(per_mm * by_unit).limit_denominator(_MOST_PARTS)
+        if header[1] is CLASSIC:  # eight bytes, which do not fit into the entry
             file.seek(at)
             (at,) = struct.unpack(order + "I", file.read(4))
         if 0 < exact.numerator < 1 << 32:

@@ -1,4 +1,4 @@
-"""WebP: lossy or lossless, which stays so; EXIF is a chunk.
+"""WebP: lossy or lossless, as its predecessor was; EXIF is a chunk.
 
 Source: RFC 9649 (the container's chunks).
 """
@@ -8,21 +8,19 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
 from unshutter.photo import by_libvips
-from unshutter.photo.format import Coding, Header, WrittenFormat
-from unshutter.photo.libvips import field
+from unshutter.photo.by_libvips import ExifBlock, without_exif_loops
+from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
 from unshutter.photo.tags import exif
 
 if TYPE_CHECKING:
     import numpy as np
-    import pyvips
 
 _SIGNATURE = re.compile(rb"RIFF....WEBP", re.DOTALL)
 _METADATA = {b"EXIF": "exif", b"XMP ": "xmp", b"XMP\0": "xmp"}  # the last is how some programs spell it
@@ -45,11 +43,11 @@ class Webp(WrittenFormat):
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        readable = _without_tangles(source)
-        image = by_libvips.opened(readable, "webpload")
+        readable = without_exif_loops(source, _exif_blocks)
+        image = by_libvips.open_image(readable, "webpload")
         with source.stream() as stream:
             lossless = _is_lossless(stream)
-            metadata = _with_chunks(Metadata.of_image(image), stream)
+            metadata = _with_chunks(by_libvips.metadata_of(image), stream)
         coding = Coding(subsampled=not lossless, lossless=lossless)
         if readable is not source:
             metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *metadata.left_behind))
@@ -57,17 +55,17 @@ class Webp(WrittenFormat):
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        return by_libvips.decoded(_without_tangles(source), "webpload")
+        return by_libvips.decode(without_exif_loops(source, _exif_blocks), "webpload")
 
-    def encode(self, image: pyvips.Image, coding: Coding, quality: int | None, path: Path | None) -> bytes | None:
-        """See WrittenFormat. libvips writes EXIF, too: :meth:`embed` takes its place."""
-        lossless = coding.lossless and quality is None
-        options = {"lossless": True, "exact": True} if lossless else {"Q": quality or 90}
-        return by_libvips.encoded(image, "webpsave", path, with_exif=True, **options)
-
-    def embed(self, file: BinaryIO, image: pyvips.Image) -> list[str]:
+    def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
-        blob = field(image, "exif-data")
+        lossless = picture.coding.lossless and picture.quality is None
+        options = {"lossless": True, "exact": True} if lossless else {"Q": picture.quality or 90}
+        return by_libvips.encode(picture, "webpsave", path, **options)
+
+    def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
+        """See WrittenFormat. EXIF goes into the chunk of the placeholder."""
+        blob = picture.metadata.exif
         if blob is None:
             return []
         tiff = blob.removeprefix(exif.PREFIX)
@@ -116,28 +114,28 @@ def _data(file: BinaryIO, chunk: _Chunk) -> bytes:
 
 
 def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
-    """The metadata that libvips found with those that it did not: the header must announce them, and spell XMP right.
+    """Completes the metadata that libvips found: it misses chunks that the header does not announce, and misspelt XMP.
 
     Args:
         metadata: as libvips sees them.
         file: the WebP.
     """
-    found: dict[str, bytes] = {}
+    blobs: dict[str, bytes] = {}
     lost: list[str] = []
     for chunk in _chunks(file):
         attribute = _METADATA.get(chunk.name)
-        if attribute in found:
+        if attribute in blobs:
             lost.append(f"a second {attribute.upper()}")
         elif attribute is not None:
-            found[attribute] = _data(file, chunk)
+            blobs[attribute] = _data(file, chunk)
         elif chunk.name not in _OF_THE_CODING:
             lost.append(f"chunk {chunk.name.decode('latin-1').strip()}" if chunk.name.isalnum() else "odd chunks")
     if _has_data_behind(file):
         lost.append("data behind the picture")
     return replace(
         metadata,
-        exif=metadata.exif or found.get("exif") or None,
-        xmp=metadata.xmp or found.get("xmp") or None,
+        exif=metadata.exif or blobs.get("exif") or None,
+        xmp=metadata.xmp or blobs.get("xmp") or None,
         left_behind=tuple(dict.fromkeys(lost)),
     )
 
@@ -149,16 +147,11 @@ def _has_data_behind(file: BinaryIO) -> bool:
     return bool(file.read(_LONGEST).strip(b"\0"))
 
 
-def _without_tangles(source: Source) -> Source:
-    """The data, with EXIF that libvips would be caught in made unreadable for it."""
-    places = []
-    with suppress(OSError), source.stream() as stream:
-        for chunk in _chunks(stream):
-            if chunk.name == b"EXIF" and exif.is_tangled(blob := _data(stream, chunk)):
-                places.append(chunk.at + len(blob) - len(blob.removeprefix(exif.PREFIX)))
-        if places:
-            return source.patched(places, b"none")
-    return source
+def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
+    for chunk in _chunks(file):
+        if chunk.name == b"EXIF":
+            blob = _data(file, chunk)
+            yield ExifBlock(chunk.at + len(blob) - len(blob.removeprefix(exif.PREFIX)), blob)
 
 
 def _is_lossless(file: BinaryIO) -> bool:

@@ -1,1 +1,1 @@
-"""What files say about a photo beside its pixels, one file a standard: read, and kept true when the pixels change."""
+"""Metadata, one file per standard: read, and kept true when the pixels change."""

@@ -1,9 +1,9 @@
-"""How the camera was held, where the photo says so: phones' accelerometers, level gauges, gimbals.
+"""How the camera was held, from the photo's metadata: phones' accelerometers, level gauges, gimbals.
 
 All makers' angles end up as those of :class:`Attitude`: roll clockwise as the photographer sees it, tilt upwards, both
 of the picture as it is to be looked at. Gauges are built into cameras, so theirs first have the quarter turn taken off
 by which the camera was turned for a portrait photo. Where that does not agree with the photo's orientation, somebody
-has turned the pixels, or the angles are another's: then only what is beyond doubt is told.
+has turned the pixels, or the angles are another's: then only what is beyond doubt is used.
 
 Sources: Apple: the vector in its maker note, compared with plumb lines in photos (docs/attitude). DJI: Mavic 3M user
 manual, "Photo File": angles of the gimbal in the NED coordinate system, rotations in the order ZYX. GPano: Google,
@@ -29,8 +29,8 @@ from unshutter.photo.tags.maker_notes import MakerNote
 
 _LENS_MODEL = 0xA434
 _APPLE_VECTOR, _GRAVITY_IN_G = 0x0008, (0.94, 1.06)  # a phone at rest; edited files say anything
-_LEAST_UPRIGHT = 0.35  # share of gravity in the picture's plane, below which it does not tell where up is
-_CLEAR_SHARE, _CLEAR_DEG = 0.5, 25.0  # of gravity in the plane, and off a quarter turn: clear enough to tell one
+_LEAST_UPRIGHT = 0.35  # share of gravity in the picture's plane, below which it does not show where up is
+_CLEAR_SHARE, _CLEAR_DEG = 0.5, 25.0  # of gravity in the plane, and off a quarter turn: clear enough to recognise one
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Attitude:
     Attributes:
         roll_deg: turned clockwise from upright, as its user sees it [degrees]; None: unknown.
         tilt_deg: looking up, -90 is straight down [degrees]; None: unknown.
-        source: who says so.
+        source: who measured it.
         readout: direction in which the stored pixels were read, where gravity shows that they were turned since.
     """
 
@@ -51,7 +51,7 @@ class Attitude:
 
 
 class _Held(NamedTuple):
-    """Angles of the camera's body [degrees]: roll from landscape, in (-180, 180]; tilt, None where it is not told."""
+    """Angles of the camera's body [degrees]: roll from landscape, in (-180, 180]; tilt, None if unknown."""
 
     roll: float
     tilt: float | None
@@ -88,11 +88,16 @@ def _in_picture(held: _Held, source: str, orientation: Orientation, height: int,
     roll = _wrapped(held.roll - 90 * orientation.quarter_turns)
     if abs(roll) <= MOST_ROLL_DEG:
         return Attitude(roll, held.tilt, source)
-    beside = roll - math.copysign(90, roll)
-    if orientation is Orientation.NORMAL and height > width and upright >= _CLEAR_SHARE and abs(beside) <= _CLEAR_DEG:
-        # sensors lie across: these pixels were set upright by software, which the tag does not tell
+    off_quarter = roll - math.copysign(90, roll)
+    if (
+        orientation is Orientation.NORMAL
+        and height > width
+        and upright >= _CLEAR_SHARE
+        and abs(off_quarter) <= _CLEAR_DEG
+    ):
+        # sensors lie across: these pixels were set upright by software, which the tag does not show
         readout = Readout.RIGHT_TO_LEFT if roll > 0 else Readout.LEFT_TO_RIGHT
-        return Attitude(beside, held.tilt, source, readout)
+        return Attitude(off_quarter, held.tilt, source, readout)
     return None
 
 
@@ -114,7 +119,7 @@ def _apple(note: MakerNote) -> _Held | None:
 
 
 def _is_front(blob: bytes | None) -> bool:
-    """Whether it is the camera beside the screen, for which the vector's frame is another."""
+    """Whether it is the camera next to the screen, for which the vector's frame is another."""
     tree = exif.read(blob)
     return tree is not None and "front" in tree.text(_LENS_MODEL, EXIF).lower()
 
@@ -138,10 +143,10 @@ def _olympus(note: MakerNote) -> _Held | None:
 
 
 def _panasonic(note: MakerNote) -> _Held | None:
-    told = note.numbers(0x0090), note.numbers(0x0091)
-    if any(len(values) != 1 for values in told):
+    values = note.numbers(0x0090), note.numbers(0x0091)
+    if any(len(value) != 1 for value in values):
         return None
-    roll, pitch = ((value + 0x8000) % 0x10000 - 0x8000 for (value,) in told)  # signed, whatever their type says
+    roll, pitch = ((value + 0x8000) % 0x10000 - 0x8000 for (value,) in values)  # signed, whatever their type says
     return _level(roll / 10, -pitch / 10)
 
 
@@ -159,8 +164,8 @@ def _pentax(note: MakerNote) -> _Held | None:
 
 
 def _fujifilm(note: MakerNote) -> _Held | None:
-    told = note.numbers(0x144D)
-    return _level(told[0], None) if len(told) == 1 else None
+    roll = note.numbers(0x144D)
+    return _level(roll[0], None) if len(roll) == 1 else None
 
 
 def _level(roll: float, tilt: float | None) -> _Held | None:
@@ -201,7 +206,7 @@ def of_xmp(packet: bytes) -> Attitude | None:
     for source, roll, pitch in _XMP:
         angles = tuple(_numbers(packet, roll, pitch or rb"\bCamera:Pitch"))
         if len(angles) == 2 and not (source == "GPano" and re.search(_PANORAMA, packet)):
-            return _from_straight_down(*angles, source) if pitch is None else _as_told(*angles, source)
+            return _from_straight_down(*angles, source) if pitch is None else _of_gimbal(*angles, source)
     return None
 
 
@@ -211,7 +216,7 @@ def _numbers(packet: bytes, *names: bytes) -> Iterator[float]:
             yield float(match[1])
 
 
-def _as_told(roll: float, tilt: float, source: str) -> Attitude | None:
+def _of_gimbal(roll: float, tilt: float, source: str) -> Attitude | None:
     # looking straight down, a gimbal may call the same attitude a roll of half a turn and a heading of another
     if abs(abs(roll) - 180) <= MOST_ROLL_DEG and abs(tilt) > MOST_TILT_DEG - 10:
         roll = 0.0

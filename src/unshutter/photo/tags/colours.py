@@ -1,4 +1,4 @@
-"""Colours that box files (AVIF, HEIC) tell by numbers instead of an ICC profile.
+"""Colours that files give by numbers (code points) instead of an ICC profile.
 
 Source: ISO/IEC 23091-2 (colour code points).
 """

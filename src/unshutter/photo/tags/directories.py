@@ -9,7 +9,6 @@ import io
 import math
 import struct
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple, TypeAlias
 
@@ -20,10 +19,8 @@ SUBFILE_TYPE = 0x00FE
 
 BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
 _BIG_BYTE_ORDERS = {b"II+\0": "<", b"MM\0+": ">"}
-# Bytes of one value, and of the units in it that byte order turns, by TIFF type (1 BYTE ... 13 IFD; 16-18: BigTIFF's).
+# Bytes of one value, by TIFF type (1 BYTE ... 13 IFD; 16-18: BigTIFF's).
 VALUE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
-_UNIT = {**VALUE_BYTES, 5: 4, 10: 4}
-_NARROWER = {16: (4, "Q", "I"), 17: (9, "q", "i"), 18: (4, "Q", "I")}  # their likes of 4 bytes, and struct's letters
 # The numbers among them, as struct calls them; of two each: fractions.
 _NUMBER = {1: "B", 3: "H", 4: "I", 5: "I", 6: "b", 8: "h", 9: "i", 10: "i", 11: "f", 12: "d", 13: "I"}
 _FRACTIONS = (5, 10)
@@ -132,10 +129,10 @@ def numbers(entry: Entry, order: str) -> tuple[float, ...]:
     if entry.kind not in _NUMBER or not 0 < entry.count <= _MOST_NUMBERS:
         return ()
     count = entry.count * (2 if entry.kind in _FRACTIONS else 1)
-    found = struct.unpack(f"{order}{count}{_NUMBER[entry.kind]}", entry.data)
+    values = struct.unpack(f"{order}{count}{_NUMBER[entry.kind]}", entry.data)
     if entry.kind not in _FRACTIONS:
-        return found
-    return tuple(above / below if below else math.nan for above, below in zip(found[::2], found[1::2], strict=True))
+        return values
+    return tuple(above / below if below else math.nan for above, below in zip(values[::2], values[1::2], strict=True))
 
 
 # ---- reading -------------------------------------------------------------------------------------------
@@ -192,24 +189,24 @@ def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None
     Returns:
         None when this is none of the two, or nothing of it can be read.
     """
-    found = header_of(file)
-    if found is None:
+    header = header_of(file)
+    if header is None:
         return None
-    order, layout, told = found
+    order, layout, offset = header
     reader = _Reader(file, order, layout)
     pages: list[Directory] = []
-    offset = told if first_at is None else first_at
-    while offset and len(pages) < most_pages and (found := reader.directory(offset)) is not None:
-        pages.append(found[0])
-        offset = found[1]
+    offset = offset if first_at is None else first_at
+    while offset and len(pages) < most_pages and (page := reader.directory(offset)) is not None:
+        directory, offset = page
+        pages.append(directory)
     return Tree(order, pages, layout, reader.note_at) if pages else None
 
 
 def read_directory(data: bytes, at: int, order: str) -> Directory | None:
     """One directory, as makers' notes are, at a place in the data; None where they end first."""
     file = io.BytesIO(data + bytes(4))  # some notes end without the place of a next directory
-    found = _Reader(file, order, CLASSIC).directory(at) if 0 <= at < len(data) else None
-    return found[0] if found else None
+    page = _Reader(file, order, CLASSIC).directory(at) if 0 <= at < len(data) else None
+    return page[0] if page else None
 
 
 class _Reader:
@@ -253,8 +250,8 @@ class _Reader:
         wide = self.layout.offset if size > 4 or slot.tag not in SUB_DIRECTORIES else "I"  # a BigTIFF may have both
         (pointer,) = struct.unpack_from(self.order + wide, table, slot.value_at)
         if slot.tag in SUB_DIRECTORIES:
-            found = self.directory(pointer, depth + 1) if depth < 2 else None
-            return found[0] if found else None
+            below = self.directory(pointer, depth + 1) if depth < 2 else None
+            return below[0] if below else None
         if size > self.layout.offset_bytes:
             if pointer > self.length:
                 return None
@@ -268,8 +265,8 @@ class _Reader:
         return Entry(slot.kind, slot.count, data) if len(data) == size else None
 
 
-def is_tangled(data: bytes) -> bool:
-    """Whether directories of a TIFF structure lead to one that was there before; libexif then works for minutes."""
+def has_loop(data: bytes) -> bool:
+    """Whether directories of a TIFF structure lead to one that was visited before."""
     order = BYTE_ORDERS.get(data[:4])
     if order is None or len(data) < 8:
         return False
@@ -289,60 +286,3 @@ def is_tangled(data: bytes) -> bool:
         if end + 4 <= len(data) and (following := struct.unpack_from(order + "I", data, end)[0]):
             waiting.append(following)
     return False
-
-
-# ---- writing -------------------------------------------------------------------------------------------
-
-
-def encoded(directory: Directory, at: int, order: str, layout: Layout = CLASSIC) -> bytes:
-    """Bytes of a directory that will stand at offset ``at``, followed by its values and sub-directories."""
-    table = [struct.pack(order + layout.count, len(directory))]
-    values, here = [], at + len(table[0]) + layout.entry_bytes * len(directory) + layout.offset_bytes
-    for tag, entry in sorted(directory.items(), key=lambda item: item[0]):
-        if isinstance(entry, dict):
-            kind, count, data, inline = layout.directory, 1, encoded(entry, here, order, layout), False
-        else:
-            kind, count, data = entry
-            inline = len(data) <= layout.offset_bytes
-        table += [struct.pack(f"{order}HH{layout.offset}", tag, kind, count)]
-        table += [data.ljust(layout.offset_bytes, b"\0") if inline else struct.pack(order + layout.offset, here)]
-        if not inline:
-            values += [data, bytes(len(data) % 2)]
-            here += len(data) + len(data) % 2
-    return b"".join([*table, bytes(layout.offset_bytes), *values])  # no further directory
-
-
-def encoded_number(order: str, tag: int, kind: int, value: int) -> bytes:
-    """The twelve bytes of an entry of one number: type 3 (SHORT) or 4 (LONG)."""
-    number = struct.pack(order + "HH", value, 0) if kind == 3 else struct.pack(order + "I", value)
-    return struct.pack(order + "HHI", tag, kind, 1) + number
-
-
-def in_classic(directory: Directory, order: str) -> Directory:
-    """The directory in types that all TIFFs have; numbers that are too large for them are left out."""
-    narrow: Directory = {}
-    for tag, entry in directory.items():
-        if isinstance(entry, dict):
-            narrow[tag] = in_classic(entry, order)
-        elif entry.kind not in _NARROWER:
-            narrow[tag] = entry
-        else:
-            kind, wide, form = _NARROWER[entry.kind]
-            with suppress(struct.error):
-                numbers = struct.unpack(f"{order}{entry.count}{wide}", entry.data)
-                narrow[tag] = Entry(kind, entry.count, struct.pack(f"{order}{entry.count}{form}", *numbers))
-    return narrow
-
-
-def in_other_order(directory: Directory) -> Directory:
-    """The directory in the other byte order; opaque data (makers' notes) stays as it is."""
-    turned: Directory = {}
-    for tag, entry in directory.items():
-        if isinstance(entry, dict):
-            turned[tag] = in_other_order(entry)
-        else:
-            unit, data = _UNIT[entry.kind], bytearray(entry.data)
-            for byte in range(unit):
-                data[byte::unit] = entry.data[unit - 1 - byte :: unit]
-            turned[tag] = Entry(entry.kind, entry.count, bytes(data))
-    return turned

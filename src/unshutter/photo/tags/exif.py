@@ -1,7 +1,7 @@
-"""EXIF: what the camera says of a photo, in TIFF directories.
+"""EXIF: what the camera recorded about a photo, in TIFF directories.
 
 Every format but TIFF holds EXIF as one blob; TIFF has its tags among its own. Blobs are changed in place or at their
-end, so that all else stays where it was: makers' notes often point to places counted from the blob's beginning.
+end, so that nothing else moves: makers' notes often point to places counted from the blob's beginning.
 
 Source: CIPA DC-008 (EXIF 2.32), sections 4.5 and 4.6.
 """
@@ -13,7 +13,7 @@ import math
 import struct
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from unshutter.geometry.orientation import Orientation
 from unshutter.photo.tags import directories, moved_note
@@ -26,12 +26,9 @@ from unshutter.photo.tags.directories import (
     Directory,
     Entry,
     Tree,
-    encoded,
-    encoded_number,
-    in_classic,
-    in_other_order,
     read_tree,
 )
+from unshutter.photo.tags.directory_bytes import encoded, encoded_number, in_classic, in_other_order
 from unshutter.photo.tags.exif_editor import PREFIX, Editor
 
 # What a TIFF's first directory says about the photo rather than about the storage of its pixels: names of document and
@@ -43,14 +40,24 @@ _CAMERA_TAGS = frozenset(
 )
 # Where the picture lies on the earth (OGC GeoTIFF 1.1), and what GDAL adds to that.
 _GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0xA480, 0xA481})
-_RESOLUTION, _RESOLUTION_UNIT, _NO_UNIT = (0x011A, 0x011B), 0x0128, 1
+_RESOLUTION, _RESOLUTION_UNIT, _NO_UNIT, _INCH = (0x011A, 0x011B), 0x0128, 1, 2
 _IMAGE_WIDTH, _IMAGE_HEIGHT, _COMPRESSION, _ORIENTATION = 0x0100, 0x0101, 0x0103, 0x0112
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
 _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0xA002, 0xA003, 0xA405
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
 _LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF ends at 65,527
 _ENTRY_BYTES = 12
-_ROOM_IN_TIFF = 65_536  # bytes for directories, beside the values
+_ROOM_IN_TIFF = 65_536  # bytes for directories, in addition to the values
+
+
+class _Unit(NamedTuple):
+    """A unit of resolution, with its name in libvips."""
+
+    mm: float
+    name: str
+
+
+_UNITS = {_INCH: _Unit(25.4, "in"), 3: _Unit(10.0, "cm")}  # by EXIF's number
 
 
 # ---- what it says --------------------------------------------------------------------------------------
@@ -61,14 +68,14 @@ def read(blob: bytes | None) -> Tree | None:
     return None if blob is None else read_tree(io.BytesIO(blob.removeprefix(PREFIX)))
 
 
-def is_tangled(blob: bytes) -> bool:
-    """Whether a blob's directories go round in circles, in which libexif spends minutes."""
-    return directories.is_tangled(blob.removeprefix(PREFIX))
+def has_loop(blob: bytes) -> bool:
+    """Whether directories of a blob lead back to themselves; libexif then works for minutes."""
+    return directories.has_loop(blob.removeprefix(PREFIX))
 
 
-def untangled(blob: bytes) -> bytes | None:
-    """The blob as it is, but written anew where its directories go round in circles; None where nothing is left."""
-    if not is_tangled(blob):
+def without_loop(blob: bytes) -> bytes | None:
+    """The blob, rewritten if its directories lead back to themselves; None where nothing is left of it then."""
+    if not has_loop(blob):
         return blob
     tree = read(blob)
     return of_tiff(tree) if tree else None
@@ -79,6 +86,15 @@ def orientation(blob: bytes | None) -> Orientation | None:
     tree = read(blob)
     number = tree.number(_ORIENTATION) if tree else None
     return Orientation(number) if number in tuple(Orientation) else None
+
+
+def resolution(blob: bytes | None) -> tuple[float, float, str] | None:
+    """Resolution across and down [px/mm], and its unit as libvips calls it; None where there is none with a unit."""
+    tree = read(blob)
+    if tree is None or (unit := _UNITS.get(tree.number(_RESOLUTION_UNIT) or _INCH)) is None:
+        return None
+    across, down = (next(iter(tree.numbers(tag)), 0.0) / unit.mm for tag in _RESOLUTION)
+    return (across, down, unit.name) if across > 0 and down > 0 else None
 
 
 def with_header(blob: bytes | None) -> bytes | None:
@@ -108,10 +124,10 @@ def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
 def of_tiff(tree: Tree) -> bytes | None:
     """EXIF blob of a TIFF file's first page: camera tags, EXIF, GPS; None when it has none of them.
 
-    The byte order stays: makers' notes are often in the order of the file they stand in.
+    The byte order is kept: makers' notes are often in the order of the file they stand in.
     """
-    lifted = _of_the_camera(tree)
-    return _blob_of(lifted, tree) if lifted else None
+    camera_tags = _of_the_camera(tree)
+    return _blob_of(camera_tags, tree) if camera_tags else None
 
 
 def _blob_of(directory: Directory, tree: Tree) -> bytes:
@@ -168,10 +184,10 @@ def add_to_tiff(
 
 def _of_the_camera(tree: Tree) -> Directory:
     first = tree.pages[0]
-    lifted = {tag: value for tag, value in first.items() if is_carried(tag)}
+    camera_tags = {tag: value for tag, value in first.items() if is_carried(tag)}
     if has_no_resolution_unit(tree):
-        lifted |= {tag: first[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in first}
-    return lifted if tree.layout is CLASSIC else in_classic(lifted, tree.order)
+        camera_tags |= {tag: first[tag] for tag in (*_RESOLUTION, _RESOLUTION_UNIT) if tag in first}
+    return camera_tags if tree.layout is CLASSIC else in_classic(camera_tags, tree.order)
 
 
 def is_carried(tag: int) -> bool:
@@ -185,7 +201,7 @@ def has_no_resolution_unit(tree: Tree) -> bool:
 
 
 def without_geotiff(blob: bytes | None) -> bytes | None:
-    """The blob written anew without what it says of the picture's place on the earth; itself where it says nothing."""
+    """The blob rewritten without the picture's place on the earth; the blob itself if it has none."""
     tree = read(blob)
     if tree is None or not tree.pages[0].keys() & _GEOTIFF:
         return blob
@@ -195,7 +211,7 @@ def without_geotiff(blob: bytes | None) -> bytes | None:
 
 
 def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
-    """The blob, or where it is longer than that many bytes, one written anew without its longest tags.
+    """The blob, or where it is longer than that many bytes, one rewritten without its longest tags.
 
     The maker's note, which may hold previews, goes first.
 
@@ -205,14 +221,14 @@ def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
     if len(blob) <= most:
         return blob, []
     tree = read(blob)
-    lifted = _of_the_camera(tree) if tree else {}
-    if tree is None or not lifted:
+    camera_tags = _of_the_camera(tree) if tree else {}
+    if tree is None or not camera_tags:
         return None, ["EXIF (too long)"]
     left_out = 0
-    note = _removed(lifted, MAKER_NOTE)
-    told = ["maker's note (too long)"] if note else []
-    while len(shorter := _blob_of(lifted, tree)) > most:
-        excess, by_size = len(shorter) - most, sorted(_entries(lifted), key=lambda found: -len(found[2].data))
+    note = _removed(camera_tags, MAKER_NOTE)
+    names = ["maker's note (too long)"] if note else []
+    while len(shorter := _blob_of(camera_tags, tree)) > most:
+        excess, by_size = len(shorter) - most, sorted(_entries(camera_tags), key=lambda item: -len(item[2].data))
         for directory, tag, entry in by_size:
             del directory[tag]
             left_out += 1
@@ -220,8 +236,8 @@ def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
             if excess <= 0:
                 break
     if left_out:
-        told.append(f"{left_out} of EXIF's tags (too long)" if left_out > 1 else "a tag of EXIF (too long)")
-    return shorter, told
+        names.append(f"{left_out} of EXIF's tags (too long)" if left_out > 1 else "a tag of EXIF (too long)")
+    return shorter, names
 
 
 def _removed(directory: Directory, tag: int) -> bool:
@@ -256,7 +272,7 @@ def with_size(blob: bytes, height: int, width: int) -> bytes:
 
 
 def with_orientation(blob: bytes | None, orientation: int) -> bytes | None:
-    """The blob with EXIF orientation 1-8; made up where there is none and 1 does not go without saying."""
+    """The blob with an orientation; created if missing, unless that is 1 (the default)."""
     if blob is None:
         if orientation == 1:
             return None

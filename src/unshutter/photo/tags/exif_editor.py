@@ -1,4 +1,4 @@
-"""EXIF blobs changed in place or at their end, so that all else stays where it was.
+"""EXIF blobs changed in place or at their end, so that nothing else moves.
 
 Source: CIPA DC-008 (EXIF 2.32), section 4.5.
 """
@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import struct
 
-from unshutter.photo.tags.directories import BYTE_ORDERS, Slot, encoded_number, slots
+from unshutter.photo.tags.directories import BYTE_ORDERS, Slot, slots
+from unshutter.photo.tags.directory_bytes import encoded_number
 
 PREFIX = b"Exif\0\0"
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
@@ -70,7 +71,7 @@ class Editor:
         return len(self.data) - self.start
 
     def add_to_first(self, tag: int, value: int) -> None:
-        """Writes the first directory anew, at the end, with one entry more."""
+        """Rewrites the first directory at the end, with one more entry."""
         if not self.link_at:
             return
         count = (self.link_at - first_at - 2) // 12 if (first_at := self._place(self.start + 4)) else 0

@@ -1,17 +1,20 @@
-"""How long a photo was exposed, and whether it was put together from several exposures.
+"""When and how long a photo was exposed, and whether it was put together from several exposures.
 
-Source: CIPA DC-008 (EXIF 2.32): ExposureTime, ShutterSpeedValue, CustomRendered, CompositeImage; the values that Apple
-adds to CustomRendered and its maker note's tag 0x000A are those that exiftool.org lists (facts only).
+Source: CIPA DC-008 (EXIF 2.32): DateTimeOriginal, SubSecTimeOriginal, ExposureTime, ShutterSpeedValue, CustomRendered,
+CompositeImage; the values that Apple adds to CustomRendered and its maker note's tag 0x000A are those that exiftool.org
+lists (facts only).
 """
 
 from __future__ import annotations
 
 import struct
+from datetime import datetime
 from fractions import Fraction
 
 from unshutter.photo.tags import exif, maker_notes
 from unshutter.photo.tags.directories import EXIF, Entry, Tree
 
+_ORIGINAL, _SUBSECONDS = 0x9003, 0x9291
 _EXPOSURE_TIME, _SHUTTER_SPEED = 0x829A, 0x9201
 _CUSTOM_RENDERED, _COMPOSITE = 0xA401, 0xA460
 _SHORTEST_S, _LONGEST_S = 1e-6, 3600.0  # beyond, the tag is nonsense
@@ -21,19 +24,32 @@ _MERGED_BY_COMPOSITE = (2, 3)  # a composite; one made while it was taken
 _APPLE_HDR, _IS_HDR = 0x000A, 3
 
 
-def time_s(blob: bytes | None) -> float | None:
-    """Exposure time [s] that an EXIF blob tells; None where it tells none, or what no camera does."""
+def taken(blob: bytes | None) -> datetime | None:
+    """When an EXIF blob says that the photo was taken, in the camera's time zone; None where it does not say."""
     tree = exif.read(blob)
     if tree is None:
         return None
-    told = _first(tree, _EXPOSURE_TIME)
-    if told is None and (speed := _first(tree, _SHUTTER_SPEED)) is not None and abs(speed) < 40:
-        told = 2.0**-speed  # APEX
-    return told if told is not None and _SHORTEST_S <= told <= _LONGEST_S else None
+    date, fraction = tree.text(_ORIGINAL, EXIF), tree.text(_SUBSECONDS, EXIF)
+    try:
+        time = datetime.strptime(date, "%Y:%m:%d %H:%M:%S")
+    except ValueError:  # zeros or blanks, where a camera's clock was never set
+        return None
+    return time.replace(microsecond=int(fraction[:6].ljust(6, "0"))) if fraction.isdecimal() else time
+
+
+def time_s(blob: bytes | None) -> float | None:
+    """Exposure time [s] in an EXIF blob; None where there is none, or one that no camera makes."""
+    tree = exif.read(blob)
+    if tree is None:
+        return None
+    time = _first(tree, _EXPOSURE_TIME)
+    if time is None and (speed := _first(tree, _SHUTTER_SPEED)) is not None and abs(speed) < 40:
+        time = 2.0**-speed  # APEX
+    return time if time is not None and _SHORTEST_S <= time <= _LONGEST_S else None
 
 
 def blob_of(time_s: float) -> bytes | None:
-    """EXIF that tells an exposure time [s] and nothing else; None for what :func:`time_s` would not believe."""
+    """EXIF with an exposure time [s] and nothing else; None for one that :func:`time_s` would reject."""
     if not _SHORTEST_S <= time_s <= _LONGEST_S:
         return None
     time = Fraction(time_s).limit_denominator(1_000_000)
@@ -58,5 +74,5 @@ def is_merged(blob: bytes | None) -> bool:
 
 
 def _first(tree: Tree, tag: int) -> float | None:
-    found = tree.numbers(tag, EXIF)
-    return found[0] if found else None
+    numbers = tree.numbers(tag, EXIF)
+    return numbers[0] if numbers else None

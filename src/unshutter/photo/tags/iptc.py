@@ -1,7 +1,7 @@
 """IPTC, in Photoshop's image resources: one block of them in JPEG, two tags in TIFF.
 
-libvips hands a JPEG's on as they are, but cuts those of a TIFF to a quarter when it writes them. So they are kept here
-as a JPEG has them, in libvips's field ``iptc-data``, and go to TIFF by :func:`tiff_tags`.
+libvips cuts those of a TIFF to a quarter when it writes them. So ``Metadata.resources`` holds them as a JPEG does, and
+each format writes them itself, TIFF by :func:`tiff_tags`.
 
 Source: Adobe, Photoshop File Formats (image resource blocks); TIFF tags 33723 (IPTC) and 34377 (Photoshop).
 """
@@ -33,9 +33,9 @@ def of_blocks(blocks: bytes) -> bytes:
     return PREFIX + b"8BIM" + struct.pack(">HHI", _IPTC, 0, len(blocks)) + blocks + bytes(len(blocks) % 2)
 
 
-def tiff_tags(resources: bytes) -> dict[int, Entry]:
-    """The tags that a TIFF has for such resources."""
-    blocks = resources.removeprefix(PREFIX)
+def tiff_tags(resources: bytes | None) -> dict[int, Entry]:
+    """The tags that a TIFF has for such resources; none without any."""
+    blocks = (resources or b"").removeprefix(PREFIX)
     tags = {RESOURCES_TAG: Entry(7, len(blocks), blocks)} if blocks else {}
     iptc = next((data for kind, data, _ in _blocks(blocks) if kind == _IPTC), None)
     return tags | ({IPTC_TAG: Entry(7, len(iptc), iptc)} if iptc else {})
@@ -46,9 +46,9 @@ def joined(parts: list[bytes]) -> bytes:
     return PREFIX + b"".join(part.removeprefix(PREFIX) for part in parts)
 
 
-def segments(resources: bytes, longest: int) -> list[bytes]:
-    """Contents of segments of at most so many bytes for a JPEG."""
-    blocks, room = resources.removeprefix(PREFIX), longest - len(PREFIX)
+def segments(resources: bytes | None, longest: int) -> list[bytes]:
+    """Contents of segments of at most so many bytes for a JPEG; none without resources."""
+    blocks, room = (resources or b"").removeprefix(PREFIX), longest - len(PREFIX)
     return [PREFIX + blocks[at : at + room] for at in range(0, len(blocks), room)]
 
 
@@ -58,7 +58,7 @@ def has_iptc(resources: bytes) -> bool:
 
 
 def without_thumbnails(resources: bytes) -> bytes:
-    """Resources without the pictures among them; what cannot be read stays as it is."""
+    """Resources without the pictures among them; what cannot be read is left unchanged."""
     prefix = PREFIX if resources.startswith(PREFIX) else b""
     blocks = resources.removeprefix(prefix)
     kept, end = [], 0

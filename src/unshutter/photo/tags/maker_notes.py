@@ -55,12 +55,12 @@ class MakerNote:
 
     def below(self, tag: int) -> MakerNote | None:
         """The directory in a tag, or where it points to; None without one."""
-        entry, told = self.tags.get(tag), self.numbers(tag)
+        entry, numbers = self.tags.get(tag), self.numbers(tag)
         if not isinstance(entry, Entry):
             return None
-        at = int(told[0]) if len(told) == 1 else self.data.find(entry.data)
-        found = read_directory(self.data, at, self.order)
-        return replace(self, tags=found) if found is not None else None
+        at = int(numbers[0]) if len(numbers) == 1 else self.data.find(entry.data)
+        directory = read_directory(self.data, at, self.order)
+        return replace(self, tags=directory) if directory is not None else None
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def read(blob: bytes | None) -> MakerNote | None:
         if note.startswith(layout.begins) and len(note) > 16:
             return _as_laid_out(layout, note, whole, tree)
     if tree.text(_MAKE).startswith("Canon"):
-        return _made("Canon", tree.order, whole, whole.find(note))
+        return _note_at("Canon", tree.order, whole, whole.find(note))
     return None
 
 
@@ -123,13 +123,13 @@ def _as_laid_out(layout: _Layout, note: bytes, whole: bytes, tree: Tree) -> Make
     order = layout.order(note, tree.order)
     at = struct.unpack_from("<I", note, 8)[0] if layout.at is None else layout.at
     if layout.own_places:
-        return _made(layout.maker, order, note, at)
-    return _made(layout.maker, order, whole, whole.find(note) + at)
+        return _note_at(layout.maker, order, note, at)
+    return _note_at(layout.maker, order, whole, whole.find(note) + at)
 
 
-def _made(maker: str, order: str, data: bytes, at: int) -> MakerNote | None:
-    found = read_directory(data, at, order)
-    return MakerNote(maker, order, found, data) if found else None
+def _note_at(maker: str, order: str, data: bytes, at: int) -> MakerNote | None:
+    directory = read_directory(data, at, order)
+    return MakerNote(maker, order, directory, data) if directory else None
 
 
 def _of_nikon(note: bytes) -> MakerNote | None:

@@ -34,7 +34,7 @@ _UNUSED = (0, 0, 0)  # tag, TIFF type and number of values of an entry that a ca
 _SURELY = 3  # values, all of which lie elsewhere in EXIF, are no coincidence
 _NIKON, _NIKON_HEAD, _NIKON_PREVIEW = b"Nikon\0\x02", 10, 0x0011  # its later notes; the directory of their preview
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
-_FOOTER_BYTES = 8  # with which Canon's notes may end: a TIFF header that tells where the note began
+_FOOTER_BYTES = 8  # with which Canon's notes may end: a TIFF header with the place where the note began
 
 
 def complete(directory: Directory, tree: Tree, whole: bytes) -> None:
@@ -52,13 +52,13 @@ def complete(directory: Directory, tree: Tree, whole: bytes) -> None:
 
 
 def in_place(written: bytes, at: int, directory: Directory, tree: Tree) -> bytes:
-    """An encoded directory at a place, its maker's note made to fit there after it stood in a tree."""
+    """An encoded directory for a place in a file, its maker's note, which comes from a tree, adjusted to that place."""
     note = _note_of(directory)
-    found = written.find(note.data) if note is not None and tree.note_at is not None else -1
-    if found < 0 or tree.note_at is None or note is None:
+    start = written.find(note.data) if note is not None and tree.note_at is not None else -1
+    if start < 0 or tree.note_at is None or note is None:
         return written
-    follows = moved(note.data, tree.order, tree.note_at, at + found)
-    return written[:found] + follows + written[found + len(follows) :]
+    follows = moved(note.data, tree.order, tree.note_at, at + start)
+    return written[:start] + follows + written[start + len(follows) :]
 
 
 def is_incomplete(tree: Tree) -> bool:
@@ -86,13 +86,13 @@ def moved(note: bytes, order: str, was_at: int, is_at: int) -> bytes:
         was_at: where it began, counted from the beginning of the EXIF.
         is_at: where it begins now.
     """
-    found = _from_outside(note, order, was_at)
-    if found is None:
+    directory = _from_outside(note, order, was_at)
+    if directory is None:
         return note
     changed = bytearray(note)
-    for slot in found.inside:
-        (offset,) = struct.unpack_from(found.order + "I", note, slot.value_at)
-        struct.pack_into(found.order + "I", changed, slot.value_at, offset - was_at + is_at)
+    for slot in directory.inside:
+        (offset,) = struct.unpack_from(directory.order + "I", note, slot.value_at)
+        struct.pack_into(directory.order + "I", changed, slot.value_at, offset - was_at + is_at)
     _follow_footer(changed, was_at, is_at)
     return bytes(changed)
 
@@ -107,8 +107,8 @@ def points_outside(note: bytes, order: str, was_at: int) -> bool:
     """
     if note.startswith(_NIKON):
         return _preview_is_outside(note[_NIKON_HEAD:])
-    found = _from_outside(note, order, was_at)
-    return found is not None and bool(found.elsewhere)
+    directory = _from_outside(note, order, was_at)
+    return directory is not None and bool(directory.elsewhere)
 
 
 def completed(note: bytes, order: str, was_at: int, whole: bytes) -> bytes:
@@ -120,12 +120,13 @@ def completed(note: bytes, order: str, was_at: int, whole: bytes) -> bytes:
         was_at: where it began.
         whole: the EXIF, from where offsets are counted.
     """
-    for found in _directories(note, order, was_at):
-        stray = [(slot, at, size) for slot, at, size in found.elsewhere if 8 <= at <= len(whole) - size]
-        if found.is_from_outside or (len(stray) == len(found.elsewhere) >= _SURELY and not found.from_within):
+    for directory in _directories(note, order, was_at):
+        stray = [(slot, at, size) for slot, at, size in directory.elsewhere if 8 <= at <= len(whole) - size]
+        all_are_in_exif = len(stray) == len(directory.elsewhere) >= _SURELY and not directory.from_within
+        if directory.is_from_outside or all_are_in_exif:
             changed, values = bytearray(note), b""
             for slot, at, size in stray:
-                struct.pack_into(found.order + "I", changed, slot.value_at, was_at + len(note) + len(values))
+                struct.pack_into(directory.order + "I", changed, slot.value_at, was_at + len(note) + len(values))
                 values += whole[at : at + size]
             return bytes(changed) + values
     return note
@@ -159,27 +160,27 @@ class _Directory(NamedTuple):
 
 def _from_outside(note: bytes, order: str, was_at: int) -> _Directory | None:
     """The directory of a note whose offsets are counted from the beginning of all EXIF; None for other notes."""
-    return next((found for found in _directories(note, order, was_at) if found.is_from_outside), None)
+    return next((directory for directory in _directories(note, order, was_at) if directory.is_from_outside), None)
 
 
 def _directories(note: bytes, order: str, was_at: int) -> Iterator[_Directory]:
     """What may be the directory of a note: at each place where it may begin, in either byte order."""
     for start in _STARTS:
         for each in (order, {"<": ">", ">": "<"}[order]):
-            found = _directory(note, each, start, was_at)
-            if found is not None:
-                yield found
+            directory = _directory(note, each, start, was_at)
+            if directory is not None:
+                yield directory
 
 
 def _directory(note: bytes, order: str, start: int, was_at: int) -> _Directory | None:
-    """The same, if it begins at a place in the note."""
+    """The directory of a note, if it begins at a place in the note and has a byte order; None if it cannot."""
     if len(note) < start + 2:
         return None
     (count,) = struct.unpack_from(order + "H", note, start)
     end = start + 2 + 12 * count
     if not 0 < count <= _MOST_TAGS or end > len(note):
         return None
-    found = _Directory(order, [], [], [], [])
+    directory = _Directory(order, [], [], [], [])
     for slot in slots(note, order, start + 2, count):
         size = VALUE_BYTES.get(slot.kind, 0) * slot.count
         if not size and (slot.tag, slot.kind, slot.count) != _UNUSED:
@@ -187,13 +188,13 @@ def _directory(note: bytes, order: str, start: int, was_at: int) -> _Directory |
         if size > 4:
             (at,) = struct.unpack_from(order + "I", note, slot.value_at)
             if end <= at <= len(note) - size:
-                found.from_within.append(at - end)
+                directory.from_within.append(at - end)
             if end <= at - was_at <= len(note) - size:
-                found.inside.append(slot)
-                found.from_outside.append(at - was_at - end)
+                directory.inside.append(slot)
+                directory.from_outside.append(at - was_at - end)
             else:
-                found.elsewhere.append((slot, at, size))
-    return found
+                directory.elsewhere.append((slot, at, size))
+    return directory
 
 
 def _preview_is_outside(own: bytes) -> bool:

@@ -1,7 +1,7 @@
-"""How long a camera takes to read out a photo, as far as its make and model tell.
+"""How long a camera takes to read out a photo, as far as its make and model show.
 
-One table, first match wins. A camera that is wrongly said to have no rolling shutter loses its rectification: it stands
-under a leaf shutter only where no other kind of that name is known. In doubt the wider row is right.
+One table, first match wins. A camera that is wrongly listed without a rolling shutter loses its rectification: it is
+listed with a leaf shutter only where no other kind of that name is known. In doubt the wider row is right.
 
 Source: general knowledge of cameras, where a row names no other. A focal-plane shutter takes about as long to cross the
 frame as the camera's fastest flash synchronisation lasts (1/125 to 1/250 s, by the makers' manuals).
@@ -120,5 +120,5 @@ def _by_shutter(blob: bytes | None) -> ReadoutTime | None:
     """The readout time where the maker's note says which shutter was used."""
     note = maker_notes.read(blob)
     tag, kinds = _SHUTTER.get(note.maker, (0, {})) if note else (0, {})
-    told = note.numbers(tag) if note else ()
-    return kinds.get(int(told[0])) if len(told) == 1 else None
+    values = note.numbers(tag) if note else ()
+    return kinds.get(int(values[0])) if len(values) == 1 else None

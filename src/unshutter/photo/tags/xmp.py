@@ -1,4 +1,4 @@
-"""XMP: what must follow new pixels in it.
+"""XMP: what must change in it along with the pixels.
 
 Source: Adobe, XMP specification parts 1 and 3; Google, Motion Photo format 1.0 and Ultra HDR image format 1.1.
 """
@@ -45,10 +45,10 @@ class Next(NamedTuple):
 
     Attributes:
         height, width: of the stored pixels [px].
-        orientation: EXIF orientation 1-8; None: what the packet says of it stays.
+        orientation: EXIF orientation 1-8; None: the packet's own is kept.
         is_new: whether the pixels are others than before, so that small pictures of the old ones go.
-        film: of a motion photo, if it is still behind the picture. Gain maps, depth maps and other pictures beside the
-            picture never are.
+        film: of a motion photo, if it is still behind the picture. Gain maps, depth maps and other additional pictures
+            never are.
     """
 
     height: int
@@ -59,9 +59,9 @@ class Next(NamedTuple):
 
 
 def after(packet: bytes, picture: Next) -> bytes | None:
-    """The packet with what it says of the picture made true of the next one; all else stays byte by byte.
+    """The packet adapted to the next picture; all else is kept byte by byte.
 
-    None where it cannot be read, and may tell of pictures that are gone.
+    None where it cannot be read, and may describe pictures that are gone.
     """
     if not _FOLLOWS.search(packet):
         return packet
@@ -104,7 +104,7 @@ def _follow(packet: Packet, thing: Element | Attribute, name: str, picture: Next
 def _keep_film_alone(packet: Packet, directory: Element, film: FilmPlace) -> None:
     """Takes all but the picture and the film out of the list of what is in the file, and says where the film is."""
     for item in directory.below():
-        meaning = _told(item, _SEMANTIC)
+        meaning = _value(item, _SEMANTIC)
         if item.name == "rdf:li" and meaning not in (None, "Primary", "MotionPhoto"):
             packet.remove(item)
         if _PADDING in item.attributes:  # between this item's end and the next one
@@ -114,7 +114,7 @@ def _keep_film_alone(packet: Packet, directory: Element, film: FilmPlace) -> Non
             packet.set_number(length, film.to_end)  # Samsung's may reach to the file's end
 
 
-# ---- what it says of pictures and films beside the picture ----------------------------------------------
+# ---- further pictures and films ------------------------------------------------------------------------
 
 
 def film_bytes(packet: bytes | None) -> int | None:
@@ -126,21 +126,21 @@ def film_bytes(packet: bytes | None) -> int | None:
         return None
     length = None
     for element in read.root.below():
-        if element.name == "rdf:li" and _told(element, _SEMANTIC) == "MotionPhoto":
-            return _whole(_told(element, _LENGTH))
+        if element.name == "rdf:li" and _value(element, _SEMANTIC) == "MotionPhoto":
+            return _whole(_value(element, _LENGTH))
         if length is None:
             length = _whole(_own(read, element, _OLD_FILM_LENGTH))
     return length
 
 
 def gone(packet: bytes, has_film: bool) -> list[str]:
-    """What beside the picture the packet tells of, and the next picture is without."""
+    """Names of additional pictures and films that the packet describes, and that the next file lacks."""
     film = not has_film and film_bytes(packet) is not None
     return ["gain map"] * has_gain_map(packet) + ["film"] * film
 
 
 def has_gain_map(packet: bytes | None) -> bool:
-    """Whether the packet tells of a gain map."""
+    """Whether the packet describes a gain map."""
     return packet is not None and (b"GainMap" in packet or b"hdrgm:" in packet)
 
 
@@ -153,9 +153,11 @@ def _read(packet: bytes) -> Packet | None:
         return None
 
 
-def _told(item: Element, name: str) -> str | None:
+def _value(item: Element, name: str) -> str | None:
     """Value of an attribute of an item of a list, or of an element in it."""
-    return next((found.attributes[name].value for found in (item, *item.children) if name in found.attributes), None)
+    return next(
+        (element.attributes[name].value for element in (item, *item.children) if name in element.attributes), None
+    )
 
 
 def _own(packet: Packet, element: Element, name: str) -> str | None:

@@ -1,4 +1,4 @@
-"""An XMP packet as a tree that knows its places: what is changed is cut out of the bytes, the rest stays as it was.
+"""An XMP packet as a tree that knows its places: what is changed is cut out of the bytes, the rest is left unchanged.
 
 The parser is expat, as Python brings it, without what makes XML dangerous: a packet with a document type, which alone
 can define entities, is refused, and so is one of too many elements. All here takes time in proportion to the packet.
@@ -169,12 +169,12 @@ class _Reader:
         start = _TAG_NAME.match(self._data, at)
         place = start.end() if start else at
         attributes = {}
-        while found := _ATTRIBUTE.match(self._data, place):
-            place = found.end()
-            name = found[1].decode(errors="replace")
+        while match := _ATTRIBUTE.match(self._data, place):
+            place = match.end()
+            name = match[1].decode(errors="replace")
             if not name.startswith("xmlns"):
                 value = values.get(name, "")
-                attributes[self._usual(name)] = Attribute(value, *found.span(), found.start(2) + 1, found.end(2) - 1)
+                attributes[self._usual(name)] = Attribute(value, *match.span(), match.start(2) + 1, match.end(2) - 1)
         end = _TAG_END.match(self._data, place)
         if end is None:  # another encoding than one that has ASCII in it
             raise UnreadableError("it is not in UTF-8")

@@ -8,7 +8,7 @@ import pytest
 from support.camera_files import heic
 from support.drawn_photos import drawn, encoded
 from unshutter.photo import Photo
-from unshutter.photo.containers import extras
+from unshutter.photo.containers.items import extras_in_words
 
 GAIN_MAP = "urn:com:apple:photo:2020:aux:hdrgainmap"
 XMP_TYPE = b"application/rdf+xml"
@@ -53,7 +53,7 @@ def file_of(items: list[bytes], references: list[bytes], auxiliary: dict[int, st
     ],
 )
 def test_auxiliary_pictures_have_names(told: str, names: tuple[str, ...]) -> None:
-    assert extras.in_words(file_of([item(2, b"hvc1")], [reference(b"auxl", 2, 1)], {2: told})) == names
+    assert extras_in_words(file_of([item(2, b"hvc1")], [reference(b"auxl", 2, 1)], {2: told})) == names
 
 
 def test_tiles_thumbnails_and_what_describes_other_items_have_none() -> None:
@@ -61,14 +61,14 @@ def test_tiles_thumbnails_and_what_describes_other_items_have_none() -> None:
     items += [item(7, b"mime", XMP_TYPE), item(8, b"mime", XMP_TYPE)]
     references = [reference(b"dimg", 1, 2, 3), reference(b"thmb", 4, 1), reference(b"dimg", 4, 6)]
     references += [reference(b"cdsc", 5, 1), reference(b"cdsc", 7, 1), reference(b"cdsc", 8, 4)]
-    assert extras.in_words(file_of(items, references, {})) == ()
+    assert extras_in_words(file_of(items, references, {})) == ()
 
 
 def test_other_items_and_boxes_have_names() -> None:
     items = [item(2, b"hvc1"), item(3, b"tmap"), item(4, b"hvc1"), item(5, b"mime", XMP_TYPE)]
     items += [item(6, b"mime", XMP_TYPE), item(7, b"mime", b"text/x-own"), item(8, b"iptc"), item(9, b"hvc1")]
     references = [reference(b"dimg", 3, 1, 4), reference(b"cdsc", 5, 1), reference(b"cdsc", 6, 1)]
-    names = extras.in_words(file_of(items, references, {}, box(b"mpvd", b"film") + box(b"sefd", b"own")))
+    names = extras_in_words(file_of(items, references, {}, box(b"mpvd", b"film") + box(b"sefd", b"own")))
     assert names == (
         *("a second XMP", "further pictures", "gain map", "data of other programs (text/x-own)", "IPTC", "film"),
         "data of other programs (box sefd)",
@@ -78,8 +78,8 @@ def test_other_items_and_boxes_have_names() -> None:
 def test_boxes_that_end_too_early_have_none() -> None:
     whole = file_of([item(2, b"hvc1")], [reference(b"auxl", 2, 1)], {2: GAIN_MAP}).getvalue()
     for length in range(len(whole)):
-        extras.in_words(io.BytesIO(whole[:length]))
-    assert extras.in_words(io.BytesIO(b"")) == ()
+        extras_in_words(io.BytesIO(whole[:length]))
+    assert extras_in_words(io.BytesIO(b"")) == ()
 
 
 def test_photos_name_them() -> None:
