@@ -51,6 +51,9 @@ def test_a_reason_in_the_words_of_the_page(page: Page, tmp_path: Path) -> None:
     drop(page, tmp_path / "grey.png")
     wait_for(page, "alone")
     expect(page.locator("#panel .said")).to_contain_text("Left as it is: only 0 straight lines were found.")
+    about = {"code": "no-visible-motion", "figures": {}, "reason": "no visible motion", "confidence": 0.96}
+    line = page.evaluate("async about => (await import('/page/words.js')).words.why(about)", about)
+    assert line == "no motion can be seen (confidence 96 %)"
 
 
 def test_the_token_leaves_the_address(page: Page) -> None:

@@ -82,7 +82,11 @@ export const words = {
     `Straightened: some places moved by up to ${pixels(px)}.`
     + (sure === null ? "" : ` Confidence ${percent(sure)}.`),
   // of a result with code and figures; a code of a later program keeps the program's sentence
-  why: ({ code, figures, reason }) => reasons[code]?.(figures) ?? reason,
+  why: ({ code, figures, reason, confidence }) => {
+    const line = reasons[code]?.(figures) ?? reason;
+    const bare = ["no-motion", "no-visible-motion", "too-small"].includes(code); // whose figures lack the confidence
+    return bare && typeof confidence === "number" ? `${line} (confidence ${percent(confidence)})` : line;
+  },
   leftAlone: (reason) => `Left as it is: ${reason}.`,
   youLeftAlone: "Left as it is, as you asked.",
   notSureHint: "If you see that the camera moved, tick “The camera was moving”, or show what is level below.",
