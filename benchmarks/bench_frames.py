@@ -20,7 +20,7 @@ import numpy as np
 from unshutter.frames.neighbours import copy_side, link, render
 from unshutter.frames.rectifying import rectify_between
 from unshutter.frames.timing import Timing
-from unshutter.frames.wanted import Wanted
+from unshutter.frames.sequence_options import SequenceOptions
 from unshutter.geometry.readout import Readout
 from unshutter.options import Clock, FrameModel, Undo
 from unshutter.photo import Photo
@@ -68,7 +68,7 @@ def measure(height: int, width: int, rounds: int) -> None:
     known = link(*small)
 
     def whole(model: FrameModel | None) -> None:
-        how = Wanted(Clock(RATIO), Undo("first", edges="keep"), Readout.TOP_TO_BOTTOM, model=model)
+        how = SequenceOptions(Clock(RATIO), Undo("first", edges="keep"), Readout.TOP_TO_BOTTOM, model=model)
         rectify_between(Photo.from_array(pixels[0]), None, Photo.from_array(pixels[1]), how)
 
     print(f"{width}x{height}")

@@ -103,22 +103,24 @@ def _between(photo: Photo, job: Job, wanted: Rectify) -> RectifiedFrame:
     """A photo by what its neighbours say."""
     from unshutter.frames.rectified_frame import RectifiedFrame
     from unshutter.frames.rectifying import rectify_between
-    from unshutter.frames.wanted import Wanted
+    from unshutter.frames.sequence_options import SequenceOptions
     from unshutter.rectification import undo
 
     given, camera = wanted.neighbours, wanted.find.camera
     alone = wanted.find if given.fallback else None
-    how = Wanted(wanted.clock, wanted.undo, camera.direction, given.at, given.model, camera.focal_px, alone)
+    options = SequenceOptions(
+        wanted.clock, wanted.undo, camera.direction, given.at, given.model, camera.focal_px, alone
+    )
     if not given.sequence:
         before, after = (path and open_photo(path, job.max_pixels) for path in (given.before, given.after))
-        return rectify_between(photo, before, after, how)
+        return rectify_between(photo, before, after, options)
     if job.motion is None:
         raise UnshutterError(
             "{photo} could not be read when the motion of the sequence was found: start again", photo=job.source
         )
     before, after = (place and open_photo(place, job.max_pixels) for place in (job.before, job.after))
     try:
-        return rectify_between(photo, before, after, how, job.motion)
+        return rectify_between(photo, before, after, options, job.motion)
     except UsageError:
         raise
     except UnshutterError:  # the flow says nothing: what there is of the camera's motion, or the photo as it is

@@ -1,4 +1,4 @@
-"""The dense way with photos: frames and what connects them, to the picture of a moment."""
+"""Photos as frames of a sequence, and the dense way to rectify one: by the flow to its neighbours."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.frames.neighbours import Link, copy_side, link, render
 from unshutter.frames.rectified_frame import RectifiedFrame
+from unshutter.frames.sequence_options import SequenceOptions
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
-from unshutter.frames.wanted import Wanted
+from unshutter.geometry.readout import Readout
 from unshutter.motion.verdict import Verdict
 from unshutter.photo.argument import check_size, open_photo
 from unshutter.warp.crop import valid_window
@@ -19,16 +20,22 @@ from unshutter.warp.edges import EdgePolicy
 
 
 class Frame:
-    """A frame of a sequence, and what connects it with the next one."""
+    """A photo of a sequence, and the flow from it to the next one.
 
-    def __init__(self, given: Any, how: Wanted) -> None:
-        self.given, self.photo, self._readout = given, open_photo(given), how.readout
+    Attributes:
+        source: what the caller passed: a path, encoded bytes, pixels or a Photo.
+        photo: that as a Photo.
+        to_next: the flow to the next frame; None until it was looked for.
+    """
+
+    def __init__(self, source: Any, readout: Readout) -> None:
+        self.source, self.photo, self._readout = source, open_photo(source), readout
         self.to_next: Link | None = None
         check_size(*self._size, "{photo}", photo=self.name)
 
     @property
     def name(self) -> str:
-        """In messages."""
+        """What the frame is called in messages."""
         return str(self.photo.path or "the photo")
 
     @property
@@ -81,7 +88,9 @@ class Frame:
         return np.ascontiguousarray(self._readout.turn(self.photo.grey(copy_side(*self._size))))
 
 
-def rectified_densely(before: Frame | None, current: Frame, after: Frame | None, how: Wanted) -> RectifiedFrame:
+def rectify_densely(
+    before: Frame | None, current: Frame, after: Frame | None, options: SequenceOptions
+) -> RectifiedFrame:
     """A frame by the flow between it and its neighbours, which are connected.
 
     Raises:
@@ -91,25 +100,25 @@ def rectified_densely(before: Frame | None, current: Frame, after: Frame | None,
     for side, neighbour, connection in ((-1, before, before and before.to_next), (1, after, current.to_next)):
         if neighbour is not None and connection is not None:
             frames[side], links[side] = _alike(neighbour, current), connection
-    timing, edges = how.timing(frames[0].shape[0]), how.undo.edges
-    made = render(
+    timing, edges = options.timing(frames[0].shape[0]), options.undo.edges
+    picture = render(
         frames,
         links,
         timing,
-        how.moment(timing),
+        options.moment(timing),
         borrow=edges == "borrow",
         fill=edges == "fill",
         masked=current.photo.masked,
     )
-    back = -how.readout.quarter_turns
-    pixels, valid = np.rot90(made.pixels, back), np.rot90(made.valid, back)
-    if made.reason:
-        verdict = Verdict(0.0, None, made.reason)
+    back = -options.readout.quarter_turns
+    pixels, valid = np.rot90(picture.pixels, back), np.rot90(picture.valid, back)
+    if picture.reason:
+        verdict = Verdict(0.0, None, picture.reason)
         return RectifiedFrame(current.photo, valid, current.photo, verdict)
-    edges, window, whole = EdgePolicy(how.undo.edges).decide(valid.shape, lambda: valid_window(valid))
+    edges, window, whole = EdgePolicy(options.undo.edges).decide(valid.shape, lambda: valid_window(valid))
     pixels = pixels[window.top : window.bottom, window.left : window.right]
     photo = current.photo.with_pixels(np.ascontiguousarray(pixels))
-    return RectifiedFrame(photo, valid, current.photo, Verdict(made.largest_px), edges, whole)
+    return RectifiedFrame(photo, valid, current.photo, Verdict(picture.largest_px), edges, whole)
 
 
 def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:

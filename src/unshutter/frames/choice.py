@@ -25,7 +25,7 @@ _LEAST, _WORSE = 0.1, 1.5  # px of ROWS rows by which the camera may always miss
 _FEWEST = 12  # corners
 
 
-def chosen(camera: FrameMotion, before: Frame | None, current: Frame, after: Frame | None) -> FrameModel:
+def better_model(camera: FrameMotion, before: Frame | None, current: Frame, after: Frame | None) -> FrameModel:
     """The model that suits a frame better. The flow is only looked for where the camera's motion leaves doubts.
 
     Args:
@@ -70,7 +70,7 @@ def camera_misses(camera: FrameMotion, tracks: Tracks, first: int) -> float:
 
 
 def flow_misses(flow: Flow, tracks: Tracks) -> float:
-    """The same of a flow."""
+    """By how much most corners end elsewhere than a flow says [px of ROWS rows]."""
     scale = flow.forward.shape[0] / tracks.height
     at = ((tracks.start + 0.5) * scale - 0.5).astype(np.float32)[:, None]
     led = looked_up(flow.forward, at)[:, 0] / scale

@@ -172,8 +172,8 @@ def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
     first, apart = min(side, 0), connection.apart  # number of the earlier frame
     earlier, later, flow = connection.earlier, connection.later, connection.flow
     between = replace(timing, readout_ratio=min(timing.readout_ratio / apart, 1.0))  # their own interval counts 1
-    found = field_between(earlier, later, flow, between, moment / apart - first, nearest=-first)
-    return replace(found, velocity=found.velocity / np.float32(apart), moment=moment, timing=timing)
+    field = field_between(earlier, later, flow, between, moment / apart - first, nearest=-first)
+    return replace(field, velocity=field.velocity / np.float32(apart), moment=moment, timing=timing)
 
 
 def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> Reason | None:

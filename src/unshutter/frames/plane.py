@@ -60,9 +60,9 @@ def _tracked(
     first: np.ndarray, second: np.ndarray, corners: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners [N, 2] that are found in the second picture and back again, and where they are there."""
-    how = {"winSize": _WINDOW, "maxLevel": _LEVELS, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
-    there, found, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, corners + start, **how)
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, there - start, **how)
+    settings = {"winSize": _WINDOW, "maxLevel": _LEVELS, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+    there, found, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, corners + start, **settings)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, there - start, **settings)
     near = np.linalg.norm(back - corners, axis=2)[:, 0] < _MOST_ROUND_TRIP
     kept = near & (found[:, 0] > 0) & (found_back[:, 0] > 0)
     return corners[kept, 0], there[kept, 0]

@@ -12,12 +12,12 @@ import numpy as np
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.estimators.register import load
-from unshutter.frames.between import Frame, rectified_densely
-from unshutter.frames.choice import chosen
+from unshutter.frames.between import Frame, rectify_densely
+from unshutter.frames.choice import better_model
 from unshutter.frames.neighbours import copy_side
 from unshutter.frames.rectified_frame import RectifiedFrame
 from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, FramesOptions, known_ratio
-from unshutter.frames.wanted import Wanted
+from unshutter.frames.sequence_options import SequenceOptions
 from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Undo
 from unshutter.options.keywords import from_keywords, takes_options
 from unshutter.photo import Photo
@@ -46,7 +46,7 @@ def rectify_frames(
 
     Args:
         frames: whatever :func:`rectify` takes, in the order in which they were taken.
-        focal_px: focal length [px of the frames]; by default EXIF's, else it is found.
+        focal_px: focal length [px of the frames]; by default EXIF's, else it is camera_motion.
         at: moment of the pictures, instead of a reference row, in frame intervals from each frame's first row, -1 to 1.
         fallback: whether a frame of which its neighbours say nothing is rectified by what it says itself.
         **options: how fast the frames were taken and read out, and how motion is undone.
@@ -64,8 +64,8 @@ def rectify_frames(
     known_ratio(ratio, milliseconds, fps)  # raises where only a part of it is given
     camera, alone = from_keywords(Camera, options), Find() if options.get("fallback") else None
     model = options.get("model")
-    how = Wanted(clock, undoing, camera.direction, options.get("at"), model, camera.focal_px, alone)
-    return _with_advice(_each(iter(frames), how))
+    of_frames = SequenceOptions(clock, undoing, camera.direction, options.get("at"), model, camera.focal_px, alone)
+    return _with_advice(_each(iter(frames), of_frames))
 
 
 def _with_advice(pictures: Iterator[Any]) -> Iterator[Any]:
@@ -76,42 +76,46 @@ def _with_advice(pictures: Iterator[Any]) -> Iterator[Any]:
         raise error.with_advice("give readout_ratio, or readout_ms and fps") from None
 
 
-def _each(frames: Iterator[Any], how: Wanted) -> Iterator[Any]:
-    if not how.clock.is_known:
+def _each(frames: Iterator[Any], options: SequenceOptions) -> Iterator[Any]:
+    if not options.clock.is_known:
         head = list(islice(frames, SEARCHED))
         frames = chain(head, frames)
-        how = _with_ratio(head, how)
+        options = _with_ratio(head, options)
     before = current = None
-    for given in frames:
-        following = Frame(given, how)
+    for source in frames:
+        following = Frame(source, options.readout)
         if current is not None:
-            yield _like(current, _by_any_means(before, current, following, how))
+            yield _in_kind(current, _by_any_means(before, current, following, options))
         before, current = current, following
     if before is None or current is None:
         raise UsageError("needs at least two frames: one photo alone is for unshutter.rectify")
-    yield _like(current, _by_any_means(before, current, None, how))
+    yield _in_kind(current, _by_any_means(before, current, None, options))
 
 
-def _with_ratio(frames: list[Any], how: Wanted) -> Wanted:
+def _with_ratio(frames: list[Any], options: SequenceOptions) -> SequenceOptions:
     """The same with the readout ratio that frames say; without one where nothing moves in them."""
-    finder = CameraMotion(None, how.focal_px, how.readout)
+    finder = CameraMotion(None, options.focal_px, options.readout)
     silent = [motion for motion in finder.frames(frames) if not motion.stood_still]
     if finder.ratio is not None:
-        return replace(how, clock=Clock(finder.ratio.value))
-    if silent and how.alone is None and len(frames) > 1:
+        return replace(options, clock=Clock(finder.ratio.value))
+    if silent and options.alone is None and len(frames) > 1:
         raise _error_of(next((motion for motion in silent if motion.ratio_unknown), silent[0]))
-    return how
+    return options
 
 
 def rectify_between(
-    photo: Photo, before: Photo | None, after: Photo | None, how: Wanted, found: FrameMotion | None = None
+    photo: Photo,
+    before: Photo | None,
+    after: Photo | None,
+    options: SequenceOptions,
+    camera_motion: FrameMotion | None = None,
 ) -> RectifiedFrame:
     """One photo, rectified with the help of the frame before, the one after, or both.
 
     Args:
         photo, before, after: in the order before, photo, after.
-        how: what is wanted.
-        found: what a whole sequence says of the camera's motion; None: these frames are asked.
+        options: how the photo is rectified.
+        camera_motion: the camera's motion as a whole sequence shows it; None: it is found from these frames.
 
     Raises:
         UnshutterError, UsageError: see :func:`rectify_frames`.
@@ -119,61 +123,69 @@ def rectify_between(
     for each in (before, photo, after):
         if each is not None:
             each.start_decoding(grey_px=copy_side(each.height, each.width))
-    earlier, later = (None if each is None else Frame(each, how) for each in (before, after))
-    return _by_any_means(earlier, Frame(photo, how), later, how, found)
+    earlier, later = (None if each is None else Frame(each, options.readout) for each in (before, after))
+    return _by_any_means(earlier, Frame(photo, options.readout), later, options, camera_motion)
 
 
 def _by_any_means(
-    before: Frame | None, current: Frame, after: Frame | None, how: Wanted, found: FrameMotion | None = None
+    before: Frame | None,
+    current: Frame,
+    after: Frame | None,
+    options: SequenceOptions,
+    camera_motion: FrameMotion | None = None,
 ) -> RectifiedFrame:
     """A frame by its neighbours; where they say nothing, by itself, if that is wanted."""
     try:
-        result = _by_neighbours(before, current, after, how, found)
+        result = _by_neighbours(before, current, after, options, camera_motion)
     except UsageError:
         raise
     except UnshutterError:
-        if how.alone is None:
+        if options.alone is None:
             raise
     else:
-        if how.alone is None or result.verdict.cause is not Cause.NO_EVIDENCE:
+        if options.alone is None or result.verdict.cause is not Cause.NO_EVIDENCE:
             return result
-    motion = estimate_photo(current.photo, load(how.alone.estimator), how.alone.camera)
-    return RectifiedFrame.of(undo(current.photo, motion, how.undo), "alone")
+    motion = estimate_photo(current.photo, load(options.alone.estimator), options.alone.camera)
+    return RectifiedFrame.of(undo(current.photo, motion, options.undo), "alone")
 
 
 def _by_neighbours(
-    before: Frame | None, current: Frame, after: Frame | None, how: Wanted, found: FrameMotion | None
+    before: Frame | None,
+    current: Frame,
+    after: Frame | None,
+    options: SequenceOptions,
+    camera_motion: FrameMotion | None,
 ) -> RectifiedFrame:
-    given = [frame for frame in (before, current, after) if frame is not None]
-    for first, second in pairwise(given):
+    frames = [frame for frame in (before, current, after) if frame is not None]
+    for first, second in pairwise(frames):
         first.check_like(second)
-    if found is None and (how.model != "dense" or not how.clock.is_known):
-        found = _camera_motion(given, given.index(current), how)
-    if found is not None:
-        if (found.stood_still and how.model is None) or not found.ratio:
-            how = replace(how, model="camera")
+    if camera_motion is None and (options.needed_model != "dense" or not options.clock.is_known):
+        camera_motion = _camera_motion(frames, frames.index(current), options)
+    if camera_motion is not None:
+        if (camera_motion.stood_still and options.needed_model is None) or not camera_motion.ratio:
+            options = replace(options, model="camera")
         else:
-            how = replace(how, clock=Clock(found.ratio))
-        if (how.model or chosen(found, before, current, after)) == "camera":
-            motion = found.motion(how.undo.reference or "first")
-            return RectifiedFrame.of(undo(current.photo, motion, how.undo), "camera")
-    for first, second in pairwise(given):
+            options = replace(options, clock=Clock(camera_motion.ratio))
+        if (options.needed_model or better_model(camera_motion, before, current, after)) == "camera":
+            motion = camera_motion.motion(options.undo.reference or "first")
+            return RectifiedFrame.of(undo(current.photo, motion, options.undo), "camera")
+    for first, second in pairwise(frames):
         first.connect(second)
-    return rectified_densely(before, current, after, how)
+    return rectify_densely(before, current, after, options)
 
 
-def _camera_motion(frames: list[Frame], number: int, how: Wanted) -> FrameMotion:
+def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -> FrameMotion:
     """What a few frames say of the camera's motion about one of them.
 
     Raises:
         UnknownRatioError: the readout ratio was not given, and they do not show it.
     """
-    ratio = known_ratio(how.clock.ratio) if how.clock.is_known else None
-    finder = CameraMotion(ratio, how.focal_px, how.readout, every_angle=1)
-    found = list(finder.frames(frame.photo for frame in frames))[number]
-    if finder.ratio is None and not found.stood_still:
-        raise _error_of(found)
-    return found
+    ratio = known_ratio(options.clock.ratio) if options.clock.is_known else None
+    finder = CameraMotion(ratio, options.focal_px, options.readout, every_angle=1)
+    camera_motion = list(finder.frames(frame.photo for frame in frames))[number]
+    if finder.ratio is None and not camera_motion.stood_still:
+        raise _error_of(camera_motion)
+    return camera_motion
 
 
 def _error_of(motion: FrameMotion) -> UnknownRatioError:
@@ -184,8 +196,8 @@ def _error_of(motion: FrameMotion) -> UnknownRatioError:
     return UnknownRatioError.because(motion.reason)
 
 
-def _like(frame: Frame, result: RectifiedFrame) -> Any:
+def _in_kind(frame: Frame, result: RectifiedFrame) -> Any:
     """The result for an encoded frame; pixels for pixels."""
-    if is_file(frame.given) or is_bytes(frame.given):
+    if is_file(frame.source) or is_bytes(frame.source):
         return result
-    return in_kind(frame.given, result.to_array() if result.changed else None)
+    return in_kind(frame.source, result.to_array() if result.changed else None)

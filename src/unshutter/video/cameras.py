@@ -72,10 +72,10 @@ def listed(word: str | None = None) -> list[CameraMode]:
     Raises:
         UsageError: there is none.
     """
-    found = [mode for mode in table() if _plain(word or "") in _plain(mode.name)]
-    if not found:
+    matches = [mode for mode in table() if _plain(word or "") in _plain(mode.name)]
+    if not matches:
         raise UsageError(f"no camera of the table is called '{word}': `unshutter cameras` lists them")
-    return found
+    return matches
 
 
 def as_text(modes: Iterable[CameraMode]) -> str:
@@ -102,15 +102,15 @@ def readout_ms(name: str, width: int, height: int, fps: float) -> float:
     known = listed(name)
     exact = [mode for mode in known if _plain(name) in _names(mode)]
     known = exact or known
-    found = [mode for mode in known if mode.fits(width, height, fps)]
+    matches = [mode for mode in known if mode.fits(width, height, fps)]
     this = f"{width}x{height} px at {fps:.4g} frames/s"
-    if not found:
+    if not matches:
         modes = ", ".join(dict.fromkeys(mode.mode for mode in known))
         raise UsageError(f"the table has no time for '{name}' with {this}, only for {modes}: say it with --readout-ms")
-    if not _agree(found):
-        several = ", ".join(f"{mode.name} ({mode.readout_ms:.1f} ms)" for mode in found)
+    if not _agree(matches):
+        several = ", ".join(f"{mode.name} ({mode.readout_ms:.1f} ms)" for mode in matches)
         raise UsageError(f"'{name}' with {this} could be {several}: say which")
-    return _mean(found)
+    return _mean(matches)
 
 
 def of_tags(tags: Mapping[str, str], width: int, height: int, fps: float) -> tuple[str, float] | None:
@@ -122,10 +122,10 @@ def of_tags(tags: Mapping[str, str], width: int, height: int, fps: float) -> tup
     said = {key.lower(): value for key, value in tags.items()}  # Matroska's are in upper case
     make, model = (next((said[key] for key in keys if said.get(key)), "") for keys in (_MAKES, _MODELS))
     names = {_plain(model), _plain(make + model)} - {""}
-    found = [mode for mode in table() if not mode.lens and mode.fits(width, height, fps) and names & _names(mode)]
-    if not model or not found or not _agree(found):
+    matches = [mode for mode in table() if not mode.lens and mode.fits(width, height, fps) and names & _names(mode)]
+    if not model or not matches or not _agree(matches):
         return None
-    return found[0].name, _mean(found)
+    return matches[0].name, _mean(matches)
 
 
 def _names(mode: CameraMode) -> set[str]:

@@ -160,12 +160,12 @@ class Clip:
                 of_film = packet.stream.index == film.index  # packet.stream_index of the last, empty packets is 0
                 ending.add(packet, of_film)
                 if not of_film:
-                    if all_streams and packet.dts is not None and _wanted(time_of(packet), start, end):
+                    if all_streams and packet.dts is not None and _is_within(time_of(packet), start, end):
                         yield SidePacket(packet)
                     continue
                 for frame in decoded(packet, self.path):
                     times.set(frame)
-                    if _wanted(frame.time, start, end):
+                    if _is_within(frame.time, start, end):
                         yield self._checked(frame)
                     elif not all_streams and end is not None and (frame.time or 0) >= end:
                         return
@@ -240,7 +240,7 @@ def _first_frame(place: str, pictures: Numbered | None, fps: float | None) -> tu
     raise UnshutterError("{clip} has no frame that can be decoded", clip=place)
 
 
-def _wanted(at: float | None, start: float | None, end: float | None) -> bool:
+def _is_within(at: float | None, start: float | None, end: float | None) -> bool:
     return at is None or ((start is None or at >= start - 1e-6) and (end is None or at < end))
 
 

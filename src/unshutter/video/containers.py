@@ -42,16 +42,16 @@ def opened(place: str, pictures: Numbered | None = None, fps: float | None = Non
     """
     if pictures is None:
         check_plain(Path(place))
-        name, how = place, {"options": {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME)}}
+        name, arguments = place, {"options": {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME)}}
     else:
         rate = str(Fraction(fps or 30).limit_denominator(100_000))
         settings = {"framerate": rate, "start_number": str(pictures.first), "pattern_type": "sequence"}
-        name, how = pictures.pattern, {"format": "image2", "options": settings}
+        name, arguments = pictures.pattern, {"format": "image2", "options": settings}
     try:  # by its whole path: what stands before a colon would be taken for a protocol
-        container = av().open(os.path.abspath(name), metadata_errors="replace", **how)
+        container = av().open(os.path.abspath(name), metadata_errors="replace", **arguments)
     except (OSError, ValueError, av().error.FFmpegError) as error:
-        told = error.strerror if isinstance(error, OSError) else ""
-        raise UnshutterError(f"cannot read {{clip}}: {told or 'no film that can be read'}", clip=place) from None
+        cause = error.strerror if isinstance(error, OSError) else ""
+        raise UnshutterError(f"cannot read {{clip}}: {cause or 'no film that can be read'}", clip=place) from None
     try:
         yield container
     finally:

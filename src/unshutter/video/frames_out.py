@@ -79,13 +79,13 @@ class Warper:
         motion, frame = self.motion(moving), moving.frame
         if motion.is_zero and self.window is None:
             return NewFrame(moving, frame)
-        made = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
+        picture = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
         if motion.is_zero:
-            for before, after in zip(*map(self.clip.pixels.arrays, (frame, made)), strict=True):
+            for before, after in zip(*map(self.clip.pixels.arrays, (frame, picture)), strict=True):
                 np.copyto(after, before)
         else:
-            self._warp(frame, made, FrameMap.of(motion, frame.height, frame.width))
-        return NewFrame(moving, self._dressed(made, frame))
+            self._warp(frame, picture, FrameMap.of(motion, frame.height, frame.width))
+        return NewFrame(moving, self._dressed(picture, frame))
 
     def _by_flow(self, linked: LinkedFrame) -> NewFrame:
         """A frame by the flow to its neighbours; where they do not show enough, by the camera's motion."""
@@ -93,69 +93,69 @@ class Warper:
         where, lenders = linked.maps(self.undo)
         if where is None:
             return self.rectified(moving)
-        made = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
-        self._warp(frame, made, where)
+        picture = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
+        self._warp(frame, picture, where)
         if lenders:
-            self._borrow(lenders, made, where)
-        return NewFrame(replace(moving, dense=True), self._dressed(made, frame))
+            self._borrow(lenders, picture, where)
+        return NewFrame(replace(moving, dense=True), self._dressed(picture, frame))
 
-    def _warp(self, frame: VideoFrame, made: VideoFrame, found: FrameMap) -> None:
+    def _warp(self, frame: VideoFrame, picture: VideoFrame, frame_map: FrameMap) -> None:
         """Writes the planes of a frame, as they look after the motion is undone, into those of another."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         full = frame.color_range == _FULL_RANGE or pixels.name.startswith("yuvj")
-        planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(made), strict=True))
+        planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True))
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [each for each in planes if (each[0].across, each[0].down) == (across, down)]
-            for rows, positions in found.positions(across, down, self._scratches[0]):
+            for rows, positions in frame_map.positions(across, down, self._scratches[0]):
                 for plane, before, after in alike:
                     black = (plane.black_full if full else plane.black) if self.undo.edges == "keep" else None
                     warp_plane(before, positions, after[rows], black, limit)
 
-    def _borrow(self, lenders: list[Lender], made: VideoFrame, own: FrameMap) -> None:
+    def _borrow(self, lenders: list[Lender], picture: VideoFrame, own: FrameMap) -> None:
         """What a frame did not see, from those beside it, into the planes of the frame that is made of it."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [k for k, plane in enumerate(pixels.planes) if (plane.across, plane.down) == (across, down)]
-            out = pixels.arrays(made)
+            out = pixels.arrays(picture)
             size = out[alike[0]].shape[:2]
             bands = [
                 each.positions(across, down, scratch)
                 for each, scratch in zip((own, *(lender.where for lender in lenders)), self._scratches, strict=False)
             ]
             for (rows, positions), *theirs in zip(*bands, strict=True):
-                wanted = ~seen(positions, *size)
+                missing = ~seen(positions, *size)
                 for lender, (_, there) in zip(lenders, theirs, strict=True):
-                    if not wanted.any():
+                    if not missing.any():
                         break
-                    has = wanted & seen(there, *size)
+                    has = missing & seen(there, *size)
                     for k in alike:
                         borrow_plane(lender.planes[k], there, out[k][rows], has, limit)
-                    wanted &= ~has
+                    missing &= ~has
 
-    def _dressed(self, made: VideoFrame, frame: VideoFrame) -> VideoFrame:
+    def _dressed(self, picture: VideoFrame, frame: VideoFrame) -> VideoFrame:
         """The new pixels as the frame that came in: its time, its colours, what lies beside them."""
         if self.window is None and _PASSED_ON & self.clip.side_data.keys():
             frame.make_writable()
-            for new, old in zip(self.clip.pixels.arrays(made), self.clip.pixels.arrays(frame), strict=True):
+            for new, old in zip(self.clip.pixels.arrays(picture), self.clip.pixels.arrays(frame), strict=True):
                 np.copyto(old, new)
             return frame
         if self.window is not None:
-            made = self._cut(made)
-        made.pts, made.time_base = frame.pts, frame.time_base
+            picture = self._cut(picture)
+        picture.pts, picture.time_base = frame.pts, frame.time_base
         for name in _COLOURS:
-            setattr(made, name, getattr(frame, name))
-        return made
+            setattr(picture, name, getattr(frame, name))
+        return picture
 
     def _cut(self, frame: VideoFrame) -> VideoFrame:
         """The window of a frame."""
         height, width = self.size
-        made = av().VideoFrame(width, height, self.clip.pixels.name)
+        picture = av().VideoFrame(width, height, self.clip.pixels.name)
         assert self.window is not None
         pixels = self.clip.pixels
-        for plane, old, new in zip(pixels.planes, pixels.arrays(frame), pixels.arrays(made), strict=True):
+        for plane, old, new in zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True):
             top, left = self.window.top // plane.down, self.window.left // plane.across
             np.copyto(new, old[top : top + new.shape[0], left : left + new.shape[1]])
-        return made
+        return picture
 
 
 def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:

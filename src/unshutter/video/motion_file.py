@@ -132,12 +132,12 @@ def load(path: Path) -> ClipMotion:
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise UnshutterError(f'{path}: not a motion file of a clip: its "format" is not "{FORMAT}"')
     try:
-        return _made(data)
+        return _parsed(data)
     except (KeyError, TypeError, ValueError, OverflowError, UnshutterError) as error:
         raise UnshutterError(f"{path}: not a usable motion file: {error}") from None
 
 
-def _made(data: dict[str, Any]) -> ClipMotion:
+def _parsed(data: dict[str, Any]) -> ClipMotion:
     readout = Readout.parse(data["readout"])
     height, width = int(data["height"]), int(data["width"])
     ratio = float(data["readout_ratio"])

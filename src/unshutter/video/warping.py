@@ -61,11 +61,11 @@ class FrameMap:
         scale = np.array([small[1] / width, small[0] / height])  # px of the motion per px of the frame
         col, row = (_middles(step, height, width) + 0.5) * scale[:, None, None] - 0.5
         with np.errstate(all="ignore"):  # far outside, Newton's method may run away
-            found = np.stack(gs_to_rs_map(motion)(col, row))
-        found = (found + 0.5) / scale[:, None, None] - 0.5
+            looks = np.stack(gs_to_rs_map(motion)(col, row))
+        looks = (looks + 0.5) / scale[:, None, None] - 0.5
         far = float(height + width)
-        np.nan_to_num(found, copy=False, nan=-far, posinf=2 * far, neginf=-far)
-        return cls(np.clip(found, -far, 2 * far).astype(np.float32), step, height, width)
+        np.nan_to_num(looks, copy=False, nan=-far, posinf=2 * far, neginf=-far)
+        return cls(np.clip(looks, -far, 2 * far).astype(np.float32), step, height, width)
 
     @classmethod
     def along(cls, shift: Float32[np.ndarray, "rows columns 2"], readout: Readout, height: int, width: int) -> FrameMap:
@@ -82,8 +82,8 @@ class FrameMap:
         at = np.stack(readout.points_to_frame(col, row, height, width), axis=-1)
         scale = np.array([size[1] / shift.shape[1], size[0] / shift.shape[0]])
         in_copy = ((at + 0.5) / scale - 0.5).astype(np.float32)
-        found = at + looked_up(shift, in_copy) * scale
-        stored = readout.points_to_stored(found[..., 0], found[..., 1], height, width)
+        looks = at + looked_up(shift, in_copy) * scale
+        stored = readout.points_to_stored(looks[..., 0], looks[..., 1], height, width)
         return cls(np.stack(stored).astype(np.float32), step, height, width)
 
     def positions(
@@ -103,11 +103,11 @@ class FrameMap:
         for first in range(0, self.nodes.shape[1] - 2, band):
             nodes = self.nodes[:, first : first + band + 2]
             top, bottom = first * step[0], min((first + nodes.shape[1] - 2) * step[0], height)
-            made = scratch.array((2, nodes.shape[1] * step[0], nodes.shape[2] * step[1]))
-            for each, share, out in zip(nodes, (across, down), made, strict=True):
+            filled = scratch.array((2, nodes.shape[1] * step[0], nodes.shape[2] * step[1]))
+            for each, share, out in zip(nodes, (across, down), filled, strict=True):
                 cv2.resize((each + 0.5) / share - 0.5, out.shape[::-1], dst=out, interpolation=cv2.INTER_LINEAR)
             rows = slice(step[0], step[0] + bottom - top)
-            yield slice(top, bottom), (made[0][rows, columns], made[1][rows, columns])
+            yield slice(top, bottom), (filled[0][rows, columns], filled[1][rows, columns])
 
 
 def _middles(step: int, height: int, width: int) -> np.ndarray:
@@ -157,24 +157,24 @@ def borrow_plane(
     plane: UInt[np.ndarray, "rows columns *bands"],
     positions: tuple[Float32[np.ndarray, "rows cols"], ...],
     out: UInt[np.ndarray, "rows columns *bands"],
-    wanted: Bool[np.ndarray, "rows cols"],
+    missing: Bool[np.ndarray, "rows cols"],
     limit: int,
 ) -> None:
-    """Writes what a plane of another frame shows at positions into the places that are wanted.
+    """Writes what a plane of another frame shows at positions into the places that are missing.
 
     Args:
         plane: values as stored.
         positions: (col, row) [px of the plane].
         out: is written to; of the same type.
-        wanted: which pixels of it.
+        missing: which pixels of it.
         limit: greatest value.
     """
-    columns = np.flatnonzero(wanted.any(axis=0))
+    columns = np.flatnonzero(missing.any(axis=0))
     if not columns.size:
         return
     lent = np.empty((len(out), columns.size, *out.shape[2:]), out.dtype)
     warp_plane(plane, tuple(each[:, columns] for each in positions), lent, None, limit)
-    where = wanted[:, columns]
+    where = missing[:, columns]
     out[:, columns] = np.where(where if out.ndim == 2 else where[..., None], lent, out[:, columns])
 
 

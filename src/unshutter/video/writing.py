@@ -120,10 +120,10 @@ class Film:
         try:
             step()
         except av().error.FFmpegError as error:
-            told = "the disc is full" if error.errno == errno.ENOSPC else error.strerror
+            cause = "the disc is full" if error.errno == errno.ENOSPC else error.strerror
             if error.errno == errno.EINVAL:
-                told = f"{self._kind} does not take its frames or their times; try another --codec, or .mkv"
-            raise UnshutterError(f"cannot encode the clip: {told}") from None
+                cause = f"{self._kind} does not take its frames or their times; try another --codec, or .mkv"
+            raise UnshutterError(f"cannot encode the clip: {cause}") from None
 
 
 @contextmanager
@@ -151,8 +151,8 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
         else:
             container = av().open(place, "w", format="mp4" if ending.lower() != ".mov" else "mov", options=options)
     except (ValueError, av().error.FFmpegError) as error:
-        told = f"'{ending}' is the ending of no film that can be written" if isinstance(error, ValueError) else error
-        raise UnshutterError(f"cannot write the clip: {told}") from None
+        cause = f"'{ending}' is the ending of no film that can be written" if isinstance(error, ValueError) else error
+        raise UnshutterError(f"cannot write the clip: {cause}") from None
     try:
         yield container
     finally:

@@ -170,7 +170,7 @@ def _shown_alone(open_file: OpenFile, photo: Photo, wanted: Rectify, longest: in
 def _shown_between(open_file: OpenFile, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
     """By what the photo's neighbours say, all of them as small as they are shown."""
     from unshutter.frames.rectifying import rectify_between
-    from unshutter.frames.wanted import Wanted
+    from unshutter.frames.sequence_options import SequenceOptions
     from unshutter.photo import Photo
     from unshutter.warp.crop import valid_window
     from unshutter.warp.edges import EdgePolicy
@@ -181,11 +181,11 @@ def _shown_between(open_file: OpenFile, photo: Photo, wanted: Rectify, longest: 
     focal = wanted.find.camera.focal_px or photo.focal_px()
     alone = wanted.find if given.fallback else None
     told_so = given.at, given.model, focal and focal / scale, alone
-    how = Wanted(wanted.clock, undo, wanted.find.camera.direction, *told_so)
+    options = SequenceOptions(wanted.clock, undo, wanted.find.camera.direction, *told_so)
     neighbours = [path and replace(open_file, path=path) for path in (given.before, given.after)]
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
-    result = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], how)
-    told: dict[str, Any] = {**result.verdict.as_json(), "edges": None, "whole": None, "readout": str(how.readout)}
+    result = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], options)
+    told: dict[str, Any] = {**result.verdict.as_json(), "edges": None, "whole": None, "readout": str(options.readout)}
     told |= {"largest_px": result.verdict.largest_px * scale, "neighbours": True}
     if not result.changed:
         return result.pixels, told, _WHOLE

@@ -8,7 +8,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.rectifying import rectify_between
-from unshutter.frames.wanted import Wanted
+from unshutter.frames.sequence_options import SequenceOptions
 from unshutter.geometry.readout import Readout
 from unshutter.options import Clock, FrameModel, Reference, Undo
 from unshutter.photo import Photo
@@ -41,7 +41,7 @@ def by_neighbours(
     before, after = (path and Photo.open(path) for path in neighbours_of(frame))
     figures: Record = {"declined": "", "failed": "", "confidence": None}
     try:
-        how = Wanted(Clock(ratio), Undo(reference, edges="keep"), Readout.TOP_TO_BOTTOM, model=model)
+        how = SequenceOptions(Clock(ratio), Undo(reference, edges="keep"), Readout.TOP_TO_BOTTOM, model=model)
         result = rectify_between(photo, before or None, after or None, how)
     except UnshutterError as error:
         whole = np.ones((photo.height, photo.width), bool)
