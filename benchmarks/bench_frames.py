@@ -19,8 +19,8 @@ import numpy as np
 
 from unshutter.frames.neighbours import copy_side, link, render
 from unshutter.frames.rectifying import rectify_between
-from unshutter.frames.timing import Timing
 from unshutter.frames.sequence_options import SequenceOptions
+from unshutter.frames.timing import Timing
 from unshutter.geometry.readout import Readout
 from unshutter.options import Clock, FrameModel, Undo
 from unshutter.photo import Photo
