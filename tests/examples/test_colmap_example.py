@@ -78,9 +78,10 @@ def test_a_camera_that_walks_is_where_it_went(scene: ModuleType) -> None:
     there = scene.Frame(frame.place + 2 * frame.velocity, frame.rotation, frame.turning, 0 * frame.velocity)
     later = scene.photograph(planes, camera, frame, rolling=False, later=2.0)
     assert (later == scene.photograph(planes, camera, there, rolling=False)).all()
-    rolling = scene.photograph(planes, camera, frame, rolling=True)
-    assert (rolling[60] == scene.photograph(planes, camera, frame, rolling=False)[60]).mean() > 0.5
-    assert (rolling[:20] != scene.photograph(planes, camera, frame, rolling=False)[:20]).mean() > 0.5
+    rolling = scene.photograph(planes, camera, frame, rolling=True).astype(int)
+    difference = np.abs(rolling - scene.photograph(planes, camera, frame, rolling=False)).mean(axis=(1, 2))
+    assert difference[60] < 1  # levels; the middle row's moment is the picture's
+    assert difference[:20].min() > 20
 
 
 def test_the_frames_around_a_picture_say_how_it_moved(compare: ModuleType) -> None:
