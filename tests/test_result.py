@@ -96,7 +96,7 @@ def test_a_copy_needs_no_pixels(photo: Path, tmp_path: Path, monkeypatch: pytest
     original = kind.decode
     monkeypatch.setattr(kind, "decode", lambda *given: decoded.append(1) or original(*given))
     opened = Photo.open(photo)
-    from unshutter.rectification import undo
+    from unshutter.result import undo
 
     undo(opened, unshutter.RowMotion.zero(120, 160), Undo()).save(tmp_path / "out.jpg")
     assert decoded == []

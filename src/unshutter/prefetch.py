@@ -103,7 +103,7 @@ class Prefetch:
 
     def _decode_if_changed(self, photo: Photo, motion: Motion) -> None:
         """Decodes the pixels of a photo whose motion is undone."""
-        from unshutter.rectification import judged
+        from unshutter.result import judged
 
         if self._undo is not None and judged(motion, self._undo, photo.height, photo.width)[1].changes:
             photo.start_decoding(self._reader)

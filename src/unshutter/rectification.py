@@ -5,17 +5,15 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any, BinaryIO, Unpack, overload
 
-from unshutter.errors import UsageError
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.find import find_motion
 from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
-from unshutter.motion.verdict import Verdict
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, CameraKeywords, Find, Reference, Undo, UndoKeywords
 from unshutter.options.keywords import from_keywords, takes_options
 from unshutter.photo import Photo
 from unshutter.photo.argument import check_size, in_kind, is_bytes, is_file, open_photo
-from unshutter.result import Rectified
+from unshutter.result import Rectified, undo
 
 if TYPE_CHECKING:
     import numpy as np
@@ -135,7 +133,7 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
     return undo(source, motion, undoing, camera.readout)
 
 
-# ---- the two steps ----------------------------------------------------------------------------------------
+# ---- from a photo to its motion -----------------------------------------------------------------------------
 
 
 def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion:
@@ -146,51 +144,6 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
     """
     check_size(photo.height, photo.width)
     return find_motion(estimator, View(photo, camera))
-
-
-def undo(photo: Photo, motion: Motion, options: Undo, readout: str = "auto") -> Rectified:
-    """The photo with a motion undone, where :func:`judged` says so; else as it is, and its pixels are not looked at.
-
-    Args:
-        photo: the photo.
-        motion: its motion; of another size if the aspect fits.
-        options: reference row, strength, edges, least confidence.
-        readout: direction in which the stored pixels were read; ``auto``: the motion's.
-
-    Raises:
-        UsageError: another readout direction than the motion's.
-        UnshutterError: another aspect, a motion that cannot be undone, a photo that is too small or damaged.
-    """
-    check_size(photo.height, photo.width)
-    found, verdict = judged(motion, options, photo.height, photo.width, readout)
-    if not verdict.changes:
-        return Rectified(photo, verdict.left_alone(found), photo, found, verdict)
-    from unshutter.warp.pixels import straighten
-
-    result = straighten(photo.pixels, found, options.edges, photo.masked)
-    return Rectified(photo.with_pixels(result.pixels), found, photo, found, verdict, result.edges, result.whole)
-
-
-def judged(motion: Motion, options: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:
-    """A motion as it would be undone in a stored picture of height x width [px], and whether it is.
-
-    Raises:
-        UsageError: another readout direction than the motion's; UnshutterError: another aspect.
-    """
-    motion = fitted(motion, height, width, readout)
-    motion = motion.rereferenced(options.reference or motion.reference).scaled(options.strength)
-    return motion, Verdict.of(motion, options)
-
-
-def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Motion:
-    """A motion resized for a stored picture of height x width [px].
-
-    Raises:
-        UsageError: another readout direction than the motion's; UnshutterError: another aspect.
-    """
-    if readout != "auto" and Camera(readout).direction != motion.readout:
-        raise UsageError(f"the motion was made for readout {motion.readout}, not {readout}")
-    return motion.resized(*motion.readout.frame_size(height, width))
 
 
 def _loaded(estimator: str | Estimator) -> Estimator:

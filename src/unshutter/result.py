@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unshutter.errors import UsageError
 from unshutter.motion import Motion
 from unshutter.motion.verdict import Verdict
-from unshutter.options import Edges, PictureFormat, Save, Subsampling
+from unshutter.options import Camera, Edges, PictureFormat, Save, Subsampling, Undo
 from unshutter.photo import Photo
+from unshutter.photo.argument import check_size
 from unshutter.photo.encoding import Encoded
 from unshutter.photo.formats import of_target
 from unshutter.storage.files import check_target, written_whole
@@ -129,3 +131,51 @@ class Rectified(Result):
         from unshutter.warp.pixels import validity_mask
 
         return validity_mask(self.motion)
+
+
+# ---- from a photo and its motion to the result --------------------------------------------------------------
+
+
+def undo(photo: Photo, motion: Motion, options: Undo, readout: str = "auto") -> Rectified:
+    """The photo with a motion undone, where :func:`judged` says so; else as it is, and its pixels are not looked at.
+
+    Args:
+        photo: the photo.
+        motion: its motion; of another size if the aspect fits.
+        options: reference row, strength, edges, least confidence.
+        readout: direction in which the stored pixels were read; ``auto``: the motion's.
+
+    Raises:
+        UsageError: another readout direction than the motion's.
+        UnshutterError: another aspect, a motion that cannot be undone, a photo that is too small or damaged.
+    """
+    check_size(photo.height, photo.width)
+    found, verdict = judged(motion, options, photo.height, photo.width, readout)
+    if not verdict.changes:
+        return Rectified(photo, verdict.left_alone(found), photo, found, verdict)
+    from unshutter.warp.pixels import straighten
+
+    result = straighten(photo.pixels, found, options.edges, photo.masked)
+    return Rectified(photo.with_pixels(result.pixels), found, photo, found, verdict, result.edges, result.whole)
+
+
+def judged(motion: Motion, options: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:
+    """A motion as it would be undone in a stored picture of height x width [px], and whether it is.
+
+    Raises:
+        UsageError: another readout direction than the motion's; UnshutterError: another aspect.
+    """
+    motion = fitted(motion, height, width, readout)
+    motion = motion.rereferenced(options.reference or motion.reference).scaled(options.strength)
+    return motion, Verdict.of(motion, options)
+
+
+def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Motion:
+    """A motion resized for a stored picture of height x width [px].
+
+    Raises:
+        UsageError: another readout direction than the motion's; UnshutterError: another aspect.
+    """
+    if readout != "auto" and Camera(readout).direction != motion.readout:
+        raise UsageError(f"the motion was made for readout {motion.readout}, not {readout}")
+    return motion.resized(*motion.readout.frame_size(height, width))

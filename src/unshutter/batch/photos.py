@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from unshutter.batch.job import Job
     from unshutter.frames.rectified_frame import RectifiedFrame
     from unshutter.options import Save
-    from unshutter.rectification import Rectified
+    from unshutter.result import Rectified
 
 
 def save_picture(result: Rectified | RectifiedFrame, job: Job, overwrite: bool, save: Save) -> str:

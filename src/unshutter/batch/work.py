@@ -93,7 +93,7 @@ def finish_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: P
 
 def _alone(coming: Coming, wanted: Rectify, motion: str | None) -> Rectified:
     """A photo by what it says itself, or by the motion given to all."""
-    from unshutter.rectification import undo
+    from unshutter.result import undo
 
     found = coming.motion() if motion is None else _parsed(motion)
     return undo(coming.photo, found, wanted.undo, wanted.find.camera.readout)
@@ -104,7 +104,7 @@ def _between(photo: Photo, job: Job, wanted: Rectify) -> RectifiedFrame:
     from unshutter.frames.rectified_frame import RectifiedFrame
     from unshutter.frames.rectifying import rectify_between
     from unshutter.frames.sequence_options import SequenceOptions
-    from unshutter.rectification import undo
+    from unshutter.result import undo
 
     given, camera = wanted.neighbours, wanted.find.camera
     alone = wanted.find if given.fallback else None

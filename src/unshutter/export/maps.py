@@ -19,7 +19,8 @@ from unshutter.motion import Motion
 from unshutter.options import MAX_PIXELS, Find, Reference
 from unshutter.photo import Photo
 from unshutter.photo.libvips import libvips, refusing
-from unshutter.rectification import estimate_photo, fitted
+from unshutter.rectification import estimate_photo
+from unshutter.result import fitted
 from unshutter.storage.files import check_target, remove_leftovers, written_whole
 from unshutter.storage.protection import Protection
 from unshutter.warp.grid import SamplingGrid, gs_to_rs_map, rs_to_gs_map

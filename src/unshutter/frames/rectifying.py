@@ -11,6 +11,8 @@ from typing import Any, Unpack
 import numpy as np
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
+from unshutter.estimators.base import View
+from unshutter.estimators.find import find_motion
 from unshutter.estimators.register import load
 from unshutter.frames.between import Frame, rectify_densely
 from unshutter.frames.choice import better_model
@@ -23,7 +25,7 @@ from unshutter.options.keywords import from_keywords, takes_options
 from unshutter.photo import Photo
 from unshutter.photo.argument import in_kind, is_bytes, is_file
 from unshutter.reasons import Cause
-from unshutter.rectification import estimate_photo, undo
+from unshutter.result import undo
 
 
 class RectifyFramesOptions(FramesOptions, total=False):
@@ -145,7 +147,7 @@ def _by_any_means(
     else:
         if options.alone is None or result.verdict.cause is not Cause.NO_EVIDENCE:
             return result
-    motion = estimate_photo(current.photo, load(options.alone.estimator), options.alone.camera)
+    motion = find_motion(load(options.alone.estimator), View(current.photo, options.alone.camera))
     return RectifiedFrame.of(undo(current.photo, motion, options.undo), "alone")
 
 

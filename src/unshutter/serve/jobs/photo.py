@@ -103,7 +103,7 @@ def after(open_file: OpenFile, wanted: Rectify, longest: int | None) -> tuple[by
     """The rectified photo for the screen, upright and not cropped, and what was found and done.
 
     Raises:
-        UnshutterError, UsageError: see :func:`unshutter.rectification.undo`.
+        UnshutterError, UsageError: see :func:`unshutter.result.undo`.
     """
     with errors_of(open_file, neighbour_names(wanted.neighbours)):
         return _after(open_file, wanted, longest)
@@ -150,7 +150,7 @@ def _after(open_file: OpenFile, wanted: Rectify, longest: int | None) -> tuple[b
 
 def _shown_alone(open_file: OpenFile, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
     """By what the photo says itself: what will be saved, decided at full size, and drawn small."""
-    from unshutter.rectification import judged
+    from unshutter.result import judged
     from unshutter.warp.pixels import edge_decision, straighten
 
     motion = found_motion(open_file, photo, wanted.find)
@@ -217,7 +217,7 @@ def _segments(open_file: OpenFile, wanted: Rectify) -> dict[str, Any]:
 
     from unshutter.estimators.lines.segments import find_segments
     from unshutter.estimators.right_angles.view import MOST_SEGMENTS, SHORT_SIDE
-    from unshutter.rectification import judged
+    from unshutter.result import judged
     from unshutter.serve.upright import shares
     from unshutter.warp.grid import rs_to_gs_map
 
