@@ -21,6 +21,7 @@ from unshutter.video.background import ahead
 from unshutter.video.clip import Clip
 from unshutter.video.moving import look
 from unshutter.video.options import Shutter
+from unshutter.video.readout_tags import readout_tag
 
 _PART, _FEWEST = 60, 20  # frames that are asked together, and those that are worth asking
 _MOST_PARTS = 12
@@ -32,7 +33,7 @@ _GUESSED_RATIO = 0.5
 def found_or_listed(
     clip: Clip, readout: Readout, shutter: Shutter, span: tuple[float, float], watch: Watch | None = None
 ) -> ReadoutRatio:
-    """The readout ratio that the clip shows, or else the one that the table of cameras has.
+    """The readout ratio that the clip's file states, else the one that its frames show, else that of the table.
 
     Args:
         clip: the clip; its tags name the camera where the user does not.
@@ -46,6 +47,9 @@ def found_or_listed(
         UnknownRatioError: neither the clip nor the table shows it.
         UnshutterError: the clip cannot be read.
     """
+    tag = None if clip.of_pictures else readout_tag(clip.path)
+    if tag is not None:
+        return ReadoutRatio(min(tag.ms / 1000 / clip.interval_s, 1.0), 0.0, "the clip's file", tag.writer)
     mode = clip.width, clip.height, 1 / clip.interval_s
     if shutter.camera is None:
         listed = cameras.of_tags(clip.tags, *mode)

@@ -1,0 +1,94 @@
+"""Readout times that cameras write into their clips: GoPro's, Apple's, CAMM's."""
+
+import shutil
+import struct
+import subprocess
+
+import pytest
+
+from support import clips
+from unshutter.cli import main
+from unshutter.video.mp4_tracks import box
+from unshutter.video.readout_tags import readout_tag
+
+
+def full(content):
+    return bytes(4) + content
+
+
+def with_samples(path, kind, data):
+    """A file with one track of a kind, of one sample."""
+    table = [
+        box(b"stsd", full(struct.pack(">I", 1) + box(kind, bytes(8)))),
+        box(b"stts", full(struct.pack(">III", 1, 1, 1000))),
+        box(b"stsc", full(struct.pack(">IIII", 1, 1, 1, 1))),
+        box(b"stsz", full(struct.pack(">II", len(data), 1))),
+        box(b"stco", full(struct.pack(">II", 1, 24))),
+    ]
+    header = full(struct.pack(">IIII", 0, 0, 1000, 1000))
+    media = box(b"mdhd", header) + box(b"hdlr", full(bytes(4) + b"meta" + bytes(12)))
+    media += box(b"minf", box(b"stbl", b"".join(table)))
+    movie = box(b"mvhd", header) + box(b"trak", box(b"mdia", media))
+    path.write_bytes(box(b"ftyp", b"mp42" + bytes(4)) + box(b"mdat", data) + box(b"moov", movie))
+    return str(path)
+
+
+def entry(key, kind, content, size=1):
+    """An entry of GPMF."""
+    return key + kind + struct.pack(">BH", size, len(content) // size) + content + bytes(-len(content) % 4)
+
+
+def with_srot(ms, kind=b"f", pack=">f"):
+    value = entry(b"SROT", kind, struct.pack(pack, ms), struct.calcsize(pack))
+    stream = entry(b"STRM", b"\0", entry(b"STNM", b"c", b"Exposure") + value)
+    return entry(b"DEVC", b"\0", entry(b"DVNM", b"c", b"Camera") + entry(b"STRM", b"\0", b"") + stream)
+
+
+def test_gopros_is_in_its_telemetry(tmp_path):
+    tag = readout_tag(with_samples(tmp_path / "a.mp4", b"gpmd", with_srot(20.6)))
+    assert tag.writer == "GoPro" and tag.ms == pytest.approx(20.6, abs=1e-5)
+    tag = readout_tag(with_samples(tmp_path / "b.mp4", b"gpmd", with_srot(11, b"S", ">H")))
+    assert tag.ms == 11
+
+
+def test_camms_is_the_skew_of_its_rows(tmp_path):
+    gyro = struct.pack("<HH3f", 0, 2, 0.1, 0.2, 0.3)
+    exposure = struct.pack("<HH2i", 0, 1, 8_000_000, 27_500_000)
+    tag = readout_tag(with_samples(tmp_path / "a.mp4", b"camm", gyro + exposure + gyro))
+    assert (tag.ms, tag.writer) == (27.5, "CAMM")
+
+
+@pytest.mark.parametrize(
+    ("kind", "data"),
+    [
+        (b"gpmd", with_srot(-3.0)),
+        (b"gpmd", with_srot(float("nan"))),
+        (b"gpmd", with_srot(5000.0)),
+        (b"gpmd", with_srot(20.6)[:30]),
+        (b"camm", struct.pack("<HH2i", 0, 1, 8_000_000, 0)),
+        (b"camm", struct.pack("<HH2i", 0, 1, 8_000_000, 27_500_000)[:6]),
+        (b"camm", struct.pack("<HH", 0, 99)),
+        (b"tmcd", with_srot(20.6)),
+    ],
+)
+def test_what_cannot_be_a_readout_time_is_none(tmp_path, kind, data):
+    assert readout_tag(with_samples(tmp_path / "a.mp4", kind, data)) is None
+
+
+def test_files_that_are_no_clips_have_none(tmp_path):
+    (tmp_path / "a.mp4").write_bytes(b"no clip")
+    assert readout_tag(str(tmp_path / "a.mp4")) is None
+    assert readout_tag(str(tmp_path / "missing.mp4")) is None
+
+
+@pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool writes Apple's key")
+def test_a_clip_is_rectified_with_the_time_that_its_file_says(tmp_path, capsys):
+    clip = clips.write(tmp_path / "in.mov", clips.standing())
+    assert readout_tag(str(clip)) is None
+    subprocess.run(["exiftool", "-q", "-overwrite_original", "-Keys:FrameReadoutTime#=0.0123", clip], check=True)
+    tag = readout_tag(str(clip))
+    assert tag.writer == "Apple" and tag.ms == pytest.approx(12.3)
+    log = tmp_path / "log.jsonl"
+    assert main(["video", str(clip), "-o", str(tmp_path / "out.mov"), "--json-log", str(log)]) == 0
+    assert '"readout_ms": 12.3' in log.read_text() and '"found_by": "the clip\'s file"' in log.read_text()
+    assert "this clip does not show its readout time" not in capsys.readouterr().err
