@@ -1,6 +1,7 @@
 """The table of cameras: what is in it, how it is listed, and when a clip takes its readout time from it."""
 
 import json
+from importlib.resources import files
 
 import pytest
 
@@ -8,12 +9,15 @@ from support import clips
 from unshutter.cli import main
 from unshutter.errors import UsageError
 from unshutter.video import cameras
-from unshutter.video.cameras import CameraMode
+from unshutter.video.cameras import CameraMode, Match, ReadoutTime
 
+SIZE = (clips.WIDTH, clips.HEIGHT)
 NEMO = [
-    CameraMode("Nemo", "One", "", clips.WIDTH, clips.HEIGHT, 30.0, 20.0, "", "one.json"),
-    CameraMode("Nemo", "One Pro", "Wide", clips.WIDTH, clips.HEIGHT, 30.0, 10.0, "", "wide.json"),
-    CameraMode("Nemo", "One Pro", "Tele", clips.WIDTH, clips.HEIGHT, 30.0, 15.0, "", "tele.json"),
+    CameraMode("Nemo", "One", "", *SIZE, 30.0, 20.0, 20.0, 20.0),
+    CameraMode("Nemo", "One Pro", "Wide", *SIZE, 30.0, 10.0, 10.0, 10.0),
+    CameraMode("Nemo", "One Pro", "Tele", *SIZE, 30.0, 15.0, 15.0, 15.0),
+    CameraMode("Nemo", "Two", "", *SIZE, 30.0, 12.0, 8.0, 16.0, profiles=3),
+    CameraMode("Nemo", "Two", "", *SIZE, 60.0, 9.0, 9.0, 9.0),
 ]
 
 
@@ -33,20 +37,66 @@ def log_of(tmp_path, capsys, clip, *flags):
 # ---- the table ----------------------------------------------------------------------------------------------
 
 
-def test_every_time_can_be_one_and_says_where_it_is_from():
+def test_every_time_can_be_one():
     modes = cameras.table()
-    assert len(modes) >= 40
+    assert len(modes) > 533 and len({(mode.brand, mode.model) for mode in modes}) > 200
     for mode in modes:
-        assert 2 <= mode.readout_ms <= 1000 / mode.fps, mode
-        assert mode.brand and mode.model and mode.profile.endswith(".json")
-        assert mode.width >= 1280 and mode.height >= 720
+        assert 2 <= mode.least_ms <= mode.readout_ms <= mode.most_ms <= 1000 / mode.fps * 1.03, mode
+        assert mode.brand and mode.model and mode.profiles >= 1
+        assert mode.width >= mode.height >= 480
     assert len(set(modes)) == len(modes)
 
 
-def test_no_mode_has_times_that_contradict_each_other():
-    for mode in cameras.table():
-        time = cameras.readout_ms(mode.name, mode.width, mode.height, mode.fps)
-        assert time == pytest.approx(mode.readout_ms, rel=0.06)
+def test_the_table_says_where_it_is_from_and_its_licence():
+    head = (files("unshutter") / "video" / "cameras.csv").read_text().split("brand,model", 1)[0]
+    assert "github.com/gyroflow/lens_profiles" in head and "CC0-1.0" in head
+
+
+# ---- the readout time of a clip -----------------------------------------------------------------------------
+
+
+def test_a_camera_is_found_by_make_model_size_and_rate(nemo):
+    time = cameras.find("Nemo", "One", SIZE, 29.97)
+    assert time == cameras.find("nemo inc.", "Nemo One", SIZE[::-1], 30)  # held upright
+    assert time == ReadoutTime(20, 20, 20, "Nemo One", Match.MODE, 1) and time.is_certain
+    assert cameras.find("", "one", SIZE, 30) == time
+    assert cameras.find("Ahab", "One", SIZE, 30) is cameras.find("Nemo", "Three", SIZE, 30) is None
+    assert cameras.find("Nemo", "", SIZE, 30) is cameras.find("", "", SIZE, 30) is None
+
+
+def test_profiles_and_lenses_that_disagree_give_a_range(nemo):
+    two = cameras.find("Nemo", "Two", SIZE, 30)
+    assert (two.low, two.typical, two.high, two.profiles) == (8, 12, 16, 3) and not two.is_certain
+    pro = cameras.find("Nemo", "One Pro", SIZE, 30)
+    assert (pro.low, pro.high, pro.match) == (10, 15, Match.MODE) and not pro.is_certain
+
+
+def test_other_modes_of_a_camera_say_something_of_a_mode_that_is_not_listed(nemo):
+    faster = cameras.find("Nemo", "Two", SIZE, 100)
+    assert (faster.low, faster.high, faster.match) == (8, 10, Match.OTHER_RATE)  # never longer than a frame takes
+    other = cameras.find("Nemo", "One", (640, 480), 30)
+    assert (other.typical, other.match, other.is_certain) == (20, Match.OTHER_MODE, False)
+
+
+@pytest.mark.parametrize(
+    ("tags", "camera"),
+    [
+        ({"make": "SONY", "model": "ILCE-7M4"}, "Sony a7IV"),
+        ({"make": "Canon", "model": "Canon EOS R6m2"}, "Canon R6ii"),
+        ({"make": "Panasonic", "model": "DC-GH6"}, "Panasonic GH6"),
+        ({"make": "NIKON CORPORATION", "model": "NIKON Z 6_2"}, "Nikon Z6 II"),
+        ({"com.apple.quicktime.make": "Apple", "com.apple.quicktime.model": "iPhone 12 Pro"}, "Apple iPhone 12 pro"),
+        ({"firmware": "HD5.02.02.00.00"}, "GoPro HERO5 Black"),
+    ],
+)
+def test_cameras_are_known_by_the_names_that_their_files_give_them(tags, camera):
+    found = cameras.find_tagged(tags, (3840, 2160), 29.97)
+    assert found is not None and cameras._spelled(found.camera) == cameras._spelled(camera)
+
+
+@pytest.mark.parametrize("tags", [{"make": "Nemo"}, {"model": "On"}, {"firmware": "1.0"}, {}])
+def test_tags_that_name_no_camera_find_none(nemo, tags):
+    assert cameras.find_tagged(tags, SIZE, 30.0) is None
 
 
 # ---- names --------------------------------------------------------------------------------------------------
@@ -55,62 +105,40 @@ def test_no_mode_has_times_that_contradict_each_other():
 def test_cameras_are_listed_by_a_word(capsys):
     assert main(["cameras"]) == 0
     everything = capsys.readouterr().out
-    assert main(["cameras", "alpha", "7c"]) == 0
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line == "Sony Alpha 7C  3840x2160 px at 25 frames/s  24.7 ms"
     assert len(everything.splitlines()) == len(cameras.table())
+    assert main(["cameras", "hero5"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 10 and all("GoPro HERO5" in line or "GoPro Hero5" in line for line in lines)
+    assert any(line.split("  ")[0] == "GoPro HERO5 Black" and line.endswith("26.7 to 33.4 ms") for line in lines)
     assert main(["cameras", "no such camera"]) == 2
     assert "no camera of the table is called 'no such camera'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["alpha", "7c"], ["ILCE-7C"], ["a7c"]])
+def test_a_camera_is_listed_by_any_of_its_names(capsys, words):
+    assert main(["cameras", *words]) == 0
+    assert "Sony A7C" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
     ("name", "time"), [("nemo one", 20), ("One", 20), ("ONE PRO tele", 15), ("wide", 10), ("one-pro wide", 10)]
 )
 def test_a_name_needs_as_much_as_tells_the_camera(nemo, name, time):
-    assert cameras.readout_ms(name, clips.WIDTH, clips.HEIGHT, 29.97) == time
-    assert cameras.readout_ms(name, clips.HEIGHT, clips.WIDTH, 30) == time  # held upright
+    assert cameras.find_named(name, SIZE, 29.97).typical == time
 
 
 @pytest.mark.parametrize(
     ("name", "mode", "complaint"),
     [
-        ("Two", (192, 144, 30), "no camera of the table is called 'Two'"),
-        (
-            "One Pro",
-            (192, 144, 30),
-            r"be Nemo One Pro Wide \(10.0 ms\), Nemo One Pro Tele \(15.0 ms\): say which",
-        ),
-        ("One", (192, 144, 60), "no time for 'One' with 192x144 px at 60 frames/s, only for 192x144 px at 30 frames/s"),
-        ("One", (640, 480, 30), "say it with --readout-ms"),
+        ("Three", (SIZE, 30), "no camera of the table is called 'Three'"),
+        ("One Pro", (SIZE, 30), r"be Nemo One Pro Wide \(10.0 ms\), Nemo One Pro Tele \(15.0 ms\): say which"),
+        ("One", (SIZE, 60), "no time for 'One' with 192x144 px at 60 frames/s, only for 192x144 px at 30 frames/s"),
+        ("One", ((640, 480), 30), "say it with --readout-ms"),
     ],
 )
 def test_what_the_table_does_not_have_is_refused(nemo, name, mode, complaint):
     with pytest.raises(UsageError, match=complaint):
-        cameras.readout_ms(name, *mode)
-
-
-def test_times_that_nearly_agree_are_one():
-    assert cameras.readout_ms("pocket cinema camera 4k", 4096, 2160, 25) == pytest.approx((16.7 + 17.7) / 2)
-
-
-@pytest.mark.parametrize(
-    ("tags", "found"),
-    [
-        ({"make": "Nemo", "model": "One"}, ("Nemo One", 20)),
-        ({"com.apple.quicktime.model": "one"}, ("Nemo One", 20)),
-        ({"com.android.manufacturer": "NEMO", "com.android.model": "Nemo One"}, ("Nemo One", 20)),
-        ({"make": "Nemo", "model": "One Pro"}, None),  # which lens?
-        ({"make": "Nemo"}, None),
-        ({"model": "On"}, None),
-        ({}, None),
-    ],
-)
-def test_tags_name_the_camera_if_its_lens_does_not_matter(nemo, tags, found):
-    assert cameras.of_tags(tags, clips.WIDTH, clips.HEIGHT, 30.0) == found
-
-
-def test_a_camera_in_a_mode_without_a_time_is_unknown(nemo):
-    assert cameras.of_tags({"model": "One"}, clips.WIDTH, clips.HEIGHT, 60.0) is None
+        cameras.find_named(name, *mode)
 
 
 # ---- clips --------------------------------------------------------------------------------------------------
@@ -127,7 +155,7 @@ def test_a_clip_that_does_not_show_its_readout_time_takes_the_tables(tmp_path, c
 
 
 def test_what_a_clip_shows_beats_the_table(tmp_path, capsys, monkeypatch):
-    wrong = [CameraMode("Nemo", "One", "", clips.WIDTH, clips.HEIGHT, 30.0, 8.0, "", "one.json")]
+    wrong = [CameraMode("Nemo", "One", "", *SIZE, 30.0, 8.0, 8.0, 8.0)]
     monkeypatch.setattr(cameras, "table", lambda: tuple(wrong))
     greys = clips.moving(60, clips.shaken(3.0))[1]
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")

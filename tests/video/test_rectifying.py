@@ -236,7 +236,7 @@ def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
     still, found, steps = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1"), [], []
     listed = RectifyClip(Shutter(camera="nemo"), encode=Encode(codec="ffv1"))
     with pytest.MonkeyPatch.context() as patch:
-        one = CameraMode("Nemo", "One", "", clips.WIDTH, clips.HEIGHT, 30.0, 20.0, "", "one.json")
+        one = CameraMode("Nemo", "One", "", clips.WIDTH, clips.HEIGHT, 30.0, 20.0, 20.0, 20.0)
         patch.setattr(cameras, "table", lambda: (one,))
         outcome = rectify_clip(
             str(still),

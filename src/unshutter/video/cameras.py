@@ -1,37 +1,76 @@
 """Readout times of cameras, mode by mode: the table for clips that do not tell it themselves.
 
-Source: cameras.json, which names the profile of Gyroflow's collection (CC0) that each time was read from.
+The file cameras.csv says where its times come from (lens profiles that users of Gyroflow share) and under which licence
+(CC0). Profiles contradict one another at times, lenses of a phone differ, and not every mode is listed: an answer is a
+range and a value to take, with how closely the clip's mode is known.
 """
 
 from __future__ import annotations
 
-import json
+import csv
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cache
 from importlib.resources import files
 
 from unshutter.errors import UsageError
 
-_SAME_RATE, _SAME_TIME = 0.01, 0.1  # shares: 29.97 and 30 frames a second are one mode; 16.7 and 17.7 ms agree
+_SAME_RATE, _SAME_TIME = 0.012, 0.1  # shares: 29.97 and 30 frames a second are one mode; 16.7 and 17.7 ms agree
 # Where QuickTime and Android files keep the names, as FFmpeg calls these tags.
 _MAKES = ("make", "com.apple.quicktime.make", "com.android.manufacturer")
 _MODELS = ("model", "com.apple.quicktime.model", "com.android.model")
+# GoPro files name their firmware only; it begins with the camera's code.
+_GOPROS = {
+    "HD4.01": "HERO4 Silver",
+    "HD4.02": "HERO4 Black",
+    "HD5.02": "HERO5 Black",
+    "HD5.03": "HERO5 Session",
+    "HD6.01": "HERO6 Black",
+    "HD7.01": "HERO7 Black",
+    "HD8.01": "HERO8 Black",
+    "HD9.01": "HERO9 Black",
+    "H19.03": "Max",
+    "H21.01": "HERO10 Black",
+    "H22.01": "HERO11 Black",
+    "H23.01": "HERO12 Black",
+    "H24.01": "HERO13 Black",
+}
+_ROMAN = {"2": "ii", "3": "iii", "4": "iv", "5": "v"}
+# One camera has many names: Alpha 7 IV, a7IV, A7 Mark IV, ILCE-7M4.
+_SPELLINGS = (
+    (r"[^a-z0-9_+]+", " "),
+    (r"\b(?:ilce|alpha) ?(?=[0-9])", "a"),
+    (r"\b(?:eos|lumix|dc|dmc|galaxy|cam)\b", ""),
+    (r"\b(?:mark|mk) ?", ""),
+    (r"(?:_|(?<=[a-z0-9])m)([2-5])\b", lambda match: _ROMAN[match[1]]),
+    (r"[^a-z0-9+]", ""),
+)
+
+
+class Match(StrEnum):
+    """How closely the table knows the mode of a clip."""
+
+    MODE = "this mode"
+    OTHER_RATE = "this frame size at another rate"
+    OTHER_MODE = "other modes of this camera"
 
 
 @dataclass(frozen=True)
 class CameraMode:
-    """A camera in one of its modes.
+    """A camera in one of its modes: a line of the table.
 
     Attributes:
-        brand, model: of the camera.
-        lens: one of its lenses or fields of view; empty where it does not matter, or the lens can be changed.
+        brand, model: of the camera, as a profile spells them.
+        lens: one of its lenses or fields of view; empty where profiles do not say which, or it does not matter.
         width, height: of a frame [px].
         fps: frames per second.
-        readout_ms: time in which a frame is read out [ms].
+        readout_ms: time in which a frame is read out [ms], the median of the profiles.
+        least_ms, most_ms: what the profiles range over [ms].
+        profiles: how many they are.
+        upward: whether they say that the last stored row is read first, as where a phone is held upside down.
         note: what else the time holds for.
-        profile: the file of Gyroflow's collection that says so.
     """
 
     brand: str
@@ -41,8 +80,11 @@ class CameraMode:
     height: int
     fps: float
     readout_ms: float
-    note: str
-    profile: str
+    least_ms: float
+    most_ms: float
+    profiles: int = 1
+    upward: bool = False
+    note: str = ""
 
     @property
     def name(self) -> str:
@@ -54,25 +96,152 @@ class CameraMode:
         """The mode in words."""
         return f"{self.width}x{self.height} px at {self.fps:g} frames/s"
 
-    def fits(self, width: int, height: int, fps: float) -> bool:
-        """Whether frames of this size and rate are taken in this mode, upright or not."""
-        return {width, height} == {self.width, self.height} and abs(fps / self.fps - 1) <= _SAME_RATE
+    @property
+    def time(self) -> str:
+        """The readout time in words: a range where profiles disagree."""
+        one = _agree(self.least_ms, self.most_ms)
+        return f"{self.readout_ms:.1f} ms" if one else f"{self.least_ms:.1f} to {self.most_ms:.1f} ms"
+
+    @property
+    def notes(self) -> list[str]:
+        """What else is to be said of it."""
+        upward = "last row first, as the profile's owner held it" if self.upward else ""
+        return [note for note in (self.note, upward) if note]
+
+    def has_size(self, size: tuple[int, int]) -> bool:
+        """Whether its frames are of this (width, height), upright or not."""
+        return set(size) == {self.width, self.height}
+
+    def has_rate(self, rate: float) -> bool:
+        """Whether it takes this many frames per second."""
+        return abs(rate / self.fps - 1) <= _SAME_RATE
+
+
+@dataclass(frozen=True)
+class ReadoutTime:
+    """What the table says of a clip's readout time.
+
+    Attributes:
+        low, typical, high: range of the times that fit, and the one to take [ms]; none above the frame interval.
+        camera: brand and model.
+        match: how closely the mode is known.
+        profiles: how many profiles say it.
+    """
+
+    low: float
+    typical: float
+    high: float
+    camera: str
+    match: Match
+    profiles: int
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether it is one number: of this very mode, and its profiles agree."""
+        return self.match is Match.MODE and _agree(self.low, self.high)
 
 
 @cache
 def table() -> tuple[CameraMode, ...]:
     """All that is known, by brand, model, lens and mode."""
-    text = (files("unshutter") / "video" / "cameras.json").read_text(encoding="utf-8")
-    return tuple(CameraMode(**mode) for mode in json.loads(text)["modes"])
+    text = (files("unshutter") / "video" / "cameras.csv").read_text(encoding="utf-8")
+    lines = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    return tuple(
+        CameraMode(
+            line["brand"],
+            line["model"],
+            line["lens"],
+            int(line["width"]),
+            int(line["height"]),
+            float(line["fps"]),
+            float(line["readout_ms"]),
+            float(line["least"]),
+            float(line["most"]),
+            int(line["profiles"]),
+            line["direction"] == "bottom-up",
+            line["note"],
+        )
+        for line in lines
+    )
+
+
+# ---- the readout time of a clip ----------------------------------------------------------------------------
+
+
+def find(make: str, model: str, size: tuple[int, int], rate: float) -> ReadoutTime | None:
+    """The readout time of a camera in a mode; None where the table does not have the camera.
+
+    Args:
+        make: of the camera, as its files spell it; may be empty.
+        model: of the camera, with or without the make.
+        size: (width, height) of a frame [px], upright or not.
+        rate: frames per second.
+    """
+    return _range([mode for mode in table() if _is_of(mode, make, model)], size, rate)
+
+
+def find_tagged(tags: Mapping[str, str], size: tuple[int, int], rate: float) -> ReadoutTime | None:
+    """As :func:`find`, of the camera that a clip's tags name."""
+    return find(*camera_of(tags), size, rate)
+
+
+def find_named(name: str, size: tuple[int, int], rate: float) -> ReadoutTime:
+    """As :func:`find`, of a camera that the user names: brand, model and lens as far as they tell it from others.
+
+    Raises:
+        UsageError: the table does not have the camera, or not this frame size, or the name fits several lenses or
+            cameras whose times differ.
+    """
+    known = listed(name)
+    known = [mode for mode in known if _spelled(name) in _names(mode)] or known
+    this = f"{size[0]}x{size[1]} px at {rate:.4g} frames/s"
+    matches = [mode for mode in known if mode.has_size(size) and mode.has_rate(rate)]
+    if not matches:
+        modes = ", ".join(dict.fromkeys(mode.mode for mode in known))
+        raise UsageError(f"the table has no time for '{name}' with {this}, only for {modes}: say it with --readout-ms")
+    names = {_spelled(mode.name) for mode in matches}
+    if len(names) > 1 and not _agree(min(m.least_ms for m in matches), max(m.most_ms for m in matches)):
+        several = ", ".join(f"{mode.name} ({mode.time})" for mode in matches)
+        raise UsageError(f"'{name}' with {this} could be {several}: say which")
+    time = _range(matches, size, rate)
+    assert time is not None
+    return time
+
+
+def camera_of(tags: Mapping[str, str]) -> tuple[str, str]:
+    """(make, model) of the camera that a clip's tags name; empty where they name none."""
+    values = {key.lower(): value for key, value in tags.items()}  # Matroska's are in upper case
+    make, model = (next((values[key] for key in keys if values.get(key)), "") for keys in (_MAKES, _MODELS))
+    code = values.get("firmware", "")[:6]
+    return ("GoPro", _GOPROS[code]) if not model and code in _GOPROS else (make, model)
+
+
+def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> ReadoutTime | None:
+    """What modes of one camera say of the one in question: those that come closest to it."""
+    of_size = [mode for mode in modes if mode.has_size(size)]
+    same = [mode for mode in of_size if mode.has_rate(rate)]
+    match = Match.MODE if same else Match.OTHER_RATE if of_size else Match.OTHER_MODE
+    closest = same or of_size or modes
+    if not closest:
+        return None
+    times = sorted(mode.readout_ms for mode in closest for _ in range(mode.profiles))
+    values = (min(mode.least_ms for mode in closest), times[len(times) // 2], max(mode.most_ms for mode in closest))
+    low, typical, high = (min(value, 1000 / rate) for value in values)
+    first = closest[0]
+    return ReadoutTime(low, typical, high, f"{first.brand} {first.model}", match, len(times))
+
+
+# ---- names -------------------------------------------------------------------------------------------------
 
 
 def listed(word: str | None = None) -> list[CameraMode]:
-    """The modes of the cameras whose name has a word in it, whatever its case and spaces; None: all.
+    """The modes of the cameras whose name has a word in it, whatever its case and spelling; None: all.
 
     Raises:
         UsageError: there is none.
     """
-    matches = [mode for mode in table() if _plain(word or "") in _plain(mode.name)]
+    plain, spelled = _plain(word or ""), _spelled(word or "")
+    matches = [mode for mode in table() if plain in _plain(mode.name) or (spelled and spelled in _spelled(mode.name))]
     if not matches:
         raise UsageError(f"no camera of the table is called '{word}': `unshutter cameras` lists them")
     return matches
@@ -80,7 +249,7 @@ def listed(word: str | None = None) -> list[CameraMode]:
 
 def as_text(modes: Iterable[CameraMode]) -> str:
     """A line for each mode."""
-    rows = [(mode.name, mode.mode, f"{mode.readout_ms:.1f} ms", mode.note) for mode in modes]
+    rows = [(mode.name, mode.mode, mode.time, ", ".join(mode.notes)) for mode in modes]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         f"{name.ljust(widths[0])}  {mode.ljust(widths[1])}  {time.rjust(widths[2])}  {note}".rstrip()
@@ -88,60 +257,35 @@ def as_text(modes: Iterable[CameraMode]) -> str:
     )
 
 
-def readout_ms(name: str, width: int, height: int, fps: float) -> float:
-    """The readout time of a camera that the user names [ms].
-
-    Args:
-        name: brand, model and lens, as far as they are needed to tell it from others.
-        width, height: of the clip's frames [px].
-        fps: frames per second.
-
-    Raises:
-        UsageError: the table does not have the camera or the mode, or has several times for it.
-    """
-    known = listed(name)
-    exact = [mode for mode in known if _plain(name) in _names(mode)]
-    known = exact or known
-    matches = [mode for mode in known if mode.fits(width, height, fps)]
-    this = f"{width}x{height} px at {fps:.4g} frames/s"
-    if not matches:
-        modes = ", ".join(dict.fromkeys(mode.mode for mode in known))
-        raise UsageError(f"the table has no time for '{name}' with {this}, only for {modes}: say it with --readout-ms")
-    if not _agree(matches):
-        several = ", ".join(f"{mode.name} ({mode.readout_ms:.1f} ms)" for mode in matches)
-        raise UsageError(f"'{name}' with {this} could be {several}: say which")
-    return _mean(matches)
-
-
-def of_tags(tags: Mapping[str, str], width: int, height: int, fps: float) -> tuple[str, float] | None:
-    """The camera that a clip's tags name, and its readout time in this mode [ms].
-
-    None where the tags name none, or the table does not know it in this mode. A camera whose times depend on the lens
-    is not known: tags do not say which one it was.
-    """
-    said = {key.lower(): value for key, value in tags.items()}  # Matroska's are in upper case
-    make, model = (next((said[key] for key in keys if said.get(key)), "") for keys in (_MAKES, _MODELS))
-    names = {_plain(model), _plain(make + model)} - {""}
-    matches = [mode for mode in table() if not mode.lens and mode.fits(width, height, fps) and names & _names(mode)]
-    if not model or not matches or not _agree(matches):
-        return None
-    return matches[0].name, _mean(matches)
+def _is_of(mode: CameraMode, make: str, model: str) -> bool:
+    """Whether a mode is one of the camera that a file names, whichever its lens."""
+    brand = _plain(mode.brand)
+    first = (re.findall(r"[a-z0-9]+", make.lower()) or [""])[0]
+    if first and not brand.startswith(first) and not first.startswith(brand):
+        return False
+    spelled = _spelled(model)
+    return bool(spelled) and spelled.removeprefix(brand) == _spelled(mode.model).removeprefix(brand)
 
 
 def _names(mode: CameraMode) -> set[str]:
     """What a camera may be called."""
-    whole = (mode.model, f"{mode.brand}{mode.model}", f"{mode.model}{mode.lens}", mode.name)
-    return {_plain(name) for name in whole}
+    whole = (mode.model, f"{mode.brand} {mode.model}", f"{mode.model} {mode.lens}", mode.name)
+    return {_spelled(name) for name in whole}
 
 
+@cache
 def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-def _agree(modes: list[CameraMode]) -> bool:
-    times = [mode.readout_ms for mode in modes]
-    return max(times) <= (1 + _SAME_TIME) * min(times)
+@cache
+def _spelled(name: str) -> str:
+    """A name in the spelling in which the table is searched."""
+    name = name.lower()
+    for pattern, instead in _SPELLINGS:
+        name = re.sub(pattern, instead, name)
+    return name
 
 
-def _mean(modes: list[CameraMode]) -> float:
-    return sum(mode.readout_ms for mode in modes) / len(modes)
+def _agree(least_ms: float, most_ms: float) -> bool:
+    return most_ms <= (1 + _SAME_TIME) * least_ms

@@ -50,18 +50,18 @@ def found_or_listed(
     tag = None if clip.of_pictures else readout_tag(clip.path)
     if tag is not None:
         return ReadoutRatio(min(tag.ms / 1000 / clip.interval_s, 1.0), 0.0, "the clip's file", tag.writer)
-    mode = clip.width, clip.height, 1 / clip.interval_s
+    mode = (clip.width, clip.height), 1 / clip.interval_s
     if shutter.camera is None:
-        listed = cameras.of_tags(clip.tags, *mode)
+        listed = cameras.find_tagged(clip.tags, *mode)
     else:
-        listed = shutter.camera, cameras.readout_ms(shutter.camera, *mode)
+        listed = cameras.find_named(shutter.camera, *mode)
     try:
         return find_ratio(clip, readout, shutter.focal_px, span, watch)
     except UnknownRatioError as error:
-        if listed is None:
+        if listed is None or (shutter.camera is None and not listed.is_certain):
             raise
-        name, ms = listed
-        return ReadoutRatio(min(ms / 1000 / clip.interval_s, 1.0), 0.0, "table of cameras", name, error.reason)
+        ratio = min(listed.typical / 1000 / clip.interval_s, 1.0)
+        return ReadoutRatio(ratio, 0.0, "table of cameras", shutter.camera or listed.camera, error.reason)
 
 
 def find_ratio(
