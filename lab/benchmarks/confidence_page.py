@@ -71,7 +71,7 @@ def _judged(results: Results) -> _Groups:
 
 def _beside(distorted: _Groups, undistorted: _Groups) -> _Groups:
     return {
-        photos: {n: judged.beside(undistorted[photos][n]) for n, judged in rows.items() if n in undistorted[photos]}
+        photos: {n: judged.pooled_with(undistorted[photos][n]) for n, judged in rows.items() if n in undistorted[photos]}
         for photos, rows in distorted.items()
         if photos in undistorted
     }

@@ -56,7 +56,7 @@ def test_who_declines_is_trusted_least() -> None:
 
 def test_two_kinds_of_pictures_count_alike_however_many_there_are() -> None:
     """Weights of a quarter and an eighth: 0.05 of the first is left."""
-    both = judged([8, 4], [0.2, 0.6]).beside(judged([0, 0, 0, 0], [0.9, 0.9, 0.9, None]))
+    both = judged([8, 4], [0.2, 0.6]).pooled_with(judged([0, 0, 0, 0], [0.9, 0.9, 0.9, None]))
     assert both.mean == pytest.approx(3)
     assert both.declined == pytest.approx(1 / 8)
     assert both.best_without(0.2) == pytest.approx((0.05 * 8 + 0.25 * 4) / 0.8)
@@ -79,7 +79,7 @@ def test_ten_bins_of_stated_against_true_shares(step: int) -> None:
 
 def test_in_a_bin_both_kinds_of_pictures_have_their_weight() -> None:
     """One of two distorted pictures is in the bin (a quarter), two of four others (an eighth each)."""
-    both = judged([8, 4], [0.41, 0.6]).beside(judged([0, 0, 0, 0], [0.45, 0.47, 0.9, None]))
+    both = judged([8, 4], [0.41, 0.6]).pooled_with(judged([0, 0, 0, 0], [0.45, 0.47, 0.9, None]))
     first = both.bins()[0]
     assert (first.count, first.low) == (3, 0.4)
     assert first.stated == pytest.approx((2 * 0.41 + 0.45 + 0.47) / 4)

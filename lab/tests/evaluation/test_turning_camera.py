@@ -9,7 +9,7 @@ from unshutter import Photo
 from unshutter.estimators.register import load
 from unshutter_lab.evaluation.cases import turning_camera
 from unshutter_lab.evaluation.cases.protocols import PROTOCOLS, Request
-from unshutter_lab.evaluation.cases.turning_camera import FOUND, GIVEN, RATIOS
+from unshutter_lab.evaluation.cases.turning_camera import RATIO_ESTIMATED, RATIO_KNOWN, RATIOS
 
 
 @pytest.fixture
@@ -32,15 +32,15 @@ def test_each_ratio_is_a_case(cases):
 
 
 def test_frames_beat_a_photo_that_is_left_alone(cases):
-    records = {record["estimator"]: record for record in cases[2].judge(["none", FOUND, GIVEN], load)}
+    records = {record["estimator"]: record for record in cases[2].judge(["none", RATIO_ESTIMATED, RATIO_KNOWN], load)}
     assert records["none"]["epe"] == pytest.approx(records["none"]["epe_nothing"])
-    assert records[GIVEN]["epe"] < 0.3 < records[GIVEN]["epe_nothing"]
-    assert "ratio_error" not in records[GIVEN] and "ratio_told" in records[FOUND]
-    if records[FOUND]["ratio_told"]:
-        assert records[FOUND]["ratio_error"] < 0.1
+    assert records[RATIO_KNOWN]["epe"] < 0.3 < records[RATIO_KNOWN]["epe_nothing"]
+    assert "ratio_error" not in records[RATIO_KNOWN] and "ratio_told" in records[RATIO_ESTIMATED]
+    if records[RATIO_ESTIMATED]["ratio_told"]:
+        assert records[RATIO_ESTIMATED]["ratio_error"] < 0.1
 
 
 def test_a_sequence_is_shown(cases):
     example = cases[2].show(["none"], load)
-    assert list(example.curves) == ["truth", "none", FOUND]
+    assert list(example.curves) == ["truth", "none", RATIO_ESTIMATED]
     assert len({picture.shape for _, picture in example.pictures}) == 1

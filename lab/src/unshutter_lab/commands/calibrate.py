@@ -31,12 +31,14 @@ class Arguments:
     overwrite: bool = option(False, "Delete a run with other settings that the folder holds.")
 
 
-def run(given: Arguments) -> int:
+def run(arguments: Arguments) -> int:
     """Calibrates; returns the exit code."""
     from unshutter_lab.calibration import calibrate
 
-    path = calibrate.calibrate(given.data, given.output, given.photos, given.seed, given.jobs, given.overwrite)
-    print(f"calibration: {path}; how it does on photos that it has not seen: {given.output / calibrate.REPORT}")
+    path = calibrate.calibrate(
+        arguments.data, arguments.output, arguments.photos, arguments.seed, arguments.jobs, arguments.overwrite
+    )
+    print(f"calibration: {path}; how it does on photos that it has not seen: {arguments.output / calibrate.REPORT}")
     return 0
 
 

@@ -74,7 +74,7 @@ def run(arguments: Arguments) -> int:
     )
     request = replace(request, readout_ratio=tuple(arguments.readout_ratio or ()))
     unusable = evaluate(request, arguments.estimators, arguments.output, arguments.jobs, arguments.overwrite)
-    print(f"results: {arguments.output / 'results.md'}, with plots and pictures beside it; every figure: results.csv")
+    print(f"results: {arguments.output / 'results.md'}, with its plots and pictures; every figure: results.csv")
     return 1 if unusable else 0
 
 

@@ -58,8 +58,8 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
     true_col, true_row = truth.gs_to_rs(col, row)
     inside = (true_col >= 0) & (true_col <= width - 1) & (true_row >= 0) & (true_row <= height - 1)
     with np.errstate(all="ignore"):  # a motion that folds the picture has no solution everywhere
-        found_col, found_row = estimate.gs_to_rs(col, row)
-    d_col, d_row = (found_col - true_col)[inside], (found_row - true_row)[inside]
+        estimated_col, estimated_row = estimate.gs_to_rs(col, row)
+    d_col, d_row = (estimated_col - true_col)[inside], (estimated_row - true_row)[inside]
     d_col, d_row = _at_most(np.hypot(height, width), d_col, d_row)
     when = np.clip((true_row[inside] + d_row), 0, height - 1) / max(height - 1, 1)
     return MotionError(

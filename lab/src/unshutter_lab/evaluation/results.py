@@ -31,11 +31,11 @@ _FORMER_NAMES = {"environment": "about", "oracles": "rivals"}  # of keys, in fil
 
 def _versions() -> dict[str, str]:
     """Versions of the libraries that figures depend on; those that are not installed are left out."""
-    found = {}
+    versions = {}
     for name in _LIBRARIES:
         with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+            versions[name] = version(name)
+    return versions
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Results:
     Attributes:
         request: what was to be measured.
         estimators: their names, in the order of the tables.
-        oracles: names of what was judged beside them, and knows the truth or more than one photo.
+        oracles: names judged along with them that know the truth, or see more than one photo.
         records: one for each picture and estimator.
         environment: what measured: versions, the code's digest, the kind of machine.
         curves: example -> name -> {"row" [0 ... 1], "tx" [px at 256 rows], "rz" [deg]}.
@@ -82,7 +82,7 @@ class Results:
         return " ".join([*words, "--seed", str(r.seed), "--estimators", ",".join(self.estimators)])
 
     def with_examples(self, examples: list[Example]) -> Results:
-        """The same results with the curves of some pictures."""
+        """These results with the curves of some pictures added."""
         return replace(self, curves={e.title: {n: _curve(m) for n, m in e.curves.items()} for e in examples})
 
     def to_json(self) -> str:
@@ -120,13 +120,13 @@ class Results:
         writer.writerows(self.records)
         return stream.getvalue()
 
-    def values(self, key: str, **wanted: str) -> np.ndarray:
+    def values(self, key: str, **criteria: str) -> np.ndarray:
         """One figure of the records with these values (suite, group, estimator), where it is known."""
-        return values(self.chosen(**wanted), key)
+        return values(self.chosen(**criteria), key)
 
-    def chosen(self, **wanted: str) -> list[Record]:
+    def chosen(self, **criteria: str) -> list[Record]:
         """The records with these values."""
-        return [r for r in self.records if all(r[k] == v for k, v in wanted.items())]
+        return [r for r in self.records if all(r[k] == v for k, v in criteria.items())]
 
     def distinct(self, key: str) -> list[str]:
         """The different values of a key, in the order of the records."""

@@ -72,11 +72,11 @@ class Store:
         if not os.path.lexists(self._path):
             return False
         lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
-        if (found := _parsed(lines[0]) if lines else None) != head:
-            if found is None and lines and not overwrite:
+        if (head_of_file := _parsed(lines[0]) if lines else None) != head:
+            if head_of_file is None and lines and not overwrite:
                 raise UsageError(f"{self._path} is no record of a run: choose another --output, or --overwrite it")
-            if found is not None and not overwrite:
-                other = "settings" if found.get("settings") != head["settings"] else "code"
+            if head_of_file is not None and not overwrite:
+                other = "settings" if head_of_file.get("settings") != head["settings"] else "code"
                 raise UsageError(
                     f"{self._path.parent} holds a run with other {other}: choose another --output, or --overwrite it"
                 )

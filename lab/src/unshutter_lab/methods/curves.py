@@ -26,7 +26,7 @@ _WIDEST_GAP = 0.25  # of the shorter segment's length, and
 _LEAST_GAP = 4.0  # px, which any two may be apart
 _STEP = 2.0  # px along the edge between places where it is looked for
 _ASIDE = np.arange(-3, 3.01, 0.5)  # px across the edge
-_BESIDE = 0.1  # px beside the curve, to see how rectification scales distances
+_OFFSET = 0.1  # px to the side of the curve, to see how rectification scales distances
 _LEAST_GROWTH = 0.1
 _FAINTEST = 2.0  # grey levels per px; below this it is no edge
 
@@ -84,7 +84,7 @@ class RotatedCurves:
         self.points, self.height, self.width, self.focal_px = points, height, width, focal_px
         angle = principal_lines(points)[1]
         normals = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)[..., None, :]
-        self._near = np.stack([points, points + normals * _BESIDE])  # [2, ..., K, 2]
+        self._near = np.stack([points, points + normals * _OFFSET])  # [2, ..., K, 2]
 
     def __getitem__(self, index: np.ndarray) -> RotatedCurves:
         """Some of the curves, in the shape of the index."""
@@ -106,9 +106,9 @@ class RotatedCurves:
         col, row = self._near[..., 0], self._near[..., 1]
         undo = rotation_matrix(rotations((row + 0.5) / self.height)).swapaxes(-1, -2)
         center = ((self.width - 1) / 2, (self.height - 1) / 2)
-        points, beside = np.stack(rotate_position(col, row, undo, self.focal_px, center), axis=-1)
+        points, off_curve = np.stack(rotate_position(col, row, undo, self.focal_px, center), axis=-1)
         distance, angle = principal_lines(points)
-        moved = (beside - points) / _BESIDE
+        moved = (off_curve - points) / _OFFSET
         growth = moved[..., 1] * np.cos(angle)[..., None] - moved[..., 0] * np.sin(angle)[..., None]
         return points, distance / np.maximum(np.abs(growth), _LEAST_GROWTH)
 
@@ -148,11 +148,11 @@ def link(segments: Float[np.ndarray, "segments 4"]) -> list[list[int]]:
 
 def _chains(follows: dict[int, int], count: int) -> list[list[int]]:
     heads = [i for i in range(count) if i not in set(follows.values())]
-    chains, seen = [], set()
+    chains, linked = [], set()
     for first in [*heads, *range(count)]:  # a closed ring has no head: it is opened anywhere
         chain = []
-        while first not in seen:
-            seen.add(first)
+        while first not in linked:
+            linked.add(first)
             chain.append(first)
             first = follows.get(first, first)
         if chain:
@@ -177,13 +177,13 @@ def _edge_points(smooth: np.ndarray, segments: np.ndarray) -> np.ndarray:
     slope = slope * np.sign(slope.sum(axis=0)[len(_ASIDE) // 2 - 1] or 1.0)  # one side is bright all along
     peak = slope.argmax(axis=1)
     index = np.arange(len(peak))
-    found = (slope[index, peak] > _FAINTEST) & (peak > 0) & (peak < slope.shape[1] - 1)
-    if found.sum() < max(0.5 * len(found), 2):
+    edge = (slope[index, peak] > _FAINTEST) & (peak > 0) & (peak < slope.shape[1] - 1)
+    if edge.sum() < max(0.5 * len(edge), 2):
         return at
-    index, peak = index[found], peak[found]
+    index, peak = index[edge], peak[edge]
     before, top, after = (slope[index, peak + k] for k in (-1, 0, 1))
     offset = _ASIDE[peak + 1] + step * 0.5 * (before - after) / np.minimum(before - 2 * top + after, -1e-9)
-    return at[found] + across[found] * offset[:, None]
+    return at[edge] + across[edge] * offset[:, None]
 
 
 def _even_points(points: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """kandula2020: the paper's network (ONNX) on a square of 256 px -> row motion, and the row map of its row block.
 
 Columns beyond the square (wide photos) get the row map's residual at its border.
-Trained by ``unshutter_lab.training``; the card beside the weights says how.
+Trained by ``unshutter_lab.training``; the model card next to the weights says how.
 """
 
 from __future__ import annotations

@@ -78,20 +78,20 @@ class _Bends:
 
     def solve(self, samples: np.ndarray) -> np.ndarray:
         """Velocities [S, 3] of samples [S, 4] of curves: least squares from no motion; NaN where that runs away."""
-        sampled, found = self[samples], np.zeros((len(samples), 3))
+        sampled, theta = self[samples], np.zeros((len(samples), 3))
         prior_precision = (SAMPLE_PX / MOTION_SIGMAS) ** 2
 
         def residuals(velocity: np.ndarray) -> np.ndarray:
             return sampled(velocity).reshape(len(samples), -1)
 
         for _ in range(SAMPLE_STEPS):
-            r = residuals(found)
-            J = forward_differences(residuals, found, r, np.full(3, 1e-6))  # [S, 4 K, 3]
+            r = residuals(theta)
+            J = forward_differences(residuals, theta, r, np.full(3, 1e-6))  # [S, 4 K, 3]
             J_T = np.swapaxes(J, 1, 2)
             normal = J_T @ J + np.diag(prior_precision)
-            gradient = (J_T @ r[..., None])[..., 0] + prior_precision * found
-            found = found - np.linalg.solve(normal, gradient[..., None])[..., 0]
-        return found
+            gradient = (J_T @ r[..., None])[..., 0] + prior_precision * theta
+            theta = theta - np.linalg.solve(normal, gradient[..., None])[..., 0]
+        return theta
 
     def spread(self, velocity: np.ndarray) -> np.ndarray:
         """Root mean square distance of each curve from its line [C] [px]."""

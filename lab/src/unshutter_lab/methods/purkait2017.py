@@ -43,10 +43,10 @@ class Purkait2017(Estimator):
             return view.no_motion(self.name, f"only {len(segments)} segments of {SHORTEST_PX:g} px found")
         focal_px = view.focal_px() * height / view.height
         center = np.array([(width - 1) / 2, (height - 1) / 2] * 2)
-        found = fit_rate((segments - center) / focal_px)
-        if found is None:
+        fits = fit_rate((segments - center) / focal_px)
+        if fits is None:
             return view.no_motion(self.name, "no four segments fit three orthogonal vanishing points")
-        rate, share = found
+        rate, share = fits
         if share < FEWEST_INLIERS:
             return view.no_motion(self.name, f"only {share:.0%} of the segments fit a Manhattan world")
         y = (np.arange(view.height) - (view.height - 1) / 2) / view.focal_px()
@@ -112,11 +112,11 @@ def solve_four(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     v1 = _cross(n[0], n[1])
     one_each = _dot(n[2], n[3], v1, v1) - _times(_dot(n[2], v1), _dot(n[3], v1))
     two_each = _dot(v1, _cross(n[2], n[3]))
-    found = [
+    fits = [
         _at_roots(one_each, normals, lambda n, v: np.cross(n[:, 2], v)),
         _at_roots(two_each, normals, lambda n, v: np.cross(n[:, 2], n[:, 3])),
     ]
-    rates, frames = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    rates, frames = (np.concatenate(parts) for parts in zip(*fits, strict=True))
     return rates, frames
 
 

@@ -42,11 +42,13 @@ class Rengarajan2016(Estimator):
         curves = find_curves(grey, SHORTEST * min(grey.shape))[:MOST_CURVES]
         if len(curves) < FEWEST_CURVES:
             return view.no_motion(self.name, f"only {len(curves)} prominent curves found")
-        found = fit_rotations(curves, grey.shape[0], grey.shape[1], view.focal_px() * grey.shape[0] / view.height)
-        if found is None:
+        coefficients = fit_rotations(
+            curves, grey.shape[0], grey.shape[1], view.focal_px() * grey.shape[0] / view.height
+        )
+        if coefficients is None:
             return view.no_motion(self.name, "none of the curves is near-vertical or near-horizontal")
         u = (np.arange(view.height) + 0.5) / view.height
-        return view.rotation_motion(polynomial_rotations(found, u), self.name)
+        return view.rotation_motion(polynomial_rotations(coefficients, u), self.name)
 
 
 def polynomial_rotations(coefficients: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """rengarajan2017: either network of the predecessor (ONNX) on a square of 256 px -> 15 key rows -> quadratic motion.
 
-Trained by ``unshutter_lab.training``; the cards beside the weights say how, and how they were made small.
+Trained by ``unshutter_lab.training``; the model cards next to the weights say how, and how they were made small.
 """
 
 from __future__ import annotations

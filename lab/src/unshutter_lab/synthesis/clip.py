@@ -30,7 +30,7 @@ _TONE = 440  # Hz
 
 
 class Instants(TurningCamera):
-    """The same camera without a readout, at the moments of the middle rows."""
+    """A camera that reads out in an instant, at the moments of the middle rows."""
 
     readout_before: float
 
@@ -38,10 +38,10 @@ class Instants(TurningCamera):
     def of(cls, camera: TurningCamera) -> Instants:
         """Of a camera with a readout."""
         size = (camera.height, camera.width, camera.focal_px)
-        made = cls.__new__(cls)
-        object.__setattr__(made, "readout_before", camera.readout_ratio)
-        made.__init__(camera.log, camera.start_s, camera.frames, camera.fps, 0.0, *size)
-        return made
+        instants = cls.__new__(cls)
+        object.__setattr__(instants, "readout_before", camera.readout_ratio)
+        instants.__init__(camera.log, camera.start_s, camera.frames, camera.fps, 0.0, *size)
+        return instants
 
     def rotations(self, times: np.ndarray) -> np.ndarray:
         """R at times [frame intervals] since the first rows'."""
@@ -79,13 +79,13 @@ def synthesize_clip(photo: Path, output: Path, pictures: Synthesize, clip: Synth
         width=width,
         focal_px=pictures.focal_px,
     )
-    seen = Photo.open(photo).to_array()
-    if seen.dtype != np.uint8 or seen.ndim != 3:
+    pixels = Photo.open(photo).to_array()
+    if pixels.dtype != np.uint8 or pixels.ndim != 3:
         raise UnshutterError(f"{photo}: clips are made from colour photos of 8 bits")
     remove_left_folders(output)
     with new_folder(output) as folder, Progress(2 * camera.frames, "frames") as progress:
-        for name, taken in (("rs.mp4", camera), ("gs.mp4", Instants.of(camera))):
-            _write(folder / name, taken.rendered(seen[..., :3]), camera, progress)
+        for name, moments in (("rs.mp4", camera), ("gs.mp4", Instants.of(camera))):
+            _write(folder / name, moments.rendered(pixels[..., :3]), camera, progress)
 
 
 def _write(path: Path, frames: Iterable[UInt8[np.ndarray, "h w 3"]], camera: TurningCamera, bar: Progress) -> None:

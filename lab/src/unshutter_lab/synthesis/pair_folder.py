@@ -100,7 +100,7 @@ class _PairFolder:
     out: Path
     pairs: list[dict] = field(default_factory=list)
     failed: list[tuple[Path, str]] = field(default_factory=list)
-    taken: set[str] = field(default_factory=set)
+    names: set[str] = field(default_factory=set)
 
     @classmethod
     def make(cls, out: Path) -> _PairFolder:
@@ -116,10 +116,10 @@ class _PairFolder:
 
     def add(self, name: str, photo: Path, digest: str, drawn: DrawnMotion, rs: Photo, gs: np.ndarray) -> None:
         unique, others = name, 1
-        while unique.casefold() in self.taken:  # photos of the same name from several folders
+        while unique.casefold() in self.names:  # photos of the same name from several folders
             others += 1
             unique = f"{name}-{others}"
-        self.taken.add(unique.casefold())
+        self.names.add(unique.casefold())
         rs.save(self.out / "rs" / f"{unique}.png")
         Photo.from_array(gs).save(self.out / "gs" / f"{unique}.png")
         drawn.crop.save(self.out / "motion" / f"{unique}.json")

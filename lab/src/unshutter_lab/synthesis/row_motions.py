@@ -51,9 +51,11 @@ class DrawnMotion:
         canvas = len(tx_px)
         margin = _margin(rows, canvas)
         tx, rz = tx_px - tx_px[margin], rz_rad - rz_rad[margin]
-        kept = slice(margin, margin + rows)
+        crop_rows = slice(margin, margin + rows)
         origin = {"estimator": "drawn", "confidence": 1.0}
-        return cls(RowMotion(canvas, tx, rz, **origin), RowMotion(rows, tx[kept], rz[kept], **origin), parameters)
+        return cls(
+            RowMotion(canvas, tx, rz, **origin), RowMotion(rows, tx[crop_rows], rz[crop_rows], **origin), parameters
+        )
 
     @property
     def margin(self) -> int:
@@ -61,7 +63,7 @@ class DrawnMotion:
         return (self.canvas.height - self.crop.height) // 2
 
     def resized(self, short_side: int) -> DrawnMotion:
-        """The same motion on the largest canvas that a picture of this short side holds.
+        """This motion on the largest canvas that a picture of this short side holds.
 
         The crop keeps its share of the canvas, round(rows * short_side / canvas) rows; the canvas loses a
         row and a column where their difference would be odd. Interpolated linearly at row centres, t_x

@@ -113,10 +113,10 @@ class TurningCamera:
         middle = (np.array(photo.shape[1::-1]) - 1) / 2
         for frame in range(self.frames):
             at = (self._looks_at(frame) * scale + middle).astype(np.float32)
-            seen = cv2.remap(photo, at[..., 0], at[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+            frame = cv2.remap(photo, at[..., 0], at[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
             if noise:
-                seen = np.clip(np.rint(seen + rng.normal(0, noise, seen.shape)), 0, 255).astype(np.uint8)
-            yield seen
+                frame = np.clip(np.rint(frame + rng.normal(0, noise, frame.shape)), 0, 255).astype(np.uint8)
+            yield frame
 
     def _looks_at(self, frame: int) -> np.ndarray:
         """[H, W, 2] (col, row) about the middle of the photo's plane that a frame's pixels see [px of a frame]."""

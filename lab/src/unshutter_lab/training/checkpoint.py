@@ -13,7 +13,7 @@ from torch import nn
 from unshutter.errors import UsageError
 from unshutter_lab.training.config import TrainConfig, as_table
 
-PART = "checkpoint.part"  # beside a checkpoint, while it is written
+PART = "checkpoint.part"  # next to a checkpoint, while it is written
 
 
 def save_checkpoint(path: Path, config: TrainConfig, state: dict[str, Any]) -> None:

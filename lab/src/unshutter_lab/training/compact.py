@@ -122,12 +122,12 @@ def narrow(model: ModelProto, pictures: Iterable[np.ndarray], rank: int) -> None
 def _outputs_of(nodes: list[NodeProto], model: ModelProto, pictures: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
     """What these nodes put out for the pictures [N, out], by its name."""
     names = [node.output[0] for node in nodes]
-    asked = ModelProto()
-    asked.CopyFrom(model)
-    asked.graph.output.extend(helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None) for name in names)
-    session = onnx_runtime().InferenceSession(asked.SerializeToString(), providers=["CPUExecutionProvider"])
-    found = [[np.asarray(output) for output in session.run(names, {"rs": batch})] for batch in pictures]
-    return {name: np.concatenate([batch[k] for batch in found]) for k, name in enumerate(names)}
+    probed = ModelProto()
+    probed.CopyFrom(model)
+    probed.graph.output.extend(helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, None) for name in names)
+    session = onnx_runtime().InferenceSession(probed.SerializeToString(), providers=["CPUExecutionProvider"])
+    outputs = [[np.asarray(output) for output in session.run(names, {"rs": batch})] for batch in pictures]
+    return {name: np.concatenate([batch[k] for batch in outputs]) for k, name in enumerate(names)}
 
 
 def _narrowed(weights: np.ndarray, bias: np.ndarray, outputs: np.ndarray, rank: int) -> tuple[np.ndarray, ...]:

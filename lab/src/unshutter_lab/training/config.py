@@ -151,11 +151,11 @@ def from_table(kind: type[T], table: dict[str, Any], where: str) -> T:
     for name, value in table.items():
         if name not in known:
             raise UsageError(f"{where}: unknown setting '{name}'; known are {', '.join(known)}")
-        wanted = str(known[name].type).partition("[")[0]
-        if wanted == "float" and type(value) is int:
+        type_name = str(known[name].type).partition("[")[0]
+        if type_name == "float" and type(value) is int:
             value = float(value)
-        if type(value).__name__ != wanted:
-            raise UsageError(f"{where}: '{name}' must be of type {wanted}, got {value!r}")
+        if type(value).__name__ != type_name:
+            raise UsageError(f"{where}: '{name}' must be of type {type_name}, got {value!r}")
         values[name] = value
     return kind(**values)
 

@@ -31,8 +31,8 @@ def load_exported(network: nn.Module, path: Path, pictures: Tensor) -> None:
         UsageError: no such file, or none of its weights fits.
     """
     own = network.state_dict()
-    found = {name: torch.tensor(value) for name, value in exported_weights(path).items()}
-    fitting = {name: value for name, value in found.items() if name in own and own[name].shape == value.shape}
+    weights = {name: torch.tensor(value) for name, value in exported_weights(path).items()}
+    fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
     if not fitting:
         raise UsageError(f"cannot start from {path}: it is of another network")
     merged, modules = [], dict(network.named_modules())
@@ -40,7 +40,7 @@ def load_exported(network: nn.Module, path: Path, pictures: Tensor) -> None:
         before = _before(name)
         convolution = modules.get(before)
         if isinstance(norm, nn.BatchNorm2d) and isinstance(convolution, nn.Conv2d) and f"{before}.weight" in fitting:
-            merged.append(_Merged(convolution, norm, found[f"{before}.bias"]))
+            merged.append(_Merged(convolution, norm, weights[f"{before}.bias"]))
     network.load_state_dict(fitting, strict=False)
     _restore(network, merged, pictures)
 
@@ -62,20 +62,20 @@ def exported_weights(path: Path) -> dict[str, np.ndarray]:
     narrow: dict[str, np.ndarray] = {}  # output of the first layer of a narrow pair -> its weights
     weights: dict[str, np.ndarray] = {}
     for node in graph.node:
-        given = [known.get(name) for name in node.input]
-        if node.op_type == "Cast" and given[0] is not None:
-            known[node.output[0]] = given[0].astype(np.float32)
-        elif node.op_type == "DequantizeLinear" and given[0] is not None and given[1] is not None:
-            scale = given[1].reshape(-1, *[1] * (given[0].ndim - 1))
-            known[node.output[0]] = given[0].astype(np.float32) * scale
-        elif node.op_type == "Gemm" and len(node.input) == 2 and given[1] is not None:
-            narrow[node.output[0]] = given[1]
-        elif node.op_type in ("Conv", "Gemm") and given[1] is not None:
+        operands = [known.get(name) for name in node.input]
+        if node.op_type == "Cast" and operands[0] is not None:
+            known[node.output[0]] = operands[0].astype(np.float32)
+        elif node.op_type == "DequantizeLinear" and operands[0] is not None and operands[1] is not None:
+            scale = operands[1].reshape(-1, *[1] * (operands[0].ndim - 1))
+            known[node.output[0]] = operands[0].astype(np.float32) * scale
+        elif node.op_type == "Gemm" and len(node.input) == 2 and operands[1] is not None:
+            narrow[node.output[0]] = operands[1]
+        elif node.op_type in ("Conv", "Gemm") and operands[1] is not None:
             name = _module_of(node.output[0])
             first = narrow.get(node.input[0])
-            weights[f"{name}.weight"] = given[1] if first is None else given[1] @ first
-            if len(given) > 2 and given[2] is not None:
-                weights[f"{name}.bias"] = given[2]
+            weights[f"{name}.weight"] = operands[1] if first is None else operands[1] @ first
+            if len(operands) > 2 and operands[2] is not None:
+                weights[f"{name}.bias"] = operands[2]
     return weights
 
 
@@ -109,9 +109,9 @@ class _Merged:
         self.norm.running_var.data.fill_(1.0 - self.norm.eps)  # type: ignore[union-attr]
         self.norm.bias.data.copy_(self.bias)
 
-    def watch(self, _norm: nn.Module, given: tuple[Tensor, ...]) -> None:
+    def watch(self, _norm: nn.Module, operands: tuple[Tensor, ...]) -> None:
         """Takes the statistics of what the normalisation is given."""
-        self.mean, self.variance = given[0].mean((0, 2, 3)), given[0].var((0, 2, 3), correction=0)
+        self.mean, self.variance = operands[0].mean((0, 2, 3)), operands[0].var((0, 2, 3), correction=0)
 
     def split(self) -> None:
         """The normalisation takes these statistics for its own, the kernels the size of new ones."""

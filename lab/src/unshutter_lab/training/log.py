@@ -60,8 +60,8 @@ class TrainingLog:
     def _newest(self) -> str:
         """The newest loss and the newest figures of validation."""
         newest = {name: value for row in self._rows for name, value in row.items() if value != ""}
-        wanted = [name for name in newest if name == "loss" or name.startswith("val_")]
-        return "  ".join(f"{name} {newest[name]}" for name in wanted)
+        columns = [name for name in newest if name == "loss" or name.startswith("val_")]
+        return "  ".join(f"{name} {newest[name]}" for name in columns)
 
 
 def _bar(step: int, steps: int) -> Any:

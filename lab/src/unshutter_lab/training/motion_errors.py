@@ -34,9 +34,9 @@ def epe(col: Tensor, row: Tensor, samples: Samples) -> Tensor:
     x, y = pixel_grid(samples.size, samples.rs)
     true_col, true_row = geometry.gs_to_rs(x, y + 0 * x, samples.motion, samples.center)
     last = samples.size - 1
-    seen = (true_col >= 0) & (true_col <= last) & (true_row >= 0) & (true_row <= last)
+    visible = (true_col >= 0) & (true_col <= last) & (true_row >= 0) & (true_row <= last)
     distance = torch.hypot(col - true_col, row - true_row)
-    return (distance * seen).sum((1, 2)) / seen.sum((1, 2)).clamp(min=1)
+    return (distance * visible).sum((1, 2)) / visible.sum((1, 2)).clamp(min=1)
 
 
 def epe_of_nothing(samples: Samples) -> Tensor:

@@ -1,7 +1,7 @@
 """Recipes: what a network learns from, its loss, its validation and its export.
 
 To add a network, make a folder with its network.py and a recipe.py that implements :class:`Recipe`, and add the
-recipe's line to ``RECIPES``. Such a folder imports what lies beside it here, never another network's folder.
+recipe's line to ``RECIPES``. Such a folder imports the modules of this folder, never another network's folder.
 """
 
 from __future__ import annotations

@@ -94,10 +94,10 @@ def run(
     return folder
 
 
-def _check_outputs(folder: Path, settings: TrainConfig, given: list[Path | None]) -> None:
+def _check_outputs(folder: Path, settings: TrainConfig, files: list[Path | None]) -> None:
     """Raises UnshutterError where a file of the run would replace one that it begins with, or learns from."""
     folders = filter(None, (settings.data.get(name) for name in ("folder", "validation_folder")))
-    protection = Protection([*given, *chain.from_iterable(photo_files(Path(each)) for each in folders)])
+    protection = Protection([*files, *chain.from_iterable(photo_files(Path(each)) for each in folders)])
     for name in (CHECKPOINT, PART, f"checkpoint-{settings.keep_at}.pt", LOG, MODEL):
         protection.check(folder / name)
 

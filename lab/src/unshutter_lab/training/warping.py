@@ -77,7 +77,7 @@ def rs_positions(motion: Tensor, row_map: Tensor | None, center_shift: Tensor | 
 
 
 def from_first_row(motion: Tensor) -> tuple[Tensor, Tensor]:
-    """The same motion [B, 2, r] with the first row as its reference, and the shift [B, 1, 1] of its centre.
+    """A motion [B, 2, r] with the first row as its reference, and the shift [B, 1, 1] of its centre.
 
     A network's output is not tied to zero in the first row; ``Motion.rereferenced`` says why the centre shifts.
     """

@@ -35,7 +35,7 @@ class Trial(ABC):
     @property
     @abstractmethod
     def oracles(self) -> tuple[str, ...]:
-        """Names of what is judged beside the estimators, and knows the truth or more than one photo."""
+        """Names judged along with the estimators that know the truth, or see more than one photo."""
 
     @abstractmethod
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
@@ -129,18 +129,18 @@ def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
         return in_8_bits(photo), whole
 
 
-def picture_scores(made: dict[str, np.ndarray], truth: np.ndarray, mask: np.ndarray) -> Record:
+def picture_scores(pictures: dict[str, np.ndarray], truth: np.ndarray, mask: np.ndarray) -> Record:
     """PSNR and SSIM of several pictures against the truth, on the same pixels: ``psnr``, ``psnr_input`` ...
 
     None where a score has no finite value: equal pictures, or an empty mask.
 
     Args:
-        made: ending of the record's keys ("" for what the estimator made) -> uint8 [H, W, bands].
+        pictures: ending of the record's keys ("" for what the estimator made) -> uint8 [H, W, bands].
         truth: the global-shutter picture.
         mask: bool [H, W], where all of them show something.
     """
     scores: Record = {"seen": float(mask.mean())}
-    for name, picture in made.items():
+    for name, picture in pictures.items():
         ending = f"_{name}" if name else ""
         values = {f"psnr{ending}": psnr(picture, truth, mask), f"ssim{ending}": ssim(picture, truth, mask)}
         scores |= {key: value if np.isfinite(value) else None for key, value in values.items()}

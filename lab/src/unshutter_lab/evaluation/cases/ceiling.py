@@ -69,27 +69,27 @@ class _Level:
 
     def error(self, theta: np.ndarray) -> float:
         """Mean squared difference of grey values over what was seen."""
-        residual, seen, *_ = self._residual(theta)
-        return float((residual[seen] ** 2).mean()) if seen.any() else np.inf
+        residual, visible, *_ = self._residual(theta)
+        return float((residual[visible] ** 2).mean()) if visible.any() else np.inf
 
     def normal_equations(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """J^T J [6, 6] and J^T residual [6]."""
-        residual, seen, col, row, nodes = self._residual(theta)
+        residual, visible, col, row, nodes = self._residual(theta)
         slopes = _look_up(self.slope_col, col, row), _look_up(self.slope_row, col, row)
-        jacobian = np.empty((_COEFFICIENTS, int(seen.sum())))
+        jacobian = np.empty((_COEFFICIENTS, int(visible.sum())))
         for k in range(_COEFFICIENTS):
             step = np.zeros(_COEFFICIENTS)
             step[k] = 1e-4
             moved = [(a - b) / 1e-4 for a, b in zip(self._nodes(theta + step), nodes, strict=True)]
             d_col, d_row = (self.down @ m @ self.across.T for m in moved)
-            jacobian[k] = (slopes[0] * d_col + slopes[1] * d_row)[seen]
-        return jacobian @ jacobian.T, jacobian @ residual[seen]
+            jacobian[k] = (slopes[0] * d_col + slopes[1] * d_row)[visible]
+        return jacobian @ jacobian.T, jacobian @ residual[visible]
 
     def _residual(self, theta: np.ndarray):
         nodes = self._nodes(theta)
         col, row = (self.down @ n @ self.across.T for n in nodes)
-        seen = (col >= 0) & (col <= self.width - 1) & (row >= 0) & (row <= self.height - 1)
-        return _look_up(self.rs, col, row) - self.gs, seen, col, row, nodes
+        visible = (col >= 0) & (col <= self.width - 1) & (row >= 0) & (row <= self.height - 1)
+        return _look_up(self.rs, col, row) - self.gs, visible, col, row, nodes
 
     def _nodes(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         motion = cubic_motion(theta, self.height, self.width, self.reference)

@@ -68,7 +68,7 @@ def pairs_in(folder: Path) -> list[Frame]:
         )
     for frame in frames:
         if not frame.gs:
-            raise UnshutterError(f"{frame.rs} has no global-shutter picture beside it (gs_{frame.number}_middle.png)")
+            raise UnshutterError(f"{frame.rs} has no global-shutter picture next to it (gs_{frame.number}_middle.png)")
         size = _size(frame.rs)
         for other in frame.gs.values():
             if _size(other) != size:

@@ -86,17 +86,17 @@ class PairCase(Case):
     def _record(self, name: str, answer: Answer | None, photo: Photo, reference: str, gs: np.ndarray) -> Record:
         row = cast(Reference, reference)
         rs = in_8_bits(photo)
-        found = answer.motion.rereferenced(row) if answer else fit_to_pair(rs, gs, row)
-        made, mask = rectified(photo, found)
-        figures = (answer or Answer(found.rereferenced("first"))).figures()
-        return self._scored(name, reference, figures, {"": made, "input": rs}, gs, mask)
+        motion = answer.motion.rereferenced(row) if answer else fit_to_pair(rs, gs, row)
+        picture, mask = rectified(photo, motion)
+        figures = (answer or Answer(motion.rereferenced("first"))).figures()
+        return self._scored(name, reference, figures, {"": picture, "input": rs}, gs, mask)
 
     def _by_neighbours(self, name: str, reference: Reference) -> tuple[np.ndarray, np.ndarray, Record]:
         return by_neighbours(self.frame, self.readout_ratio or 1, reference, FRAMES[name])
 
     def _record_of_neighbours(self, name: str, photo: Photo, reference: str, gs: np.ndarray) -> Record:
-        made, mask, figures = self._by_neighbours(name, cast(Reference, reference))
-        pictures = {"": made, "input": in_8_bits(photo)}
+        picture, mask, figures = self._by_neighbours(name, cast(Reference, reference))
+        pictures = {"": picture, "input": in_8_bits(photo)}
         figures |= {
             f"{PUBLISHED}{name}": psnr(picture, gs, mask)
             for name, picture in published_of(self.frame, reference).items()

@@ -41,8 +41,8 @@ def by_neighbours(
     before, after = (path and Photo.open(path) for path in neighbours_of(frame))
     figures: Record = {"declined": "", "failed": "", "confidence": None}
     try:
-        how = SequenceOptions(Clock(ratio), Undo(reference, edges="keep"), Readout.TOP_TO_BOTTOM, model=model)
-        result = rectify_between(photo, before or None, after or None, how)
+        options = SequenceOptions(Clock(ratio), Undo(reference, edges="keep"), Readout.TOP_TO_BOTTOM, model=model)
+        result = rectify_between(photo, before or None, after or None, options)
     except UnshutterError as error:
         whole = np.ones((photo.height, photo.width), bool)
         return in_8_bits(photo), whole, figures | {"declined": str(error)}
@@ -50,14 +50,14 @@ def by_neighbours(
 
 
 def published_of(frame: Frame, reference: str) -> dict[str, np.ndarray]:
-    """What others' methods made of a frame, where it lies beside it: name of the method -> uint8 [H, W, 1 or 3].
+    """Other methods' published pictures of a frame, if they lie next to it: name of the method -> uint8 [H, W, 1 or 3].
 
     The files are called published_METHOD_NUMBER_REFERENCE; those of another size are left out.
     """
     photo = Photo.open(frame.rs)
-    found = {}
+    others = {}
     for path in sorted(frame.rs.parent.glob(f"published_*_{frame.number}_{reference}{frame.rs.suffix}")):
         other = Photo.open(path)
         if (other.height, other.width) == (photo.height, photo.width):
-            found[path.stem.split("_")[1]] = in_8_bits(other)
-    return found
+            others[path.stem.split("_")[1]] = in_8_bits(other)
+    return others

@@ -162,14 +162,14 @@ class SyntheticCase(Case):
 
     @staticmethod
     def _picture_scores(exam: Exam, answer: Answer, oracle: tuple[np.ndarray, np.ndarray]) -> Record:
-        made, mask = rectified(exam.photo, answer.motion)
-        pictures = {"": made, "input": in_8_bits(exam.photo), "oracle": oracle[0]}
+        picture, mask = rectified(exam.photo, answer.motion)
+        pictures = {"": picture, "input": in_8_bits(exam.photo), "oracle": oracle[0]}
         return picture_scores(pictures, exam.gs, mask & oracle[1])
 
     def exam(self) -> Exam:
         """The picture, made again at every call."""
         pixels, digest, focal, known = _photo(self.path)
-        kept = round(min(pixels.shape[:2]) / _CANVAS)  # px of the photo that the picture shows across
+        shown_px = round(min(pixels.shape[:2]) / _CANVAS)  # px of the photo that the picture shows across
         pixels = np.ascontiguousarray(np.rot90(pixels, self.suite.turned))
         sequence = np.random.SeedSequence([self.seed, digest], spawn_key=(self.draw,))
         rng = np.random.default_rng(sequence)
@@ -185,7 +185,7 @@ class SyntheticCase(Case):
         if self.suite.disturbance:
             rs = DISTURBANCES[self.suite.disturbance](rs, rng)
         photo = replace(Photo.from_array(rs, exposure_s), orientation=self.suite.orientation)
-        focal *= len(gs) / kept
+        focal *= len(gs) / shown_px
         roll, tilt = self._attitude()
         readout_ms = None if exposure_s is None else 1000 * readout_s
         camera = Camera(focal_px=focal if known else None, roll_deg=roll, tilt_deg=tilt, readout_ms=readout_ms)
@@ -194,14 +194,14 @@ class SyntheticCase(Case):
     def _attitude(self) -> tuple[float | None, float | None]:
         """What estimators are told of how the camera was held [degrees]."""
         most_off = self.suite.attitude_deg
-        told = None if most_off is None else _true_attitude(self.path)
-        if told is None or most_off is None:
+        attitude = None if most_off is None else _true_attitude(self.path)
+        if attitude is None or most_off is None:
             return None, None
         # numbers of their own, so that the motions stay those of the other suites
         sequence = np.random.SeedSequence([self.seed, _photo(self.path)[1]], spawn_key=(self.draw, 1))
         error = np.random.default_rng(sequence).uniform(-most_off, most_off, 2)
         limits = MOST_ROLL_DEG, MOST_TILT_DEG
-        roll, tilt = (float(np.clip(a + e, -m, m)) for a, e, m in zip(told, error, limits, strict=True))
+        roll, tilt = (float(np.clip(a + e, -m, m)) for a, e, m in zip(attitude, error, limits, strict=True))
         return roll, tilt
 
     def _drawn(self, rng: np.random.Generator) -> DrawnMotion:

@@ -30,8 +30,8 @@ def true_attitude(view: View) -> tuple[float, float] | None:
     begin = np.zeros((len(yaw), UNKNOWNS))
     begin[:, YAW], begin[:, TILT] = yaw, tilt
     begin[:, LOG_FOCAL] = likelihood.prior.mean[LOG_FOCAL]
-    found, energy, _ = descend(likelihood, begin, CAMERA)
-    best = found[np.argmin(energy)]
+    candidates, energy, _ = descend(likelihood, begin, CAMERA)
+    best = candidates[np.argmin(energy)]
     if float(likelihood.lines_gain(best[None])[0]) < LEAST_GAIN:
         return None
     # a camera turned clockwise sees the scene turned the other way

@@ -30,7 +30,7 @@ from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import TurningCamera
 
-FOUND, GIVEN = "frames-camera", "frames-camera, ratio given"
+RATIO_ESTIMATED, RATIO_KNOWN = "frames-camera", "frames-camera, ratio given"
 RATIOS = (0.3, 0.6, 0.9)
 _FRAMES, _FPS, _NOISE = 60, 30.0, 2.0
 _HEIGHT, _WIDTH, _FOCAL = 360, 640, 550.0  # px
@@ -65,18 +65,20 @@ class SequenceCase(Case):
     @property
     def oracles(self) -> tuple[str, ...]:
         """What sees the whole sequence, with the readout ratio given and without."""
-        return (FOUND, GIVEN)
+        return (RATIO_ESTIMATED, RATIO_KNOWN)
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
         """One record for each name."""
-        camera, frames = self._made()
+        camera, frames = self._camera_and_frames()
         return [self._record(name, camera, frames, loaded) for name in names]
 
     def show(self, names: list[str], loaded: Loaded) -> Example:
         """The pictures and curves of the frame in the middle."""
-        camera, frames = self._made()
+        camera, frames = self._camera_and_frames()
         k = _FRAMES // 2
-        curves = {name: self._motions(name, camera, frames, [k], loaded)[0][0].motion for name in [*names, FOUND]}
+        curves = {
+            name: self._motions(name, camera, frames, [k], loaded)[0][0].motion for name in [*names, RATIO_ESTIMATED]
+        }
         photo = Photo.from_array(frames[k])
         pictures = [("input", in_8_bits(photo))]
         pictures += [(name, rectified(photo, motion)[0]) for name, motion in curves.items() if name != NOTHING]
@@ -84,7 +86,7 @@ class SequenceCase(Case):
         pictures.append(("true motion", rectified(photo, truth)[0]))
         return Example(f"{self.log.stem}, ratio {self.ratio}", pictures, {"truth": truth, **curves})
 
-    def _made(self) -> tuple[TurningCamera, list[np.ndarray]]:
+    def _camera_and_frames(self) -> tuple[TurningCamera, list[np.ndarray]]:
         """The camera and its frames; they depend on the seed and the case alone."""
         digest = int(hashlib.sha256(self.path.read_bytes() + self.key.encode()).hexdigest(), 16)
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, digest]))
@@ -102,7 +104,7 @@ class SequenceCase(Case):
         record: Record = {"suite": f"{_FRAMES} frames", "group": self.log.stem, "photo": self.photo, "draw": self.ratio}
         record |= {"estimator": name, **_middle(answers).figures()}
         record |= {"epe": float(np.mean(errors)), "worst_epe": max(errors), "epe_nothing": float(np.mean(nothing))}
-        return record | (self._of_ratio(ratio) if name == FOUND else {})
+        return record | (self._of_ratio(ratio) if name == RATIO_ESTIMATED else {})
 
     def _of_ratio(self, ratio: ReadoutRatio | None) -> Record:
         if ratio is None:
@@ -115,7 +117,7 @@ class SequenceCase(Case):
         self, name: str, camera: TurningCamera, frames: list[np.ndarray], numbers: list[int], loaded: Loaded
     ) -> tuple[list[Answer], ReadoutRatio | None]:
         if name in self.oracles:
-            known = ReadoutRatio(self.ratio, 0.0, "the truth") if name == GIVEN else None
+            known = ReadoutRatio(self.ratio, 0.0, "the truth") if name == RATIO_KNOWN else None
             finder = CameraMotion(known)
             motions = [frame.motion() for frame in finder.frames(frames)]
             return [Answer(motions[k], declined=str(motions[k].reason or "")) for k in numbers], finder.ratio

@@ -35,7 +35,7 @@ _MOST_FEATURES = 3000
 _THRESHOLD = 1.0  # px from the epipolar line
 _FEWEST = 8  # matches that a fundamental matrix needs
 # a frame: uint8 [H, W, bands], and the mask bool [H, W] of what it shows
-_Seen = tuple[np.ndarray, np.ndarray]
+_Masked = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class VideoCase(Case):
         nothing = agreeing_matches(*(_as_it_is(photo) for photo in photos), seed=self.seed)[0]
         records = []
         for name in names:
-            answers, seen = self._seen(name, photos, loaded)
-            inliers, matches = agreeing_matches(*seen, seed=self.seed)
+            answers, frames = self._rectified_frames(name, photos, loaded)
+            inliers, matches = agreeing_matches(*frames, seed=self.seed)
             record: Record = {"suite": "consecutive frames", "group": self.group, "photo": self.frames[0].sequence}
             record |= {"draw": self.frames[0].number, "estimator": name, **answers[0].figures()}
             records.append(record | {"inliers": inliers, "inliers_input": nothing, "matches": matches})
@@ -85,7 +85,7 @@ class VideoCase(Case):
                 pictures.append((name, rectified(photos[0], motion.rereferenced(_REFERENCE))[0]))
         return Example(f"{self.group} {self.frames[0].sequence}", pictures, motions)
 
-    def _seen(self, name: str, photos: list[Photo], loaded: Loaded) -> tuple[list[Answer], list[_Seen]]:
+    def _rectified_frames(self, name: str, photos: list[Photo], loaded: Loaded) -> tuple[list[Answer], list[_Masked]]:
         """Answers, and the frames with their masks that come of them."""
         if name == TRUTH:
             nothing = Answer(RowMotion.zero(photos[0].height, photos[0].width))
@@ -95,11 +95,11 @@ class VideoCase(Case):
         return answers, [rectified(photo, motion) for photo, motion in zip(photos, motions, strict=True)]
 
 
-def _as_it_is(photo: Photo) -> _Seen:
+def _as_it_is(photo: Photo) -> _Masked:
     return in_8_bits(photo), np.ones((photo.height, photo.width), bool)
 
 
-def agreeing_matches(first: _Seen, second: _Seen, seed: int) -> tuple[int, int]:
+def agreeing_matches(first: _Masked, second: _Masked, seed: int) -> tuple[int, int]:
     """(matches that agree with one fundamental matrix, all matches) of two frames.
 
     Args:
@@ -112,12 +112,12 @@ def agreeing_matches(first: _Seen, second: _Seen, seed: int) -> tuple[int, int]:
     if min(len(points_a), len(points_b)) < 2:
         return 0, 0
     nearest = cv2.BFMatcher(cv2.NORM_L2).knnMatch(words_a, words_b, k=2)
-    kept = [best for best, next_best in nearest if best.distance < _RATIO * next_best.distance]
-    if len(kept) < _FEWEST:
-        return 0, len(kept)
-    a, b = points_a[[match.queryIdx for match in kept]], points_b[[match.trainIdx for match in kept]]
+    distinct = [best for best, next_best in nearest if best.distance < _RATIO * next_best.distance]
+    if len(distinct) < _FEWEST:
+        return 0, len(distinct)
+    a, b = points_a[[match.queryIdx for match in distinct]], points_b[[match.trainIdx for match in distinct]]
     _, agreeing = cv2.findFundamentalMat(a, b, _usac(seed))
-    return (0 if agreeing is None else int(np.count_nonzero(agreeing))), len(kept)
+    return (0 if agreeing is None else int(np.count_nonzero(agreeing))), len(distinct)
 
 
 def _features(picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

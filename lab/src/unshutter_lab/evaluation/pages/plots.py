@@ -93,10 +93,10 @@ def _distributions(results: Results):
     panels = _panels(results)
     rows = -(-len(panels) // 5)
     figure, axes = new_figure(min(len(panels), 5), 3.0 * rows, rows)
-    for axis, (title, wanted) in zip(axes.flat, panels, strict=False):
+    for axis, (title, criteria) in zip(axes.flat, panels, strict=False):
         for name, colour, dashes in looks_of(results):
             axis.plot(
-                np.quantile(results.values("epe", estimator=name, **wanted), _QUANTILES),
+                np.quantile(results.values("epe", estimator=name, **criteria), _QUANTILES),
                 _QUANTILES, color=colour, ls=dashes, lw=1.4, label=name,
             )  # fmt: skip
         axis.set(title=title, xlabel="EPE [px at 256 rows]", xscale="symlog", xlim=(0, 60), ylim=(0, 1))
@@ -109,12 +109,12 @@ def _against_size(results: Results):
     panels = _panels(results)
     rows = -(-len(panels) // 5)
     figure, axes = new_figure(min(len(panels), 5), 3.0 * rows, rows)
-    for axis, (title, wanted) in zip(axes.flat, panels, strict=False):
-        size = results.values("epe_nothing", estimator=results.estimators[0], **wanted)
+    for axis, (title, criteria) in zip(axes.flat, panels, strict=False):
+        size = results.values("epe_nothing", estimator=results.estimators[0], **criteria)
         edges = np.unique(np.quantile(size, np.linspace(0, 1, min(_BINS, max(len(size) // 3, 1)) + 1)))
         for name, colour, dashes in looks_of(results):
-            epe = results.values("epe", estimator=name, **wanted)
-            own = results.values("epe_nothing", estimator=name, **wanted)
+            epe = results.values("epe", estimator=name, **criteria)
+            own = results.values("epe_nothing", estimator=name, **criteria)
             within = np.clip(np.searchsorted(edges, own, side="right") - 1, 0, max(len(edges) - 2, 0))
             points = [(np.median(own[within == k]), np.median(epe[within == k])) for k in np.unique(within)]
             axis.plot(*np.transpose(points), color=colour, ls=dashes, lw=1.4, marker=".", label=name)
@@ -128,9 +128,9 @@ def _dots(results: Results):
     kind = PROTOCOLS[results.request.protocol].kind
     key, label = ("psnr", "PSNR less the input's [dB]") if kind == "pairs" else ("inliers", "|R_F| less the input's")
     figure, axes = new_figure(len(_panels(results)), 0.32 * len(results.names) + 1)
-    for axis, (title, wanted) in zip(axes.flat, _panels(results), strict=True):
+    for axis, (title, criteria) in zip(axes.flat, _panels(results), strict=True):
         for place, name in enumerate(results.names):
-            both = [(r[key], r[f"{key}_input"]) for r in results.chosen(estimator=name, **wanted)]
+            both = [(r[key], r[f"{key}_input"]) for r in results.chosen(estimator=name, **criteria)]
             gains = [value - nothing for value, nothing in both if value is not None and nothing is not None]
             axis.plot(gains, [place] * len(gains), ".", color="tab:blue", ms=5, alpha=0.6)
             if gains:

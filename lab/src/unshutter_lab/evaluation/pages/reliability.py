@@ -68,11 +68,11 @@ class Judged:
     @classmethod
     def of(cls, records: list[Record]) -> Judged:
         """From the records of one estimator, each counting the same."""
-        said = [record.get("confidence") for record in records]
-        trust = np.array([_DECLINED if confidence is None else confidence for confidence in said])
+        stated = [record.get("confidence") for record in records]
+        trust = np.array([_DECLINED if confidence is None else confidence for confidence in stated])
         return cls(values(records, "epe"), trust, np.ones(len(records)))
 
-    def beside(self, other: Judged) -> Judged:
+    def pooled_with(self, other: Judged) -> Judged:
         """Both together, each counting as a half, however many pictures it has."""
         weight = [judged.weight / judged.weight.sum() / 2 for judged in (self, other)]
         pairs = ((self.epe, other.epe), (self.trust, other.trust), weight)
@@ -86,8 +86,8 @@ class Judged:
     @property
     def answered(self) -> Judged:
         """The pictures with a confidence."""
-        kept = self.trust != _DECLINED
-        return Judged(self.epe[kept], self.trust[kept], self.weight[kept])
+        answered = self.trust != _DECLINED
+        return Judged(self.epe[answered], self.trust[answered], self.weight[answered])
 
     @property
     def mean(self) -> float:
@@ -99,7 +99,7 @@ class Judged:
         return mean_between(self.epe, self.trust, self.weight, share, 1)
 
     def best_without(self, share: float) -> float:
-        """The same when the pictures with the largest errors are dropped: no order can do better."""
+        """Median error of what is left when the pictures with the largest errors are dropped first: no order can do better."""
         return mean_between(self.epe, -self.epe, self.weight, share, 1)
 
     def bins(self) -> list[Bin]:

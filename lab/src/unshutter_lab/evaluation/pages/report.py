@@ -38,7 +38,7 @@ def page(results: Results, plots: list[tuple[str, str]], sheets: list[tuple[str,
 
     Args:
         results: of the run.
-        plots, sheets: (file, caption) of pictures beside the page.
+        plots, sheets: (file, caption) of the pictures that the page shows.
         heading: signs before the title.
     """
     protocol = PROTOCOLS[results.request.protocol]

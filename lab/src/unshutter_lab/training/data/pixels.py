@@ -160,10 +160,10 @@ class PixelData:
         checks = {f"val_epe_{kind}": self.validation(kind) for kind in kinds}
         return checks | {
             "train_epe": self._unchanged(self.photos[: len(self.held_out)], "quadratic"),
-            "train_epe_as_seen": self._as_seen(len(self.held_out) * self.config.validation_motions),
+            "train_epe_as_seen": self._augmented(len(self.held_out) * self.config.validation_motions),
         }
 
-    def _as_seen(self, count: int) -> Iterator[Samples]:
+    def _augmented(self, count: int) -> Iterator[Samples]:
         generator = torch.Generator(self.device).manual_seed(_VALIDATION_SEED)
         for first in range(0, count, _VALIDATION_BATCH):
             yield self.batch(min(_VALIDATION_BATCH, count - first), generator, with_gs=False)
@@ -210,15 +210,15 @@ def _pictures(folder: str, config: PixelConfig, least: int) -> list[np.ndarray]:
     """[3, h, w] uint8 RGB each, short side = canvas: the photos of a folder; drawn ones where none is given."""
     if not folder:
         pictures = _drawn(config, config.seed)
-        found, hint = f"{len(pictures)} pictures are drawn", "choose a larger 'drawn'"
+        supply, hint = f"{len(pictures)} pictures are drawn", "choose a larger 'drawn'"
     else:
         pictures = load_photos(Path(folder), config.canvas)
         here = Path(folder).is_dir()
-        found = f"{folder} holds {len(pictures)} readable photo(s)" if here else f"there is no folder {folder}"
+        supply = f"{folder} holds {len(pictures)} readable photo(s)" if here else f"there is no folder {folder}"
         hint = "choose another folder with --photos"
     if len(pictures) < least:
         split = f" ({least - 1} held out for validation, one to train on)" if least > 1 else ""
-        raise UsageError(f"[data]: {found}; training needs at least {least}{split}: {hint}")
+        raise UsageError(f"[data]: {supply}; training needs at least {least}{split}: {hint}")
     return pictures
 
 
@@ -255,13 +255,13 @@ def synthesise(
             gs = whole[..., margin : margin + size, margin : margin + size]
         return Samples(rs, gs.contiguous(), valid, tx, rz)
 
-    def seen(col: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
+    def sample_view(col: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
         at_col, at_row = move(views, col - middle, row - middle)
         return sample(whole, at_col + (middle + margin), at_row + (middle + margin))
 
-    rs, valid = seen(gs_col, gs_row)
+    rs, valid = sample_view(gs_col, gs_row)
     if with_gs:
-        gs, _ = seen(col, row)
+        gs, _ = sample_view(col, row)
     return Samples(rs, gs, valid, tx, rz)
 
 

@@ -94,10 +94,10 @@ def draw_scenes(batch: int, config: SceneConfig, generator: torch.Generator) -> 
     ends = torch.stack([x, y], -1).view_as(ends) + _end_noise(dice, config, ends, angle)
 
     inside = (ends[..., 1].abs() < 0.5).all(-1) & (ends[..., 0].abs() < aspect[:, None, None] / 2).all(-1)
-    kept = dice.each(config.drawn) < dice.between(config.min_share, 1.0)[:, None]
+    drawn = dice.each(config.drawn) < dice.between(config.min_share, 1.0)[:, None]
     up = torch.stack([torch.sin(turn * (math.pi / 2)), -torch.cos(turn * (math.pi / 2))], -1).round()
     tokens = torch.cat([ends.flatten(2), up[:, None].expand(-1, config.drawn, -1)], -1)
-    tokens, mask = _compact(tokens, inside & kept, config.tokens)
+    tokens, mask = _compact(tokens, inside & drawn, config.tokens)
     return Scenes(tokens, mask, aspect, tx, rz, torch.stack([roll, tilt, torch.log(focal)], -1))
 
 

@@ -125,8 +125,8 @@ def picture_losses(samples: Samples, motion: Tensor, row_map: Tensor | None, con
     losses: dict[str, Tensor] = {}
     for first in range(0, count, part):
         some = slice(first, min(first + part, count))
-        found = _losses_of(samples[some], motion[some], None if row_map is None else row_map[some], config)
-        for name, value in found.items():
+        sampled = _losses_of(samples[some], motion[some], None if row_map is None else row_map[some], config)
+        for name, value in sampled.items():
             losses[name] = losses.get(name, 0.0) + value * ((some.stop - some.start) / count)
     return losses
 
@@ -155,8 +155,8 @@ def row_map_error(row_map: Tensor, samples: Samples) -> Tensor:
     """Mean distance [rows / 8] of row maps [B, r, r] from the true ones, on every eighth pixel."""
     col, row = (line.flatten()[_ROW_STEP // 2 :: _ROW_STEP] for line in pixel_grid(samples.size, samples.rs))
     _, true = geometry.gs_to_rs(col[None], row[:, None] + 0 * col, samples.motion, samples.center)
-    found = row_map[:, _ROW_STEP // 2 :: _ROW_STEP, _ROW_STEP // 2 :: _ROW_STEP]
-    return (found - true).abs().mean() / _ROW_STEP
+    sampled = row_map[:, _ROW_STEP // 2 :: _ROW_STEP, _ROW_STEP // 2 :: _ROW_STEP]
+    return (sampled - true).abs().mean() / _ROW_STEP
 
 
 def _motion_distance(motion: Tensor, samples: Samples) -> Tensor:

@@ -105,10 +105,10 @@ def weights_of_onnx(path: Path, heads: int) -> Weights:
         graph = onnx.load(path).graph
         arrays = {array.name: numpy_helper.to_array(array) for array in graph.initializer}
         loop = next(node for node in graph.node if node.op_type == "Loop")
-        made_by = {output: node for node in loop.attribute[0].g.node for output in node.output}
+        producers = {output: node for node in loop.attribute[0].g.node for output in node.output}
         state = {name.removeprefix("network."): array for name, array in arrays.items() if name.startswith("network.")}
-        for node in made_by.values():
-            factors = made_by.get(node.input[-1]) or made_by.get(node.input[0]) if node.op_type == "Add" else None
+        for node in producers.values():
+            factors = producers.get(node.input[-1]) or producers.get(node.input[0]) if node.op_type == "Add" else None
             bias = next((name for name in node.input if name.startswith("network.")), None)
             if bias is not None and factors is not None and factors.op_type == "MatMul" and factors.input[1] in arrays:
                 state[bias.removeprefix("network.").replace(".bias", ".weight")] = arrays[factors.input[1]].T
@@ -125,9 +125,9 @@ def main() -> None:
     parser.add_argument("model", type=Path)
     parser.add_argument("--heads", type=int, default=SegmentTransformerConfig.heads)
     parser.add_argument("-o", "--output", dest="target", type=Path, required=True)
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     try:
-        write_weights(given.target, weights_of_onnx(given.model, given.heads))
+        write_weights(arguments.target, weights_of_onnx(arguments.model, arguments.heads))
     except UsageError as error:
         parser.exit(2, f"unshutter: {error}\n")
 
