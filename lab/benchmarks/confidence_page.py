@@ -44,7 +44,7 @@ def write_confidence_page(runs: dict[str, Results], docs: Path) -> bool:
     if not set(RUNS) <= runs.keys():
         return False
     distorted, undistorted = (_judged(runs[name]) for name in RUNS)
-    kinds = {"Distorted": distorted, "Undistorted": undistorted, "Half and half": _beside(distorted, undistorted)}
+    kinds = {"Distorted": distorted, "Undistorted": undistorted, "Half and half": _pooled(distorted, undistorted)}
     if not all(kind.get(ALL) for kind in kinds.values()):
         return False
     draw_reliability({kind: groups[ALL] for kind, groups in kinds.items()}, looks_of(runs["synthetic"]), docs / PLOT)
@@ -61,20 +61,22 @@ def write_confidence_page(runs: dict[str, Results], docs: Path) -> bool:
 def _judged(results: Results) -> _Groups:
     places = {group: {"group": group} for group in results.distinct("group")} | {ALL: {}}
     groups: _Groups = {}
-    for photos, wanted in places.items():
+    for photos, criteria in places.items():
         for name in results.estimators:
-            records = results.chosen(suite=SUITE, estimator=name, **wanted)
+            records = results.chosen(suite=SUITE, estimator=name, **criteria)
             if any(record.get("confidence") is not None for record in records):
                 groups.setdefault(photos, {})[name] = Judged.of(records)
     return groups
 
 
-def _beside(distorted: _Groups, undistorted: _Groups) -> _Groups:
-    return {
-        photos: {n: judged.pooled_with(undistorted[photos][n]) for n, judged in rows.items() if n in undistorted[photos]}
-        for photos, rows in distorted.items()
-        if photos in undistorted
-    }
+def _pooled(distorted: _Groups, undistorted: _Groups) -> _Groups:
+    pooled: _Groups = {}
+    for photos in distorted:
+        if photos not in undistorted:
+            continue
+        still = undistorted[photos]
+        pooled[photos] = {n: judged.pooled_with(still[n]) for n, judged in distorted[photos].items() if n in still}
+    return pooled
 
 
 def _about(names: list[str]) -> str:

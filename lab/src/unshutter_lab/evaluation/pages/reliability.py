@@ -99,7 +99,7 @@ class Judged:
         return mean_between(self.epe, self.trust, self.weight, share, 1)
 
     def best_without(self, share: float) -> float:
-        """Median error of what is left when the pictures with the largest errors are dropped first: no order can do better."""
+        """Mean EPE when those with the largest errors are dropped first: no order can do better."""
         return mean_between(self.epe, -self.epe, self.weight, share, 1)
 
     def bins(self) -> list[Bin]:
