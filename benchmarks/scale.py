@@ -35,7 +35,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.batch import rectifying
+from unshutter.batch import commands
 from unshutter.batch.job import Job, Outcome
 from unshutter.cli import main as unshutter
 
@@ -134,7 +134,7 @@ def no_work(job: Job, seconds: float = 0.0, **_: object) -> Outcome:
 
 def batch(given: Path, out: Path, work: Callable[..., Outcome], *options: str) -> float:
     """Seconds of `unshutter rectify` in this process, with other work than its own."""
-    rectifying.do_job = work
+    commands.do_job = work
     start = time.perf_counter()
     with contextlib.redirect_stderr(io.StringIO()) as said:
         code = unshutter(["rectify", str(given), "-o", str(out), *options])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from unshutter.batch.words import about
+from unshutter.batch.report import about
 from unshutter.errors import UsageError
 from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.verdict import Verdict

@@ -47,30 +47,30 @@ class Inputs:
 
     def not_taken(self) -> str:
         """A line about what was passed over; empty where nothing was."""
-        told = []
+        text = []
         for reason, endings in sorted(self.passed_over.items(), key=lambda item: (-item[1].total(), item[0])):
             names = [ending or "no ending" for ending, _ in endings.most_common(5)]
             more = ", ..." if len(endings) > 5 else ""
-            told.append(f"{endings.total()} {reason} ({', '.join(names)}{more})")
-        return f"not taken: {'; '.join(told)}" if told else ""
+            text.append(f"{endings.total()} {reason} ({', '.join(names)}{more})")
+        return f"not taken: {'; '.join(text)}" if text else ""
 
 
-def find_photos(given: Iterable[str | os.PathLike[str]], leave_out: Place | None = None) -> Inputs:
+def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | None = None) -> Inputs:
     """The photos that were meant, folders expanded with all that is below them, sorted.
 
-    In folders are passed over: hidden files and folders, links to folders, pictures that unshutter wrote beside
+    In folders are passed over: hidden files and folders, links to folders, pictures that unshutter wrote next to
     their originals (``*.rectified.*``), and the folder that results go to.
 
     Args:
-        given: photos and folders; paths or fsspec URLs.
+        sources: photos and folders; paths or fsspec URLs.
         leave_out: folder that results go to.
 
     Raises:
         UnshutterError: a folder without photos.
-        UsageError: nothing given.
+        UsageError: no sources.
     """
     inputs = Inputs()
-    for source in map(place, given):
+    for source in map(place, sources):
         may_be_folder = isinstance(source, Path) or not source.suffix  # asking a store takes a while
         if not (may_be_folder and places.is_folder(source)):
             inputs.photos.setdefault(source, PurePosixPath())
@@ -79,8 +79,8 @@ def find_photos(given: Iterable[str | os.PathLike[str]], leave_out: Place | None
         inside = _in_folder(source, leave_out, inputs)
         meant = [relative for relative in inside if _is_meant(relative, inputs)]
         if not meant:
-            told = f"no photos in folder {source} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})"
-            raise UnshutterError(f"{told}; {inputs.not_taken()}" if inputs.passed_over else told)
+            text = f"no photos in folder {source} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})"
+            raise UnshutterError(f"{text}; {inputs.not_taken()}" if inputs.passed_over else text)
         for relative in meant:
             inputs.photos.setdefault(source / relative, relative.parent)
     if not inputs.photos:
@@ -110,9 +110,9 @@ def _in_folder(folder: Place, leave_out: Place | None, inputs: Inputs) -> list[P
     if not isinstance(folder, Path):
         results = way(folder, leave_out) if leave_out is not None else None
         if results == PurePosixPath():
-            results = None  # beside the originals: known by their names
+            results = None  # next to the originals: known by their names
         return [name for name in objects_below(folder) if results is None or not name.is_relative_to(results)]
-    found: list[PurePosixPath] = []
+    paths: list[PurePosixPath] = []
     results = os.path.realpath(leave_out) if isinstance(leave_out, Path) else None
     if results == os.path.realpath(folder):
         results = None  # as above
@@ -131,8 +131,8 @@ def _in_folder(folder: Place, leave_out: Place | None, inputs: Inputs) -> list[P
             if reason := _no_file(Path(top, name)):
                 inputs.pass_over(reason, relative / name)
             else:
-                found.append(relative / name)
-    return found
+                paths.append(relative / name)
+    return paths
 
 
 def _no_file(path: Path) -> str:

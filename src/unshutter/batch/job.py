@@ -21,9 +21,9 @@ class Job:
     Attributes:
         source: the photo.
         target: its rectified picture.
-        motion_target: its motion file, if one is wanted.
-        mask_target: the mask of its valid pixels, if one is wanted.
-        preview_px: long side [px] of pictures before and after that are wanted, 0 for their own; None: none are.
+        motion_target: its motion file, if there is to be one.
+        mask_target: the mask of its valid pixels, if there is to be one.
+        preview_px: long side [px] of the pictures before and after, 0 for their own size; None: no such pictures.
         overwrite: whether the target may replace what is there.
         max_pixels: of a photo that is read.
         may_repeat: whether an earlier attempt may have written the outputs, before its worker died or its run was
@@ -51,7 +51,7 @@ class Job:
 
     @property
     def targets(self) -> tuple[Place, Place | None, Place | None]:
-        """The picture, the motion file, the mask; None for what is not wanted."""
+        """The picture, the motion file, the mask; None for those that are not written."""
         return self.target, self.motion_target, self.mask_target
 
     @property
@@ -75,7 +75,7 @@ class Outcome:
         source_is: fingerprint of the photo that was read.
         outputs_are: fingerprints of the job's outputs; None for a picture that was not written.
         digests: of their bytes, where they are recorded.
-        preview: pictures before and after, if they are wanted.
+        preview: pictures before and after, for a preview.
     """
 
     error: str = ""

@@ -150,10 +150,10 @@ class Manifest:
         keys = [self._key(target) for target in job.outputs]
         outputs = dict(zip(keys, outcome.outputs_are, strict=False))
         digests = dict(zip(keys, outcome.digests, strict=False))
-        made = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs, "digests": digests}
+        origin = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs, "digests": digests}
         about = {"seconds": round(outcome.seconds, 3), "unshutter": __version__}
         verdict = outcome.verdict.as_json() if outcome.verdict else {}
-        self._add({**self._record(job, "done"), **made, **verdict, **about})
+        self._add({**self._record(job, "done"), **origin, **verdict, **about})
 
     def _record(self, job: Job, state: str) -> dict[str, Any]:
         at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

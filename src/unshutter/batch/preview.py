@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 SHEET_PX = 320  # long side of each picture of a sheet
 MOST_PHOTOS = 500  # on a sheet
-_ACROSS = 3  # photos beside each other
+_ACROSS = 3  # photos side by side
 _GAP = 8  # px; for a single photo more, with its size
 _WHITE, _BLACK = 255, (0, 0, 0)
 
@@ -42,10 +42,10 @@ class Preview:
             self._left_out += 1
             return
         verdict = outcome.verdict
-        told = (
+        summary = (
             "" if verdict is None else verdict.described() if verdict.changes else f"left as it is ({verdict.sentence})"
         )
-        self._pairs.append((f"{job.source.name}: {told}", outcome.preview))
+        self._pairs.append((f"{job.source.name}: {summary}", outcome.preview))
 
     def save(self) -> str:
         """Writes the picture; gives a line about it.

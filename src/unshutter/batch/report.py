@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections import Counter
@@ -12,10 +13,10 @@ from typing import Any
 from unshutter.batch.inputs import Inputs
 from unshutter.batch.job import Job, Outcome
 from unshutter.batch.preview import Preview
-from unshutter.batch.words import about
 from unshutter.errors import UnshutterError, errors_in_one_line
+from unshutter.motion.verdict import Verdict, pixels
 from unshutter.progress import Progress, rate
-from unshutter.reasons import Cause
+from unshutter.reasons import Cause, Code
 from unshutter.storage.json_log import JsonLog
 from unshutter.storage.places import Place
 from unshutter.storage.protection import Protection
@@ -70,14 +71,14 @@ class Report:
     def done(self, job: Job, outcome: Outcome) -> None:
         """A photo was changed, or is left as it is."""
         verdict = outcome.verdict
-        told = {name: value for name in ("model", "note") if (value := getattr(outcome, name))}
+        extras = {name: value for name in ("model", "note") if (value := getattr(outcome, name))}
         self._count(
             "done",
             job.source,
             target=str(job.target) if outcome.is_written else None,
             **(verdict.as_json() if verdict else {}),
             seconds=round(outcome.seconds, 3),
-            **told,
+            **extras,
         )
         if self.preview is not None:
             self.preview.add(job, outcome)
@@ -93,7 +94,7 @@ class Report:
         self._bar.advance()
 
     def save_preview(self) -> None:
-        """Writes the picture of what was done, where one is wanted, and says so.
+        """Writes the picture of what was done, if there is to be one, and reports it.
 
         Raises:
             UnshutterError: it cannot be written.
@@ -178,3 +179,24 @@ def exit_code(failed: int, total: int) -> int:
     if failed:
         print(f"unshutter: {failed} of {total} photos failed", file=sys.stderr)
     return 1 if failed else 0
+
+
+def about(verdict: Verdict) -> str:
+    """The verdict, and what to do about it where something can be done."""
+    return "; ".join(filter(None, (verdict.described(), advice(verdict))))
+
+
+def advice(verdict: Verdict) -> str:
+    """The option that would have the photo moved; empty where there is none."""
+    if verdict.reason is None or verdict.confidence is None:
+        return ""
+    if verdict.reason.code is Code.UNSURE:
+        limit = _one_digit(verdict.confidence)
+        return f"--min-confidence {limit:g} would move it by up to {pixels(verdict.largest_px)}"
+    return "--moving says that it did" if verdict.reason.code is Code.UNSURE_WHETHER_MOVED else ""
+
+
+def _one_digit(confidence: float) -> float:
+    """Rounded down to one digit that counts: 0.36 -> 0.3, 0.036 -> 0.03, 0.0036 -> 0."""
+    steps = 10 if confidence >= 0.1 else 100
+    return math.floor(steps * confidence) / steps

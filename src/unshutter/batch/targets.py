@@ -18,7 +18,7 @@ def picture_name(photo: Place, format: str | None = None, keep: bool = False) ->
     """Name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``.
 
     A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``: cameras write ``a.jpg``
-    beside it.
+    next to it.
 
     Args:
         photo: which photo.
@@ -26,13 +26,13 @@ def picture_name(photo: Place, format: str | None = None, keep: bool = False) ->
         keep: ``a.jpg`` -> ``a.jpg``, and in another format ``a.heic`` -> ``a.avif``.
     """
     own = of_suffix(photo.suffix)
-    wanted = format or (own.written_as if own else "")
-    same = not wanted or (own and wanted == own.name)
+    kind = format or (own.written_as if own else "")
+    same = not kind or (own and kind == own.name)
     if keep:
-        return photo.name if same else f"{photo.stem}{WRITTEN[wanted].suffixes[0]}"
+        return photo.name if same else f"{photo.stem}{WRITTEN[kind].suffixes[0]}"
     if same:
         return f"{photo.stem}{RECTIFIED}{photo.suffix}"
-    return f"{photo.name}{RECTIFIED}{WRITTEN[wanted].suffixes[0]}"
+    return f"{photo.name}{RECTIFIED}{WRITTEN[kind].suffixes[0]}"
 
 
 def motion_names(inputs: Inputs) -> Callable[[Place], str]:
@@ -60,10 +60,10 @@ def _short_name(photo: Place) -> str:
 
 
 def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[[Place], str]) -> dict[Place, Place]:
-    """Where each photo's result goes: a file, or a folder that takes on the structure of the given ones.
+    """Where each photo's result goes: a file, or a folder that gets the structure of the folders of photos.
 
     Raises:
-        UsageError: two photos would share a result, or a folder is wanted where there is a file.
+        UsageError: two photos would share a result, or a folder is needed where there is a file.
     """
     goal = place(output)
     if not is_folder(goal, inputs.many):
@@ -77,15 +77,15 @@ def mask_targets(inputs: Inputs, folder: str, pictures: dict[Place, Place]) -> d
     """Where the mask of each result goes: under its picture's whole name and ``.png``, as COLMAP looks for it.
 
     Raises:
-        UsageError: there is a file where the folder is wanted.
+        UsageError: there is a file where the folder should be.
     """
     goal = place(folder)
     _check_is_folder(goal, folder, "masks")
     return {photo: goal / inside / f"{pictures[photo].name}.png" for photo, inside in inputs.photos.items()}
 
 
-def beside(inputs: Inputs, name: Callable[[Place], str]) -> dict[Place, Place]:
-    """Results beside their photos."""
+def next_to_photos(inputs: Inputs, name: Callable[[Place], str]) -> dict[Place, Place]:
+    """Results next to their photos."""
     return _all_different({photo: photo.with_name(name(photo)) for photo in inputs.photos})
 
 
@@ -118,7 +118,7 @@ def check_named_once(named: Iterable[tuple[str, Place | None]]) -> None:
     """Checks that no place was named for two things, one of which would replace the other.
 
     Args:
-        named: what a place is for, and the place; all that a run writes, and the files beside photos that it is given.
+        named: what a place is for, and the place: outputs, and the inputs that are no photos.
 
     Raises:
         UsageError: one was.

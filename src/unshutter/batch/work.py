@@ -3,51 +3,54 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.batch.job import Job, Outcome
-from unshutter.batch.photos import mask_file, save_picture
 from unshutter.batch.preview import before_and_after
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, errors_in_one_line
-from unshutter.options import Rectify
+from unshutter.options import Rectify, Save
+from unshutter.photo import Photo
+from unshutter.photo.encoding import not_written
+from unshutter.photo.formats import of_target
 from unshutter.prefetch import Coming, Prefetch, open_photo
 from unshutter.storage.places import Place, check_place, digest, fingerprint, remove, write_place
 
 if TYPE_CHECKING:
     from unshutter.frames.rectified_frame import RectifiedFrame
     from unshutter.motion import Motion
-    from unshutter.photo import Photo
     from unshutter.result import Rectified
 
 
-def do_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
+def do_job(job: Job, request: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
     """Does the job; what goes wrong is in the outcome.
 
     Args:
         job: what to do.
-        wanted: of all jobs of a batch.
-        motion: text of the motion file that ``wanted`` names: other machines may not have it.
+        request: options of all jobs of a batch.
+        motion: text of the motion file that ``request`` names: other machines may not have it.
         prefetch: where the photo comes from; by default it is read now.
     """
     start = time.perf_counter()
     try:
         with errors_in_one_line(job.source):
-            outcome = finish_job(job, wanted, motion, prefetch)
+            outcome = finish_job(job, request, motion, prefetch)
     except UnshutterError as error:
         usage, unknown_ratio = isinstance(error, UsageError), isinstance(error, UnknownRatioError)
         return Outcome(str(error), usage, unknown_ratio, seconds=time.perf_counter() - start)
     return replace(outcome, seconds=time.perf_counter() - start)
 
 
-def finish_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
+def finish_job(job: Job, request: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
     """Does the job.
 
     Args:
         job: see :func:`do_job`, for all of these.
-        wanted: of all jobs of a batch.
+        request: options of all jobs of a batch.
         motion: text of a motion file.
         prefetch: where the photo comes from.
 
@@ -59,60 +62,60 @@ def finish_job(job: Job, wanted: Rectify, motion: str | None = None, prefetch: P
     )
     source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
     if prefetch is None:
-        prefetch = Prefetch([job.source], wanted.find_alone, job.max_pixels, wanted.undo)
+        prefetch = Prefetch([job.source], request.find_alone, job.max_pixels, request.undo)
     coming = prefetch.take(job.source)
     result: Rectified | RectifiedFrame
     model = ""
-    if wanted.neighbours or wanted.neighbours.sequence:
-        result = _between(coming.photo, job, wanted)
+    if request.neighbours or request.neighbours.sequence:
+        result = _between(coming.photo, job, request)
         model = result.model
     else:
-        result = _alone(coming, wanted, motion)
+        result = _alone(coming, request, motion)
     if job.motion_target is not None and result.motion is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
     if job.mask_target is not None:
         write_place(mask_file(result), job.mask_target, over_mask, mode_of=job.source)
-    written = result.changed or not wanted.save.only_changed
+    written = result.changed or not request.save.only_changed
     if written:
-        about = "; ".join(filter(None, (_about_edges(result), save_picture(result, job, over_picture, wanted.save))))
+        about = "; ".join(filter(None, (_about_edges(result), save_picture(result, job, over_picture, request.save))))
     else:
         about = ""
         if job.left[0] is not None and digest(job.target) == job.left[0]:
             remove(job.target)  # of a run with other options
-    found = [target if written or target is not job.target else None for target in job.outputs]
+    outputs = [target if written or target is not job.target else None for target in job.outputs]
     return Outcome(
         verdict=result.verdict,
         note=about,
         model=model,
         source_is=source_is,
-        outputs_are=tuple(fingerprint(target) if target else None for target in found),
-        digests=tuple(digest(target) if job.recorded and target else None for target in found),
+        outputs_are=tuple(fingerprint(target) if target else None for target in outputs),
+        digests=tuple(digest(target) if job.recorded and target else None for target in outputs),
         preview=None if job.preview_px is None else before_and_after(result, job.preview_px),
     )
 
 
-def _alone(coming: Coming, wanted: Rectify, motion: str | None) -> Rectified:
-    """A photo by what it says itself, or by the motion given to all."""
+def _alone(coming: Coming, request: Rectify, motion: str | None) -> Rectified:
+    """A photo by what it says itself, or by the motion that all photos share."""
     from unshutter.result import undo
 
-    found = coming.motion() if motion is None else _parsed(motion)
-    return undo(coming.photo, found, wanted.undo, wanted.find.camera.readout)
+    estimate = coming.motion() if motion is None else _parsed(motion)
+    return undo(coming.photo, estimate, request.undo, request.find.camera.readout)
 
 
-def _between(photo: Photo, job: Job, wanted: Rectify) -> RectifiedFrame:
+def _between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame:
     """A photo by what its neighbours say."""
     from unshutter.frames.rectified_frame import RectifiedFrame
     from unshutter.frames.rectifying import rectify_between
     from unshutter.frames.sequence_options import SequenceOptions
     from unshutter.result import undo
 
-    given, camera = wanted.neighbours, wanted.find.camera
-    alone = wanted.find if given.fallback else None
+    neighbours, camera = request.neighbours, request.find.camera
+    alone = request.find if neighbours.fallback else None
     options = SequenceOptions(
-        wanted.clock, wanted.undo, camera.direction, given.at, given.model, camera.focal_px, alone
+        request.clock, request.undo, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone
     )
-    if not given.sequence:
-        before, after = (path and open_photo(path, job.max_pixels) for path in (given.before, given.after))
+    if not neighbours.sequence:
+        before, after = (path and open_photo(path, job.max_pixels) for path in (neighbours.before, neighbours.after))
         return rectify_between(photo, before, after, options)
     if job.motion is None:
         raise UnshutterError(
@@ -124,8 +127,8 @@ def _between(photo: Photo, job: Job, wanted: Rectify) -> RectifiedFrame:
     except UsageError:
         raise
     except UnshutterError:  # the flow says nothing: what there is of the camera's motion, or the photo as it is
-        motion = job.motion.motion(wanted.undo.reference or "first")
-        return RectifiedFrame.of(undo(photo, motion, wanted.undo), "camera")
+        motion = job.motion.motion(request.undo.reference or "first")
+        return RectifiedFrame.of(undo(photo, motion, request.undo), "camera")
 
 
 def _about_edges(result: Rectified | RectifiedFrame) -> str:
@@ -158,3 +161,40 @@ def _parsed(text: str) -> Motion:
     from unshutter.motion import Motion
 
     return Motion.from_json(text)
+
+
+def save_picture(result: Rectified | RectifiedFrame, job: Job, overwrite: bool, save: Save) -> str:
+    """Writes a job's result; the format is that of the name's ending.
+
+    Returns:
+        What the user should know: what of the metadata did not go into the file, and whether a photo that was left as
+        it is had to be encoded all the same. Mostly empty.
+
+    Raises:
+        UsageError, UnshutterError: see ``Photo.save``.
+    """
+    target, format = job.target, of_target(Path(job.target.name))
+    done_before = isinstance(target, Path) and job.may_repeat and os.path.lexists(target)
+    if isinstance(target, Path) and not done_before:
+        left_out = result.save(
+            target,
+            overwrite=overwrite,
+            quality=save.quality,
+            subsampling=save.subsampling,
+            keep_times=save.keep_times,
+        )
+    else:
+        file = result.encode(format.name, save.quality, save.subsampling)
+        times_ns = result.photo.times_ns if save.keep_times else None
+        write_place(file.data, target, overwrite, mode_of=job.source, times_ns=times_ns)
+        left_out = file.left_out
+    encoded = not result.changed and result.photo.file_as(format.name, save) is None
+    anew = f"encoded as {format.name.upper()}" if encoded else ""
+    return "; ".join(filter(None, (anew, not_written(left_out))))
+
+
+def mask_file(result: Rectified | RectifiedFrame) -> bytes:
+    """A PNG of the picture's pixels, as they are stored: 255 where the photo shows what belongs there, else 0."""
+    import numpy as np
+
+    return Photo.from_array(result.valid.astype(np.uint8) * 255).to_bytes("png")

@@ -5,17 +5,21 @@ Each is a ``concurrent.futures.Executor``.
 
 from __future__ import annotations
 
+import faulthandler
 import logging
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from multiprocessing import get_context
 from typing import Any
 
 from unshutter.errors import UnshutterError
+from unshutter.options import Run
 from unshutter.storage.files import remove_own_parts
 
 LONGEST_JOB_S = 1800.0  # unless the user says otherwise: the largest photo takes minutes on a slow processor
@@ -70,8 +74,6 @@ def processes(count: int, timeout_s: float | None = None, all_processors: bool =
         timeout_s: longest time of a job; by default half an hour.
         all_processors: whether each uses all processors, rather than one.
     """
-    from unshutter.batch.timed_pool import TimedPool  # not above: a single photo starts faster without
-
     limit_s = LONGEST_JOB_S if timeout_s is None else timeout_s
 
     def pool() -> Executor:
@@ -117,7 +119,7 @@ def settle_worker() -> None:
 
 
 def settle_only_worker() -> None:
-    """The same for a worker that has the machine for itself: it uses all processors."""
+    """Makes a worker process leave Ctrl-C to its parent, and end when its parent does; it uses all processors."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)  # Windows has no SIGHUP
@@ -179,3 +181,78 @@ def cluster(address: str) -> Iterator[Workers]:
 
         threads: Any = client.nthreads()
         yield Workers(executor(), max(4 * sum(threads.values()), 32), executor, elsewhere=True)
+
+
+def workers_for(run: Run) -> AbstractContextManager[Workers]:
+    """The workers that a run asks for: a cluster, processes, or this process."""
+    if run.scheduler is not None:
+        return cluster(run.scheduler)
+    if run.jobs is not None:
+        return processes(run.jobs, run.timeout)
+    if run.timeout is not None:  # this process could not stop a decoder that hangs in it
+        return processes(1, run.timeout, all_processors=True)
+    return this_process()
+
+
+_clock: Any = None  # in a worker: when the job in each place began
+
+
+class TimedPool(ProcessPoolExecutor):
+    """A pool whose workers end themselves when a job takes too long: nothing else stops a decoder that hangs.
+
+    The end of one worker breaks the pool, as every worker's death does; :meth:`is_overdue` says whose job it was.
+
+    Args:
+        count: of processes.
+        timeout_s: longest time of a job.
+        settle: what a new process does first.
+    """
+
+    def __init__(self, count: int, timeout_s: float, settle: Callable[[], None]):
+        context = get_context(
+            "spawn"
+        )  # a fork would copy libvips's and OpenCV's locks without the threads that hold them
+        self._began = context.RawArray("d", 4 * count)
+        self._free = list(range(len(self._began)))
+        self._places: dict[Future[Any], int] = {}
+        self._timeout_s = timeout_s
+        super().__init__(count, mp_context=context, initializer=_settle, initargs=(self._began, settle))
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """See ProcessPoolExecutor."""
+        place = self._free.pop() if self._free else None
+        if place is not None:
+            self._began[place] = 0
+        future = super().submit(_timed, place, self._timeout_s, fn, *args, **kwargs)
+        if place is not None:
+            self._places[future] = place
+            future.add_done_callback(self._set_free)
+        return future
+
+    def _set_free(self, future: Future[Any]) -> None:
+        if future.cancelled() or not isinstance(future.exception(), BrokenExecutor):
+            self._free.append(self._places.pop(future))
+
+    def is_overdue(self, future: Future[Any]) -> bool:
+        """Whether a job that was not done when the pool broke had been given all its time."""
+        place = self._places.get(future)
+        began = 0.0 if place is None else self._began[place]
+        return began > 0 and time.monotonic() - began >= self._timeout_s
+
+
+def _settle(clock: Any, settle: Callable[[], None]) -> None:
+    global _clock
+    _clock = clock
+    settle()
+
+
+def _timed(place: int | None, timeout_s: float, fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    """Does a job; ends this process if it takes too long, whatever keeps it busy: the watch needs no Python."""
+    if place is not None:
+        _clock[place] = time.monotonic()
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(timeout_s, exit=True, file=nowhere)
+        try:
+            return fn(*args, **kwargs)
+        finally:
+            faulthandler.cancel_dump_traceback_later()

@@ -34,7 +34,7 @@ class Arguments:
 
 def run(arguments: Arguments) -> int:
     """Estimates the motions; returns the exit code."""
-    from unshutter.batch.estimating import Estimates, estimate_files
+    from unshutter.batch.commands import Estimates, estimate_files
 
     request = Estimates(arguments.find, arguments.reference, arguments.plot)
     return estimate_files(arguments.photos, arguments.output, request, arguments.overwrite, arguments.max_pixels)

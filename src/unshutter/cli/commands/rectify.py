@@ -45,7 +45,7 @@ class Arguments:
 
 def run(arguments: Arguments) -> int:
     """Rectifies the photos; returns the exit code."""
-    from unshutter.batch.rectifying import Outputs, rectify_files
+    from unshutter.batch.commands import Outputs, rectify_files
 
     options = Rectify.of(arguments.find, arguments.motion, arguments.undo, arguments.save, arguments.neighbours)
     try:

@@ -80,7 +80,7 @@ class Batch:
                 if self._manifest is not None:
                     self._manifest.flush()
                 for job in starting:
-                    self._running[self._given(job)] = job
+                    self._running[self._submit(job)] = job
                 self._collect()
         except KeyboardInterrupt:
             self._stop()
@@ -89,7 +89,7 @@ class Batch:
             if self._manifest is not None:
                 self._manifest.close()
 
-    def _given(self, job: Job) -> Future[Outcome]:
+    def _submit(self, job: Job) -> Future[Outcome]:
         """The job's future; a broken one if a worker has just died, before anybody noticed."""
         try:
             return self._workers.executor.submit(self._work, job)
@@ -160,23 +160,23 @@ class Batch:
             self._one_by_one(crashed.values())
         for future, job in crashed.items():
             if future in overdue:
-                self._finish(job, self._given_up(job))
+                self._finish(job, self._timed_out(job))
             elif overdue:
                 again = replace(job, may_repeat=True)
-                self._running[self._given(again)] = again
+                self._running[self._submit(again)] = again
 
     def _one_by_one(self, jobs: Iterable[Job]) -> None:
         for job in jobs:
-            future = self._given(replace(job, may_repeat=True))
+            future = self._submit(replace(job, may_repeat=True))
             try:
                 outcome = future.result()
             except BrokenExecutor:
                 died = Outcome(f"{job.source}: its worker died: not enough memory, or a fault in a decoder")
-                outcome = self._given_up(job) if self._workers.is_overdue(future) else died
+                outcome = self._timed_out(job) if self._workers.is_overdue(future) else died
                 self._workers.executor = self._workers.renew()
             self._finish(job, outcome)
 
-    def _given_up(self, job: Job) -> Outcome:
+    def _timed_out(self, job: Job) -> Outcome:
         limit_s = self._workers.timeout_s or 0.0
         return Outcome(f"{job.source}: given up after {limit_s:g} s (--timeout gives it longer)", seconds=limit_s)
 
