@@ -1,7 +1,7 @@
 """Readout times that cameras write into their clips.
 
 GoPro: SROT, in the telemetry track [ms]. Apple: a key of the movie or of the film's track [us]. CAMM, the motion
-metadata of Android and of cameras for street views: packets of type 1, the skew between the first and the last row [ns].
+metadata of Android and of cameras for street views: packets of type 1, the skew from the first row to the last [ns].
 
 Sources: gopro/gpmf-parser, README (GPMF's keys, lengths and values); QuickTime File Format Specification (metadata
 keys); Google, Camera Motion Metadata Specification 1.0; names of keys as exiftool.org lists them (facts only).
@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
-from typing import BinaryIO
 
 from unshutter.photo.containers.boxes import inside
 from unshutter.video.mp4_movie import Movie
