@@ -33,6 +33,7 @@ class Code(StrEnum):
     TOO_FAST_FOR_HANDS = "too-fast-for-hands"
     TOO_SHARP = "too-sharp"
     NO_ROLLING_SHUTTER = "no-rolling-shutter"
+    HOVERED = "hovered"
     IMPOSSIBLE_MOTION = "impossible-motion"
     ASKED_FOR_NOTHING = "asked-for-nothing"
     # one photo: what the verdict says
@@ -73,6 +74,7 @@ SENTENCES = {
     Code.TOO_FAST_FOR_HANDS: "what fits the lines is more motion than a hand-held camera makes",
     Code.TOO_SHARP: "it is too sharp for a camera that moved, exposed for {exposure}",
     Code.NO_ROLLING_SHUTTER: "its camera has no rolling shutter",
+    Code.HOVERED: "the drone hovered",
     Code.IMPOSSIBLE_MOTION: "what fits is not a motion of a camera: {detail}",
     Code.ASKED_FOR_NOTHING: "asked to do nothing",
     Code.NO_MOTION: "no motion",

@@ -18,6 +18,7 @@ _CAUSES = {
     Code.NO_MOTION: Cause.NO_MOTION,
     Code.NO_VISIBLE_MOTION: Cause.NO_MOTION,
     Code.NOTHING_MOVED: Cause.NO_MOTION,
+    Code.HOVERED: Cause.NO_MOTION,
     Code.UNSURE: Cause.UNSURE,
     Code.UNSURE_WHETHER_MOVED: Cause.UNSURE,
     Code.TOO_SMALL: Cause.TOO_SMALL,

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     import pyvips
 
     from unshutter.photo.tags.attitude import Attitude
+    from unshutter.photo.tags.flight import Flight
     from unshutter.photo.tags.readout_time import ReadoutTime
 
 
@@ -226,6 +227,13 @@ class Photo:
 
         metadata = self._metadata
         return attitude.of_photo(metadata.exif, metadata.xmp, Orientation(self.orientation), self.height, self.width)
+
+    @cached_property
+    def flight(self) -> Flight | None:
+        """How the drone flew that took it; None where it is not known, or no drone did."""
+        from unshutter.photo.tags import flight
+
+        return flight.of_xmp(self._metadata.xmp)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.

@@ -13,6 +13,7 @@ export const reasons = {
   "too-fast-for-hands": () => "what fits the lines is more motion than a hand-held camera makes",
   "too-sharp": ({ exposure }) => `it is too sharp for a camera that moved, exposed for ${exposure}`,
   "no-rolling-shutter": () => "this camera exposes all rows at once",
+  "hovered": () => "the drone hovered",
   "impossible-motion": ({ detail }) => `no camera moves like that: ${detail}`,
   "asked-for-nothing": () => "that is what you asked for",
   "no-motion": () => "the camera did not move",
