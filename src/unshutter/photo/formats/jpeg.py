@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import re
 import struct
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -207,10 +208,14 @@ def read_coding(file: BinaryIO) -> Coding:
             total = _luminance_sum(content) or total
         else:
             factors = content[7::3]  # of each component, horizontal << 4 | vertical
-    quality = None
-    if total is not None:
-        quality = min(range(1, 101), key=lambda quality: abs(_scaled_sum(quality) - total))
+    quality = None if total is None else _nearest_quality(total)
     return Coding(quality, subsampled=len(factors) == 3 and factors[0] >> 4 >= 2 and factors[0] & 15 >= 2)
+
+
+def _nearest_quality(total: int) -> int:
+    qualities = range(1, 101)  # the better, the smaller the sum
+    first_below = bisect_left(qualities, -total, key=lambda quality: -_scaled_sum(quality))
+    return min(qualities[max(first_below - 1, 0) : first_below + 1], key=lambda q: abs(_scaled_sum(q) - total))
 
 
 def _scaled_sum(quality: int) -> int:
