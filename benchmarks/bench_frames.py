@@ -17,9 +17,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: 
 import cv2
 import numpy as np
 
+from unshutter.frames.frame import SequenceOptions
 from unshutter.frames.neighbours import copy_side, link, render
-from unshutter.frames.rectifying import rectify_between
-from unshutter.frames.sequence_options import SequenceOptions
+from unshutter.frames.sequence_rectification import rectify_between
 from unshutter.frames.timing import Timing
 from unshutter.geometry.readout import Readout
 from unshutter.options import Clock, FrameModel, Undo

@@ -23,7 +23,7 @@ from pathlib import Path
 FLOOR = """
 import sys
 import av, cv2, numpy as np
-from unshutter.video.background import ahead, side_by_side
+from unshutter.video.pipeline import ahead, side_by_side
 from unshutter.video.planes import PixelFormat
 
 cv2.setNumThreads(1)

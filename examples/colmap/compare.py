@@ -33,8 +33,8 @@ from scene import Camera, Frame, Plane, draw_scene, photograph, walk
 from unshutter.frames.wanted import Wanted
 
 import unshutter
-from unshutter.frames.rectifying import rectify_between
 from unshutter.frames.sequence import CameraMotion, known_ratio
+from unshutter.frames.sequence_rectification import rectify_between
 from unshutter.geometry.readout import Readout
 from unshutter.geometry.rotations import rotation_matrix
 from unshutter.options import DEFAULT_ESTIMATOR, Clock, FrameModel, Undo

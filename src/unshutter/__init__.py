@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator, View
     from unshutter.estimators.method import Method
     from unshutter.estimators.register import load
-    from unshutter.frames.rectified_frame import RectifiedFrame
-    from unshutter.frames.rectifying import rectify_frames
+    from unshutter.frames.frame import RectifiedFrame
     from unshutter.frames.sequence import estimate_frames
+    from unshutter.frames.sequence_rectification import rectify_frames
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
     from unshutter.photo import Photo
@@ -54,7 +54,7 @@ _HOMES = {
     "Photo": "photo",
     "Readout": "geometry.readout",
     "Rectified": "result",
-    "RectifiedFrame": "frames.rectified_frame",
+    "RectifiedFrame": "frames.frame",
     "RotationMotion": "motion",
     "RowMapMotion": "motion",
     "RowMotion": "motion",
@@ -64,7 +64,7 @@ _HOMES = {
     "load": "estimators.register",
     "rectified": "rectification",
     "rectify": "rectification",
-    "rectify_frames": "frames.rectifying",
+    "rectify_frames": "frames.sequence_rectification",
 }
 
 

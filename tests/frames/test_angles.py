@@ -6,8 +6,8 @@ import pytest
 from unshutter import Photo
 from unshutter.errors import UnknownRatioError
 from unshutter.estimators.base import View
-from unshutter.frames.angles import Leaning, combined, ratio_from_angles, speed_of
-from unshutter.frames.ratio import ReadoutRatio
+from unshutter.frames.angles import PhotoSpeed, combined, ratio_from_angles, speed_of
+from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.frames.tracks import Tracks
 
 RATIO, HEIGHT, WIDTH = 0.6, 480, 640
@@ -18,7 +18,7 @@ def facade(sideways):
     row, col = np.mgrid[0 : 4 * HEIGHT, 0 : 4 * WIDTH] / 4  # finer than the picture, or edges are stairs
     window = ((col + 400 - sideways * RATIO * row) % 90 > 35) & (row % 80 > 30)
     grey = np.where(window, 60, 190).reshape(HEIGHT, 4, WIDTH, 4).mean(axis=(1, 3)).astype(np.uint8)
-    return Leaning(View(Photo.from_array(grey)), np.array([sideways, 0.0, 0.0]))
+    return PhotoSpeed(View(Photo.from_array(grey)), np.array([sideways, 0.0, 0.0]))
 
 
 def test_frames_that_move_differently_say_it():
@@ -41,7 +41,7 @@ def test_nothing_that_leans_says_nothing(photos):
 def test_a_photo_without_lines_says_nothing():
     plain = View(Photo.from_array(np.full((HEIGHT, WIDTH), 90, np.uint8)))
     with pytest.raises(UnknownRatioError, match="no right angles"):
-        ratio_from_angles([Leaning(plain, np.array([0.1, 0.0, 0.0]))])
+        ratio_from_angles([PhotoSpeed(plain, np.array([0.1, 0.0, 0.0]))])
 
 
 def test_speed_of_tracks():

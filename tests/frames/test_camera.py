@@ -5,7 +5,7 @@ import pytest
 
 from support.hand_held import FOCAL, HEIGHT, WIDTH, camera, exact_tracks, hand, pan
 from unshutter.frames.camera import ROWS, Problem, steady
-from unshutter.frames.focal import focal_from_motion
+from unshutter.frames.self_calibration import focal_from_motion
 from unshutter.frames.tracks import Tracks
 
 UNIT = ROWS / HEIGHT

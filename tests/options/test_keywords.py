@@ -9,7 +9,7 @@ import pytest
 
 import unshutter
 from unshutter import rectification
-from unshutter.frames import rectifying, sequence
+from unshutter.frames import sequence, sequence_rectification
 from unshutter.options import (
     Camera,
     CameraKeywords,
@@ -28,7 +28,7 @@ KEYWORDS = {
     "rectify": rectification.RectifyOptions,
     "rectified": rectification.RectifyOptions,
     "estimate": rectification.EstimateOptions,
-    "rectify_frames": rectifying.RectifyFramesOptions,
+    "rectify_frames": sequence_rectification.RectifyFramesOptions,
     "estimate_frames": sequence.FramesOptions,
 }
 FUNCTIONS = [getattr(unshutter, name) for name in KEYWORDS]

@@ -69,7 +69,7 @@ class Outcome:
         usage: the error is about the request rather than the photo.
         unknown_ratio: the error is that the frames do not show the readout ratio of their camera.
         note: something that the user should know.
-        model: how the motion of a photo with neighbours was described (frames/rectified_frame.py); else empty.
+        model: how the motion of a photo with neighbours was described (frames/frame.py); else empty.
         verdict: whether the photo was changed, and why not.
         seconds: that it took.
         source_is: fingerprint of the photo that was read.

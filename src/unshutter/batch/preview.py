@@ -11,7 +11,7 @@ from unshutter.photo import Photo
 if TYPE_CHECKING:
     import numpy as np
 
-    from unshutter.frames.rectified_frame import RectifiedFrame
+    from unshutter.frames.frame import RectifiedFrame
     from unshutter.result import Rectified
 
 SHEET_PX = 320  # long side of each picture of a sheet

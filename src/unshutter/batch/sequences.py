@@ -17,7 +17,7 @@ from unshutter.storage.places import Place, absolute
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from unshutter.frames.sequence import CameraMotion, Seen
+    from unshutter.frames.sequence import CameraMotion, GreyFrame
 
 _LONGEST_INTERVAL = timedelta(seconds=10)  # of neighbours that say anything
 _MANY = 2.5  # usual intervals that are a gap
@@ -67,7 +67,7 @@ def with_motions(jobs: list[Job], photos: list[Place], wanted: Rectify, max_pixe
 
 def _seen(
     finder: CameraMotion, photos: list[Place], read: list[Place], joined: list[tuple[Place, Place]], max_pixels: int
-) -> Iterator[Seen | None]:
+) -> Iterator[GreyFrame | None]:
     """The photos that can be read, which are noted in ``read``; None where the sequence is parted.
 
     It is parted between folders, where a photo cannot be read, and where photos were not taken at even intervals.

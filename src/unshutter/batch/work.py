@@ -21,7 +21,7 @@ from unshutter.prefetch import Coming, Prefetch, open_photo
 from unshutter.storage.places import Place, check_place, digest, fingerprint, remove, write_place
 
 if TYPE_CHECKING:
-    from unshutter.frames.rectified_frame import RectifiedFrame
+    from unshutter.frames.frame import RectifiedFrame
     from unshutter.motion import Motion
     from unshutter.result import Rectified
 
@@ -104,9 +104,8 @@ def _alone(coming: Coming, request: Rectify, motion: str | None) -> Rectified:
 
 def _between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame:
     """A photo by what its neighbours say."""
-    from unshutter.frames.rectified_frame import RectifiedFrame
-    from unshutter.frames.rectifying import rectify_between
-    from unshutter.frames.sequence_options import SequenceOptions
+    from unshutter.frames.frame import RectifiedFrame, SequenceOptions
+    from unshutter.frames.sequence_rectification import rectify_between
     from unshutter.result import undo
 
     neighbours, camera = request.neighbours, request.find.camera

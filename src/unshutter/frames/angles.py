@@ -20,14 +20,14 @@ from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
 from unshutter.estimators.right_angles.search import evidence_of
 from unshutter.estimators.right_angles.view import known_camera, segments_of
-from unshutter.frames.ratio import ReadoutRatio
+from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.frames.tracks import Tracks
 from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
-_ASKED = np.linspace(-0.4, 1.4, 19)  # ratios whose evidence is worked out for each photo
+_RATIO_GRID = np.linspace(-0.4, 1.4, 19)  # ratios whose evidence is worked out for each photo
 _RATIOS = np.linspace(0.01, 1.0, 100)
 _LEANS = np.linspace(-0.15, 0.15, 61)  # rows: shears that all photos may share
 _ASKEW = np.radians(2.5)  # their standard deviation: nobody holds a video camera with a photographer's care
@@ -39,7 +39,7 @@ SURE_ENOUGH = 0.03  # error of a ratio that right angles could not make smaller
 
 
 @dataclass(frozen=True)
-class Leaning:
+class PhotoSpeed:
     """A photo of a sequence, and how fast what it shows moves.
 
     Attributes:
@@ -65,24 +65,24 @@ def speed_of(pair: Tracks) -> Float64[np.ndarray, "3"]:
     return np.linalg.lstsq(np.concatenate([columns, rows]), moved.T.ravel(), rcond=None)[0][:3]
 
 
-def ratio_from_angles(photos: Sequence[Leaning]) -> ReadoutRatio:
+def ratio_from_angles(photos: Sequence[PhotoSpeed]) -> ReadoutRatio:
     """The readout ratio of a sequence, from the right angles in some of its photos.
 
     Raises:
         UnknownRatioError: too little moves from side to side, or the photos show no right angles.
     """
     total = np.zeros((len(_RATIOS), len(_LEANS)))
-    asked = 0
+    count = 0
     for photo in photos:
         sideways = photo.speed[0]
         likelihood = _likelihood(photo.view)
         if likelihood is None or abs(sideways) < _SLOWEST:
             continue
-        motions = _ASKED[:, None] * np.array([sideways, 0, 0, photo.speed[2], 0, 0])
+        motions = _RATIO_GRID[:, None] * np.array([sideways, 0, 0, photo.speed[2], 0, 0])
         evidence = evidence_of(likelihood, motions) / _COMMON
-        total += np.interp(_RATIOS[:, None] + _LEANS / sideways, _ASKED, evidence)
-        asked += 1
-    if not asked:
+        total += np.interp(_RATIOS[:, None] + _LEANS / sideways, _RATIO_GRID, evidence)
+        count += 1
+    if not count:
         raise UnknownRatioError.because(Reason(Code.NO_ANGLES_OR_MOTION))
     total -= 0.5 * (_LEANS / _ASKEW) ** 2
     share = np.exp(total - total.max()).sum(axis=1)

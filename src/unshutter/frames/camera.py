@@ -184,13 +184,13 @@ class Problem:
         if stiffness is not None:
             return self._solved(design, stiffness, near)
         best = near
-        tried: dict[float, Fit] = {}
+        fits: dict[float, Fit] = {}
         at = _STIFFNESS.index(near.stiffness) if near is not None else _STIFFNESS.index(1.0)
         while True:  # the evidence has one maximum: it is climbed
             for k in (at, at - 1, at + 1):
-                if 0 <= k < len(_STIFFNESS) and _STIFFNESS[k] not in tried:
-                    tried[_STIFFNESS[k]] = best = self._solved(design, _STIFFNESS[k], best)
-            highest = max(tried.values(), key=lambda fit: fit.log_evidence)
+                if 0 <= k < len(_STIFFNESS) and _STIFFNESS[k] not in fits:
+                    fits[_STIFFNESS[k]] = best = self._solved(design, _STIFFNESS[k], best)
+            highest = max(fits.values(), key=lambda fit: fit.log_evidence)
             if _STIFFNESS.index(highest.stiffness) == at:
                 return highest
             at = _STIFFNESS.index(highest.stiffness)
@@ -224,17 +224,17 @@ class Problem:
 
     def _squared(self, design: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
         """[pairs, most] squared distance of each track's end from where the motion takes it."""
-        left = self._moved - (design @ unknowns[self._places][..., None])[..., 0]
-        return (left.reshape(*self._used.shape, 2) ** 2).sum(axis=-1)
+        residual = self._moved - (design @ unknowns[self._places][..., None])[..., 0]
+        return (residual.reshape(*self._used.shape, 2) ** 2).sum(axis=-1)
 
     def _reweighted(self, squared: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
         """Weights of the tracks under Student's t, and its scale [px]."""
-        known = squared[self._used]
-        noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise
+        errors = squared[self._used]
+        noise = np.sqrt(np.median(errors) / 1.4) if np.isnan(noise) else noise
         for _ in range(3):
             noise = max(noise, _FINEST)
-            share = (_DEGREES + 2) / (_DEGREES + known / noise**2)
-            noise = np.sqrt((share * known).mean() / 2)
+            share = (_DEGREES + 2) / (_DEGREES + errors / noise**2)
+            noise = np.sqrt((share * errors).mean() / 2)
         noise = max(noise, _FINEST)
         return self._used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2, noise
 

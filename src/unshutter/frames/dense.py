@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from unshutter.frames.flow import Flow, inside, looked_up, pixel_grid
-from unshutter.frames.plane import moved
+from unshutter.frames.flow import Flow, bilinear, inside, moved, pixel_grid
 from unshutter.frames.timing import Timing
 
 if TYPE_CHECKING:
@@ -150,8 +149,8 @@ def _at_moment(velocity: np.ndarray, timing: Timing, frame: int, moment: float) 
     position = grid
     for _ in range(_ROUNDS):
         ahead = timing.exposed(frame, position[..., 1:]) - moment
-        position = grid + looked_up(velocity, position) * ahead.astype(np.float32)
-    return looked_up(velocity, position)
+        position = grid + bilinear(velocity, position) * ahead.astype(np.float32)
+    return bilinear(velocity, position)
 
 
 def _look(velocity: np.ndarray, moment: float, timing: Timing, frame: float) -> np.ndarray:
@@ -169,8 +168,8 @@ def _cost(
     """How unlike the two frames are where a velocity says that they show the same, averaged about each pixel."""
     height, width = earlier.shape
     in_earlier, in_later = (_look(velocity, moment, timing, frame) for frame in (0, 1))
-    difference = cv2.absdiff(looked_up(earlier, in_earlier), looked_up(later, in_later)).astype(np.float32)
-    seen = inside(in_earlier, height, width) & inside(in_later, height, width)
-    difference[~seen] = _UNSEEN
+    difference = cv2.absdiff(bilinear(earlier, in_earlier), bilinear(later, in_later)).astype(np.float32)
+    visible = inside(in_earlier, height, width) & inside(in_later, height, width)
+    difference[~visible] = _UNSEEN
     side = round(_WINDOW * width) | 1
     return cv2.blur(difference, (side, side))

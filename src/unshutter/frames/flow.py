@@ -1,8 +1,8 @@
 """Optical flow between two frames, in both directions.
 
-Most of the motion is that of the whole picture: a homography (plane.py) takes it out first, dense inverse search (DIS:
-Kroeger, Timofte, Dai, Van Gool, ECCV 2016, as OpenCV has it) finds what is left. Where a pixel has left the picture,
-it has no partner there, and its flow is that of the homography.
+Most of the motion is shared by the whole picture: a homography of tracked corners takes it out first, and dense inverse
+search (DIS: Kroeger, Timofte, Dai, Van Gool, ECCV 2016, in OpenCV) finds the rest. A pixel that has left the picture
+has no partner there; its flow is that of the homography.
 """
 
 from __future__ import annotations
@@ -14,15 +14,20 @@ from typing import TYPE_CHECKING, Any, cast
 import cv2
 import numpy as np
 
-from unshutter.frames.plane import moved, plane_between
-
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float32, Float64, UInt8
+    from unshutter.geometry.shapes import Float, Float32, Float64, UInt8
 
 _PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/frames-attempts.md
 _DESCENTS, _REFINEMENTS = 25, 5
 _NO_SECOND_MAP: Any = None  # OpenCV's stubs do not know that it may be None; 5.0 reads an empty array as a map
 _CONSISTENT = 1.5  # px from a pixel to its partner and back
+_CORNERS = 600
+_QUALITY, _DISTANCE = 0.005, 5  # of corners: of the best one's strength; px between them
+_WINDOW, _LEVELS = (15, 15), 4  # of Lucas-Kanade tracking
+_MOST_ROUND_TRIP = 0.5  # px from a corner to where it is tracked and back
+_FEWEST = 12
+_INLIER = 1.0  # px
+_SEED = 0
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ def pixel_grid(height: int, width: int) -> Float32[np.ndarray, "height width 2"]
     return np.stack([columns, rows], axis=-1)
 
 
-def looked_up(field: np.ndarray, positions: Float32[np.ndarray, "rows cols 2"]) -> np.ndarray:
+def bilinear(field: np.ndarray, positions: Float32[np.ndarray, "rows cols 2"]) -> np.ndarray:
     """A field [h, w, ...] at positions in it, bilinear; beyond its border, what it has there."""
     return cv2.remap(field, positions, _NO_SECOND_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
@@ -73,10 +78,10 @@ def _one_way(source: np.ndarray, target: np.ndarray, plane: np.ndarray) -> np.nd
     height, width = source.shape
     grid = pixel_grid(height, width)
     ends = moved(plane, grid)
-    rest = _search().calc(source, looked_up(target, ends), cast(np.ndarray, None))  # None: from no flow at all
+    rest = _search().calc(source, bilinear(target, ends), cast(np.ndarray, None))  # None: from no flow at all
     flow = moved(plane, grid + rest) - grid
-    has_left = ~inside(ends, height, width)
-    flow[has_left] = (ends - grid)[has_left]
+    outside = ~inside(ends, height, width)
+    flow[outside] = (ends - grid)[outside]
     return flow
 
 
@@ -96,5 +101,67 @@ def _consistent_share(forward: np.ndarray, backward: np.ndarray) -> float:
     has_one = inside(partner, height, width)
     if not has_one.any():
         return 0.0
-    off = np.linalg.norm(forward + looked_up(backward, partner), axis=-1)
+    off = np.linalg.norm(forward + bilinear(backward, partner), axis=-1)
     return float((off[has_one] < _CONSISTENT).mean())
+
+
+# ---- the homography --------------------------------------------------------------------------------------
+
+
+def plane_between(
+    first: UInt8[np.ndarray, "height width"], second: UInt8[np.ndarray, "height width"]
+) -> Float64[np.ndarray, "3 3"]:
+    """The homography from the first picture to the second; the identity where too few corners can be tracked.
+
+    Corners are tracked from where they are, and from where phase correlation says that the whole picture went: what
+    moves by a sixth of the width is found, too. Whichever start tracks more of them is taken.
+    """
+    height, width = first.shape
+    corners = cv2.goodFeaturesToTrack(first, _CORNERS, _QUALITY, _DISTANCE)
+    if corners is None or len(corners) < _FEWEST:
+        return np.eye(3)
+    starts = [np.zeros(2, np.float32), _shift(first, second)]
+    begin, end = max((_tracked(first, second, corners, start) for start in starts), key=lambda ends: len(ends[0]))
+    if len(begin) < _FEWEST:
+        return np.eye(3)
+    cv2.setRNGSeed(_SEED)
+    homography, inliers = cv2.findHomography(begin, end, cv2.USAC_MAGSAC, _INLIER, maxIters=2000, confidence=0.999)
+    if homography is None or inliers.sum() < _FEWEST or not _is_sound(homography, height, width):
+        return np.eye(3)
+    return homography
+
+
+def moved(plane: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "rows cols 2"]) -> np.ndarray:
+    """Where a homography takes points, float32 [rows, cols, 2]."""
+    ends = cv2.perspectiveTransform(points.reshape(1, -1, 2).astype(np.float64), plane)
+    return ends.reshape(points.shape).astype(np.float32)
+
+
+def _shift(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(columns, rows) by which the whole picture moved."""
+    height, width = first.shape
+    window = cv2.createHanningWindow((width, height), cv2.CV_32F)
+    shift, _ = cv2.phaseCorrelate(first.astype(np.float32), second.astype(np.float32), window)
+    return np.array(shift, np.float32)
+
+
+def _tracked(
+    first: np.ndarray, second: np.ndarray, corners: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners [N, 2] that are found in the second picture and back again, and where they are there."""
+    settings = {"winSize": _WINDOW, "maxLevel": _LEVELS, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+    there, status, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, corners + start, **settings)
+    back, status_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, there - start, **settings)
+    near = np.linalg.norm(back - corners, axis=2)[:, 0] < _MOST_ROUND_TRIP
+    good = near & (status[:, 0] > 0) & (status_back[:, 0] > 0)
+    return corners[good, 0], there[good, 0]
+
+
+def _is_sound(plane: np.ndarray, height: int, width: int) -> bool:
+    """Whether the picture stays a convex one of about its size, and not all of it leaves the frame."""
+    outline = np.array([[[0, 0], [width, 0], [width, height], [0, height]]], np.float64)
+    ends = cv2.perspectiveTransform(outline, plane)[0]
+    sides = np.roll(ends, -1, axis=0) - ends
+    turns = sides[:, 0] * np.roll(sides, -1, axis=0)[:, 1] - sides[:, 1] * np.roll(sides, -1, axis=0)[:, 0]
+    far = np.abs(ends - outline[0]).max(axis=0)
+    return bool((turns > 0.25 * width * height).all() and (far < [width, height]).all())

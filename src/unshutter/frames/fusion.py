@@ -78,30 +78,30 @@ def _fuse_tile(
     loses its weight.
     """
     at = tile.within(own.grid.whole)
-    seen, most = _seen_and_weight(own, tile, timing, moment)
-    valid, mixed, total = seen, np.ascontiguousarray(own.pixels[at]), most
+    visible, most = _visibility_and_weight(own, tile, timing, moment)
+    valid, mixed, total = visible, np.ascontiguousarray(own.pixels[at]), most
     for other in others:
         theirs = np.ascontiguousarray(other.pixels[at])
-        they_saw, weight = _seen_and_weight(other, tile, timing, moment)
+        visible_there, weight = _visibility_and_weight(other, tile, timing, moment)
         agreement = _agreement(mixed, theirs)
         nearer = weight > most
         total = np.where(nearer, total * agreement, total)
         share = np.where(nearer, weight, weight * agreement)
         mixed = _mixed(mixed, theirs, total, share)
         total, most = total + share, np.maximum(most, weight)
-        valid = valid | they_saw if borrow else valid
+        valid = valid | visible_there if borrow else valid
     np.copyto(own.pixels[at], mixed, where=True if valid.all() else valid[..., None])  # a mask takes ten times as long
     return valid
 
 
-def _seen_and_weight(
+def _visibility_and_weight(
     warped: Warped, tile: Tile, timing: Timing, moment: float
 ) -> tuple[Bool[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
     """Which pixels a frame saw; and its weight there: the more, the nearer to the moment it saw them."""
     column, row = warped.grid.positions(tile)
-    seen = warped.grid.inside(column, row)
+    visible = warped.grid.inside(column, row)
     away = cv2.absdiff(row * np.float32(timing.per_row), np.full_like(row, moment - timing.start(warped.frame)))
-    return seen, cv2.pow(np.maximum(away, np.float32(_NEAREST)), -_FALL) * seen
+    return visible, cv2.pow(np.maximum(away, np.float32(_NEAREST)), -_FALL) * visible
 
 
 def _agreement(first: np.ndarray, second: np.ndarray) -> Float32[np.ndarray, "rows cols"]:

@@ -1,7 +1,7 @@
 """A frame and its neighbours -> what a global shutter would have taken of it, at any moment between them.
 
-The dense way (dense.py): flow is found on small grey copies, once for each two frames, whatever moments are wanted of
-them; full-size pixels are looked up once in each frame, and fused (fusion.py).
+The dense model (dense.py): flow is computed on small grey copies, once for each pair of frames, whatever moments are
+asked for; full-size pixels are looked up once in each frame, and fused (fusion.py).
 
 Frames are counted from the one that the picture is of: the frame before it is -1, the one after it +1. Pixels are those
 of the readout frame.
@@ -17,7 +17,7 @@ import numpy as np
 
 from unshutter.errors import UnshutterError
 from unshutter.frames.dense import Field, field_between, joined
-from unshutter.frames.flow import Flow, flow_between, looked_up
+from unshutter.frames.flow import Flow, bilinear, flow_between
 from unshutter.frames.fusion import Warped, fuse
 from unshutter.frames.timing import Timing
 from unshutter.reasons import Code, Reason
@@ -54,7 +54,7 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Moving:
+class MotionField:
     """How what a picture of one moment shows moves, about frame 0.
 
     Attributes:
@@ -69,7 +69,7 @@ class Moving:
 
 
 @dataclass(frozen=True)
-class Rendered:
+class Rendering:
     """A picture of one moment.
 
     Attributes:
@@ -113,7 +113,7 @@ def link(
     return Link(earlier, later, flow, apart)
 
 
-def moving_about(links: Mapping[int, Link], timing: Timing, moment: float) -> Moving:
+def motion_field(links: Mapping[int, Link], timing: Timing, moment: float) -> MotionField:
     """How what a picture of a moment shows moves, from what connects frame 0 with its neighbours.
 
     Args:
@@ -126,7 +126,7 @@ def moving_about(links: Mapping[int, Link], timing: Timing, moment: float) -> Mo
     field = joined(fields[-1], fields[1]) if len(fields) == 2 else next(iter(fields.values()))
     moved = np.linalg.norm(field.shift(0), axis=-1) * timing.height / field.velocity.shape[0]
     reason = _unchanged(field, moved, min(each.flow.consistent for each in links.values()))
-    return Moving(field, float(moved.max()), reason)
+    return MotionField(field, float(moved.max()), reason)
 
 
 def render(
@@ -138,7 +138,7 @@ def render(
     borrow: bool = False,
     fill: bool = False,
     masked: bool = False,
-) -> Rendered:
+) -> Rendering:
     """The picture of a moment, of frame 0.
 
     Args:
@@ -154,17 +154,17 @@ def render(
         New pixels; those of frame 0 itself where nothing moved, or the motion explains nothing.
     """
     height, width = frames[0].shape[:2]
-    moving = moving_about(links, timing, moment)
-    if moving.reason:
-        return Rendered(frames[0], np.ones((height, width), bool), moving.largest_px, moving.reason)
-    begun = {0: 0.0, **{side: side * links[side].apart for side in links}}
-    grids = {frame: _grid(moving.field, begun[frame], height, width) for frame in begun}
+    motion = motion_field(links, timing, moment)
+    if motion.reason:
+        return Rendering(frames[0], np.ones((height, width), bool), motion.largest_px, motion.reason)
+    starts = {0: 0.0, **{side: side * links[side].apart for side in links}}
+    grids = {frame: _grid(motion.field, starts[frame], height, width) for frame in starts}
     warped = {
-        frame: Warped(sampled_pixels(frames[frame], grid, fill or frame != 0, masked), grid, begun[frame])
+        frame: Warped(sampled_pixels(frames[frame], grid, fill or frame != 0, masked), grid, starts[frame])
         for frame, grid in grids.items()
     }
     others = [warped[side] for side in links]
-    return Rendered(*fuse(warped[0], others, timing, moment, borrow), moving.largest_px)
+    return Rendering(*fuse(warped[0], others, timing, moment, borrow), motion.largest_px)
 
 
 def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
@@ -196,4 +196,4 @@ def _grid(field: Field, frame: float, height: int, width: int) -> SamplingGrid:
     scale = np.array([width / columns, height / rows], np.float32)
     nodes = np.stack([column, row], axis=-1)
     in_copy = (nodes + 0.5) / scale - 0.5
-    return SamplingGrid(nodes + looked_up(field.shift(frame) * scale, in_copy), step, step, height, width)
+    return SamplingGrid(nodes + bilinear(field.shift(frame) * scale, in_copy), step, step, height, width)

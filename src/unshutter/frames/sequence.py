@@ -11,11 +11,10 @@ import numpy as np
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.estimators.base import View
-from unshutter.frames.angles import SURE_ENOUGH, Leaning, combined, ratio_from_angles, speed_of
+from unshutter.frames.angles import SURE_ENOUGH, PhotoSpeed, combined, ratio_from_angles, speed_of
 from unshutter.frames.camera import ROWS, Fit, Problem, steady
-from unshutter.frames.focal import focal_from_motion
-from unshutter.frames.ratio import ReadoutRatio, fewer, ratio_from_motion
-from unshutter.frames.shots import Seen, Shot
+from unshutter.frames.self_calibration import ReadoutRatio, fewer, focal_from_motion, ratio_from_motion
+from unshutter.frames.shots import GreyFrame, Shot
 from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
@@ -121,35 +120,35 @@ class CameraMotion:
     every_angle: int = 6
     window: tuple[int, int] = (_CORE, _MARGIN)
     fewest: int = 2
-    _looked: int = field(default=0, init=False)
+    _photos: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
-    _asked: int = field(default=0, init=False)
+    _windows: int = field(default=0, init=False)
 
     def frames(self, frames: Iterable[_FRAME]) -> Iterator[FrameMotion]:
         """What is known of each frame's motion, in order, some frames later than they come; memory stays flat."""
         return self.motions(self.look(frame) for frame in frames)
 
-    def motions(self, frames: Iterable[Seen | None]) -> Iterator[FrameMotion]:
+    def motions(self, frames: Iterable[GreyFrame | None]) -> Iterator[FrameMotion]:
         """As :meth:`frames`, of frames that were looked at.
 
         Args:
             frames: in order; None where some are missing, which parts the sequence.
         """
         shot = Shot()
-        for seen in frames:
-            if seen is None:
+        for frame in frames:
+            if frame is None:
                 yield from self._ready(shot, ended=True)
                 shot = Shot(number=shot.number + 1)
                 continue
-            if not shot.joins(seen, self.ratio):
+            if not shot.joins(frame, self.ratio):
                 yield from self._ready(shot, ended=True)
                 shot = Shot(broken_by=shot.broken_by, number=shot.number + 1)
-            shot.add(seen)
+            shot.add(frame)
             yield from self._ready(shot, ended=False)
         yield from self._ready(shot, ended=True)
 
-    def look(self, frame: _FRAME) -> Seen:
+    def look(self, frame: _FRAME) -> GreyFrame:
         """What is kept of a frame.
 
         Raises:
@@ -157,12 +156,12 @@ class CameraMotion:
         """
         photo = open_photo(frame)
         height, width = self.readout.frame_size(photo.height, photo.width)
-        if self._focal is None and (known := self.focal_px or photo.focal_px()):
-            self._focal = known * ROWS / height
-        asked = self.ratio is None and self._looked % self.every_angle == 0
-        self._looked += 1
+        if self._focal is None and (focal_px := self.focal_px or photo.focal_px()):
+            self._focal = focal_px * ROWS / height
+        for_angles = self.ratio is None and self._photos % self.every_angle == 0
+        self._photos += 1
         grey = np.ascontiguousarray(self.readout.turn(photo.grey(TRACKED_SIDE)))
-        return Seen(height, width, grey, photo=photo if asked else None)
+        return GreyFrame(height, width, grey, photo=photo if for_angles else None)
 
     def _ready(self, shot: Shot, ended: bool) -> Iterator[FrameMotion]:
         """The frames of a shot that are ready."""
@@ -175,11 +174,11 @@ class CameraMotion:
         while shot.waiting and (ended or len(shot.waiting) >= core + margin):
             many = len(shot.waiting) if len(shot.waiting) <= core + margin and ended else core
             fit, reason = self._fit(shot, many)
-            begun = np.floor(shot.times[0])
-            for seen in shot.waiting[:many]:
-                index = seen.at - begun
+            start = np.floor(shot.times[0])
+            for frame in shot.waiting[:many]:
+                index = frame.at - start
                 ratio = self.ratio.value if self.ratio else 0.0
-                yield FrameMotion(seen.height, seen.width, self.readout, fit, index, ratio, reason, shot.number)
+                yield FrameMotion(frame.height, frame.width, self.readout, fit, index, ratio, reason, shot.number)
             shot.drop(many, margin)
 
     def _find_ratio(self, shot: Shot) -> None:
@@ -200,9 +199,9 @@ class CameraMotion:
     def _with_angles(self, shot: Shot, by_motion: ReadoutRatio | None) -> ReadoutRatio | None:
         """What right angles add to the readout ratio that motion says, if it says one."""
         photos = [
-            Leaning(View(seen.photo, Camera(self.readout, self.focal_px)), speed_of(pair))
-            for seen in shot.waiting
-            if seen.photo is not None and len(pair := shot.pair_beside(seen)) > _LEAST_TRACKS
+            PhotoSpeed(View(frame.photo, Camera(self.readout, self.focal_px)), speed_of(pair))
+            for frame in shot.waiting
+            if frame.photo is not None and len(pair := shot.pair_beside(frame)) > _LEAST_TRACKS
         ]
         try:
             by_angles = ratio_from_angles(photos)
@@ -229,7 +228,7 @@ class CameraMotion:
             focal = self._focal
         starts = np.array(shot.times[: len(pairs) + 1]) - np.floor(shot.times[0])
         fit = steady(Problem(pairs, focal, starts), self.ratio.value, self._stiffness_for(len(pairs)))
-        self._stiffness, self._asked = fit.stiffness, self._asked + 1
+        self._stiffness, self._windows = fit.stiffness, self._windows + 1
         if fit.noise_px > _TOO_NOISY_PX:
             return None, Reason(Code.SCENES_DIFFER)
         return fit, None
@@ -238,7 +237,7 @@ class CameraMotion:
         """Looked for in every few windows only: it takes most of the time, and the hand stays the same."""
         if pairs < _FEW_PAIRS:
             return _EVEN
-        return None if self._asked % _STIFFNESS_EVERY == 0 else self._stiffness
+        return None if self._windows % _STIFFNESS_EVERY == 0 else self._stiffness
 
 
 # ---- for users ---------------------------------------------------------------------------------------------------
@@ -277,9 +276,9 @@ def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) 
         UsageError: a ratio or another option that cannot be. UnshutterError: a frame cannot be read.
     """
     ratio = known_ratio(options.get("readout_ratio"), options.get("readout_ms"), options.get("fps"))
-    camera, how = from_keywords(Camera, options), from_keywords(Undo, options)
-    found = CameraMotion(ratio, camera.focal_px, camera.direction)
-    return (frame.motion(how.reference or "first") for frame in found.frames(frames))
+    camera, undo = from_keywords(Camera, options), from_keywords(Undo, options)
+    finder = CameraMotion(ratio, camera.focal_px, camera.direction)
+    return (frame.motion(undo.reference or "first") for frame in finder.frames(frames))
 
 
 def known_ratio(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from unshutter.frames.ratio import STILL_PX, ReadoutRatio, flow
+from unshutter.frames.self_calibration import STILL_PX, ReadoutRatio, flow
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.reasons import Code, Reason
 
@@ -20,7 +20,7 @@ _CHANCE = 2  # pairs of frames in which something may seem to move that does not
 
 
 @dataclass(eq=False)
-class Seen:
+class GreyFrame:
     """A frame as it is looked at.
 
     Its full size, a small grey copy, the photo where it may be looked at closely, and how long after the frame before
@@ -55,11 +55,11 @@ class Shot:
     number: int = 0
     pairs: list[Tracks] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
-    waiting: list[Seen] = field(default_factory=list)
+    waiting: list[GreyFrame] = field(default_factory=list)
     first: int = 0
     before: int = 0
     why_unknown: Reason | None = None
-    _last: Seen | None = None
+    _last: GreyFrame | None = None
     _next: Background | None = None
     _moving: list[bool] = field(default_factory=list)
     _passing: list[bool] = field(default_factory=list)
@@ -74,37 +74,37 @@ class Shot:
         """Whether something moved before the camera."""
         return sum(self._passing) > _CHANCE
 
-    def joins(self, seen: Seen, ratio: ReadoutRatio | None) -> bool:
+    def joins(self, frame: GreyFrame, ratio: ReadoutRatio | None) -> bool:
         """Whether a frame shows the same scene as the one before it."""
         self._next = None
         if self._last is None:
             return True
-        if (seen.height, seen.width) != (self._last.height, self._last.width):
+        if (frame.height, frame.width) != (self._last.height, self._last.width):
             self.broken_by = Reason(Code.OTHER_SIZE)
             return False
-        tracks = follow(self._last.grey, seen.grey)
+        tracks = follow(self._last.grey, frame.grey)
         self._next = background(tracks, ratio.value if ratio else None)
         if not self._next.joined:
             few = tracks.looked_for < _LEAST_CORNERS
             self.broken_by = Reason(Code.TOO_LITTLE_TO_FOLLOW if few else Code.SCENES_DIFFER)
         return self._next.joined
 
-    def add(self, seen: Seen) -> None:
+    def add(self, frame: GreyFrame) -> None:
         """The next frame, after :meth:`joins`."""
         if self._last is not None and self._next is not None:
             self.pairs.append(self._next.tracks)
             self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
             self._passing.append(self._next.passing)
-            seen.at = self._last.at + seen.after
-            seen.number = self._last.number + 1
-            self._last.grey = seen.grey[:0]  # no longer needed
-        self.times.append(seen.at)
-        self.waiting.append(seen)
-        self._last = seen
+            frame.at = self._last.at + frame.after
+            frame.number = self._last.number + 1
+            self._last.grey = frame.grey[:0]  # no longer needed
+        self.times.append(frame.at)
+        self.waiting.append(frame)
+        self._last = frame
 
-    def pair_beside(self, seen: Seen) -> Tracks:
+    def pair_beside(self, frame: GreyFrame) -> Tracks:
         """The tracks from a frame to the next; of the last one, from the one before."""
-        at = min(seen.number - self.first, len(self.pairs) - 1)
+        at = min(frame.number - self.first, len(self.pairs) - 1)
         return self.pairs[at]
 
     def drop(self, many: int, margin: int) -> None:

@@ -18,7 +18,10 @@ _WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade
 _RETURNS = 0.3  # px; a corner followed there and back must end this close to where it began
 _COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is found
 _FEWEST = 12  # tracks without which nothing can be told
-_FOUND, _AGREE = 0.15, 0.35  # shares of corners found again, and of those that agree, without which there is a cut
+_LEAST_TRACKED, _LEAST_AGREEING = (
+    0.15,
+    0.35,
+)  # shares of corners found again, and of those that agree, without which there is a cut
 _NEAR_PLANE = 0.004  # of the diagonal: how far from the picture's homography a track of the background may end
 _SHARP = 0.4  # share of those tracks that must end within a third of that distance; by chance 0.1 to 0.35 do
 _SPREAD = 4.0  # times the usual distance from the homography: tracks farther away are left out
@@ -49,9 +52,9 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.start)
 
-    def only(self, kept: Bool[np.ndarray, "tracks"]) -> Tracks:
+    def only(self, selection: Bool[np.ndarray, "tracks"]) -> Tracks:
         """Some of the tracks."""
-        return Tracks(self.start[kept], self.end[kept], self.height, self.width, self.looked_for)
+        return Tracks(self.start[selection], self.end[selection], self.height, self.width, self.looked_for)
 
 
 def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, "rows columns"]) -> Tracks:
@@ -76,10 +79,10 @@ def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, 
         "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
         "criteria": (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.01),
     }
-    there, found, _ = cv2.calcOpticalFlowPyrLK(earlier, later, corners, guess, **settings)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(later, earlier, there, corners + (there - guess), **settings)
+    there, status, _ = cv2.calcOpticalFlowPyrLK(earlier, later, corners, guess, **settings)
+    back, status_back, _ = cv2.calcOpticalFlowPyrLK(later, earlier, there, corners + (there - guess), **settings)
     start, end = corners[:, 0].astype(np.float64), there[:, 0].astype(np.float64)
-    good = (found[:, 0] > 0) & (returned[:, 0] > 0) & (np.hypot(*(back - corners)[:, 0].T) < _RETURNS)
+    good = (status[:, 0] > 0) & (status_back[:, 0] > 0) & (np.hypot(*(back - corners)[:, 0].T) < _RETURNS)
     good &= (end >= 0).all(axis=1) & (end <= [width - 1, height - 1]).all(axis=1)
     return Tracks(start[good], end[good], height, width, len(corners))
 
@@ -125,7 +128,7 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
         tracks: of two frames.
         readout_ratio: of the camera; None: half a frame's time, which is near enough for this.
     """
-    if len(tracks) < max(_FEWEST, _FOUND * tracks.looked_for):
+    if len(tracks) < max(_FEWEST, _LEAST_TRACKED * tracks.looked_for):
         return Background(tracks.only(np.zeros(len(tracks), bool)), joined=False)
     ratio = _GUESSED_RATIO if readout_ratio is None else readout_ratio
     diagonal = float(np.hypot(tracks.height, tracks.width))
@@ -137,7 +140,7 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
     elsewhere = (plane & still).sum() < still.sum() / 2
     if elsewhere and _spread(tracks.start[still], tracks):
         return Background(tracks.only(still), joined=True, still=True, passing=True)
-    joined = plane.sum() >= max(_FEWEST, _AGREE * len(tracks))
+    joined = plane.sum() >= max(_FEWEST, _LEAST_AGREEING * len(tracks))
     passing = np.hypot(*moved.T) > _PASSES * diagonal
     return Background(tracks.only(plane), joined=bool(joined), passing=passing.sum() > _FEW_PASS * len(tracks))
 

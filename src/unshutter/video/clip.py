@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
 from unshutter.photo.argument import check_size
-from unshutter.video.clock import Clock, Times
-from unshutter.video.containers import damaged, decoded, film_of, first_times, opened, packets, time_of
+from unshutter.video.containers import Clock, Times, damaged, decoded, film_of, first_times, opened, packets, time_of
 from unshutter.video.ending import Ending, Extent
 from unshutter.video.file_length import FileLength, file_length
 from unshutter.video.options import MAX_CLIP_PIXELS
-from unshutter.video.pictures import Numbered
+from unshutter.video.pictures import PictureSequence
 from unshutter.video.planes import PixelFormat
 
 if TYPE_CHECKING:
@@ -72,7 +71,7 @@ class Clip:
     lead_s: float = field(repr=False)
     extent: Extent = field(repr=False)
     clock: Clock = field(repr=False)
-    pictures: Numbered | None = None
+    pictures: PictureSequence | None = None
 
     @classmethod
     def look(cls, path: str | os.PathLike[str], fps: float | None = None, max_pixels: int = MAX_CLIP_PIXELS) -> Clip:
@@ -86,7 +85,7 @@ class Clip:
         Raises:
             UnshutterError: it is no film, or one that nothing can be done to.
         """
-        place, pictures = os.fspath(path), Numbered.at(path)
+        place, pictures = os.fspath(path), PictureSequence.at(path)
         with opened(place, pictures, fps) as container:
             stream = film_of(container, place)
             context = stream.codec_context
@@ -96,7 +95,7 @@ class Clip:
             kind, base = container.format.name, float(stream.time_base)
             length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) / 1_000_000
             tags = {**dict(container.metadata), **dict(stream.metadata)}
-            known = (place, PixelFormat.of(context.format), context.name, stream.height, stream.width)
+            stored = (place, PixelFormat.of(context.format), context.name, stream.height, stream.width)
             ticks = min(stream.time_base.denominator, 1_000_000)
             start_s = (stream.start_time or 0) * base
             by_tables = bool(stream.duration) and kind not in _NO_TABLES
@@ -117,7 +116,7 @@ class Clip:
         step = max(1, round(interval / base))
         clock = Clock((first or 0) - before * step if first is not None else 0, step, delay if kind == "avi" else None)
         lead_s = math.inf if first is None else _LEAD_S if kind in _NO_TABLES else 0.0
-        return cls(*known, interval, frames, float(length), tags, ticks, beside, lead_s, extent, clock, pictures)
+        return cls(*stored, interval, frames, float(length), tags, ticks, beside, lead_s, extent, clock, pictures)
 
     @property
     def of_pictures(self) -> bool:
@@ -221,21 +220,21 @@ def _check_size(place: str, width: int, height: int, most: int) -> None:
     check_size(height, width, "{clip}: a frame", clip=place)
 
 
-def _first_frame(place: str, pictures: Numbered | None, fps: float | None) -> tuple[dict[str, bytes], int]:
+def _first_frame(place: str, pictures: PictureSequence | None, fps: float | None) -> tuple[dict[str, bytes], int]:
     """The first frame's side data, and how much later than its packet's its decoding time is [ticks].
 
     Raises:
         UnshutterError: the clip is interlaced, which only frames tell, or has no frame.
     """
     with opened(place, pictures, fps) as container:
-        film, begun = film_of(container, place), None
+        film, first_dts = film_of(container, place), None
         for packet in packets(container, film, place):
-            begun = packet.dts if begun is None else begun
+            first_dts = packet.dts if first_dts is None else first_dts
             for frame in decoded(packet, place):
                 if frame.interlaced_frame:
                     raise _interlaced(place)
                 beside: Any = frame.side_data
-                delay = frame.dts - begun if frame.dts is not None and begun is not None else 0
+                delay = frame.dts - first_dts if frame.dts is not None and first_dts is not None else 0
                 return {data.type.name: bytes(data) for data in beside}, delay
     raise UnshutterError("{clip} has no frame that can be decoded", clip=place)
 

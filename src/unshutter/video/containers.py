@@ -1,19 +1,21 @@
-"""Films' files as PyAV reads them: opened, their film found, their packets and frames one by one."""
+"""Film files as PyAV reads them: the film in a file, its packets and frames one by one, and when these are shown."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
 from unshutter.storage.plain_files import check_plain
-from unshutter.video.library import av
-from unshutter.video.pictures import Numbered
+from unshutter.video.pictures import PictureSequence
 
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
@@ -28,8 +30,25 @@ _KINDS = (
 _LARGEST_FRAME = 1 << 28  # px; a decoder asks for memory before anybody else knows its frames' size
 
 
+@cache
+def av() -> ModuleType:
+    """The library that reads and writes films.
+
+    Raises:
+        UnshutterError: it is not installed.
+    """
+    os.environ.setdefault("SVT_LOG", "1")  # that encoder talks on standard error
+    try:
+        import av
+        from av import logging
+    except ImportError:
+        raise UnshutterError("clips need PyAV: pip install 'unshutter[video]'") from None
+    logging.set_level(None)
+    return av
+
+
 @contextmanager
-def opened(place: str, pictures: Numbered | None = None, fps: float | None = None) -> Iterator[Any]:
+def opened(place: str, pictures: PictureSequence | None = None, fps: float | None = None) -> Iterator[Any]:
     """The file as PyAV reads it.
 
     Args:
@@ -113,8 +132,47 @@ def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
     first = min(times, default=None)
     times = sorted(set(times))[:-4] if len(times) > 8 else sorted(set(times))  # the last ones may still lack some
     gaps = sorted(b - a for a, b in pairwise(times))
-    said = [1 / float(rate) for rate in (stream.guessed_rate, stream.average_rate) if rate]
+    stated = [1 / float(rate) for rate in (stream.guessed_rate, stream.average_rate) if rate]
     if not gaps:
-        return (said or [1 / 30])[0], first, before
+        return (stated or [1 / 30])[0], first, before
     usual = float(gaps[len(gaps) // 2] * stream.time_base)
-    return next((s for s in said if abs(s - usual) <= 1.01 * stream.time_base), usual), first, before
+    return next((s for s in stated if abs(s - usual) <= 1.01 * stream.time_base), usual), first, before
+
+
+# ---- when frames are shown -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How a film's frames are given their times.
+
+    Attributes:
+        start: time of the first frame where it has none [ticks of the film].
+        step: from one frame to the next, usually [ticks].
+        delay: of files that store no time at which frames are shown, only the one at which they are decoded (AVI):
+            from that to the other [ticks]; None: files with times.
+    """
+
+    start: int
+    step: int
+    delay: int | None = None
+
+
+class Times:
+    """Gives frames their times, in the order in which they are shown: later than the one before, always."""
+
+    def __init__(self, clock: Clock):
+        self._clock = clock
+        self._last: int | None = None
+
+    def set(self, frame: VideoFrame) -> None:
+        """Gives the next frame its time."""
+        clock = self._clock
+        at = frame.pts
+        if clock.delay is not None:
+            at = None if frame.dts is None else frame.dts - clock.delay
+        if at is None:
+            at = clock.start if self._last is None else self._last + clock.step
+        elif self._last is not None and at <= self._last:
+            at = self._last + 1
+        frame.pts = self._last = at

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.video.clip import Clip
-from unshutter.video.library import av
+from unshutter.video.containers import av
 from unshutter.video.options import Encode
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class Encoder:
     qscale: int | None = None
 
     @classmethod
-    def choose(cls, clip: Clip, wanted: Encode) -> Encoder:
+    def choose(cls, clip: Clip, encode: Encode) -> Encoder:
         """The encoder for a clip.
 
         Args:
@@ -66,22 +66,22 @@ class Encoder:
             UsageError: the encoder takes no such preset or quality.
             UnshutterError: there is no encoder for these frames.
         """
-        name = wanted.codec or ("libx264" if clip.of_pictures else clip.codec)
+        name = encode.codec or ("libx264" if clip.of_pictures else clip.codec)
         name = _ENCODERS.get(name, name)
         format_ = _checked(name, clip)
-        options = _speed(name, wanted.preset)
+        options = _speed(name, encode.preset)
         if name in _QSCALE:
-            return cls(name, format_, options, round(wanted.crf) if wanted.crf is not None else _QSCALE[name])
+            return cls(name, format_, options, round(encode.crf) if encode.crf is not None else _QSCALE[name])
         if name in _CRF:
-            options["crf"] = f"{wanted.crf if wanted.crf is not None else _CRF[name]:g}"
-        elif wanted.crf is not None:
+            options["crf"] = f"{encode.crf if encode.crf is not None else _CRF[name]:g}"
+        elif encode.crf is not None:
             raise UsageError(f"{name} has no such quality: leave out --crf")
         if name == "libvpx-vp9":
             options |= {"b": "0", "row-mt": "1"}
         if name == "libx265":
             options["x265-params"] = ":".join(["log-level=error", *_hdr(clip, _x265_display, _x265_light)])
-        if name == "libsvtav1" and (told := _hdr(clip, _svt_display, _svt_light)):
-            options["svtav1-params"] = ":".join(told)
+        if name == "libsvtav1" and (hdr := _hdr(clip, _svt_display, _svt_light)):
+            options["svtav1-params"] = ":".join(hdr)
         return cls(name, format_, options)
 
     def add_to(self, container: Any, like: VideoStream, clip: Clip, size: tuple[int, int]) -> VideoStream:
@@ -130,9 +130,9 @@ def _checked(name: str, clip: Clip) -> str:
         return clip.pixels.name
     if clip.of_pictures:  # of colours that no film has; all others stay as they are stored
         odd = "444" if (clip.height | clip.width) & 1 else "420"
-        wanted = [f"yuv{odd}p", f"yuv{odd}p10le"] if clip.pixels.depth == 8 else [f"yuv{odd}p10le", f"yuv{odd}p"]
-        if known := [each for each in [*wanted, "yuv422p10le"] if each in takes]:
-            return known[0]
+        preferred = [f"yuv{odd}p", f"yuv{odd}p10le"] if clip.pixels.depth == 8 else [f"yuv{odd}p10le", f"yuv{odd}p"]
+        if usable := [each for each in [*preferred, "yuv422p10le"] if each in takes]:
+            return usable[0]
     raise UnshutterError(
         f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
     )
@@ -149,7 +149,7 @@ def _speed(name: str, preset: str | None) -> dict[str, str]:
     return {"preset": preset}
 
 
-def _time_base(name: str, wanted: Fraction, rate: Fraction) -> Fraction:
+def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
     """The unit of time that an encoder is given: the film's own, as far as it takes it.
 
     Args:
@@ -159,10 +159,10 @@ def _time_base(name: str, wanted: Fraction, rate: Fraction) -> Fraction:
     """
     if name in _CONSTANT_RATE:
         return 1 / rate
-    if name in _COARSE and wanted.denominator > _MOST_TICKS:
+    if name in _COARSE and film_base.denominator > _MOST_TICKS:
         rate = rate.limit_denominator(1001)
         return Fraction(1, rate.numerator * max(_MOST_TICKS // rate.numerator, 1))
-    return wanted
+    return film_base
 
 
 def _follow(stream: Any, source: Any) -> None:
@@ -180,14 +180,14 @@ def _follow(stream: Any, source: Any) -> None:
 
 def _hdr(clip: Clip, display: Callable[[list[float]], str], light: Callable[[int, int], str]) -> list[str]:
     """What a clip says of its mastering display and its light, as an encoder's settings."""
-    told = clip.side_data
+    side_data = clip.side_data
     settings = []
-    if len(raw := told.get("MASTERING_DISPLAY_METADATA", b"")) >= 88:
+    if len(raw := side_data.get("MASTERING_DISPLAY_METADATA", b"")) >= 88:
         numbers = struct.unpack("=20i", raw[:80])
         values = [n / d if d else 0.0 for n, d in zip(numbers[::2], numbers[1::2], strict=True)]
         if all(struct.unpack("=2i", raw[80:88])):
             settings.append(display(values))
-    if len(raw := told.get("CONTENT_LIGHT_LEVEL", b"")) >= 8:
+    if len(raw := side_data.get("CONTENT_LIGHT_LEVEL", b"")) >= 8:
         settings.append(light(*struct.unpack("=2I", raw[:8])))
     return settings
 

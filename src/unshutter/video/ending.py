@@ -86,8 +86,8 @@ class Ending:
             few = self._frames < extent.frames
             late = extent.end_s is None or self._film_s < extent.end_s - near
             if few and (late or not start):
-                told = f"ends after {self._frames} of its {extent.frames} frames"
-                raise self._early(f"ends early, {self._of(extent.end_s)}" if extent.end_s and late else told)
+                statement = f"ends after {self._frames} of its {extent.frames} frames"
+                raise self._early(f"ends early, {self._of(extent.end_s)}" if extent.end_s and late else statement)
         elif seconds is not None:
             missing = seconds - self._since(self._film_s if cut else self._all_s, seconds)
             if missing > (_SHORT * extent.interval_s if cut else max(_SLOPPY * extent.interval_s, _SLOPPY_S)):
@@ -107,7 +107,7 @@ class Ending:
     def _of(self, seconds: float) -> str:
         return f"after {max(self._since(self._film_s, seconds), 0.0):.1f} of {seconds:.1f} s"
 
-    def _early(self, told: str) -> UnshutterError:
-        kept = math.floor(10 * self._film_s) / 10 if math.isfinite(self._film_s) else 0.0
-        way = f"; --end {kept:.1f} keeps what is there" if kept > max(self._extent.start_s, 0.0) else ""
-        return UnshutterError(f"{{clip}} {told}: the file is cut off{way}", clip=self._path)
+    def _early(self, statement: str) -> UnshutterError:
+        until = math.floor(10 * self._film_s) / 10 if math.isfinite(self._film_s) else 0.0
+        way = f"; --end {until:.1f} keeps what is there" if until > max(self._extent.start_s, 0.0) else ""
+        return UnshutterError(f"{{clip}} {statement}: the file is cut off{way}", clip=self._path)

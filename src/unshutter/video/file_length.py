@@ -154,11 +154,11 @@ def _asf(stream: BinaryIO, size: int) -> FileLength:
     at = head.find(_ASF_FILE)
     if at < 0:
         return FileLength()
-    (told,) = struct.unpack_from("<Q", head, at + 40)
+    (stated_size,) = struct.unpack_from("<Q", head, at + 40)
     played, _, ahead_ms, flags = struct.unpack_from("<QQQI", head, at + 64)
     if flags & 1 or not played:  # a broadcast, whose length was not known
         return FileLength()
-    return FileLength(told > size, played / 1e7 - ahead_ms / 1e3)
+    return FileLength(stated_size > size, played / 1e7 - ahead_ms / 1e3)
 
 
 def _transport_stream(stream: BinaryIO, size: int) -> FileLength:

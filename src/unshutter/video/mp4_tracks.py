@@ -116,17 +116,17 @@ class Track:
 
     def moved(self, starts: list[int]) -> bytes:
         """Its ``trak`` content with chunks that begin elsewhere."""
-        told = _offsets(starts)
+        offsets = _offsets(starts)
 
         def change(content: bytes, path: tuple[bytes, ...]) -> bytes:
-            made = b""
+            out = b""
             for name, inner in inside(content):
                 if name in (b"stco", b"co64"):
-                    name, inner = b"co64", told
+                    name, inner = b"co64", offsets
                 elif path and name == path[0]:
                     inner = change(inner, path[1:])
-                made += box(name, inner)
-            return made
+                out += box(name, inner)
+            return out
 
         return change(self.content, (b"mdia", b"minf", b"stbl"))
 
@@ -144,19 +144,19 @@ class Track:
         _set_duration(header, 20, length)
         if theirs[-8:] != bytes(header[-8:]) and _size(film) != _size(self):
             header[-8:] = theirs[-8:]
-        made = b""
+        out = b""
         for name, content in inside(self.content):
             if name == b"edts":
                 continue
             if name == b"tkhd":
-                made += box(name, bytes(header))
+                out += box(name, bytes(header))
                 if edits := dict(inside(film.content)).get(b"edts"):
-                    made += box(b"edts", _rescaled_edits(edits, movie_scale, film_movie_scale))
+                    out += box(b"edts", _rescaled_edits(edits, movie_scale, film_movie_scale))
             elif name == b"mdia":
-                made += box(name, self._media_with(film))
+                out += box(name, self._media_with(film))
             else:
-                made += box(name, content)
-        return Track(made)
+                out += box(name, content)
+        return Track(out)
 
     def _media_with(self, film: Track) -> bytes:
         """The ``mdia`` content: theirs where it is about samples."""
@@ -172,14 +172,14 @@ class Track:
             elif name in (b"stco", b"co64"):
                 name, content = b"co64", _offsets(film.samples())
             table += box(name, content)
-        made = b""
+        out = b""
         for name, content in inside(self.part(b"mdia")):
             if name == b"mdhd":
                 content = bytes(header)
             elif name == b"minf":
                 content = b"".join(box(n, table if n == b"stbl" else c) for n, c in inside(content))
-            made += box(name, content)
-        return made
+            out += box(name, content)
+        return out
 
 
 def _offsets(starts: list[int]) -> bytes:
@@ -229,19 +229,19 @@ def _rescaled_edits(edits: bytes, scale: int, theirs: int) -> bytes:
     content = dict(inside(edits))[b"elst"]
     (count,) = struct.unpack_from(">I", content, _FULL)
     kind = ">Qqi" if content[0] else ">Iii"
-    made = content[: _FULL + 4]
+    out = content[: _FULL + 4]
     for k in range(count):
         length, start, rate = struct.unpack_from(kind, content, _FULL + 4 + k * struct.calcsize(kind))
-        made += struct.pack(kind, length * scale // theirs, start, rate)
-    return box(b"elst", made)
+        out += struct.pack(kind, length * scale // theirs, start, rate)
+    return box(b"elst", out)
 
 
 def _entry_with(theirs: bytes, ours: bytes) -> bytes:
     """Their ``stsd`` content, its first entry with what ours says of colours and light beside the encoded data."""
     entries, own = list(inside(theirs[8:])), list(inside(ours[8:]))
     name, content = entries[0]
-    known = {n for n, _ in inside(content[_VISUAL:])}
+    kinds = {n for n, _ in inside(content[_VISUAL:])}
     for kind, extra in inside(own[0][1][_VISUAL:]):
-        if kind not in known | _OWN_ENTRY:
+        if kind not in kinds | _OWN_ENTRY:
             content += box(kind, extra)
     return theirs[:8] + box(name, content) + b"".join(box(n, c) for n, c in entries[1:])

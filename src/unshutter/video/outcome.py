@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unshutter.export.plot import plot_turns
-from unshutter.frames.ratio import ReadoutRatio
+from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.motion import RotationMotion
 from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
     from unshutter.options import FrameModel
-    from unshutter.video.moving import MovingFrame
+    from unshutter.video.frame_motion import MovingFrame
 
 _GAP, _GAP_S = 10, 1.0  # frame intervals and seconds without a frame that are reported
 
@@ -57,7 +57,7 @@ class ClipOutcome:
     turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
 
     @property
-    def left(self) -> dict[str, int]:
+    def unchanged(self) -> dict[str, int]:
         """Why frames were left unchanged, in sentences, and how many."""
         counts: Counter[str] = Counter()
         for reason, count in self.reasons.items():
@@ -87,8 +87,8 @@ class ClipOutcome:
         time_s, motion = moving.frame.time or 0.0, moving.motion
         if moving.cut:
             self.cuts_s.append(round(time_s, 3))
-        known = isinstance(motion, RotationMotion)
-        self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if known else (nan,) * 3))
+        is_rotation = isinstance(motion, RotationMotion)
+        self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if is_rotation else (nan,) * 3))
 
     def as_json(self) -> dict[str, Any]:
         """The record of the run for the log."""
@@ -99,7 +99,7 @@ class ClipOutcome:
             "rectified": self.rectified,
             "model": self.model,
             "rectified_densely": self.dense,
-            "left": self.left,
+            "left": self.unchanged,
             "declined": [{**reason.as_json(), "frames": count} for reason, count in self.reasons.items()],
             "cuts_s": self.cuts_s,
             "left_out": self.left_out,

@@ -7,13 +7,9 @@ import re
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
 from unshutter.storage.plain_files import check_plain
-
-if TYPE_CHECKING:
-    from av import VideoFrame
 
 _NAME = re.compile(r"(.*?)(\d+)(\.[A-Za-z]+)", re.ASCII)
 _PATTERN = re.compile(r"((?:[^%]|%%)*)%(?:0?(\d{1,2}))?d((?:[^%]|%%)*)")
@@ -21,7 +17,7 @@ ENDINGS = {".png": "png", ".jpg": "mjpeg", ".jpeg": "mjpeg", ".tif": "tiff", ".t
 
 
 @dataclass(frozen=True)
-class Numbered:
+class PictureSequence:
     """Pictures that are a clip.
 
     Attributes:
@@ -33,7 +29,7 @@ class Numbered:
     first: int
 
     @classmethod
-    def at(cls, path: str | os.PathLike[str]) -> Numbered | None:
+    def at(cls, path: str | os.PathLike[str]) -> PictureSequence | None:
         """The pictures at a place; None: it is a film, or nothing.
 
         Args:
@@ -46,9 +42,9 @@ class Numbered:
         place = Path(path)
         if place.is_dir():
             folder, (stem, digits, ending) = place, _only_kind(place)
-        elif is_pattern(os.fspath(path)) and not place.is_file() and (found := _PATTERN.fullmatch(place.name)):
-            folder, digits = place.parent, int(found[2] or 1)
-            stem, ending = found[1].replace("%%", "%"), found[3].replace("%%", "%")
+        elif is_pattern(os.fspath(path)) and not place.is_file() and (match := _PATTERN.fullmatch(place.name)):
+            folder, digits = place.parent, int(match[2] or 1)
+            stem, ending = match[1].replace("%%", "%"), match[3].replace("%%", "%")
         else:
             return None
         numbers = _numbers(folder, stem, digits, ending)
@@ -68,8 +64,8 @@ def files_of(place: str) -> list[Path]:
     path = Path(place)
     if path.is_dir():
         folder, name = path, _NAME
-    elif (found := _PATTERN.fullmatch(path.name)) and not path.is_file():
-        stem, ending = (re.escape(part.replace("%%", "%")) for part in (found[1], found[3]))
+    elif (match := _PATTERN.fullmatch(path.name)) and not path.is_file():
+        stem, ending = (re.escape(part.replace("%%", "%")) for part in (match[1], match[3]))
         folder, name = path.parent, re.compile(rf"{stem}\d+{ending}", re.ASCII)
     else:
         return [path]
@@ -85,9 +81,9 @@ def is_pattern(place: str) -> bool:
 def _only_kind(folder: Path) -> tuple[str, int, str]:
     """What stands before the numbers of a folder's pictures, how many digits they have, and what stands behind."""
     kinds = {
-        (found[1], len(found[2]), found[3])
+        (match[1], len(match[2]), match[3])
         for name in os.listdir(folder)
-        if (found := _NAME.fullmatch(name)) and found[3].lower() in ENDINGS
+        if (match := _NAME.fullmatch(name)) and match[3].lower() in ENDINGS
     }
     if len(kinds) != 1:
         what = "several kinds of numbered pictures" if kinds else "no numbered pictures (00001.png ...)"
@@ -99,10 +95,10 @@ def _numbers(folder: Path, stem: str, digits: int, ending: str) -> list[int]:
     """The numbers of the pictures of a folder that are called so, in order."""
     name = re.compile(rf"{re.escape(stem)}(\d{{{digits},18}}){re.escape(ending)}", re.ASCII)
     try:
-        found = [match[1] for each in os.listdir(folder) if (match := name.fullmatch(each))]
+        numbers = [match[1] for each in os.listdir(folder) if (match := name.fullmatch(each))]
     except OSError:
         return []
-    return sorted(int(each) for each in found if each == f"{int(each):0{digits}d}")
+    return sorted(int(each) for each in numbers if each == f"{int(each):0{digits}d}")
 
 
 def _escaped(name: str) -> str:
@@ -112,7 +108,7 @@ def _escaped(name: str) -> str:
 # ---- written --------------------------------------------------------------------------------------------
 
 
-def folder_and_name(target: Path, like: Numbered | None) -> tuple[Path, str]:
+def folder_and_name(target: Path, like: PictureSequence | None) -> tuple[Path, str]:
     """Where pictures go and what they are called.
 
     Args:
@@ -129,33 +125,3 @@ def folder_and_name(target: Path, like: Numbered | None) -> tuple[Path, str]:
     if Path(name).suffix.lower() not in ENDINGS:
         raise UnshutterError(f"cannot write pictures called {name}: choose .png, .jpg or .tif")
     return folder, name
-
-
-def write(frame: VideoFrame, path: Path) -> None:
-    """Writes a frame as a picture.
-
-    Raises:
-        UnshutterError: it cannot be written.
-    """
-    from unshutter.video.library import av
-
-    codec = ENDINGS[path.suffix.lower()]
-    context = av().CodecContext.create(codec, "w")
-    known = av().Codec(codec, "w").video_formats or []
-    format_ = frame.format.name
-    if format_ not in [each.name for each in known]:
-        format_ = "rgb48be" if codec == "png" and frame.format.components[0].bits > 8 else "rgb24"
-        format_ = "yuvj444p" if codec == "mjpeg" else format_
-    if codec == "mjpeg":
-        context.options = {"strict": "unofficial"}
-        context.qscale, context.global_quality = True, 2 * 118
-        context.color_range = frame.color_range
-    made = frame if format_ == frame.format.name else frame.reformat(format=format_)
-    made.pict_type = 0
-    context.width, context.height, context.pix_fmt = frame.width, frame.height, format_
-    context.time_base = frame.time_base
-    try:
-        data = b"".join(bytes(packet) for packet in [*context.encode(made), *context.encode(None)])
-        path.write_bytes(data)
-    except (av().error.FFmpegError, OSError) as error:
-        raise UnshutterError(f"cannot write {path.name}: {error.strerror}") from None

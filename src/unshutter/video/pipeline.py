@@ -8,19 +8,23 @@ through all of them, between the frames where they lie in the file.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from queue import Empty, Full, Queue
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from unshutter.frames.ratio import ReadoutRatio
+from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion
 from unshutter.geometry.readout import Readout
-from unshutter.video.background import ahead, side_by_side
 from unshutter.video.clip import Clip, SidePacket
-from unshutter.video.dense import LinkedFrame, linked
-from unshutter.video.frames_out import NewFrame, Warper
-from unshutter.video.motion_file import ClipMotion
-from unshutter.video.moving import FEWEST, MovingFrame, window, with_motion
+from unshutter.video.clip_motion_file import ClipMotion
+from unshutter.video.frame_links import LinkedFrame, linked
+from unshutter.video.frame_motion import FEWEST, MovingFrame, window, with_motion
+from unshutter.video.frame_warper import NewFrame, Warper
 from unshutter.video.options import RectifyClip
 from unshutter.warp.pixels import thread_count
 
@@ -29,6 +33,10 @@ if TYPE_CHECKING:
 
 _DECODED_AHEAD = 2  # frames; each is in memory
 _LINKED_AHEAD = 1  # frames; each is in memory
+_T = TypeVar("_T")
+_U = TypeVar("_U")
+_END = object()
+_ASK_S = 0.1  # how often a step that waits looks whether it is still wanted
 
 
 @dataclass(frozen=True)
@@ -74,3 +82,69 @@ def _with_file_motion(
 ) -> Generator[MovingFrame | SidePacket]:
     for item in items:
         yield item if isinstance(item, SidePacket) else MovingFrame(item, *motion.at(item.time or 0.0))
+
+
+# ---- threads ---------------------------------------------------------------------------------------------
+
+
+def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
+    """The items, worked out by a thread of their own up to so many ahead; errors come out here.
+
+    When the iterator is closed, the thread ends after the item it is at, and closes its own source.
+    """
+    waiting: Queue[Any] = Queue(most)
+    stopped = threading.Event()
+    thread = threading.Thread(target=_work, args=(iter(items), waiting, stopped), daemon=True)
+    thread.start()
+    try:
+        while True:
+            item, error = waiting.get()
+            if error is not None:
+                raise error
+            if item is _END:
+                return
+            yield item
+    finally:
+        stopped.set()
+        while thread.is_alive():
+            with suppress(Empty):
+                waiting.get_nowait()
+            thread.join(_ASK_S)
+
+
+def _work(source: Iterator[Any], waiting: Queue[Any], stopped: threading.Event) -> None:
+    """Puts items into a queue, then the end or the error that ended them."""
+
+    def put(item: Any, error: BaseException | None) -> bool:
+        while not stopped.is_set():
+            with suppress(Full):
+                waiting.put((item, error), timeout=_ASK_S)
+                return True
+        return False
+
+    try:
+        for item in source:
+            if not put(item, None):
+                break
+        put(_END, None)
+    except BaseException as error:  # whatever it is, the one who asks has to know
+        put(_END, error)
+    finally:
+        if isinstance(source, Generator):
+            source.close()
+
+
+def side_by_side(function: Callable[[_T], _U], items: Iterable[_T], threads: int) -> Generator[_U]:
+    """``function`` of each item, in order, several at a time."""
+    running: deque[Future[_U]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for item in items:
+                running.append(pool.submit(function, item))
+                if len(running) > threads:
+                    yield running.popleft().result()
+            while running:
+                yield running.popleft().result()
+        finally:
+            for future in running:
+                future.cancel()

@@ -9,18 +9,17 @@ import numpy as np
 
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
-from unshutter.frames.focal import focal_from_motion
-from unshutter.frames.ratio import ReadoutRatio, ratio_from_motion
+from unshutter.frames.self_calibration import ReadoutRatio, focal_from_motion, ratio_from_motion
 from unshutter.frames.sequence import CameraMotion
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.geometry.readout import Readout
 from unshutter.progress import Steps, Watch
 from unshutter.reasons import Code, Reason
 from unshutter.video import cameras
-from unshutter.video.background import ahead
 from unshutter.video.clip import Clip
-from unshutter.video.moving import look
+from unshutter.video.frame_motion import look
 from unshutter.video.options import Shutter
+from unshutter.video.pipeline import ahead
 from unshutter.video.readout_tags import readout_tag
 
 _PART, _FEWEST = 60, 20  # frames that are asked together, and those that are worth asking
@@ -30,7 +29,7 @@ _AGREE = 0.6  # share of the parts' weight that has to
 _GUESSED_RATIO = 0.5
 
 
-def found_or_listed(
+def readout_ratio_of_clip(
     clip: Clip, readout: Readout, shutter: Shutter, span: tuple[float, float], watch: Watch | None = None
 ) -> ReadoutRatio:
     """The readout ratio that the clip's file states, else the one that its frames show, else that of the table.

@@ -16,7 +16,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo import Photo
 from unshutter.progress import Progress
 from unshutter.storage.new_folders import new_folder, remove_left_folders
-from unshutter.video.library import av
+from unshutter.video.containers import av
 from unshutter_lab.synthesis.options import Synthesize, SynthesizeClip
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import TurningCamera

@@ -12,7 +12,7 @@ from unshutter.errors import UnknownRatioError, visible
 from unshutter.video.options import RectifyClip
 
 if TYPE_CHECKING:
-    from unshutter.frames.ratio import ReadoutRatio
+    from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.video.outcome import ClipOutcome
 
 
@@ -24,13 +24,13 @@ class Arguments:
     output: str = required(
         "File to write; for pictures a new folder, or a pattern such as out/%05d.png.", "output", short="-o"
     )
-    how: RectifyClip = field(default_factory=RectifyClip)
+    options: RectifyClip = field(default_factory=RectifyClip)
 
 
 def run(arguments: Arguments) -> int:
     """Rectifies the clip; returns the exit code."""
     from unshutter.progress import Bars
-    from unshutter.video.rectifying import rectify_clip
+    from unshutter.video.clip_rectification import rectify_clip
 
     with Bars() as bars:
 
@@ -38,7 +38,7 @@ def run(arguments: Arguments) -> int:
             bars.tell(_line_of(ratio, 1000 * interval_s))
 
         try:
-            outcome = rectify_clip(arguments.clip, arguments.output, arguments.how, watch=bars, when_found=tell)
+            outcome = rectify_clip(arguments.clip, arguments.output, arguments.options, watch=bars, on_readout=tell)
         except UnknownRatioError as error:
             raise error.with_advice("say it with --readout-ms, or name the camera with --camera") from None
     for line in _lines_of(outcome):
@@ -61,10 +61,10 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     note, by_camera = "", outcome.rectified - outcome.dense
     if outcome.model == "dense" and by_camera:
         note = f" ({by_camera} of them by the camera's motion alone)"
-    if left := outcome.frames - outcome.rectified:
+    if unchanged := outcome.frames - outcome.rectified:
         reason, count = outcome.reasons.most_common(1)[0]
-        others = f"; {left - count} for other reasons" if left > count else ""
-        note += f", {left} left as they are ({reason}{others})"
+        others = f"; {unchanged - count} for other reasons" if unchanged > count else ""
+        note += f", {unchanged} left as they are ({reason}{others})"
     frames = f"{outcome.rectified} of {outcome.frames} frames straightened"
     yield f"{outcome.source} -> {outcome.output}: {frames}{note}"
     if outcome.left_out:

@@ -15,7 +15,7 @@ from unshutter.serve.jobs.cache import OpenFile, errors_of, put
 from unshutter.video.options import RectifyClip
 
 if TYPE_CHECKING:
-    from unshutter.frames.ratio import ReadoutRatio
+    from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.video.clip import Clip
 
 _REPORTED = ("frames", "rectified", "left", "declined", "left_out", "readout_ms")
@@ -70,7 +70,7 @@ def rectified(open_file: OpenFile, target: Path, wanted: RectifyClip, progress: 
         progress: where to note progress.
 
     Raises:
-        UsageError, UnshutterError: see :func:`unshutter.video.rectifying.rectify_clip`.
+        UsageError, UnshutterError: see :func:`unshutter.video.clip_rectification.rectify_clip`.
     """
     progress.note("frames", 0, 0)
     names = {target: target.name, target.parent: "the folder"}
@@ -86,10 +86,10 @@ def ratio_of(
     Raises:
         UnshutterError: the clip does not tell it.
     """
-    from unshutter.frames.ratio import ReadoutRatio
+    from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.geometry.readout import Readout
     from unshutter.reasons import Reason
-    from unshutter.video.readout_search import found_or_listed
+    from unshutter.video.readout_search import readout_ratio_of_clip
 
     given = wanted.shutter.ratio(clip.interval_s)
     if given is not None:
@@ -99,7 +99,7 @@ def ratio_of(
     if not file.exists():
         try:
             readout = Readout.parse(wanted.shutter.readout)
-            ratio = found_or_listed(clip, readout, wanted.shutter, part, progress.note if progress else None)
+            ratio = readout_ratio_of_clip(clip, readout, wanted.shutter, part, progress.note if progress else None)
             record = {"value": ratio.value, "error": ratio.error, "source": ratio.source, "camera": ratio.camera}
         except UnknownRatioError as error:
             record = {"declined": error.reason.as_json()}
@@ -132,7 +132,7 @@ def _readout(open_file: OpenFile, wanted: RectifyClip) -> dict[str, Any]:
 
 def _rectified(open_file: OpenFile, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
     from unshutter.video.clip import Clip
-    from unshutter.video.rectifying import rectify_clip
+    from unshutter.video.clip_rectification import rectify_clip
 
     ratio = ratio_of(open_file, Clip.look(open_file.path), wanted, progress)
     outcome = rectify_clip(str(open_file.path), str(target), wanted, ratio, progress.note)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from unshutter.reasons import Reason
     from unshutter.video.clip import Clip
-    from unshutter.video.moving import MovingFrame
+    from unshutter.video.frame_motion import MovingFrame
 
 MOMENTS = 5  # of a clip that are shown
 _BESIDE = 12  # frames on both sides of a moment from which its motion is found
@@ -74,7 +74,7 @@ def _after(open_file: OpenFile, wanted: RectifyClip, moment: int, longest: int |
     from unshutter.motion.verdict import LEAST_PX
     from unshutter.serve.jobs.photo import as_jpeg
     from unshutter.video.clip import Clip
-    from unshutter.video.frames_out import Warper
+    from unshutter.video.frame_warper import Warper
 
     clip = Clip.look(open_file.path)
     undo = replace(wanted.undo, edges="keep") if wanted.undo.edges == "crop" else wanted.undo
@@ -109,7 +109,7 @@ def _moving_at(open_file: OpenFile, clip: Clip, wanted: RectifyClip, at: float) 
     from unshutter.frames.sequence import CameraMotion
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion
-    from unshutter.video.moving import FEWEST, MovingFrame, window, with_motion
+    from unshutter.video.frame_motion import FEWEST, MovingFrame, window, with_motion
 
     ratio = ratio_of(open_file, clip, wanted)
     file = open_file.path.with_name(f"moment-{digest(wanted.shutter, ratio, at)}.json")

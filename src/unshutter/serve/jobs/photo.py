@@ -169,8 +169,8 @@ def _shown_alone(open_file: OpenFile, photo: Photo, wanted: Rectify, longest: in
 
 def _shown_between(open_file: OpenFile, photo: Photo, wanted: Rectify, longest: int | None) -> Shown:
     """By what the photo's neighbours say, all of them as small as they are shown."""
-    from unshutter.frames.rectifying import rectify_between
-    from unshutter.frames.sequence_options import SequenceOptions
+    from unshutter.frames.frame import SequenceOptions
+    from unshutter.frames.sequence_rectification import rectify_between
     from unshutter.photo import Photo
     from unshutter.warp.crop import valid_window
     from unshutter.warp.edges import EdgePolicy

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.rectifying import rectify_between
-from unshutter.frames.sequence_options import SequenceOptions
+from unshutter.frames.frame import SequenceOptions
+from unshutter.frames.sequence_rectification import rectify_between
 from unshutter.geometry.readout import Readout
 from unshutter.options import Clock, FrameModel, Reference, Undo
 from unshutter.photo import Photo

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.estimators.base import Estimator, View
-from unshutter.frames.ratio import ReadoutRatio
+from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion
 from unshutter.motion import Motion, RowMotion
 from unshutter.options import Camera

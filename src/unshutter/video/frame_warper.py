@@ -10,11 +10,11 @@ import numpy as np
 
 from unshutter.motion import Motion
 from unshutter.video.clip import Clip, SidePacket
-from unshutter.video.dense import Lender, LinkedFrame
-from unshutter.video.library import av
-from unshutter.video.moving import MovingFrame
+from unshutter.video.containers import av
+from unshutter.video.frame_links import Lender, LinkedFrame
+from unshutter.video.frame_map import FrameMap, Scratch, borrow_plane, on_plane, warp_plane
+from unshutter.video.frame_motion import MovingFrame
 from unshutter.video.options import UndoFrames
-from unshutter.video.warping import FrameMap, Scratch, borrow_plane, seen, warp_plane
 from unshutter.warp.crop import valid_window
 from unshutter.warp.edges import EdgePolicy
 from unshutter.warp.grid import Tile
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from unshutter.geometry.shapes import Bool
 
-_PASSED_ON = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
+_SIDE_DATA = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 _FULL_RANGE = 2  # as FFmpeg counts
 _COARSE = 8  # px between places that are looked at for a crop, whose multiples are whole pixels of chroma
@@ -123,18 +123,18 @@ class Warper:
                 for each, scratch in zip((own, *(lender.where for lender in lenders)), self._scratches, strict=False)
             ]
             for (rows, positions), *theirs in zip(*bands, strict=True):
-                missing = ~seen(positions, *size)
+                missing = ~on_plane(positions, *size)
                 for lender, (_, there) in zip(lenders, theirs, strict=True):
                     if not missing.any():
                         break
-                    has = missing & seen(there, *size)
+                    has = missing & on_plane(there, *size)
                     for k in alike:
                         borrow_plane(lender.planes[k], there, out[k][rows], has, limit)
                     missing &= ~has
 
     def _dressed(self, picture: VideoFrame, frame: VideoFrame) -> VideoFrame:
         """The new pixels as the frame that came in: its time, its colours, what lies beside them."""
-        if self.window is None and _PASSED_ON & self.clip.side_data.keys():
+        if self.window is None and _SIDE_DATA & self.clip.side_data.keys():
             frame.make_writable()
             for new, old in zip(self.clip.pixels.arrays(picture), self.clip.pixels.arrays(frame), strict=True):
                 np.copyto(old, new)
@@ -169,14 +169,14 @@ def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
     for moving in frames:
         motion = warper.motion(moving)
         if not motion.is_zero:
-            _clear_unseen(mask, FrameMap.of(motion, clip.height, clip.width))
+            _clear_invisible(mask, FrameMap.of(motion, clip.height, clip.width))
     if mask.all():
         return None
     window = EdgePolicy("crop").decide(mask.shape, lambda: valid_window(mask), "frame").window
     return Tile(*(_COARSE * side for side in window))
 
 
-def _clear_unseen(mask: Bool[np.ndarray, "rows cols"], frame_map: FrameMap) -> None:
+def _clear_invisible(mask: Bool[np.ndarray, "rows cols"], frame_map: FrameMap) -> None:
     """Clears the places of a coarse mask that one frame does not show."""
     margin = 1.0  # places between those that are looked at
     for rows, (col, row) in frame_map.positions(_COARSE, _COARSE):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.frames.sequence import CameraMotion, FrameMotion
-from unshutter.frames.shots import Seen
+from unshutter.frames.shots import GreyFrame
 from unshutter.motion import Motion
 from unshutter.video.clip import Clip, SidePacket
 
@@ -49,7 +49,7 @@ def window(clip: Clip) -> tuple[int, int]:
     return int(min(max(_IN_MEMORY / size, _CORE[0]), _CORE[1])), _MARGIN
 
 
-def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side: int = _SIDE) -> Seen:
+def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side: int = _SIDE) -> GreyFrame:
     """What is kept of a frame for finding its motion.
 
     Args:
@@ -61,7 +61,7 @@ def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side
     """
     readout = camera.readout
     grey = np.ascontiguousarray(readout.turn(clip.pixels.grey(frame, side)))
-    return Seen(*readout.frame_size(frame.height, frame.width), grey, after=since)
+    return GreyFrame(*readout.frame_size(frame.height, frame.width), grey, after=since)
 
 
 def with_motion(
@@ -76,7 +76,7 @@ def with_motion(
     """
     waiting: deque[VideoFrame | SidePacket] = deque()
 
-    def small_copies() -> Iterator[Seen | None]:
+    def small_copies() -> Iterator[GreyFrame | None]:
         before = None
         for item in items:
             waiting.append(item)

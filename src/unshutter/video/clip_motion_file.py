@@ -12,7 +12,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.ratio import ReadoutRatio
+from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.motion_file import reason_of
@@ -20,10 +20,10 @@ from unshutter.storage.files import written_whole
 from unshutter.storage.plain_files import check_plain
 from unshutter.version import __version__
 from unshutter.video.clip import Clip
-from unshutter.video.moving import ROWS, MovingFrame
+from unshutter.video.frame_motion import ROWS, MovingFrame
 
 FORMAT = "unshutter-clip-motion/1"
-_KEPT = 17  # rows of a frame whose rotation is written; ROWS - 1 is a multiple of one less
+_ROWS_SAVED = 17  # rows of a frame whose rotation is written; ROWS - 1 is a multiple of one less
 _LARGEST = 1 << 30  # bytes
 
 
@@ -83,8 +83,8 @@ class MotionWriter:
         motion = moving.motion
         record: dict[str, Any] = {"time_s": moving.frame.time or 0.0, "cut": moving.cut}
         if isinstance(motion, RotationMotion):
-            kept = motion.rotations[:: (ROWS - 1) // (_KEPT - 1)]
-            record |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(kept, 9).tolist()}
+            rotations = motion.rotations[:: (ROWS - 1) // (_ROWS_SAVED - 1)]
+            record |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(rotations, 9).tolist()}
         else:
             record |= {"rotations_rad": None, "reason": "" if motion.reason is None else str(motion.reason)}
             record |= {} if motion.reason is None else {"declined": motion.reason.as_json()}
@@ -150,10 +150,10 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
         if frame["rotations_rad"] is None:
             motions.append(RowMotion.zero(ROWS, small, readout=readout, reason=reason_of(frame)))
             continue
-        kept = np.array(frame["rotations_rad"], np.float64)
-        if kept.shape != (_KEPT, 3):
-            raise ValueError(f"rotations of shape {kept.shape}")
-        rotations = _between() @ kept
+        samples = np.array(frame["rotations_rad"], np.float64)
+        if samples.shape != (_ROWS_SAVED, 3):
+            raise ValueError(f"rotations of shape {samples.shape}")
+        rotations = _between() @ samples
         rotations -= rotations[0]
         motions.append(RotationMotion(small, rotations, float(frame["focal"]) * ROWS, readout=readout))
     times = np.array([float(frame["time_s"]) for frame in data["frames"]])
@@ -164,9 +164,9 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
 
 def _between() -> np.ndarray:
     """[ROWS, _KEPT] weights of cubics through four rows that were kept, at all rows."""
-    at = np.arange(ROWS) * (_KEPT - 1) / (ROWS - 1)
-    first = np.clip(np.floor(at).astype(int) - 1, 0, _KEPT - 4)
-    weights = np.zeros((ROWS, _KEPT))
+    at = np.arange(ROWS) * (_ROWS_SAVED - 1) / (ROWS - 1)
+    first = np.clip(np.floor(at).astype(int) - 1, 0, _ROWS_SAVED - 4)
+    weights = np.zeros((ROWS, _ROWS_SAVED))
     for j in range(4):
         factor = np.ones(ROWS)
         for k in set(range(4)) - {j}:

@@ -14,8 +14,8 @@ import numpy as np
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.storage.files import written_whole
 from unshutter.video.clip import Clip
-from unshutter.video.library import av
-from unshutter.video.writing import writing
+from unshutter.video.containers import av
+from unshutter.video.film_file import writing
 
 if TYPE_CHECKING:
     from av import VideoFrame
@@ -54,8 +54,8 @@ def write_preview(path: Path, before: Clip, after: str, start_s: float, frames: 
         if path.suffix.lower() in _FILMS:
             _film(part, path.suffix, islice(pairs, round(_LONGEST_S / before.interval_s)), before.interval_s)
         else:
-            wanted = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}
-            rows = [pair for k, pair in enumerate(pairs) if k in wanted]
+            moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}
+            rows = [pair for k, pair in enumerate(pairs) if k in moments]
             if not cv2.imwrite(str(part), np.concatenate(rows)[..., ::-1]):
                 raise UnshutterError(f"cannot write {path}")
 
@@ -69,8 +69,8 @@ def _pairs(before: Clip, after: Clip, start_s: float) -> Iterator[UInt8[np.ndarr
 def _small(frame: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
     """A frame as it is looked at, RGB."""
     height = 2 * round(_WIDTH * frame.height / frame.width / 2)
-    seen = frame.reformat(width=_WIDTH, height=height, format="rgb24").to_ndarray()
-    return np.ascontiguousarray(np.rot90(seen, round(frame.rotation / 90)))
+    pixels = frame.reformat(width=_WIDTH, height=height, format="rgb24").to_ndarray()
+    return np.ascontiguousarray(np.rot90(pixels, round(frame.rotation / 90)))
 
 
 def _film(part: Path, ending: str, pairs: Iterator[np.ndarray], interval_s: float) -> None:

@@ -1,7 +1,7 @@
 """Near and far may move differently: each frame of a clip by the flow between it and the frames beside it.
 
 The flow is found on small grey copies (frames/neighbours.py). It says where each pixel of a rectified frame looks, and
-the planes are warped by it as they are by the camera's motion (warping.py). Frames are not averaged, as photos are:
+the planes are warped by it as they are by the camera's motion (frame_map.py). Frames are not averaged, as photos are:
 grain would come and go from row to row.
 """
 
@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.neighbours import Link, copy_side, link, moving_about
+from unshutter.frames.neighbours import Link, copy_side, link, motion_field
 from unshutter.frames.timing import Timing
 from unshutter.geometry.readout import Readout
 from unshutter.video.clip import Clip, SidePacket
-from unshutter.video.moving import MovingFrame
+from unshutter.video.frame_map import FrameMap
+from unshutter.video.frame_motion import MovingFrame
 from unshutter.video.options import UndoFrames
-from unshutter.video.warping import FrameMap
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt, UInt8
@@ -67,16 +67,16 @@ class LinkedFrame:
         """
         if not self.links or not undo.strength:
             return None, []
-        motion = moving_about(self.links, self.timing, self.timing.moment(undo.reference))
+        motion = motion_field(self.links, self.timing, self.timing.moment(undo.reference))
         if motion.reason:
             return None, []
         own = motion.field.shift(0)
-        left = (1 - undo.strength) * own  # of the distortion
+        remainder = (1 - undo.strength) * own  # of the distortion
         lenders = [
-            Lender(planes, self._map(motion.field.shift(side * self.links[side].apart) - left))
+            Lender(planes, self._map(motion.field.shift(side * self.links[side].apart) - remainder))
             for side, planes in self.planes.items()
         ]
-        return self._map(own - left), lenders
+        return self._map(own - remainder), lenders
 
     def _map(self, shift: np.ndarray) -> FrameMap:
         """A shift of every pixel of the small copy as the map of a whole frame."""

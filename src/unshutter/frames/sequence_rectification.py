@@ -14,12 +14,10 @@ from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.estimators.base import View
 from unshutter.estimators.find import find_motion
 from unshutter.estimators.register import load
-from unshutter.frames.between import Frame, rectify_densely
-from unshutter.frames.choice import better_model
+from unshutter.frames.frame import Frame, RectifiedFrame, SequenceOptions, rectify_densely
+from unshutter.frames.model_choice import better_model
 from unshutter.frames.neighbours import copy_side
-from unshutter.frames.rectified_frame import RectifiedFrame
 from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, FramesOptions, known_ratio
-from unshutter.frames.sequence_options import SequenceOptions
 from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Undo
 from unshutter.options.keywords import from_keywords, takes_options
 from unshutter.photo import Photo

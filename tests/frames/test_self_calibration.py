@@ -8,7 +8,7 @@ import pytest
 from support.hand_held import FOCAL, HEIGHT, camera, exact_tracks, hand, pan, shaking, still
 from unshutter.errors import UnknownRatioError
 from unshutter.frames.camera import ROWS
-from unshutter.frames.ratio import ratio_from_motion
+from unshutter.frames.self_calibration import ratio_from_motion
 from unshutter.reasons import Code
 
 

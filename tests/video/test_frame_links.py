@@ -12,8 +12,8 @@ from unshutter.cli import main
 from unshutter.geometry.readout import Readout
 from unshutter.motion import RowMotion
 from unshutter.video.clip import Clip
-from unshutter.video.dense import linked
-from unshutter.video.moving import MovingFrame
+from unshutter.video.frame_links import linked
+from unshutter.video.frame_motion import MovingFrame
 from unshutter.video.planes import PixelFormat
 
 FRAMES = 12

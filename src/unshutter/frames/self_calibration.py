@@ -1,4 +1,6 @@
-"""The readout ratio, found from a sequence: how long the readout takes, in frame intervals.
+"""Self-calibration: the readout ratio and the focal length of a camera from the motion in its frames.
+
+The readout ratio is the readout time in frame intervals.
 
 A camera that is held by hand turns smoothly, but never evenly. Only at the true ratio do the rows of consecutive frames
 fall into place on one smooth curve: at every other one the curve must bend where rows of different times are taken for
@@ -7,6 +9,8 @@ It has none where the camera stands still or turns evenly, because every ratio e
 
 The width of that maximum says too little about the error: tracks err together. So parts of the sequence are also asked
 one by one, and what they differ by counts.
+
+The focal length shows in how much faster the corners of a picture move than its middle.
 """
 
 from __future__ import annotations
@@ -37,6 +41,10 @@ STILL_PX = 0.25  # px of ROWS rows a frame: what a readout shears by less is lef
 _FASTEST = 0.4  # cycles a frame: what is faster is hidden between the frames
 _EVEN_PX = 0.1  # px of ROWS rows a frame: a speed that varies by less is even
 _FEW = 10  # pairs of frames that hardly ever show the ratio, and never why not
+_USUAL_FOCAL, _FOCAL_SPREAD = 0.85, 0.4  # of width + height, and of its logarithm: what is expected beforehand
+_TRIED_FOCALS = _USUAL_FOCAL * 2.0 ** np.arange(-1.5, 4.1, 0.5)  # the longest: hardly a turn
+_FOCAL_STEPS = (0.12, 0.04)  # steps of its logarithm, one after the other
+_FOCAL_COMMON = 20.0  # tracks err together, and lenses distort: evidence counts for so much less
 
 
 @dataclass(frozen=True)
@@ -108,7 +116,7 @@ class _Profile:
 
     def fit_at(self, ratio: float) -> Fit:
         if ratio not in self._fits:
-            near = min(self._fits, key=lambda known: abs(known - ratio), default=None)
+            near = min(self._fits, key=lambda other: abs(other - ratio), default=None)
             self._fits[ratio] = self._problem.fit(ratio, near=self._fits[near] if near is not None else None)
         return self._fits[ratio]
 
@@ -147,6 +155,49 @@ def fewer(pair: Tracks) -> Tracks:
     """Enough of the tracks of a pair, strong corners and weak ones: more only take longer."""
     if len(pair) <= _MOST_TRACKS:
         return pair
-    kept = np.zeros(len(pair), bool)
-    kept[np.linspace(0, len(pair) - 1, _MOST_TRACKS).astype(int)] = True
-    return pair.only(kept)
+    chosen = np.zeros(len(pair), bool)
+    chosen[np.linspace(0, len(pair) - 1, _MOST_TRACKS).astype(int)] = True
+    return pair.only(chosen)
+
+
+# ---- the focal length ------------------------------------------------------------------------------------
+
+
+def usual_focal(pair: Tracks) -> float:
+    """The focal length to expect of a picture [px of ROWS rows]."""
+    return _USUAL_FOCAL * (pair.width + pair.height) * ROWS / pair.height
+
+
+def focal_from_motion(pairs: Sequence[Tracks], ratio: float) -> float:
+    """The focal length that explains tracks best [px of ROWS rows].
+
+    The expectation beforehand decides where the camera turned too little to say. Cameras that move rather than turn
+    come out with a very long one, as which they are described best.
+
+    Args:
+        pairs: tracks of the background from each frame to the next.
+        ratio: readout time in frame intervals; a guess will do.
+    """
+    unit = usual_focal(pairs[0]) / _USUAL_FOCAL
+    near: Fit | None = None
+
+    def height(share: float) -> float:
+        nonlocal near
+        near = Problem(pairs, float(share * unit)).fit(ratio, near=near)
+        return near.log_evidence / _FOCAL_COMMON - 0.5 * (np.log(share / _USUAL_FOCAL) / _FOCAL_SPREAD) ** 2
+
+    best = _vertex(np.log(_TRIED_FOCALS), np.array([height(share) for share in _TRIED_FOCALS]))
+    for step in _FOCAL_STEPS:
+        at = best + step * np.array([-1.0, 0.0, 1.0])
+        best = _vertex(at, np.array([height(share) for share in np.exp(at)]))
+    return float(np.exp(best) * unit)
+
+
+def _vertex(at: np.ndarray, heights: np.ndarray) -> float:
+    """Where the parabola through the highest of evenly spaced points and its neighbours is highest."""
+    k = int(np.clip(heights.argmax(), 1, len(at) - 2))
+    before, here, after = heights[k - 1 : k + 2]
+    bend = before - 2 * here + after
+    if bend >= 0:
+        return float(at[heights.argmax()])
+    return float(np.clip(at[k] + (before - after) / (2 * bend) * (at[1] - at[0]), at[k - 1], at[k + 1]))

@@ -13,8 +13,8 @@ from unshutter.storage.new_folders import remove_left_folders
 from unshutter.storage.places import place
 from unshutter.storage.protection import Protection
 from unshutter.video import pictures
+from unshutter.video.clip_preview import check_ending
 from unshutter.video.options import RectifyClip
-from unshutter.video.preview import check_ending
 
 
 def on_this_machine(source: str) -> str:
@@ -64,8 +64,8 @@ def check_targets(source: str, target: Path, options: RectifyClip) -> tuple[Json
             remove_leftovers(path.parent)
     protection.check(target)
     if are_pictures(target):
-        left = remove_left_folders(target.parent if pictures.is_pattern(str(target)) else target)
+        leftovers = remove_left_folders(target.parent if pictures.is_pattern(str(target)) else target)
     else:
         check_target(target, options.overwrite)
-        left = remove_leftovers(target.parent)
-    return JsonLog(options.json_log, protection) if options.json_log is not None else None, bool(left)
+        leftovers = remove_leftovers(target.parent)
+    return JsonLog(options.json_log, protection) if options.json_log is not None else None, bool(leftovers)

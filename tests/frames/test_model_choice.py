@@ -10,8 +10,8 @@ from support.drawn_photos import textured
 from support.frame_pairs import Scene, off
 from support.hand_held import FOCAL, HEIGHT, WIDTH, clip, hand, still
 from unshutter.cli import main
-from unshutter.frames.choice import camera_misses, flow_misses
 from unshutter.frames.flow import Flow
+from unshutter.frames.model_choice import camera_misses, flow_misses
 from unshutter.frames.sequence import CameraMotion, known_ratio
 from unshutter.frames.tracks import follow
 from unshutter.photo import Photo

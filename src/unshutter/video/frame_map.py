@@ -1,8 +1,7 @@
 """A frame's motion undone on its planes as they are stored: no way through RGB, no change of what is not moved.
 
-The map is smooth, so it is worked out exactly at the nodes of a grid and filled in linearly between them. A motion of
-a clip is one of a small picture of the same shape (``moving.py``): its positions are scaled up to each plane's pixels,
-centres to centres.
+The map is smooth, so it is exact at the nodes of a grid and linear between them. A clip's motion is that of a small
+picture of the same shape (``frame_motion.py``): its positions are scaled up to each plane's pixels, centre to centre.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from unshutter.frames.flow import looked_up
+from unshutter.frames.flow import bilinear
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion
 from unshutter.warp.grid import gs_to_rs_map
@@ -82,7 +81,7 @@ class FrameMap:
         at = np.stack(readout.points_to_frame(col, row, height, width), axis=-1)
         scale = np.array([size[1] / shift.shape[1], size[0] / shift.shape[0]])
         in_copy = ((at + 0.5) / scale - 0.5).astype(np.float32)
-        looks = at + looked_up(shift, in_copy) * scale
+        looks = at + bilinear(shift, in_copy) * scale
         stored = readout.points_to_stored(looks[..., 0], looks[..., 1], height, width)
         return cls(np.stack(stored).astype(np.float32), step, height, width)
 
@@ -178,7 +177,7 @@ def borrow_plane(
     out[:, columns] = np.where(where if out.ndim == 2 else where[..., None], lent, out[:, columns])
 
 
-def seen(positions: tuple[Float32[np.ndarray, "rows cols"], ...], height: int, width: int) -> np.ndarray:
+def on_plane(positions: tuple[Float32[np.ndarray, "rows cols"], ...], height: int, width: int) -> np.ndarray:
     """Bool [rows, cols]: which positions lie on a plane, to the outer sides of its pixels."""
     col, row = positions
     return (col >= -0.5) & (col <= width - 0.5) & (row >= -0.5) & (row <= height - 0.5)

@@ -1,22 +1,28 @@
-"""Photos as frames of a sequence, and the dense way to rectify one: by the flow to its neighbours."""
+"""A photo as a frame of a sequence: its neighbours, the options to rectify it, the result, and the dense model."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from unshutter.errors import UnshutterError
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.neighbours import Link, copy_side, link, render
-from unshutter.frames.rectified_frame import RectifiedFrame
-from unshutter.frames.sequence_options import SequenceOptions
+from unshutter.frames.timing import Timing
 from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
 from unshutter.geometry.readout import Readout
+from unshutter.motion import Motion
 from unshutter.motion.verdict import Verdict
+from unshutter.options import Clock, Edges, Find, FrameModel, Undo, model_for
+from unshutter.photo import Photo
 from unshutter.photo.argument import check_size, open_photo
+from unshutter.result import Rectified, Result
 from unshutter.warp.crop import valid_window
 from unshutter.warp.edges import EdgePolicy
+
+Model = Literal["camera", "dense", "alone"]
 
 
 class Frame:
@@ -86,6 +92,91 @@ class Frame:
     def _copy(self) -> np.ndarray:
         """The small grey copy [h, w] that motion is looked for in."""
         return np.ascontiguousarray(self._readout.turn(self.photo.grey(copy_side(*self._size))))
+
+
+@dataclass(frozen=True)
+class SequenceOptions:
+    """How the frames of a sequence are rectified.
+
+    Attributes:
+        clock: how fast frames were taken and read out, if that is known.
+        undo: reference row, strength and edges.
+        readout: direction in which the stored pixels were read.
+        at: moment of the picture, in frame intervals from the frame's first row; None: that of the reference row.
+        model: how motion is to be described; None: as other options need it, else as the frames bear out.
+        focal_px: focal length of the camera [px of the photo]; None: EXIF's, else found.
+        alone: how motion is found from a photo alone where its neighbours say nothing; None: it is not.
+
+    Raises:
+        UsageError: options that do not fit together, or a moment too far away.
+    """
+
+    clock: Clock
+    undo: Undo
+    readout: Readout
+    at: float | None = None
+    model: FrameModel | None = None
+    focal_px: float | None = None
+    alone: Find | None = None
+
+    def __post_init__(self) -> None:
+        if self.at is not None and not -1 <= self.at <= 1:
+            raise UsageError(f"the moment must lie between -1 and 1 frame intervals, got {self.at:g}")
+        _ = self.needed_model  # raises where no model does all that is asked for
+
+    @property
+    def needed_model(self) -> FrameModel | None:
+        """How motion has to be described; None: as the frames bear out."""
+        return model_for(self.model, self.at, self.undo)
+
+    def timing(self, height: int) -> Timing:
+        """The clock of frames with so many rows."""
+        return Timing(self.clock.ratio, height)
+
+    def moment(self, timing: Timing) -> float:
+        """The moment of the picture, in frame intervals from the frame's first row."""
+        return timing.moment(self.undo.reference or "first") if self.at is None else self.at
+
+
+@dataclass(frozen=True)
+class RectifiedFrame(Result):
+    """A photo rectified with the help of its neighbours.
+
+    Attributes:
+        photo: the new pixels with the metadata of the original.
+        valid: bool [H, W], where the original (with ``borrow``: or a neighbour) shows what belongs there, before any
+            crop or fill.
+        original: the photo as it was read.
+        verdict: whether its pixels were changed, and why not.
+        edges: ``keep``, ``crop``, ``fill`` or ``borrow``: what was done about places that the photo did not see.
+        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
+        model: how its motion was described: ``camera`` (one motion for the whole picture), ``dense`` (near and far
+            move differently), or ``alone`` (neighbours said nothing, and what the photo itself says was asked for).
+        motion: what was undone; None where it is dense, and so no motion of the camera alone.
+    """
+
+    photo: Photo
+    valid: np.ndarray
+    original: Photo
+    verdict: Verdict
+    edges: Edges = "keep"
+    whole: float | None = None
+    model: Model = "dense"
+    motion: Motion | None = None
+
+    @classmethod
+    def of(cls, result: Rectified, model: Model) -> RectifiedFrame:
+        """What became of a photo by one motion for the whole picture."""
+        return cls(
+            result.photo,
+            result.valid,
+            result.original,
+            result.verdict,
+            result.edges,
+            result.whole,
+            model,
+            result.motion,
+        )
 
 
 def rectify_densely(

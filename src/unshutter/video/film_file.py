@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from unshutter.errors import UnshutterError
 from unshutter.video import pictures
 from unshutter.video.clip import Clip
-from unshutter.video.containers import film_of
+from unshutter.video.containers import av, film_of
 from unshutter.video.encoders import Encoder
-from unshutter.video.library import av
 
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
@@ -52,11 +51,11 @@ class Film:
         self._stream = encoder.add_to(container, like, clip, size)
         self._streams: dict[int, Any] = {}
         self.left_out: list[str] = []
-        self._stream.metadata.update(_kept(like.metadata))
+        self._stream.metadata.update(_portable_tags(like.metadata))
         with suppress(ValueError, AttributeError):
             self._stream.disposition = like.disposition
         if copy:
-            container.metadata.update(_kept(source.metadata))
+            container.metadata.update(_portable_tags(source.metadata))
             self._add_others(source, like)
             if source.chapters():
                 container.set_chapters(source.chapters())
@@ -80,7 +79,7 @@ class Film:
                     self._streams[stream.index] = copy
                     with suppress(ValueError, AttributeError):
                         copy.disposition = stream.disposition
-                copy.metadata.update(_kept(stream.metadata))
+                copy.metadata.update(_portable_tags(stream.metadata))
             except (ValueError, av().error.FFmpegError):
                 name = stream.metadata.get("handler_name", "").strip() or stream.type
                 self.left_out.append(f"stream {stream.index} ({name})")
@@ -174,8 +173,39 @@ def _takes(container: Any, stream: Any) -> bool:
     return True
 
 
-def _kept(tags: Any) -> dict[str, str]:
-    return {key: value for key, value in dict(tags).items() if key not in _REMADE}
+def _portable_tags(tags: Any) -> dict[str, str]:
+    return {key: value for key, value in dict(tags).items() if key not in _REGENERATED}
 
 
-_REMADE = {"encoder", "major_brand", "minor_version", "compatible_brands"}
+_REGENERATED = {"encoder", "major_brand", "minor_version", "compatible_brands"}
+
+
+# ---- pictures ----------------------------------------------------------------------------------------------
+
+
+def write_picture(frame: VideoFrame, path: Path) -> None:
+    """Writes a frame as a picture.
+
+    Raises:
+        UnshutterError: it cannot be written.
+    """
+    codec = pictures.ENDINGS[path.suffix.lower()]
+    context = av().CodecContext.create(codec, "w")
+    formats = av().Codec(codec, "w").video_formats or []
+    format_ = frame.format.name
+    if format_ not in [each.name for each in formats]:
+        format_ = "rgb48be" if codec == "png" and frame.format.components[0].bits > 8 else "rgb24"
+        format_ = "yuvj444p" if codec == "mjpeg" else format_
+    if codec == "mjpeg":
+        context.options = {"strict": "unofficial"}
+        context.qscale, context.global_quality = True, 2 * 118
+        context.color_range = frame.color_range
+    picture = frame if format_ == frame.format.name else frame.reformat(format=format_)
+    picture.pict_type = 0
+    context.width, context.height, context.pix_fmt = frame.width, frame.height, format_
+    context.time_base = frame.time_base
+    try:
+        data = b"".join(bytes(packet) for packet in [*context.encode(picture), *context.encode(None)])
+        path.write_bytes(data)
+    except (av().error.FFmpegError, OSError) as error:
+        raise UnshutterError(f"cannot write {path.name}: {error.strerror}") from None

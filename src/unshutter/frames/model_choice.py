@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.frames.camera import ROWS, turn_jacobian
-from unshutter.frames.flow import Flow, looked_up
+from unshutter.frames.flow import Flow, bilinear
 from unshutter.frames.sequence import FrameMotion
 from unshutter.frames.tracks import Tracks
 
 if TYPE_CHECKING:
-    from unshutter.frames.between import Frame
+    from unshutter.frames.frame import Frame
     from unshutter.options import FrameModel
 
 _SHARE = 75  # per cent of the corners that must come out well
@@ -73,5 +73,5 @@ def flow_misses(flow: Flow, tracks: Tracks) -> float:
     """By how much most corners end elsewhere than a flow says [px of ROWS rows]."""
     scale = flow.forward.shape[0] / tracks.height
     at = ((tracks.start + 0.5) * scale - 0.5).astype(np.float32)[:, None]
-    led = looked_up(flow.forward, at)[:, 0] / scale
+    led = bilinear(flow.forward, at)[:, 0] / scale
     return float(np.percentile(np.hypot(*(tracks.end - tracks.start - led).T), _SHARE)) * ROWS / tracks.height

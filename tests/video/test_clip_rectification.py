@@ -13,8 +13,8 @@ from unshutter.cli import main
 from unshutter.reasons import Code
 from unshutter.video import cameras
 from unshutter.video.cameras import CameraMode
+from unshutter.video.clip_rectification import rectify_clip
 from unshutter.video.options import Encode, RectifyClip, Shutter
-from unshutter.video.rectifying import rectify_clip
 
 FRAMES = 16
 CAMERA, GREYS = clips.moving(FRAMES)
@@ -243,7 +243,7 @@ def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
             str(tmp_path / "out.mkv"),
             listed,
             watch=lambda *step: steps.append(step),
-            when_found=lambda *each: found.append(each),
+            on_readout=lambda *each: found.append(each),
         )
     assert capfd.readouterr() == ("", "")
     assert found == [(outcome.ratio, outcome.interval_s)]

@@ -11,28 +11,28 @@ from typing import TypeAlias
 import cv2
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.ratio import ReadoutRatio
+from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.geometry.readout import Readout
 from unshutter.progress import Steps, Watch
 from unshutter.storage.files import written_whole
 from unshutter.storage.new_folders import new_folder
-from unshutter.video import mp4_film, pictures
+from unshutter.video import mp4_movie, pictures
 from unshutter.video.clip import Clip, SidePacket
+from unshutter.video.clip_motion_file import ClipMotion, load, motion_written
+from unshutter.video.clip_preview import write_preview
 from unshutter.video.encoders import Encoder
-from unshutter.video.frames_out import NewFrame, Warper, common_window
-from unshutter.video.motion_file import ClipMotion, load, motion_written
-from unshutter.video.moving import MovingFrame
+from unshutter.video.film_file import Film, write_picture, writing
+from unshutter.video.frame_motion import MovingFrame
+from unshutter.video.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.options import RectifyClip
 from unshutter.video.outcome import ClipOutcome
+from unshutter.video.output_checks import are_pictures, check_targets, on_this_machine
 from unshutter.video.pipeline import Pipeline
-from unshutter.video.preview import write_preview
-from unshutter.video.readout_search import found_or_listed
-from unshutter.video.targets import are_pictures, check_targets, on_this_machine
-from unshutter.video.writing import Film, writing
+from unshutter.video.readout_search import readout_ratio_of_clip
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
-WhenFound: TypeAlias = Callable[[ReadoutRatio, float], None]  # called with a ratio and the frame interval [s]
+ReadoutCallback: TypeAlias = Callable[[ReadoutRatio, float], None]  # called with a ratio and the frame interval [s]
 
 
 def rectify_clip(
@@ -41,7 +41,7 @@ def rectify_clip(
     options: RectifyClip,
     ratio: ReadoutRatio | None = None,
     watch: Watch | None = None,
-    when_found: WhenFound | None = None,
+    on_readout: ReadoutCallback | None = None,
 ) -> ClipOutcome:
     """Writes a clip without its rolling-shutter distortion. Prints nothing.
 
@@ -49,9 +49,9 @@ def rectify_clip(
         source: a film, a folder of pictures, or a pattern of their names.
         output: a file, or a folder or pattern for pictures.
         options: what is done.
-        ratio: the readout ratio, if :func:`found_or_listed` has found it before; unused where the options state it.
+        ratio: the readout ratio, if it is known already; unused where the options state it.
         watch: called for every frame.
-        when_found: called once the readout ratio is found here, which may be long before the clip is done.
+        on_readout: called once the readout ratio is found here, which may be long before the clip is done.
 
     Raises:
         UsageError: options that do not fit the clip.
@@ -66,7 +66,7 @@ def rectify_clip(
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
     clip.check_whole(options.start, options.end)
     encoder = Encoder.choose(clip, options.encode) if not are_pictures(target) else None
-    pipeline = _pipeline(clip, options, ratio, watch, when_found)
+    pipeline = _pipeline(clip, options, ratio, watch, on_readout)
     outcome = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model, after_killed_run)
     warper = Warper(clip, options.undo)
     if options.undo.edges == "crop":
@@ -90,20 +90,20 @@ def _pipeline(
     options: RectifyClip,
     ratio: ReadoutRatio | None,
     watch: Watch | None,
-    when_found: WhenFound | None,
+    on_readout: ReadoutCallback | None,
 ) -> Pipeline:
     """The steps for a clip, its readout ratio and direction taken from the motion file, the options, or the clip."""
     if options.motion is not None:
         motion = load(options.motion)
         _check_size(motion, clip)
         return Pipeline(clip, options, ReadoutRatio(motion.ratio, 0.0, "motion file"), motion.readout, motion)
-    readout, stated = Readout.parse(options.shutter.readout), options.shutter.ratio(clip.interval_s)
-    if stated is not None:
-        ratio = ReadoutRatio(stated, 0.0, "given")
+    readout, ratio_option = Readout.parse(options.shutter.readout), options.shutter.ratio(clip.interval_s)
+    if ratio_option is not None:
+        ratio = ReadoutRatio(ratio_option, 0.0, "given")
     elif ratio is None:
-        ratio = found_or_listed(clip, readout, options.shutter, options.span(clip.duration_s), watch)
-        if when_found is not None:
-            when_found(ratio, clip.interval_s)
+        ratio = readout_ratio_of_clip(clip, readout, options.shutter, options.span(clip.duration_s), watch)
+        if on_readout is not None:
+            on_readout(ratio, clip.interval_s)
     return Pipeline(clip, options, ratio, readout)
 
 
@@ -134,7 +134,7 @@ def _write_film(
     """Writes a film; its frames go into a copy of the clip's file where its kind allows that."""
     clip, options = pipeline.clip, pipeline.options
     whole = options.start is None and options.end is None
-    into_copy = whole and _same_family(clip.path, target) and mp4_film.can_take(clip.path)
+    into_copy = whole and _same_family(clip.path, target) and mp4_movie.can_take(clip.path)
     with ExitStack() as stack:
         part = stack.enter_context(written_whole(target, options.overwrite))
         source = stack.enter_context(clip.opened())
@@ -151,7 +151,7 @@ def _write_film(
         outcome.left_out = film.left_out
         if frames is not None:
             with open(clip.path, "rb") as original, part.open("r+b") as out:
-                mp4_film.write_with_film(original, frames, out)
+                mp4_movie.write_with_film(original, frames, out)
 
 
 def _write_pictures(
@@ -162,7 +162,7 @@ def _write_pictures(
     with new_folder(folder) as part, _counted(pipeline, warper, outcome, watch) as items:
         for number, item in enumerate(items, 1):
             assert isinstance(item, NewFrame)  # no other streams were asked for
-            pictures.write(item.picture, part / (name % number))
+            write_picture(item.picture, part / (name % number))
 
 
 @contextmanager
