@@ -14,7 +14,7 @@ from importlib.metadata import Distribution, distributions
 
 TOOLS = {"pip", "setuptools", "wheel"}  # of the environment, not asked for by unshutter
 GPL_LIBRARIES = re.compile(r"lib(x264|x265|xvidcore|postproc)\b", re.IGNORECASE)
-KNOWN = {"av": "extra `video` only; docs/install.md says so"}
+KNOWN = {"av": "extra `video` only; docs/guide/install.md says so"}
 SILENT = {"OpenEXR": "BSD-3-Clause"}  # packages that leave it to their licence file, which has been read
 _STRONG = re.compile(r"(?<![A-Za-z])A?GPL|GNU (Affero )?General Public", re.IGNORECASE)
 

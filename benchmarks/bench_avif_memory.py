@@ -1,4 +1,4 @@
-"""Memory that `unshutter rectify` takes to read large HEICs and to write AVIF: the table of docs/scale.md.
+"""Memory that `unshutter rectify` takes to read large HEICs and to write AVIF: the table of docs/guide/scale.md.
 
     python benchmarks/bench_avif_memory.py [--megapixels 50]
 

@@ -1,4 +1,4 @@
-"""What an installation takes on disc: the core, and what each extra adds to it, as the table of docs/install.md.
+"""What an installation takes on disc: the core, and what each extra adds to it, as the table of docs/guide/install.md.
 
     python benchmarks/install_size.py [--wheel dist/unshutter-1.0.0-py3-none-any.whl] [EXTRA ...]
 

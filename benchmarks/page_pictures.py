@@ -1,4 +1,4 @@
-"""The pictures of docs/page: the page of ``unshutter serve`` in three windows, as a browser shows it.
+"""The pictures of docs/guide/page: the page of ``unshutter serve`` in three windows, as a browser shows it.
 
     python benchmarks/page_pictures.py [--clip rs.mp4] [--browser /usr/bin/chromium]
 

@@ -2,7 +2,7 @@
 
     python benchmarks/scale.py [photos] [clips] [cluster] [store]
 
-The tables of docs/scale.md; about three minutes on two idle cores. Needs unshutter[dask,video]; ``store`` also
+The tables of docs/guide/scale.md; about three minutes on two idle cores. Needs unshutter[dask,video]; ``store`` also
 moto[server] and s3fs.
 
 photos: shipped photos, enlarged; ``--jobs 1`` kept on one core; from the first result to the last, as in a long

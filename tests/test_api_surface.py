@@ -1,4 +1,4 @@
-"""What others may build on: every public name of what docs/api.md documents, and how it is called.
+"""What others may build on: every public name of what docs/reference/api.md documents, and how it is called.
 
 A name that is renamed, dropped or called in another way breaks programs of others. Where that is meant, say it in
 CHANGELOG.md and write the list again: ``python tests/test_api_surface.py --write``.
@@ -21,7 +21,7 @@ def surface() -> dict[str, str]:
     extensions = griffe.load_extensions(ROOT / "docs" / "keywords.py")
     package = griffe.load("unshutter", search_paths=[ROOT / "src"], extensions=extensions)
     face = {f"unshutter.{name}": package[name].target_path for name in package.exports if name in package.members}
-    documented = re.findall(r"^::: unshutter\.(\S+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
+    documented = re.findall(r"^::: unshutter\.(\S+)$", (ROOT / "docs/reference/api.md").read_text(), re.MULTILINE)
     return face | {path: said for name in documented for path, said in described(f"unshutter.{name}", package[name])}
 
 

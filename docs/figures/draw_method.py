@@ -1,4 +1,4 @@
-"""Draws the figures of docs/method.md: ``python docs/figures/draw_method.py`` (extras ``plot`` and ``train``).
+"""Draws the figures of docs/research/method.md: ``python docs/figures/draw_method.py`` (extras ``plot`` and ``train``).
 
 Every picture and curve is a tensor. A photo of examples/ is distorted as training pictures are, so that the true motion
 is known. It goes through the shipped kandula2020, whose inner tensors are read from the ONNX graph, and through the

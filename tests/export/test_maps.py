@@ -137,7 +137,7 @@ def test_a_photo_gives_the_map_of_its_estimate(tmp_path: Path, rolling_facade: n
 
 
 def test_maps_are_for_stored_pixels_whatever_the_orientation(tmp_path: Path, rolling_facade: np.ndarray) -> None:
-    """As docs/compositing says: read without turning, and the map fits."""
+    """As docs/guide/compositing says: read without turning, and the map fits."""
     from PIL import Image
 
     exif = Image.Exif()

@@ -21,7 +21,7 @@ PAGE = Path(openapi.__file__).parent / "page"
 PHOTO = {option.key: option.default for option in options_of(Rectify)}
 CLIP = {option.key: option.default for option in options_of(RectifyClip)}
 
-# Photos and clips differ in these, for reasons that docs/conventions.md gives.
+# Photos and clips differ in these, for reasons that docs/reference/conventions.md gives.
 EDGES = {"photo": "auto", "clip": "fill"}
 REFERENCE = {"photo": "first", "clip": "middle"}
 MODEL = {"photo": None, "clip": "camera"}

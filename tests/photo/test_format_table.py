@@ -1,4 +1,4 @@
-"""The table of docs/formats.md says what is measured."""
+"""The table of docs/reference/formats.md says what is measured."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""docs/install.md lists what can be installed."""
+"""docs/guide/install.md lists what can be installed."""
 
 import re
 import tomllib
@@ -10,6 +10,6 @@ FOR_DEVELOPERS = {"dev", "docs"}
 
 def test_every_extra_is_listed() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "guide" / "install.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
     assert listed == set(project["optional-dependencies"]) - FOR_DEVELOPERS

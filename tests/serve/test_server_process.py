@@ -81,5 +81,5 @@ def test_idle_it_takes_little(tmp_path: Path) -> None:
     began = time.monotonic()
     with served(tmp_path / "home") as server, server.client() as client:
         assert client.get("/api/about").status_code == 200
-        assert time.monotonic() - began < 10  # measured: docs/page; others may work beside it
+        assert time.monotonic() - began < 10  # measured: docs/guide/page; others may work beside it
         assert rss(server.process.pid) < 80 * MB

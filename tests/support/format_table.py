@@ -1,4 +1,4 @@
-"""What is kept of each format, measured on files written on the fly: the table in docs/formats.md.
+"""What is kept of each format, measured on files written on the fly: the table in docs/reference/formats.md.
 
 ``PYTHONPATH=tests python -m support.format_table`` measures and writes it;
 test_format_table.py measures it again and compares. Other programs than unshutter write the files and look at the
@@ -37,7 +37,7 @@ from support.rich_files import (
 from support.tagged_files import TITLE, jpeg_thumbnail, small_jpeg
 from unshutter import RowMotion, UnshutterError
 
-PAGE = Path(__file__).parents[2] / "docs" / "formats.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "formats.md"
 BEGIN, END = "<!-- measured: PYTHONPATH=tests python -m support.format_table -->\n", "<!-- end -->"
 MOTION = RowMotion.from_polynomials([0, 12], [0, 0.03], HEIGHT, WIDTH)
 RESULTS = COLUMNS | {"HEIC": ".avif", RAW: ".tif"}

@@ -28,9 +28,7 @@ _CONTRAST = 60  # levels of 255 that an edge rises or falls: noise does less, an
 _SHARPEST = 10  # per cent of the edges count as the sharpest: noise and retouched places may be sharper still
 _FEWEST = 30  # edges; fewer of them say nothing
 _OUTER = 0.25  # columns further than this from the middle [widths] show turning
-_LEEWAY = (
-    2.5  # a motion this many times the limit is refuted: nine of ten blurred pictures stay below (docs/own-model.md)
-)
+_LEEWAY = 2.5  # a motion this many times the limit is refuted: nine of ten blurred pictures stay below (own-model.md)
 _SMEARED, _SMEARED_PX = 2.0, 4.0  # times as wide as the others, and px: more than lenses and focus do
 _MERGED = 3.0  # times as fast: of several exposures, the sharp parts may be from those that were shorter than EXIF says
 

@@ -17,7 +17,7 @@ import numpy as np
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float, Float32, Float64, UInt8
 
-_PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/frames-attempts.md
+_PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/research/frames-attempts.md
 _DESCENTS, _REFINEMENTS = 25, 5
 _NO_SECOND_MAP: Any = None  # OpenCV's stubs do not know that it may be None; 5.0 reads an empty array as a map
 _CONSISTENT = 1.5  # px from a pixel to its partner and back

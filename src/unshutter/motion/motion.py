@@ -215,7 +215,7 @@ class Motion(ABC):
     # ---- file form -------------------------------------------------------------------------------------
 
     def to_json(self) -> str:
-        """The motion as JSON text, format ``unshutter-motion/1`` (docs/conventions)."""
+        """The motion as JSON text, format ``unshutter-motion/1`` (docs/reference/conventions)."""
         rows = {name: getattr(self, name) for name in ("height", "reference_row", "largest_px", "tx_px", "rz_rad")}
         return motion_file.written(self.kind, self.common, rows, self._own_data())
 

@@ -1,4 +1,4 @@
-"""The file form of a motion: JSON, format ``unshutter-motion/1`` (docs/conventions). Knows no kind of motion."""
+"""The file form of a motion: JSON, format ``unshutter-motion/1`` (docs/reference). Knows no kind of motion."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class Photo:
     * JPEG quality and chroma subsampling like the input's; TIFF compression if none or LZW, else deflate.
 
     New pixels get a new thumbnail where the EXIF has one, except in TIFF, and lose all other small pictures of the old
-    ones. See docs/formats.md for all that, measured.
+    ones. See docs/reference/formats.md for all that, measured.
 
     Attributes:
         format: ``jpeg``, ``png``, ``webp``, ``tiff``, ``avif``, ``heic``, ``raw``, or ``array``.

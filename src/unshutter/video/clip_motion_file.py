@@ -1,4 +1,4 @@
-"""The file form of a clip's motion: JSON, format ``unshutter-clip-motion/1`` (docs/conventions), a frame a line."""
+"""The file form of a clip's motion: JSON, format ``unshutter-clip-motion/1`` (docs/reference), a frame a line."""
 
 from __future__ import annotations
 

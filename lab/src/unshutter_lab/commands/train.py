@@ -15,7 +15,7 @@ class Arguments:
     """What the command takes."""
 
     config: str = required(
-        "Name of a configuration that comes with unshutter (docs/training.md lists them), or a TOML file.", "input"
+        "Name of a configuration that comes with unshutter (docs/research/training.md), or a TOML file.", "input"
     )
     out: Path = option(
         Path("runs"),

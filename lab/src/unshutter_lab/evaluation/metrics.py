@@ -1,6 +1,6 @@
 """How far an estimate is from the truth: positions (EPE and its companions) and pictures (PSNR, SSIM).
 
-docs/conventions.md defines each.
+docs/reference/conventions.md defines each.
 """
 
 from __future__ import annotations

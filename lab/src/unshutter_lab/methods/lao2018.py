@@ -3,7 +3,7 @@
 After Lao, Ait-Aider, "A Robust Method for Strong Rolling Shutter Effects Correction Using Lines with Automatic Feature
 Selection" (CVPR 2018): a camera that turns at a constant rate bends lines in a way that four of them tell; curves that
 are not lines of the scene are sorted out by random samples of four. Only the abstract was at hand: the solver, the
-thresholds and the refinement are chosen here and stated in docs/rivals.
+thresholds and the refinement are chosen here and stated in docs/research/rivals.
 """
 
 from __future__ import annotations

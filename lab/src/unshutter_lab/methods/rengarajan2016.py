@@ -2,7 +2,7 @@
 
 After Rengarajan, Rajagopalan, Aravind, "From Bows to Arrows" (CVPR 2016): rotations that make the curves straight, the
 near-vertical ones vertical and the near-horizontal ones horizontal, and keep the curves' vertical extents. What the
-text leaves open (detector, degree, thresholds, optimiser) is chosen here and stated in docs/rivals.
+text leaves open (detector, degree, thresholds, optimiser) is chosen here and stated in docs/research/rivals.
 """
 
 from __future__ import annotations

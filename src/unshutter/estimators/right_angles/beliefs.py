@@ -12,7 +12,7 @@ _DEGREE = math.pi / 180
 
 @dataclass(frozen=True)
 class Beliefs:
-    """What is expected of photos in general; found on photos set aside for that (docs/own-model.md).
+    """What is expected of photos in general; found on photos set aside for that (docs/research/own-model.md).
 
     Sigmas are standard deviations. Angles in radians, lengths in px of the picture in which segments were found.
     """

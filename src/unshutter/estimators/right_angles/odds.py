@@ -2,7 +2,7 @@
 
 Segments of one desk or facade repeat each other's errors, so that the evidence of the likelihood is overstated: where
 the optimum lies is right more often than whether there is one. How much such evidence is worth was learned from photos
-with known motions and without any (docs/own-model.md): a forest of small decision trees on nineteen figures of the
+with known motions and without any (own-model.md): a forest of small decision trees on nineteen figures of the
 search, and logistic regressions for the confidence. calibration.py reads both.
 """
 

@@ -73,7 +73,7 @@ class Avif(WrittenFormat):
         options = {
             "compression": "av1",
             "Q": picture.quality or 80,
-            "effort": 0,  # a quarter of the time of 2, for which docs/formats.md says what is lost
+            "effort": 0,  # a quarter of the time of 2, for which docs/reference/formats.md says what is lost
             "bitdepth": deep if picture.image.format == "ushort" else 8,
             "subsample_mode": "on" if coding.subsampled else "off",
         }

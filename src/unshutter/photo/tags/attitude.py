@@ -5,7 +5,7 @@ of the picture as it is to be looked at. Gauges are built into cameras, so their
 by which the camera was turned for a portrait photo. Where that does not agree with the photo's orientation, somebody
 has turned the pixels, or the angles are another's: then only what is beyond doubt is used.
 
-Sources: Apple: the vector in its maker note, compared with plumb lines in photos (docs/attitude). DJI: Mavic 3M user
+Sources: Apple: the vector in its maker note, compared with plumb lines in photos. DJI: Mavic 3M user
 manual, "Photo File": angles of the gimbal in the NED coordinate system, rotations in the order ZYX. GPano: Google,
 Photo Sphere XMP metadata. Camera: Pix4D, yaw, pitch and roll, zero where the camera looks straight down. All others: as
 exiftool.org describes their tags (facts only).

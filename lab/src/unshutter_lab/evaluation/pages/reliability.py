@@ -1,6 +1,6 @@
 """How reliable confidences are: whether as many answers are right as they say, and what dropping the least sure gains.
 
-docs/conventions.md defines the figures.
+docs/reference/conventions.md defines the figures.
 """
 
 from __future__ import annotations
