@@ -1,5 +1,5 @@
 """What libvips's effort is worth when AVIF is written: time, size and PSNR at quality 80,
-a table for docs/reference/formats.md.
+a table for docs/research/files.md.
 
     python benchmarks/bench_avif_effort.py PHOTO...
 

@@ -1,6 +1,6 @@
 """What becomes of strangers' files: any folders of pictures through ``unshutter rectify``, in one batch.
 
-    python benchmarks/corpus.py FOLDER... [--jobs 2] [--estimator NAME] [--page docs/reference/formats.md]
+    python benchmarks/corpus.py FOLDER... [--jobs 2] [--estimator NAME] [--page docs/research/files.md]
 
 Prints tables: outcomes by ending, reasons of refusals, metadata lost by kind (by exiftool, where it is installed), the
 slowest files. All files are copied first, and stay where they are; results go into a temporary folder. Not part of the
