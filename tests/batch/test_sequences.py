@@ -116,8 +116,8 @@ def test_gaps_in_time_part_a_sequence(moving, tmp_path):
     photos = [Path(path) for path in sorted(folder.glob("*.png"))]
     jobs = [Job(photo, tmp_path / photo.name, None, False, 10**8) for photo in photos]
     neighbours = Neighbours(sequence=True, clock=Clock(0.9))
-    known = with_motions(jobs, photos, Rectify(neighbours=neighbours), 10**8)
-    assert [(job.before and job.before.stem, job.after and job.after.stem) for job in known] == [
+    complete, _ = with_motions(jobs, photos, Rectify(neighbours=neighbours), 10**8)
+    assert [(job.before and job.before.stem, job.after and job.after.stem) for job in complete] == [
         (None, "1"),
         ("0", "2"),
         ("1", None),

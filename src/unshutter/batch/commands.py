@@ -70,14 +70,17 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
     plan = plan_for(jobs, manifest, run.overwrite)
     if run.dry_run:
         return _report_dry_run(plan, inputs, protection)
+    ratio = None
     if request.neighbours.sequence and plan.to_do:
-        plan.to_do = with_motions(plan.to_do, list(inputs.photos), request, run.max_pixels)
+        plan.to_do, ratio = with_motions(plan.to_do, list(inputs.photos), request, run.max_pixels)
     prefetch = None
     if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
         sources = [job.source for job in plan.to_do]
         prefetch = Prefetch(sources, request.find_alone, run.max_pixels, request.undo)
     with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log, inputs, protection) as report:
         report.preview = Preview(run.preview, run.overwrite) if run.preview is not None else None
+        if ratio is not None:
+            report.tell(f"unshutter: readout ratio {ratio}")
         _report_before_work(plan, inputs, report)
         prepare_folders(jobs, inputs, into, protection)
         with workers_for(run) as workers:

@@ -1,8 +1,7 @@
-"""``unshutter rectify --sequence``: the motions of all frames, found before each becomes a job of its own."""
+"""``unshutter rectify --sequence``: the motions of all frames are found before each becomes a job of its own."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import timedelta
@@ -17,6 +16,7 @@ from unshutter.storage.places import Place, absolute
 if TYPE_CHECKING:
     from datetime import datetime
 
+    from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.frames.sequence import CameraMotion, GreyFrame
 
 _LONGEST_INTERVAL = timedelta(seconds=10)  # of neighbours that say anything
@@ -24,76 +24,81 @@ _MANY = 2.5  # usual intervals that are a gap
 _RESOLUTION = timedelta(seconds=2)  # cameras that say whole seconds seem to jitter by so much
 
 
-def check_sequence(wanted: Rectify, photos: int) -> None:
+def check_sequence(request: Rectify, photos: int) -> None:
     """Raises UsageError where the photos cannot be a sequence."""
-    if wanted.neighbours.sequence and photos < 2:
+    if request.neighbours.sequence and photos < 2:
         raise UsageError("--sequence needs several photos: name them in order, or their folder")
 
 
-def with_motions(jobs: list[Job], photos: list[Place], wanted: Rectify, max_pixels: int) -> list[Job]:
+def with_motions(
+    jobs: list[Job], photos: list[Place], request: Rectify, max_pixels: int
+) -> tuple[list[Job], ReadoutRatio | None]:
     """The jobs, each with the motion of its photo.
 
-    Every folder is a sequence of its own, and so is what lies between photos that cannot be read: why they cannot,
-    their jobs say.
+    Every folder is a sequence of its own, and so are the photos between two that cannot be read; the jobs of those
+    report why they cannot.
 
     Args:
-        jobs: those that are left to do.
+        jobs: those that remain to be done.
         photos: all photos in order: finished ones are neighbours, too.
-        wanted: of all jobs.
+        request: what is done to all photos.
         max_pixels: of a photo.
 
+    Returns:
+        The jobs, and the readout ratio that the frames show; None: the user has stated it, or nothing moves.
+
     Raises:
-        UnknownRatioError: the readout ratio was not given, and the frames do not show it.
+        UnknownRatioError: the user has not stated the readout ratio, and the frames do not show it.
     """
     from unshutter.frames.sequence import CameraMotion, known_ratio
 
-    clock, camera = wanted.clock, wanted.find.camera
-    ratio = known_ratio(clock.ratio) if clock.is_known else None
-    finder = CameraMotion(ratio, camera.focal_px, camera.direction)
-    read: list[Place] = []
-    joined: list[tuple[Place, Place]] = []  # photos that follow one another
-    found = list(finder.motions(_seen(finder, photos, read, joined, max_pixels)))
-    motions = dict(zip(map(absolute, read), found, strict=True))
-    unknown = next((motion.reason for motion in found if motion.ratio_unknown), None)
-    if unknown is not None and finder.ratio is None and not wanted.neighbours.fallback:
+    clock, camera = request.clock, request.find.camera
+    stated_ratio = known_ratio(clock.ratio) if clock.is_known else None
+    finder = CameraMotion(stated_ratio, camera.focal_px, camera.direction)
+    readable: list[Place] = []
+    pairs: list[tuple[Place, Place]] = []  # photos that follow one another
+    frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))
+    motions = dict(zip(map(absolute, readable), frame_motions, strict=True))
+    unknown = next((motion.reason for motion in frame_motions if motion.ratio_unknown), None)
+    if unknown is not None and finder.ratio is None and not request.neighbours.fallback:
         raise UnknownRatioError(str(unknown), unknown)
-    if ratio is None and finder.ratio is not None:
-        print(f"unshutter: readout ratio {finder.ratio}", file=sys.stderr)
-    after = {absolute(first): absolute(second) for first, second in joined}
+    after = {absolute(first): absolute(second) for first, second in pairs}
     before = {second: first for first, second in after.items()}
-    named = [(job, absolute(job.source)) for job in jobs]
-    return [replace(job, motion=motions.get(at), before=before.get(at), after=after.get(at)) for job, at in named]
+    places = [(job, absolute(job.source)) for job in jobs]
+    complete = [replace(job, motion=motions.get(at), before=before.get(at), after=after.get(at)) for job, at in places]
+    return complete, None if stated_ratio is not None else finder.ratio
 
 
-def _seen(
-    finder: CameraMotion, photos: list[Place], read: list[Place], joined: list[tuple[Place, Place]], max_pixels: int
+def _grey_frames(
+    finder: CameraMotion, photos: list[Place], readable: list[Place], pairs: list[tuple[Place, Place]], max_pixels: int
 ) -> Iterator[GreyFrame | None]:
-    """The photos that can be read, which are noted in ``read``; None where the sequence is parted.
+    """Grey copies of the photos; None where the sequence is interrupted.
 
-    It is parted between folders, where a photo cannot be read, and where photos were not taken at even intervals.
+    It is interrupted between folders, at photos that cannot be read, and where photos were not taken at even intervals.
+    Photos are added to ``readable``, and photos that follow one another to ``pairs``.
     """
     last: tuple[Place, datetime | None] | None = None
     interval: timedelta | None = None
     for place in photos:
         try:
             photo = open_photo(place, max_pixels)
-            seen = finder.look(photo)
+            frame = finder.look(photo)
         except UnshutterError:
             last = None
             yield None
             continue
-        taken = photo.taken()
+        time = photo.taken()
         if last is not None:
-            since = taken - last[1] if taken is not None and last[1] is not None else None
+            since = time - last[1] if time is not None and last[1] is not None else None
             if last[0].parent != place.parent or _is_gap(since, interval):
                 interval = None
                 yield None
             else:
                 interval = max(interval or since, since) if since is not None else interval
-                joined.append((last[0], place))
-        last = place, taken
-        read.append(place)
-        yield seen
+                pairs.append((last[0], place))
+        last = place, time
+        readable.append(place)
+        yield frame
 
 
 def _is_gap(since: timedelta | None, interval: timedelta | None) -> bool:
