@@ -1,5 +1,6 @@
 """The house: what the contracts in pyproject.toml (``make layers``) cannot see of it."""
 
+import ast
 import subprocess
 import sys
 from graphlib import CycleError, TopologicalSorter
@@ -26,6 +27,19 @@ def test_decoding_can_begin_before_numpy_is_imported() -> None:
     code = f"import sys; sys.modules['numpy'] = None; import {', '.join(names)}"  # to import None fails
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_libraries_are_silent() -> None:
+    """What a person reads is written by the command line, the page's server, the progress bar and a batch's report."""
+    package = Path(unshutter.__file__).parent
+    surfaces = ("cli", "serve", "progress.py", "batch/report.py", "batch/commands.py")
+    loud = []
+    for path in sorted(package.rglob("*.py")):
+        name = path.relative_to(package).as_posix()
+        calls = [node.func for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+        if any(isinstance(call, ast.Name) and call.id == "print" for call in calls) and not name.startswith(surfaces):
+            loud.append(name)
+    assert not loud
 
 
 def test_few_files_lie_loose_at_the_top() -> None:

@@ -19,7 +19,7 @@ from unshutter.serve.jobs import photo as screen
 from unshutter.serve.jobs.cache import OpenFile
 from unshutter.video.frame_motion import MovingFrame
 from unshutter.video.frame_warper import Warper, common_window
-from unshutter.video.options import UndoFrames
+from unshutter.video.options import ClipUndo
 from unshutter.warp import edges
 from unshutter.warp.edges import EdgePolicy
 from unshutter.warp.grid import Tile
@@ -68,7 +68,7 @@ def _with_neighbours(folder: Path) -> None:
 def _as_a_clip(folder: Path) -> None:
     clip: Any = SimpleNamespace(height=90, width=120)
     frame: Any = None  # only its motion counts
-    common_window(Warper(clip, UndoFrames(edges="crop")), [MovingFrame(frame, shake(90, 120))])
+    common_window(Warper(clip, ClipUndo(edges="crop")), [MovingFrame(frame, shake(90, 120))])
 
 
 def _on_the_page(folder: Path) -> None:

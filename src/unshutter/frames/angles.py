@@ -44,7 +44,7 @@ class PhotoSpeed:
 
     Attributes:
         view: the photo.
-        speed: [3] t_x and t_y [rows] and r_z [rad] in a frame interval, by the frames beside it.
+        speed: [3] t_x and t_y [rows] and r_z [rad] in a frame interval, by its neighbouring frames.
     """
 
     view: View

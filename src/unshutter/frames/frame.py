@@ -41,7 +41,7 @@ class Frame:
 
     @property
     def name(self) -> str:
-        """What the frame is called in messages."""
+        """Name of the frame in messages."""
         return str(self.photo.path or "the photo")
 
     @property
@@ -151,7 +151,7 @@ class RectifiedFrame(Result):
         edges: ``keep``, ``crop``, ``fill`` or ``borrow``: what was done about places that the photo did not see.
         whole: share of the photo's area that a crop leaves; None where no crop was looked for.
         model: how its motion was described: ``camera`` (one motion for the whole picture), ``dense`` (near and far
-            move differently), or ``alone`` (neighbours said nothing, and what the photo itself says was asked for).
+            move differently), or ``alone`` (neighbours said nothing, and the photo itself was asked).
         motion: what was undone; None where it is dense, and so no motion of the camera alone.
     """
 
@@ -166,7 +166,7 @@ class RectifiedFrame(Result):
 
     @classmethod
     def of(cls, result: Rectified, model: Model) -> RectifiedFrame:
-        """What became of a photo by one motion for the whole picture."""
+        """The result of rectifying a photo by one motion for the whole picture."""
         return cls(
             result.photo,
             result.valid,

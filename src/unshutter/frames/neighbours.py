@@ -1,4 +1,4 @@
-"""A frame and its neighbours -> what a global shutter would have taken of it, at any moment between them.
+"""A frame and its neighbours -> the picture that a global shutter would have taken, at any moment between them.
 
 The dense model (dense.py): flow is computed on small grey copies, once for each pair of frames, whatever moments are
 asked for; full-size pixels are looked up once in each frame, and fused (fusion.py).
@@ -34,7 +34,7 @@ _LEAST_CONSISTENT = 0.35  # of the flow, or the frames show different things
 _LEAST_GAIN = 0.06  # share of the difference between the frames that their motion must explain
 _NOISE_GAIN = 0.25  # what a motion may explain that was only fitted to noise; then it must be
 _PLAIN_CONSISTENT, _PLAIN_MOVE = 0.7, 0.5  # so consistent, and so large [px, mean]
-_UNMOVED = 0.1  # px that nine tenths of a picture move by at most, if it is to stay as it is
+_UNMOVED = 0.1  # px; if nine tenths of a picture move by less, it is left unchanged
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Link:
 
 @dataclass(frozen=True)
 class MotionField:
-    """How what a picture of one moment shows moves, about frame 0.
+    """The motion of everything in a picture of one moment, about frame 0.
 
     Attributes:
         field: on the small copies.
@@ -93,7 +93,7 @@ def copy_side(height: int, width: int) -> int:
 def link(
     earlier: UInt8[np.ndarray, "height width"], later: UInt8[np.ndarray, "height width"], apart: float = 1.0
 ) -> Link:
-    """What connects two successive frames, from their small grey copies.
+    """The flow between two successive frames, from their small grey copies.
 
     Args:
         earlier, later: the copies.
@@ -114,10 +114,10 @@ def link(
 
 
 def motion_field(links: Mapping[int, Link], timing: Timing, moment: float) -> MotionField:
-    """How what a picture of a moment shows moves, from what connects frame 0 with its neighbours.
+    """The motion of everything in the picture of a moment, from the flow between frame 0 and its neighbours.
 
     Args:
-        links: -1 or 1 or both -> what connects frame 0 with that neighbour, the earlier frame first.
+        links: -1 or 1 or both -> the flow between frame 0 and that neighbour, the earlier frame first.
         timing: the clock of the frames.
         moment: in frame intervals from the first row of frame 0.
     """
@@ -143,7 +143,7 @@ def render(
 
     Args:
         frames: number -> pixels: 0, and -1 or 1 or both.
-        links: -1 and 1 -> what connects frame 0 with that neighbour, the earlier frame first.
+        links: -1 and 1 -> the flow between frame 0 and that neighbour, the earlier frame first.
         timing: the clock of the frames.
         moment: in frame intervals from the first row of frame 0.
         borrow: whether what frame 0 did not see is taken from its neighbours.

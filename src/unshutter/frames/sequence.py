@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 NAME = "frames-camera"
 _CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
 SEARCHED = 60  # frames from which the readout ratio is found
-_PATIENCE = 240  # frames after which it is given up
+_PATIENCE = 240  # frames after which the search ends
 _STIFFNESS_EVERY = 4  # windows
 _NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
@@ -42,7 +42,7 @@ _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """What is known of one frame's motion; small, as long as it is not asked for every row's.
+    """The motion of one frame, or why it has none; a small value until every row's motion is asked for.
 
     Attributes:
         height, width: of the frame's readout frame [px].
@@ -126,11 +126,11 @@ class CameraMotion:
     _windows: int = field(default=0, init=False)
 
     def frames(self, frames: Iterable[_FRAME]) -> Iterator[FrameMotion]:
-        """What is known of each frame's motion, in order, some frames later than they come; memory stays flat."""
+        """The motion of each frame, in order, some frames after it was taken from ``frames``; memory stays flat."""
         return self.motions(self.look(frame) for frame in frames)
 
     def motions(self, frames: Iterable[GreyFrame | None]) -> Iterator[FrameMotion]:
-        """As :meth:`frames`, of frames that were looked at.
+        """The motion of each frame, from grey copies (:meth:`look`), in order.
 
         Args:
             frames: in order; None where some are missing, which parts the sequence.
@@ -149,7 +149,7 @@ class CameraMotion:
         yield from self._ready(shot, ended=True)
 
     def look(self, frame: _FRAME) -> GreyFrame:
-        """What is kept of a frame.
+        """The grey copy of a frame, from which its motion is found.
 
         Raises:
             UnshutterError: it cannot be read.
@@ -197,7 +197,7 @@ class CameraMotion:
         self.ratio = by_motion
 
     def _with_angles(self, shot: Shot, by_motion: ReadoutRatio | None) -> ReadoutRatio | None:
-        """What right angles add to the readout ratio that motion says, if it says one."""
+        """The readout ratio from motion, if there is one, combined with that from right angles, if there is one."""
         photos = [
             PhotoSpeed(View(frame.photo, Camera(self.readout, self.focal_px)), speed_of(pair))
             for frame in shot.waiting
@@ -254,7 +254,7 @@ class FramesOptions(ClockKeywords, total=False):
 
 @takes_options(FramesOptions, Clock, Camera, Undo)
 def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) -> Iterator[Motion]:
-    """Finds how the camera moved while each frame of a sequence was read out, from the frames beside it.
+    """Finds how the camera moved while each frame of a sequence was read out, from its neighbouring frames.
 
     Exact where one photo cannot be: what moves from frame to frame by v is sheared by ratio * v over a frame's height.
     Cuts, and frames of another size, begin a sequence of their own.
@@ -284,10 +284,10 @@ def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) 
 def known_ratio(
     readout_ratio: float | None = None, readout_ms: float | None = None, fps: float | None = None
 ) -> ReadoutRatio | None:
-    """The readout ratio that a user gives; None where they give none.
+    """The readout ratio that a user states; None where they state none.
 
     Raises:
-        UsageError: it is not above 0 and at most 1, or only a part of it is given.
+        UsageError: it is not above 0 and at most 1, or only a part of it is stated.
     """
     clock = Clock(readout_ratio, fps, readout_ms)
     if (readout_ms is None) != (fps is None):

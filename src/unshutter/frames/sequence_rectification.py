@@ -56,12 +56,12 @@ def rectify_frames(
 
     Raises:
         UnshutterError: a frame cannot be read, is too small, or has too little in common with its neighbour; the
-            readout ratio was not given, and the frames do not say it.
+            readout ratio was not stated, and the frames do not show it.
         UsageError: fewer than two frames, frames of different sizes, or an option that is none of its choices.
     """
     ratio, milliseconds, fps = options.get("readout_ratio"), options.get("readout_ms"), options.get("fps")
     clock, undoing = Clock(ratio, fps, milliseconds), from_keywords(Undo, options).keeping_coordinates()
-    known_ratio(ratio, milliseconds, fps)  # raises where only a part of it is given
+    known_ratio(ratio, milliseconds, fps)  # raises where only a part of it is stated
     camera, alone = from_keywords(Camera, options), Find() if options.get("fallback") else None
     model = options.get("model")
     of_frames = SequenceOptions(clock, undoing, camera.direction, options.get("at"), model, camera.focal_px, alone)
@@ -93,7 +93,7 @@ def _each(frames: Iterator[Any], options: SequenceOptions) -> Iterator[Any]:
 
 
 def _with_ratio(frames: list[Any], options: SequenceOptions) -> SequenceOptions:
-    """The same with the readout ratio that frames say; without one where nothing moves in them."""
+    """The options with the readout ratio that the frames show; without one where nothing moves in them."""
     finder = CameraMotion(None, options.focal_px, options.readout)
     silent = [motion for motion in finder.frames(frames) if not motion.stood_still]
     if finder.ratio is not None:
@@ -134,7 +134,7 @@ def _by_any_means(
     options: SequenceOptions,
     camera_motion: FrameMotion | None = None,
 ) -> RectifiedFrame:
-    """A frame by its neighbours; where they say nothing, by itself, if that is wanted."""
+    """A frame rectified by its neighbours, or, where they show nothing and the options allow it, by itself."""
     try:
         result = _by_neighbours(before, current, after, options, camera_motion)
     except UsageError:
@@ -175,10 +175,10 @@ def _by_neighbours(
 
 
 def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -> FrameMotion:
-    """What a few frames say of the camera's motion about one of them.
+    """The camera's motion about one of a few frames.
 
     Raises:
-        UnknownRatioError: the readout ratio was not given, and they do not show it.
+        UnknownRatioError: the readout ratio was not stated, and the frames do not show it.
     """
     ratio = known_ratio(options.clock.ratio) if options.clock.is_known else None
     finder = CameraMotion(ratio, options.focal_px, options.readout, every_angle=1)
@@ -189,7 +189,7 @@ def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -
 
 
 def _error_of(motion: FrameMotion) -> UnknownRatioError:
-    """The error of a frame that has no motion because the readout ratio is not known."""
+    """The error for a frame that has no motion because the readout ratio is unknown."""
     assert motion.reason is not None
     if motion.ratio_unknown:
         return UnknownRatioError(str(motion.reason), motion.reason)

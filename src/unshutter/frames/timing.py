@@ -58,5 +58,5 @@ class Timing:
         return frame + self.readout_ratio * _SHARE[reference]
 
     def of_copy(self, height: int) -> Timing:
-        """The same clock for a copy of the frames with so many rows."""
+        """The clock of a copy of the frames with so many rows."""
         return replace(self, height=height, first_row=0.5 - 0.5 * height / self.height)

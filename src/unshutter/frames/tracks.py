@@ -17,7 +17,7 @@ _APART = 1 / 45  # distance of corners, as a share of the diagonal
 _WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade
 _RETURNS = 0.3  # px; a corner followed there and back must end this close to where it began
 _COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is found
-_FEWEST = 12  # tracks without which nothing can be told
+_FEWEST = 12  # tracks; fewer show nothing
 _LEAST_TRACKED, _LEAST_AGREEING = (
     0.15,
     0.35,
@@ -88,7 +88,7 @@ def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, 
 
 
 def _shift(earlier: np.ndarray, later: np.ndarray) -> np.ndarray:
-    """(col, row) by which the whole picture moved [px], roughly; zero where it cannot be told."""
+    """(col, row) by which the whole picture moved [px], roughly; zero where it cannot be measured."""
     import cv2
 
     scale = max(1.0, max(earlier.shape) / _COARSE_SIDE)
@@ -100,7 +100,7 @@ def _shift(earlier: np.ndarray, later: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """What of two frames' tracks moves with the camera.
+    """The tracks of two frames that move with the camera.
 
     Attributes:
         tracks: those of the background.

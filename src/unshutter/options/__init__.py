@@ -7,13 +7,21 @@ where the work is done.
 Nothing here imports NumPy: a photo is being decoded before that.
 """
 
-from unshutter.options.camera import DEFAULT_ESTIMATOR, MOST_ROLL_DEG, MOST_TILT_DEG, Camera, CameraKeywords, Find
-from unshutter.options.description import Names, option
+from unshutter.options.camera import (
+    DEFAULT_ESTIMATOR,
+    MOST_ROLL_DEG,
+    MOST_TILT_DEG,
+    Camera,
+    CameraKeywords,
+    Find,
+    check_focal,
+)
+from unshutter.options.description import Names, check_time, option
 from unshutter.options.neighbours import Clock, ClockKeywords, FrameModel, Neighbours, check_ratio, model_for
 from unshutter.options.rectify import Rectify
 from unshutter.options.run import MAX_PIXELS, Run
 from unshutter.options.save import PictureFormat, Save, Subsampling
-from unshutter.options.undo import MIN_CONFIDENCE, Edges, Reference, Undo, UndoKeywords, check_edges
+from unshutter.options.undo import MIN_CONFIDENCE, Edges, Reference, Undo, UndoKeywords, check_edges, check_strength
 
 __all__ = [
     "DEFAULT_ESTIMATOR",
@@ -39,7 +47,10 @@ __all__ = [
     "Undo",
     "UndoKeywords",
     "check_edges",
+    "check_focal",
     "check_ratio",
+    "check_strength",
+    "check_time",
     "model_for",
     "option",
 ]

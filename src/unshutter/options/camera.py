@@ -14,6 +14,12 @@ DEFAULT_ESTIMATOR = "segment-manhattan"
 MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
 
 
+def check_focal(focal_px: float | None) -> None:
+    """Raises UsageError where this is neither None nor a positive focal length [px]."""
+    if focal_px is not None and not 0 < focal_px < math.inf:
+        raise UsageError(f"the focal length must be positive, got {focal_px:g} px")
+
+
 @dataclass(frozen=True)
 class Camera:
     """What you know of the camera, beside the photo itself.
@@ -56,8 +62,7 @@ class Camera:
 
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
-        if self.focal_px is not None and not 0 < self.focal_px < math.inf:
-            raise UsageError(f"the focal length must be positive, got {self.focal_px:g} px")
+        check_focal(self.focal_px)
         for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
             check_time(name, time, unit)
         for name, angle, most in (("roll", self.roll_deg, MOST_ROLL_DEG), ("tilt", self.tilt_deg, MOST_TILT_DEG)):

@@ -20,6 +20,12 @@ def check_edges(edges: str) -> None:
         raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
 
 
+def check_strength(strength: float) -> None:
+    """Raises UsageError for a share of the motion that is not between 0 and 1."""
+    if not 0 <= strength <= 1:
+        raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
+
+
 class UndoKeywords(TypedDict, total=False):
     """The fields of :class:`Undo` as keywords of Python's functions."""
 
@@ -56,8 +62,7 @@ class Undo:
     )
 
     def __post_init__(self) -> None:
-        if not 0 <= self.strength <= 1:
-            raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
+        check_strength(self.strength)
         if not 0 <= self.min_confidence <= 1:
             raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
         if self.edges != "borrow":

@@ -37,7 +37,7 @@ class SidePacket:
 
 @dataclass(frozen=True)
 class Clip:
-    """What a clip's file says about the clip; each reader opens the file for itself.
+    """A clip by its file's headers and first frames; each reader opens the file for itself.
 
     Attributes:
         path: of the file; of pictures, their pattern (``frames/%05d.png``).
@@ -49,9 +49,9 @@ class Clip:
         duration_s: of the clip [s]; 0: unknown.
         tags: of the container and of the film, later ones first.
         ticks: units in a second of the times of its frames, at most a million.
-        side_data: what lies beside the first frame, by FFmpeg's names; later frames are not asked, since PyAV then
+        side_data: of the first frame, by FFmpeg's names; later frames are not asked, since PyAV then
             keeps them for good.
-        lead_s: by how much earlier than wanted the file has to be read, so that a key frame comes first [s].
+        lead_s: by how much earlier the file has to be read, so that a key frame comes first [s].
         extent: how much of it there should be.
         clock: when its frames are shown.
         pictures: of a sequence of pictures; None: a film.
@@ -75,7 +75,7 @@ class Clip:
 
     @classmethod
     def look(cls, path: str | os.PathLike[str], fps: float | None = None, max_pixels: int = MAX_CLIP_PIXELS) -> Clip:
-        """What a file says.
+        """Reads the headers and the first frames of a file.
 
         Args:
             path: a film, a folder of pictures, or a pattern of their names.
@@ -171,10 +171,10 @@ class Clip:
             ending.check(start, end)
 
     def check_whole(self, start: float | None = None, end: float | None = None) -> None:
-        """Checks that a film goes on as long as it is wanted, where its size alone says that the file was cut off.
+        """Checks that a film lasts to the end of the part that is kept, where its file size says that it was cut off.
 
         Args:
-            start, end: what is wanted [s]; None: all.
+            start, end: the part that is kept [s]; None: all.
 
         Raises:
             UnshutterError: it ends before.

@@ -29,7 +29,7 @@ _LARGEST = 1 << 30  # bytes
 
 @dataclass(frozen=True)
 class ClipMotion:
-    """What a motion file says.
+    """The content of a motion file.
 
     Attributes:
         ratio: readout time in frame intervals.
@@ -100,7 +100,7 @@ class MotionWriter:
 def motion_written(
     path: Path | None, overwrite: bool, clip: Clip, ratio: ReadoutRatio, readout: Readout
 ) -> Iterator[MotionWriter | None]:
-    """Writes a motion file whole or not at all; None where none is wanted.
+    """Writes a motion file whole or not at all; None without a path.
 
     Raises:
         UnshutterError: it cannot be written.

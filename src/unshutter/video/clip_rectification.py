@@ -1,4 +1,4 @@
-"""A whole clip: checked, its readout time found, its frames rectified, its file written."""
+"""Rectifies a whole clip: checks it, finds its readout time, rectifies its frames, writes its file."""
 
 from __future__ import annotations
 

@@ -109,13 +109,13 @@ def time_of(packet: Packet) -> float | None:
 
 
 def damaged(place: str, at: float | None) -> UnshutterError:
-    """What is said of a film that is damaged at a moment [s]."""
+    """The error for a film that is damaged at a moment [s]."""
     where = "" if at is None else f" at {at:.1f} s"
     return UnshutterError(f"{{clip}} is damaged{where}: take what is whole with --start and --end", clip=place)
 
 
 def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
-    """What a film's first packets say of its times.
+    """The times of a film's first packets.
 
     Returns:
         The usual time from frame to frame [s], the median of theirs; the earliest time that one of them has [ticks of
@@ -144,7 +144,7 @@ def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
 
 @dataclass(frozen=True)
 class Clock:
-    """How a film's frames are given their times.
+    """The rule by which a film's frames get their times.
 
     Attributes:
         start: time of the first frame where it has none [ticks of the film].

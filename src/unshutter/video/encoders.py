@@ -1,4 +1,4 @@
-"""How frames are encoded: like those that came in, unless told otherwise."""
+"""How frames are encoded: like those of the clip, unless the user chooses otherwise."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Encoder:
         name: as FFmpeg calls it.
         options: of it.
         qscale: quality of encoders that have no CRF; None: CRF.
-        pixel_format: of the frames that it is given; the clip's own, unless that is a sequence of pictures.
+        pixel_format: of the frames to encode; the clip's own, unless that is a sequence of pictures.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Encoder:
 
         Args:
             clip: what comes in.
-            wanted: what was asked for.
+            encode: codec, quality and preset that the user chose.
 
         Raises:
             UsageError: the encoder takes no such preset or quality.
@@ -118,7 +118,7 @@ class Encoder:
 
 
 def _checked(name: str, clip: Clip) -> str:
-    """The pixel format that an encoder is given; refuses one that is not there, or does not write such frames."""
+    """The pixel format for an encoder; refuses one that is not there, or does not write such frames."""
     try:
         codec = av().Codec(name, "w")
     except ValueError:
@@ -150,11 +150,11 @@ def _speed(name: str, preset: str | None) -> dict[str, str]:
 
 
 def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
-    """The unit of time that an encoder is given: the film's own, as far as it takes it.
+    """The unit of time for an encoder: the film's own, if the encoder takes it.
 
     Args:
         name: of the encoder.
-        wanted: the film's own unit [s].
+        film_base: the film's own unit [s].
         rate: frames a second.
     """
     if name in _CONSTANT_RATE:
@@ -166,7 +166,7 @@ def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
 
 
 def _follow(stream: Any, source: Any) -> None:
-    """What only an encoder of the same kind can take over."""
+    """Copies the settings that only an encoder of the same kind can take over."""
     context = stream.codec_context
     tag = source.codec_tag
     if tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4 and tag != "\0\0\0\0":
@@ -179,7 +179,7 @@ def _follow(stream: Any, source: Any) -> None:
 
 
 def _hdr(clip: Clip, display: Callable[[list[float]], str], light: Callable[[int, int], str]) -> list[str]:
-    """What a clip says of its mastering display and its light, as an encoder's settings."""
+    """A clip's mastering display and light levels as settings of an encoder."""
     side_data = clip.side_data
     settings = []
     if len(raw := side_data.get("MASTERING_DISPLAY_METADATA", b"")) >= 88:

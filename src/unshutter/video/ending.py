@@ -43,7 +43,7 @@ class Extent:
 
 
 class Ending:
-    """How far a file was read: told of all its packets in their order.
+    """How far a file was read, from its packets in their order.
 
     Args:
         path: of the file, for the user.
@@ -71,10 +71,10 @@ class Ending:
         """After the last packet.
 
         Args:
-            start, end: what was wanted of the film [s]; None: all.
+            start, end: the part of the film that is kept [s]; None: all.
 
         Raises:
-            UnshutterError: the file ends before what was wanted does, and before it should.
+            UnshutterError: the file ends before that part does, and before it should.
         """
         extent, near = self._extent, _NEAR * self._extent.interval_s
         if end is not None and self._film_s >= end - near:

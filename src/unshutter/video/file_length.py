@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 _MOST_PARTS = 100_000  # of a file that are looked at
 _LARGEST_HEADER = 1 << 20  # bytes
-_FLV_HEAD = 1 << 16  # bytes in which a film's length is told
+_FLV_HEAD = 1 << 16  # bytes at the beginning that hold a film's length
 _TS_PACKETS = ((188, 0), (192, 4), (204, 0), (208, 0))  # bytes of a packet, and where in it the first 0x47 is
 _UNTIL_CLUSTER = 0x1F43B675
 _SEGMENT, _INFO, _SCALE, _DURATION = 0x18538067, 0x1549A966, 0x2AD7B1, 0x4489
@@ -24,7 +24,7 @@ _ASF_FILE = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 
 @dataclass(frozen=True)
 class FileLength:
-    """What a file's own headers say of its length.
+    """The length of a file by its own headers.
 
     Attributes:
         cut: whether it has fewer bytes than they say; None: they do not say how many it should have.
@@ -36,7 +36,7 @@ class FileLength:
 
 
 def file_length(path: str, kind: str) -> FileLength:
-    """What a file says of its length.
+    """Reads the length of a file from its headers.
 
     Args:
         path: of it.

@@ -1,4 +1,4 @@
-"""The file that comes out: the frames encoded, everything else as it came in."""
+"""The film that is written: frames are encoded, everything else is copied."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
     try:
         yield container
     finally:
-        with suppress(Exception):  # what went wrong was said before
+        with suppress(Exception):  # the first error was raised already
             container.close()
 
 

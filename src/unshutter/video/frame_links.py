@@ -1,4 +1,4 @@
-"""Near and far may move differently: each frame of a clip by the flow between it and the frames beside it.
+"""The dense model for clips, in which near and far move differently: the flow between each frame and its neighbours.
 
 The flow is found on small grey copies (frames/neighbours.py). It says where each pixel of a rectified frame looks, and
 the planes are warped by it as they are by the camera's motion (frame_map.py). Frames are not averaged, as photos are:
@@ -20,7 +20,7 @@ from unshutter.geometry.readout import Readout
 from unshutter.video.clip import Clip, SidePacket
 from unshutter.video.frame_map import FrameMap
 from unshutter.video.frame_motion import MovingFrame
-from unshutter.video.options import UndoFrames
+from unshutter.video.options import ClipUndo
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt, UInt8
@@ -60,7 +60,7 @@ class LinkedFrame:
     timing: Timing
     readout: Readout
 
-    def maps(self, undo: UndoFrames) -> tuple[FrameMap | None, list[Lender]]:
+    def maps(self, undo: ClipUndo) -> tuple[FrameMap | None, list[Lender]]:
         """Where each pixel of the rectified frame looks, in the frame itself and in those that may lend to it.
 
         None where the neighbours do not show enough.
@@ -128,7 +128,7 @@ class _Copied:
     def at(cls, clip: Clip, moving: MovingFrame, readout: Readout, borrow: bool) -> _Copied:
         side = copy_side(clip.height, clip.width)
         copy = np.ascontiguousarray(readout.turn(clip.pixels.grey(moving.frame, side)))
-        # The frame itself may be written to before those beside it are made.
+        # The frame itself may be written to before its neighbours are warped.
         planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []
         return cls(moving, copy, planes)
 
@@ -146,7 +146,7 @@ class _Copied:
 
 
 def _connection(clip: Clip, current: _Copied, following: _Copied, ratio: float) -> Link | None:
-    """What connects two frames; None where frames are missing between them, or they show different scenes."""
+    """The flow between two frames; None where frames are missing between them, or they show different scenes."""
     apart = clip.since(current.moving.frame, following.moving.frame)
     if apart is None or apart < ratio:
         return None

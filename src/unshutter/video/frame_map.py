@@ -46,7 +46,7 @@ class FrameMap:
 
     @classmethod
     def of(cls, motion: Motion, height: int, width: int) -> FrameMap:
-        """Of a frame of height x width [px].
+        """The map of a frame of height x width [px].
 
         Args:
             motion: of a picture of the same shape, of any size.
@@ -68,7 +68,7 @@ class FrameMap:
 
     @classmethod
     def along(cls, shift: Float32[np.ndarray, "rows columns 2"], readout: Readout, height: int, width: int) -> FrameMap:
-        """Of a frame of height x width [px] in which every place looks elsewhere by a shift of its own.
+        """The map of a frame of height x width [px] in which every place looks elsewhere by a shift of its own.
 
         Args:
             shift: (columns, rows) [px of a small copy of the readout frame], at each pixel of that copy.

@@ -1,4 +1,4 @@
-"""Each frame's motion while a clip goes by: found from its neighbours, or read from a file."""
+"""The motion of each frame of a clip, found from its neighbours while the clip goes by."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def window(clip: Clip) -> tuple[int, int]:
 
 
 def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side: int = _SIDE) -> GreyFrame:
-    """What is kept of a frame for finding its motion.
+    """The grey copy of a frame, from which its motion is found.
 
     Args:
         clip: the clip.

@@ -1,4 +1,4 @@
-"""From a frame and its motion to the frame that a global shutter would have taken."""
+"""A frame and its motion -> the frame that a global shutter would have taken."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unshutter.video.containers import av
 from unshutter.video.frame_links import Lender, LinkedFrame
 from unshutter.video.frame_map import FrameMap, Scratch, borrow_plane, on_plane, warp_plane
 from unshutter.video.frame_motion import MovingFrame
-from unshutter.video.options import UndoFrames
+from unshutter.video.options import ClipUndo
 from unshutter.warp.crop import valid_window
 from unshutter.warp.edges import EdgePolicy
 from unshutter.warp.grid import Tile
@@ -54,7 +54,7 @@ class Warper:
     """
 
     clip: Clip
-    undo: UndoFrames
+    undo: ClipUndo
     window: Tile | None = None
     _scratches: tuple[Scratch, ...] = field(default_factory=lambda: (Scratch(), Scratch(), Scratch()))
 
@@ -112,7 +112,7 @@ class Warper:
                     warp_plane(before, positions, after[rows], black, limit)
 
     def _borrow(self, lenders: list[Lender], picture: VideoFrame, own: FrameMap) -> None:
-        """What a frame did not see, from those beside it, into the planes of the frame that is made of it."""
+        """Fills the places that a frame did not see from its neighbours, in the planes of the rectified frame."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [k for k, plane in enumerate(pixels.planes) if (plane.across, plane.down) == (across, down)]
@@ -133,7 +133,7 @@ class Warper:
                     missing &= ~has
 
     def _dressed(self, picture: VideoFrame, frame: VideoFrame) -> VideoFrame:
-        """The new pixels as the frame that came in: its time, its colours, what lies beside them."""
+        """The new pixels with the time, colours and side data of the original frame."""
         if self.window is None and _SIDE_DATA & self.clip.side_data.keys():
             frame.make_writable()
             for new, old in zip(self.clip.pixels.arrays(picture), self.clip.pixels.arrays(frame), strict=True):

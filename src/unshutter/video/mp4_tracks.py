@@ -62,7 +62,7 @@ class Track:
 
     @property
     def handler(self) -> bytes:
-        """What it is: ``vide``, ``soun`` ..."""
+        """The type of the track: ``vide``, ``soun`` ..."""
         return self.part(b"mdia", b"hdlr")[8:12]
 
     @property
@@ -131,7 +131,7 @@ class Track:
         return change(self.content, (b"mdia", b"minf", b"stbl"))
 
     def with_film(self, film: Track, movie_scale: int, film_movie_scale: int) -> Track:
-        """This track with the samples of another, and all else that it says: names, times, turns, tags.
+        """This track with the samples of another, but its own names, times, turns and tags.
 
         Args:
             film: the track whose samples these are.
@@ -206,7 +206,7 @@ def _per_chunk(runs: np.ndarray, chunks: int) -> np.ndarray:
 
 
 def _duration(header: bytes, at: int) -> int:
-    """Of tkhd (at 20) or mdhd (at 16), which are longer in their version 1."""
+    """The duration in tkhd (at 20) or mdhd (at 16), which are longer in their version 1."""
     if header[0]:
         return struct.unpack_from(">Q", header, at + 8)[0]
     return struct.unpack_from(">I", header, at)[0]
@@ -237,7 +237,7 @@ def _rescaled_edits(edits: bytes, scale: int, theirs: int) -> bytes:
 
 
 def _entry_with(theirs: bytes, ours: bytes) -> bytes:
-    """Their ``stsd`` content, its first entry with what ours says of colours and light beside the encoded data."""
+    """Their ``stsd`` content, its first entry extended by our boxes about colours and light."""
     entries, own = list(inside(theirs[8:])), list(inside(ours[8:]))
     name, content = entries[0]
     kinds = {n for n, _ in inside(content[_VISUAL:])}

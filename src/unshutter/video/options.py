@@ -1,4 +1,4 @@
-"""What can be asked for of a clip (see the package's options/): nothing here imports NumPy or PyAV."""
+"""Options for clips (see the package's options/). Nothing here imports NumPy or PyAV."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 from unshutter.errors import UsageError
 from unshutter.geometry.readout import Readout
-from unshutter.options import FrameModel, Reference, check_ratio, option
+from unshutter.options import FrameModel, Reference, check_focal, check_ratio, check_strength, check_time, option
 
 ClipEdges = Literal["keep", "crop", "fill", "borrow"]
 MAX_CLIP_PIXELS = 38_000_000  # of a frame, unless a user allows more: 8K
@@ -18,7 +18,7 @@ _LONGEST_S = 1e9
 
 @dataclass(frozen=True)
 class Shutter:
-    """What is known of the camera.
+    """The camera of a clip, as far as the user knows it.
 
     Attributes:
         readout_ms: time in which a frame is read out [ms].
@@ -55,19 +55,17 @@ class Shutter:
             raise UsageError("say either --readout-ms or --readout-ratio")
         if self.camera is not None and (self.readout_ms is not None or self.readout_ratio is not None):
             raise UsageError("say either the readout time or --camera")
-        if self.readout_ms is not None and not 0 < self.readout_ms < math.inf:
-            raise UsageError(f"the readout time must be positive, got {self.readout_ms:g} ms")
+        check_time("readout", self.readout_ms, "ms")
         check_ratio(self.readout_ratio)
-        if self.focal_px is not None and not 0 < self.focal_px < math.inf:
-            raise UsageError(f"the focal length must be positive, got {self.focal_px:g} px")
+        check_focal(self.focal_px)
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing was said of the readout time and the focal length."""
+        """Whether neither the readout time nor the focal length is stated."""
         return self.readout_ms is self.readout_ratio is self.camera is self.focal_px is None
 
     def ratio(self, interval_s: float) -> float | None:
-        """Readout time in frame intervals, where it was given.
+        """Readout time in frame intervals, where it is stated.
 
         Raises:
             UsageError: longer than a frame.
@@ -83,7 +81,7 @@ class Shutter:
 
 
 @dataclass(frozen=True)
-class UndoFrames:
+class ClipUndo:
     """How the motion of frames is undone.
 
     Attributes:
@@ -112,8 +110,7 @@ class UndoFrames:
     )
 
     def __post_init__(self) -> None:
-        if not 0 <= self.strength <= 1:
-            raise UsageError(f"strength must lie between 0 and 1, got {self.strength:g}")
+        check_strength(self.strength)
         if self.edges not in get_args(ClipEdges) or self.reference not in get_args(Reference):
             raise UsageError(
                 "unknown edges or reference row: choose keep, crop, fill or borrow, and first, middle or last"
@@ -156,7 +153,7 @@ class Encode:
 
 @dataclass(frozen=True)
 class RectifyClip:
-    """What is done to a clip.
+    """Everything that can be chosen about rectifying a clip.
 
     Attributes:
         shutter: what is known of the camera.
@@ -177,7 +174,7 @@ class RectifyClip:
     """
 
     shutter: Shutter = field(default_factory=Shutter)
-    undo: UndoFrames = field(default_factory=UndoFrames)
+    undo: ClipUndo = field(default_factory=ClipUndo)
     encode: Encode = field(default_factory=Encode)
     fps: float | None = option(
         None, "Frames per second of a sequence of pictures. Default: 30.", metavar="N", page=False
@@ -224,5 +221,5 @@ class RectifyClip:
             raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
 
     def span(self, duration_s: float) -> tuple[float, float]:
-        """What is kept of a clip of that length [s]; a minute where the length is not known (0)."""
+        """Start and end [s] of the part that is kept; the end of a clip of unknown length (0) is taken as a minute."""
         return self.start or 0.0, self.end or duration_s or 60.0

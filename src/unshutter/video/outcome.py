@@ -1,4 +1,4 @@
-"""What was done to a clip: counted frame by frame, for the user, the log and the plot."""
+"""The outcome of a clip, counted frame by frame, for the user, the log and the plot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _GAP, _GAP_S = 10, 1.0  # frame intervals and seconds without a frame that are r
 
 @dataclass
 class ClipOutcome:
-    """What was done to a clip.
+    """The outcome of a clip.
 
     Attributes:
         source, output: the clip and the new one, as the user named them.

@@ -1,4 +1,4 @@
-"""What a clip's run writes, checked before any work: it may be written, and is no file that the run reads."""
+"""Checks before any work on a clip: each output may be written, and none of them is a file that the run reads."""
 
 from __future__ import annotations
 

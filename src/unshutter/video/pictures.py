@@ -79,7 +79,7 @@ def is_pattern(place: str) -> bool:
 
 
 def _only_kind(folder: Path) -> tuple[str, int, str]:
-    """What stands before the numbers of a folder's pictures, how many digits they have, and what stands behind."""
+    """The text before the numbers of a folder's pictures, the count of their digits, and the text after them."""
     kinds = {
         (match[1], len(match[2]), match[3])
         for name in os.listdir(folder)

@@ -1,4 +1,4 @@
-"""The way of a clip's frames: decoded, given their motion, linked with their neighbours, warped.
+"""The steps of a clip's frames: decode, find the motion, link with neighbours, warp.
 
 Each step is a generator that a thread of its own works on ahead of the next. Packets of the clip's other streams pass
 through all of them, between the frames where they lie in the file.
@@ -36,7 +36,7 @@ _LINKED_AHEAD = 1  # frames; each is in memory
 _T = TypeVar("_T")
 _U = TypeVar("_U")
 _END = object()
-_ASK_S = 0.1  # how often a step that waits looks whether it is still wanted
+_ASK_S = 0.1  # how often a step that waits checks whether it is to stop
 
 
 @dataclass(frozen=True)
