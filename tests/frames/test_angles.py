@@ -22,9 +22,9 @@ def facade(sideways):
 
 
 def test_frames_that_move_differently_say_it():
-    found = ratio_from_angles([facade(sideways) for sideways in (0.15, -0.12, 0.08)])
-    assert found.value == pytest.approx(RATIO, abs=0.1)
-    assert abs(found.value - RATIO) < 2 * found.error < 0.2
+    answer = ratio_from_angles([facade(sideways) for sideways in (0.15, -0.12, 0.08)])
+    assert answer.value == pytest.approx(RATIO, abs=0.1)
+    assert abs(answer.value - RATIO) < 2 * answer.error < 0.2
 
 
 def test_one_frame_might_be_held_askew():

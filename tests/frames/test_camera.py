@@ -63,8 +63,8 @@ def test_two_frames_are_enough_for_an_even_motion():
 @pytest.mark.parametrize("focal", [200.0, 500.0])
 def test_the_focal_length_is_found(focal):
     moving = camera(hand(3), 0.5, frames=16, focal_px=focal)
-    found = focal_from_motion(exact_tracks(moving, noise=0.05), 0.5) / UNIT
-    assert found == pytest.approx(focal, rel=0.08)
+    answer = focal_from_motion(exact_tracks(moving, noise=0.05), 0.5) / UNIT
+    assert answer == pytest.approx(focal, rel=0.08)
 
 
 def test_near_ground_at_the_bottom_is_not_taken_for_an_oscillation():

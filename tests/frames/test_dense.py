@@ -25,16 +25,16 @@ def test_content_that_moves_at_one_speed(ratio, moment) -> None:
     velocity = np.array([7.0, 5.0])
     there = velocity / (1 - ratio * velocity[1] / HEIGHT)
     flow = Flow(constant(*there), constant(*-there), np.array([[1, 0, there[0]], [0, 1, there[1]], [0, 0, 1]]), 1.0)
-    found = field_between(BLANK, BLANK, flow, Timing(ratio, HEIGHT), moment)
-    np.testing.assert_allclose(found.velocity, constant(*velocity), rtol=1e-4)
+    answer = field_between(BLANK, BLANK, flow, Timing(ratio, HEIGHT), moment)
+    np.testing.assert_allclose(answer.velocity, constant(*velocity), rtol=1e-4)
 
 
 @pytest.mark.parametrize("frame", [-1, 0, 1])
 def test_it_looks_where_the_frame_saw_the_content(frame) -> None:
-    made = field((6.0, -4.0))
-    position = pixel_grid(HEIGHT, WIDTH) + made.shift(frame)
-    seen = made.timing.exposed(frame, position[..., 1:])
-    np.testing.assert_allclose(position, pixel_grid(HEIGHT, WIDTH) + [6.0, -4.0] * (seen - 0.3), atol=1e-3)
+    motion = field((6.0, -4.0))
+    position = pixel_grid(HEIGHT, WIDTH) + motion.shift(frame)
+    moments = motion.timing.exposed(frame, position[..., 1:])
+    np.testing.assert_allclose(position, pixel_grid(HEIGHT, WIDTH) + [6.0, -4.0] * (moments - 0.3), atol=1e-3)
 
 
 def test_two_neighbours_give_a_speed_that_changes() -> None:

@@ -16,34 +16,36 @@ def warped(frame, grey, shift=0.0, dtype=np.uint8):
 
 
 def test_frames_that_agree_are_averaged_by_nearness() -> None:
-    made, valid = fuse(warped(0, 100), [warped(1, 104)], TIMING, 0.2, borrow=False)
+    picture, valid = fuse(warped(0, 100), [warped(1, 104)], TIMING, 0.2, borrow=False)
     shares = np.array([0.2**-0.7, 0.8**-0.7])
     assert valid.all()
-    np.testing.assert_allclose(made, shares @ [100, 104] / shares.sum(), atol=0.6)
-    assert 100 < made[0, 0, 0] < 102
+    np.testing.assert_allclose(picture, shares @ [100, 104] / shares.sum(), atol=0.6)
+    assert 100 < picture[0, 0, 0] < 102
 
 
 @pytest.mark.parametrize(("moment", "nearest"), [(0.3, 20), (0.7, 220)])
 def test_where_they_do_not_the_nearest_alone_is_taken(moment, nearest) -> None:
-    made, _ = fuse(warped(0, 20), [warped(1, 220)], TIMING, moment, borrow=False)
-    np.testing.assert_array_equal(made, nearest)
+    picture, _ = fuse(warped(0, 20), [warped(1, 220)], TIMING, moment, borrow=False)
+    np.testing.assert_array_equal(picture, nearest)
 
 
 def test_of_three_frames_the_nearest_two_may_agree() -> None:
-    made, _ = fuse(warped(0, 100), [warped(-1, 250), warped(1, 100)], TIMING, 0.4, borrow=False)
-    np.testing.assert_array_equal(made, 100)
+    picture, _ = fuse(warped(0, 100), [warped(-1, 250), warped(1, 100)], TIMING, 0.4, borrow=False)
+    np.testing.assert_array_equal(picture, 100)
 
 
 def test_what_the_frame_did_not_see_is_borrowed_or_stays() -> None:
     unseen = np.arange(WIDTH) + 10 > WIDTH - 1
-    kept, valid = fuse(warped(0, 100, shift=10), [warped(1, 180)], TIMING, 0.4, borrow=False)
+    picture, valid = fuse(warped(0, 100, shift=10), [warped(1, 180)], TIMING, 0.4, borrow=False)
     np.testing.assert_array_equal(valid, np.broadcast_to(~unseen, valid.shape))
-    np.testing.assert_array_equal(kept[:, unseen], 100)  # as it came
+    np.testing.assert_array_equal(picture[:, unseen], 100)  # as it came
     borrowed, valid = fuse(warped(0, 100, shift=10), [warped(1, 180)], TIMING, 0.4, borrow=True)
     assert valid.all()
     np.testing.assert_array_equal(borrowed[:, unseen], 180)
 
 
 def test_16_bits_are_not_lost() -> None:
-    made, _ = fuse(warped(0, 40_001, dtype=np.uint16), [warped(1, 40_001, dtype=np.uint16)], TIMING, 0.5, borrow=False)
-    np.testing.assert_array_equal(made, 40_001)
+    picture, _ = fuse(
+        warped(0, 40_001, dtype=np.uint16), [warped(1, 40_001, dtype=np.uint16)], TIMING, 0.5, borrow=False
+    )
+    np.testing.assert_array_equal(picture, 40_001)

@@ -36,19 +36,19 @@ def between(frames, **options):
 
 def test_a_turning_camera_is_described_as_one():
     moving, frames = clip(hand(4), 0.9, frames=3, noise=1)
-    made = between(frames, readout_ratio=0.9, focal_px=FOCAL)
-    assert made.model == "camera"
-    assert motion_error(made.motion, moving.motion(1)).epe < 0.3
+    result = between(frames, readout_ratio=0.9, focal_px=FOCAL)
+    assert result.model == "camera"
+    assert motion_error(result.motion, moving.motion(1)).epe < 0.3
 
 
 def test_near_and_far_are_dense():
     frames = [PARALLAX.frame(k, 0.9) for k in range(3)]
-    made = between(frames, readout_ratio=0.9)
-    assert made.model == "dense" and made.motion is None
+    result = between(frames, readout_ratio=0.9)
+    assert result.model == "dense" and result.motion is None
     forced = between(frames, readout_ratio=0.9, model="camera")
     truth, board = PARALLAX.at(1), np.s_[40:110, 100:150]
     assert forced.model == "camera"
-    assert off(made.pixels[board], truth[board]) < 0.8 * off(frames[1][board], truth[board])
+    assert off(result.pixels[board], truth[board]) < 0.8 * off(frames[1][board], truth[board])
 
 
 @pytest.mark.parametrize(("option", "model"), [({"at": 0.2}, "dense"), ({"edges": "borrow"}, "dense")])
@@ -92,17 +92,17 @@ def test_people_before_a_still_camera_do_not_bend():
     person = textured(110, 90, bands=1)[::-1, ::-1, 0]
     for k, frame in enumerate(frames):
         frame[60:170, 20 + 6 * k : 110 + 6 * k] = person
-    made = between(frames, readout_ratio=0.9)
-    assert not made.changed and made.reason == "the camera stood still"
-    np.testing.assert_array_equal(made.pixels[..., 0], frames[1])
+    result = between(frames, readout_ratio=0.9)
+    assert not result.changed and result.reason == "the camera stood still"
+    np.testing.assert_array_equal(result.pixels[..., 0], frames[1])
 
 
 @pytest.mark.parametrize("ratio", [None, 0.9])
 def test_a_still_camera_and_identical_frames_stay(ratio):
     frame = textured(HEIGHT, WIDTH)
     for frames in ([frame] * 3, clip(still(), frames=3, noise=3)[1]):
-        made = between(frames, readout_ratio=ratio)
-        np.testing.assert_array_equal(made.pixels.reshape(frames[1].shape), frames[1])
+        result = between(frames, readout_ratio=ratio)
+        np.testing.assert_array_equal(result.pixels.reshape(frames[1].shape), frames[1])
 
 
 @pytest.fixture
@@ -128,8 +128,8 @@ def test_night_without_texture_is_a_clear_line_or_stays():
     rng = np.random.default_rng(0)
     frames = [rng.poisson(2, (HEIGHT, WIDTH)).astype(np.uint8) for _ in range(3)]
     try:
-        made = between(frames, readout_ratio=0.9)
+        result = between(frames, readout_ratio=0.9)
     except unshutter.UnshutterError as error:
         assert "too little in common" in str(error)
     else:
-        np.testing.assert_array_equal(made.pixels[..., 0], frames[1])
+        np.testing.assert_array_equal(result.pixels[..., 0], frames[1])

@@ -12,13 +12,13 @@ from unshutter.frames.self_calibration import ratio_from_motion
 from unshutter.reasons import Code
 
 
-def found(log, ratio, frames=45, noise=0.1):
+def ratio_of(log, ratio, frames=45, noise=0.1):
     return ratio_from_motion(exact_tracks(camera(log, ratio, frames), noise=noise), FOCAL * ROWS / HEIGHT)
 
 
 @pytest.mark.parametrize("ratio", [0.3, 0.6, 0.9])
 def test_a_hand_says_it(ratio):
-    answer = found(hand(seed=int(10 * ratio)), ratio)
+    answer = ratio_of(hand(seed=int(10 * ratio)), ratio)
     assert answer.value == pytest.approx(ratio, abs=0.03)
     assert abs(answer.value - ratio) < 3 * answer.error
     assert 0 < answer.error < 0.05
@@ -30,7 +30,7 @@ def test_a_hand_says_it(ratio):
 )
 def test_where_it_cannot_be_told_it_is_not_guessed(log, because):
     with pytest.raises(UnknownRatioError) as caught:
-        found(log, 0.6)
+        ratio_of(log, 0.6)
     reason = caught.value.reason
     assert reason.code is Code.RATIO_UNKNOWN and dict(reason.figures)["because"] == because
     passed_on = pickle.loads(pickle.dumps(caught.value.with_advice("say it")))  # as between processes
@@ -42,7 +42,7 @@ def test_where_it_cannot_be_told_it_is_not_guessed(log, because):
 @pytest.mark.parametrize("frames", [2, 3])
 def test_two_or_three_frames_do_not_say_why_not(log, frames):
     with pytest.raises(UnknownRatioError, match=f"\\({frames} frames are too few to show it\\)$"):
-        found(log, 0.6, frames=frames)
+        ratio_of(log, 0.6, frames=frames)
 
 
 def test_no_tracks_are_no_answer():
@@ -51,6 +51,6 @@ def test_no_tracks_are_no_answer():
 
 
 def test_more_noise_is_less_sure():
-    sure, unsure = found(hand(5), 0.6), found(hand(5), 0.6, noise=0.4)
+    sure, unsure = ratio_of(hand(5), 0.6), ratio_of(hand(5), 0.6, noise=0.4)
     assert unsure.error > sure.error
     assert np.abs([sure.value - 0.6, unsure.value - 0.6]).max() < 0.1

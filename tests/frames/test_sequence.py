@@ -22,8 +22,8 @@ def errors(frames, moving, **options):
 @pytest.mark.parametrize("ratio", [0.3, 0.9])
 def test_motions_are_true_with_the_ratio_given(ratio):
     moving, frames = clip(hand(4), ratio, frames=40)
-    found = errors(frames, moving, readout_ratio=ratio, focal_px=FOCAL)
-    assert np.mean(found) < 0.15 and max(found) < 0.5
+    errors_px = errors(frames, moving, readout_ratio=ratio, focal_px=FOCAL)
+    assert np.mean(errors_px) < 0.15 and max(errors_px) < 0.5
 
 
 def test_ratio_and_focal_length_are_found_where_they_are_not_given():
@@ -33,16 +33,16 @@ def test_ratio_and_focal_length_are_found_where_they_are_not_given():
     assert camera.ratio.value == pytest.approx(0.6, abs=0.04)
     assert {motion.reference for motion in motions} == {"middle"}
     truth = [moving.motion(k) for k in range(45)]
-    found = [motion_error(m.rereferenced("first"), t).epe for m, t in zip(motions, truth, strict=True)]
-    assert np.mean(found) < 0.3
+    errors_px = [motion_error(m.rereferenced("first"), t).epe for m, t in zip(motions, truth, strict=True)]
+    assert np.mean(errors_px) < 0.3
     assert motions[20].focal_px == pytest.approx(FOCAL, rel=0.1)
 
 
 def test_long_sequences_are_seamless():
     """Frames are solved for in windows: no frame stands out where two windows meet."""
     moving, frames = clip(hand(6), 0.6, frames=60)
-    found = errors(iter(frames), moving, readout_ratio=0.6, focal_px=FOCAL)
-    assert max(found) < 0.5
+    errors_px = errors(iter(frames), moving, readout_ratio=0.6, focal_px=FOCAL)
+    assert max(errors_px) < 0.5
 
 
 def test_a_readout_along_columns():
@@ -113,13 +113,13 @@ def test_one_frame_alone_has_no_motion():
 def test_frames_may_be_paths_bytes_photos_or_deep_pixels(tmp_path):
     _, frames = clip(hand(4), 0.9, frames=4)
     Photo.from_array(frames[0]).save(tmp_path / "0.png")
-    given = [
+    sources = [
         tmp_path / "0.png",
         Photo.from_array(frames[1]),
         Photo.from_array(frames[2]).to_bytes("png"),
         frames[3].astype(np.uint16) * 257,
     ]
-    of_files = list(estimate_frames(given, readout_ratio=0.9, focal_px=FOCAL))
+    of_files = list(estimate_frames(sources, readout_ratio=0.9, focal_px=FOCAL))
     of_arrays = list(estimate_frames(frames, readout_ratio=0.9, focal_px=FOCAL))
     assert all(motion_error(a, b).epe < 0.05 for a, b in zip(of_files, of_arrays, strict=True))
     assert not of_arrays[2].is_zero

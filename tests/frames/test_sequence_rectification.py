@@ -29,9 +29,9 @@ def shot(tmp_path: Path) -> list[Path]:
 
 
 def test_every_frame_of_a_sequence() -> None:
-    made = list(unshutter.rectify_frames(FRAMES, readout_ratio=RATIO, reference="middle", edges="fill"))
-    assert len(made) == 3
-    for number, picture in enumerate(made):
+    results = list(unshutter.rectify_frames(FRAMES, readout_ratio=RATIO, reference="middle", edges="fill"))
+    assert len(results) == 3
+    for number, picture in enumerate(results):
         truth = SCENE.at(number + RATIO / 2)
         inner = np.s_[10:-10, 25:-25]
         assert off(FRAMES[number][inner], truth[inner]) > 8
@@ -46,10 +46,10 @@ def test_frames_are_taken_as_they_are_needed() -> None:
             taken.append(number)
             yield frame
 
-    made = unshutter.rectify_frames(camera(), readout_ratio=RATIO)
-    next(made)
+    results = unshutter.rectify_frames(camera(), readout_ratio=RATIO)
+    next(results)
     assert taken == [0, 1]
-    next(made)
+    next(results)
     assert taken == [0, 1, 2]
 
 
@@ -67,17 +67,17 @@ def test_slow_motion() -> None:
 @pytest.mark.parametrize(("readout", "turns"), [("bottom-to-top", 2), ("left-to-right", 1), ("right-to-left", 3)])
 def test_other_readout_directions_are_the_same_turned(readout, turns) -> None:
     turned = [np.ascontiguousarray(np.rot90(frame, turns)) for frame in FRAMES[:2]]
-    made = next(unshutter.rectify_frames(turned, readout_ratio=RATIO, readout=readout, edges="fill"))
+    results = next(unshutter.rectify_frames(turned, readout_ratio=RATIO, readout=readout, edges="fill"))
     upright = next(unshutter.rectify_frames(FRAMES[:2], readout_ratio=RATIO, edges="fill"))
-    np.testing.assert_allclose(np.rot90(made, -turns), upright, atol=1)
+    np.testing.assert_allclose(np.rot90(results, -turns), upright, atol=1)
 
 
 def test_paths_give_what_can_be_saved(shot: list[Path], tmp_path: Path) -> None:
-    made = next(unshutter.rectify_frames(shot, readout_ratio=RATIO))
-    assert made.original.path == shot[0]
-    assert made.valid.mean() > 0.8
-    made.save(tmp_path / "out.png")
-    np.testing.assert_array_equal(Photo.open(tmp_path / "out.png").pixels, made.pixels)
+    results = next(unshutter.rectify_frames(shot, readout_ratio=RATIO))
+    assert results.original.path == shot[0]
+    assert results.valid.mean() > 0.8
+    results.save(tmp_path / "out.png")
+    np.testing.assert_array_equal(Photo.open(tmp_path / "out.png").pixels, results.pixels)
 
 
 def test_grey_pixels_stay_grey() -> None:
@@ -127,11 +127,11 @@ def test_a_photo_and_its_neighbours(shot: list[Path], tmp_path: Path) -> None:
     out = tmp_path / "out.png"
     words = ["rectify", str(shot[1]), "--before", str(shot[0]), "--after", str(shot[2]), "-o", str(out)]
     assert main([*words, "--readout-ratio", str(RATIO), "--reference", "middle", "--edges", "borrow"]) == 0
-    made, truth = Photo.open(out).pixels, SCENE.at(1 + RATIO / 2)
-    assert off(made, truth) < off(FRAMES[1], truth) / 2
+    results, truth = Photo.open(out).pixels, SCENE.at(1 + RATIO / 2)
+    assert off(results, truth) < off(FRAMES[1], truth) / 2
     # the same as from Python
     again = list(unshutter.rectify_frames(shot, readout_ratio=RATIO, reference="middle", edges="borrow"))[1]
-    np.testing.assert_array_equal(again.pixels, made)
+    np.testing.assert_array_equal(again.pixels, results)
 
 
 def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
@@ -160,13 +160,13 @@ def test_crop_leaves_nothing_black(shot: list[Path], tmp_path: Path) -> None:
     ],
 )
 def test_one_clear_line(shot: list[Path], capsys: pytest.CaptureFixture[str], words, code, message) -> None:
-    given = [word.format(*shot, folder=shot[0].parent) for word in words]
+    flags = [word.format(*shot, folder=shot[0].parent) for word in words]
     before = sorted(path.name for path in shot[0].parent.iterdir())
-    assert main(["rectify", str(shot[0]), *given]) == code
-    said = capsys.readouterr().err.strip()
-    assert message in said
-    assert "Traceback" not in said
-    assert said.count("\n") == 0
+    assert main(["rectify", str(shot[0]), *flags]) == code
+    message_shown = capsys.readouterr().err.strip()
+    assert message in message_shown
+    assert "Traceback" not in message_shown
+    assert message_shown.count("\n") == 0
     assert sorted(path.name for path in shot[0].parent.iterdir()) == before
 
 

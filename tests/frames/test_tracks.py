@@ -28,15 +28,15 @@ def test_a_shift_is_found_however_large(shift):
 def test_tracks_end_where_the_camera_says():
     moving, frames = clip(hand(), ratio=0.9, frames=6)
     tracks = follow(frames[3], frames[4])
-    seen = background(tracks, 0.9)
-    assert seen.joined and not seen.still and len(seen.tracks) > 0.8 * len(tracks)
+    camera_tracks = background(tracks, 0.9)
+    assert camera_tracks.joined and not camera_tracks.still and len(camera_tracks.tracks) > 0.8 * len(tracks)
     # where each corner stood when its first row was read, then seen by a frame later
     pose = [moving.rotations(np.array([k + 0.45 / 180])) for k in (3, 4)]
-    col, row = moving.motion(3).rs_to_gs(*seen.tracks.start.T)
+    col, row = moving.motion(3).rs_to_gs(*camera_tracks.tracks.start.T)
     about = np.stack([col - 159.5, row - 89.5, np.full_like(col, 275.0)], axis=-1)
     turned = np.einsum("ij,kj,nk->ni", pose[1][0], pose[0][0].T, about)
     there = moving.motion(4).gs_to_rs(*(turned[:, :2] / turned[:, 2:] * 275 + [159.5, 89.5]).T)
-    assert np.median(np.hypot(*(np.stack(there, axis=-1) - seen.tracks.end).T)) < 0.1
+    assert np.median(np.hypot(*(np.stack(there, axis=-1) - camera_tracks.tracks.end).T)) < 0.1
 
 
 def test_frames_of_two_scenes_are_not_joined():
@@ -60,9 +60,9 @@ def test_people_who_walk_by_are_not_the_background():
     rng = np.random.default_rng(1)
     behind, moving = random_tracks(rng, 80, (0, 0)), random_tracks(rng, 150, (4, 0.5), area=((60, 40), (260, 180)))
     tracks = Tracks(*(np.concatenate(both) for both in zip(behind, moving, strict=True)), 180, 320, 260)
-    seen = background(tracks)
-    assert seen.joined and seen.still
-    assert np.abs(seen.tracks.end - seen.tracks.start).max() < 0.2
+    camera_tracks = background(tracks)
+    assert camera_tracks.joined and camera_tracks.still
+    assert np.abs(camera_tracks.tracks.end - camera_tracks.tracks.start).max() < 0.2
 
 
 def test_something_near_that_stands_still_in_the_picture_is_not_the_background():
@@ -70,14 +70,14 @@ def test_something_near_that_stands_still_in_the_picture_is_not_the_background()
     rng = np.random.default_rng(2)
     person, behind = random_tracks(rng, 50, (0, 0), area=((130, 60), (190, 180))), random_tracks(rng, 120, (7, 0))
     tracks = Tracks(*(np.concatenate(both) for both in zip(person, behind, strict=True)), 180, 320, 200)
-    seen = background(tracks)
-    assert seen.joined and not seen.still
-    assert np.median((seen.tracks.end - seen.tracks.start)[:, 0]) == pytest.approx(7, abs=0.1)
+    camera_tracks = background(tracks)
+    assert camera_tracks.joined and not camera_tracks.still
+    assert np.median((camera_tracks.tracks.end - camera_tracks.tracks.start)[:, 0]) == pytest.approx(7, abs=0.1)
 
 
 def test_slow_turning_is_no_standing_still():
     rng = np.random.default_rng(3)
     start = rng.uniform((0, 0), (320, 180), (200, 2))
     turned = start + (start - [160, 90])[:, ::-1] * [-0.004, 0.004]
-    seen = background(Tracks(start, turned, 180, 320, 200))
-    assert seen.joined and not seen.still and len(seen.tracks) > 180
+    camera_tracks = background(Tracks(start, turned, 180, 320, 200))
+    assert camera_tracks.joined and not camera_tracks.still and len(camera_tracks.tracks) > 180

@@ -102,9 +102,9 @@ def test_names_do_not_reach_the_terminal_as_they_are(tmp_path, capsys):
     """Neither those of files nor those in them."""
     path = clips.write(tmp_path / "in\x1b[31m\nb.mkv", GREYS, subtitles="text", stream_tags={"handler_name": "\x1b[1m"})
     assert main(["video", str(path), "-o", str(tmp_path / "out\x1b[32m.mp4"), "--readout-ratio", "0.6"]) == 0
-    said = capsys.readouterr().err
-    assert "\x1b" not in said and len(said.splitlines()) == said.count("\n") <= 2
-    assert r"in\x1b[31m\nb.mkv" in said
+    shown = capsys.readouterr().err
+    assert "\x1b" not in shown and len(shown.splitlines()) == shown.count("\n") <= 2
+    assert r"in\x1b[31m\nb.mkv" in shown
 
 
 def test_interlaced(tmp_path, capsys):
@@ -124,7 +124,7 @@ def test_a_clip_that_is_too_short_does_not_say_that_the_camera_stood_still(tmp_p
 
 
 @pytest.mark.parametrize(
-    ("flags", "code", "told"),
+    ("flags", "code", "message"),
     [
         (["--codec", "libnothing"], 1, "no encoder 'libnothing'"),
         (["--codec", "aac"], 2, "no encoder of films"),
@@ -145,11 +145,11 @@ def test_a_clip_that_is_too_short_does_not_say_that_the_camera_stood_still(tmp_p
         (["--fps", "25", "--readout-ratio", "0.6"], 2, "pictures"),
     ],
 )
-def test_options_that_cannot_be(tmp_path, capsys, clip, flags, code, told):
+def test_options_that_cannot_be(tmp_path, capsys, clip, flags, code, message):
     words = flags if "ratio" in "".join(flags) or "-ms" in "".join(flags) else [*flags, "--readout-ratio", "0.6"]
     if "--motion" in flags:
         words = flags
-    refused(capsys, [clip, "-o", tmp_path / "out.mp4", *words], code, told)
+    refused(capsys, [clip, "-o", tmp_path / "out.mp4", *words], code, message)
     assert left_behind(tmp_path) == []
 
 
@@ -207,9 +207,9 @@ def test_stopped(tmp_path, long_clip, number, code):
     process = started(tmp_path, long_clip)
     at_work(tmp_path)
     process.send_signal(number)
-    _, told = process.communicate(timeout=60)
+    _, shown = process.communicate(timeout=60)
     assert process.returncode == code
-    assert told.strip().splitlines() == ["unshutter: stopped; no half-written file is left"]
+    assert shown.strip().splitlines() == ["unshutter: stopped; no half-written file is left"]
     assert left_behind(tmp_path) == []
 
 
@@ -243,9 +243,9 @@ def test_no_room_on_the_disc(tmp_path, clip):
         resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000))
 
     process = started(tmp_path, clip, preexec_fn=small)
-    _, told = process.communicate(timeout=60)
+    _, shown = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert len(told.strip().splitlines()) == 1 and "Traceback" not in told
+    assert len(shown.strip().splitlines()) == 1 and "Traceback" not in shown
     assert left_behind(tmp_path) == []
 
 

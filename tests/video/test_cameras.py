@@ -90,8 +90,8 @@ def test_other_modes_of_a_camera_say_something_of_a_mode_that_is_not_listed(nemo
     ],
 )
 def test_cameras_are_known_by_the_names_that_their_files_give_them(tags, camera):
-    found = cameras.find_tagged(tags, (3840, 2160), 29.97)
-    assert found is not None and cameras._spelled(found.camera) == cameras._spelled(camera)
+    entry = cameras.find_tagged(tags, (3840, 2160), 29.97)
+    assert entry is not None and cameras._spelled(entry.camera) == cameras._spelled(camera)
 
 
 @pytest.mark.parametrize("tags", [{"make": "Nemo"}, {"model": "On"}, {"firmware": "1.0"}, {}])
@@ -148,8 +148,8 @@ def test_what_the_table_does_not_have_is_refused(nemo, name, mode, complaint):
 def test_a_clip_that_does_not_show_its_readout_time_takes_the_tables(tmp_path, capsys, nemo, flags):
     tags = {} if flags else {"make": "Nemo", "model": "One"}
     clip = clips.write(tmp_path / "in.mkv", clips.standing(), "ffv1", tags=tags)
-    told, printed = log_of(tmp_path, capsys, clip, *flags)
-    assert told["readout_ms"] == pytest.approx(20) and told["found_by"] == "table of cameras"
+    record, printed = log_of(tmp_path, capsys, clip, *flags)
+    assert record["readout_ms"] == pytest.approx(20) and record["found_by"] == "table of cameras"
     assert "this clip does not show its readout time" in printed
     assert "the table of cameras says 20.0 ms for" in printed and "--readout-ms" not in printed
 
@@ -159,8 +159,8 @@ def test_what_a_clip_shows_beats_the_table(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(cameras, "table", lambda: tuple(wrong))
     greys = clips.moving(60, clips.shaken(3.0))[1]
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")
-    told, _ = log_of(tmp_path, capsys, clip, "--camera", "one")
-    assert told["found_by"] == "motion" and told["readout_ms"] == pytest.approx(20, abs=2)
+    record, _ = log_of(tmp_path, capsys, clip, "--camera", "one")
+    assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=2)
 
 
 def test_an_unknown_camera_is_refused_before_any_work(tmp_path, capsys):

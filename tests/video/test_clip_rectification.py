@@ -97,16 +97,16 @@ def test_all_but_the_frames_stays_as_it_was(tmp_path, name):
     before = make(tmp_path, kind)
     after = straighten(before, *kind.flags)
     assert clips.times(after) == pytest.approx(clips.times(before), abs=1e-6)
-    was, told = clips.facts(before), clips.facts(after)
-    for one, other in zip(was["streams"], told["streams"], strict=True):
+    was, now = clips.facts(before), clips.facts(after)
+    for one, other in zip(was["streams"], now["streams"], strict=True):
         one["tags"].pop("encoder", None), other["tags"].pop("encoder", None)
         one["tags"].pop("DURATION", None), other["tags"].pop("DURATION", None)
-    assert told["streams"] == was["streams"]
+    assert now["streams"] == was["streams"]
     remade = {"encoder", *(["compatible_brands"] if name == "h264-fragments" else [])}
-    assert {k: v for k, v in told["tags"].items() if k not in remade} == {
+    assert {k: v for k, v in now["tags"].items() if k not in remade} == {
         k: v for k, v in was["tags"].items() if k not in remade
     }
-    assert told["chapters"] == was["chapters"]
+    assert now["chapters"] == was["chapters"]
     assert sorted(clips.packets(after)) == sorted(clips.packets(before))
     beside = {k: v for k, v in clips.beside(before).items() if k != "SEI_UNREGISTERED"}
     for key, value in beside.items():
@@ -121,10 +121,10 @@ def test_frames_come_closer_to_what_a_global_shutter_saw(tmp_path, name):
     before = make(tmp_path, kind, fine=True)
     after = straighten(before, *(["--crf", "2"] if kind.flags else []), *kind.flags[2:])
     true = clips.write(tmp_path / "true.mkv", clips.truth(CAMERA), "ffv1", kind.pixel_format.replace("yuvj", "yuv"))
-    seen, was, now = (clips.luma(path) for path in (true, before, after))
+    truth, was, now = (clips.luma(path) for path in (true, before, after))
     if name == "h264-full-range":
         was, now = ((a * 219 / 255 + 16) for a in (was, now))
-    assert clips.psnr(now, seen) > clips.psnr(was, seen) + 5
+    assert clips.psnr(now, truth) > clips.psnr(was, truth) + 5
 
 
 def test_a_camera_that_stood_still_leaves_its_frames_alone(tmp_path):
@@ -146,10 +146,12 @@ def test_the_motion_can_be_kept_and_given_back(tmp_path):
     again = tmp_path / "again.mkv"
     assert main(["video", str(before), "-o", str(again), "--motion", str(saved)]) == 0
     assert np.abs(clips.luma(again) - clips.luma(after)).max() <= 1
-    told = json.loads(saved.read_text())
-    assert told["format"] == "unshutter-clip-motion/1"
-    assert told["readout_ratio"] == clips.RATIO and told["readout_ratio_sd"] is None and told["found_by"] == "given"
-    assert [frame["time_s"] for frame in told["frames"]] == pytest.approx(clips.times(before))
+    record = json.loads(saved.read_text())
+    assert record["format"] == "unshutter-clip-motion/1"
+    assert (
+        record["readout_ratio"] == clips.RATIO and record["readout_ratio_sd"] is None and record["found_by"] == "given"
+    )
+    assert [frame["time_s"] for frame in record["frames"]] == pytest.approx(clips.times(before))
 
 
 def test_readout_ms_is_the_ratio_in_another_unit(tmp_path):
@@ -162,8 +164,8 @@ def test_readout_ms_is_the_ratio_in_another_unit(tmp_path):
 
 def test_cropped_frames_have_no_edges(tmp_path):
     before = clips.write(tmp_path / "in.mkv", [np.maximum(grey, 60) for grey in GREYS], "ffv1", "gray")
-    kept = clips.luma(straighten(before, "--edges", "keep"))
-    assert (kept < 30).any()
+    edges_kept = clips.luma(straighten(before, "--edges", "keep"))
+    assert (edges_kept < 30).any()
     (tmp_path / "out.mkv").unlink()
     cropped = clips.luma(straighten(before, "--edges", "crop"))
     assert cropped.shape[1] < clips.HEIGHT and cropped.shape[2] < clips.WIDTH
@@ -183,9 +185,9 @@ def test_a_cut_is_told_and_parts_the_motion(tmp_path):
     before = clips.write(tmp_path / "in.mkv", GREYS + other, "ffv1")
     log = tmp_path / "log.jsonl"
     straighten(before, "--json-log", str(log))
-    told = json.loads(log.read_text())
-    assert told["cuts_s"] == [pytest.approx(FRAMES / 30, abs=1e-3)]
-    assert told["frames"] == told["rectified"] == 2 * FRAMES
+    record = json.loads(log.read_text())
+    assert record["cuts_s"] == [pytest.approx(FRAMES / 30, abs=1e-3)]
+    assert record["frames"] == record["rectified"] == 2 * FRAMES
 
 
 def test_pictures_in_and_out(tmp_path):
@@ -198,8 +200,8 @@ def test_pictures_in_and_out(tmp_path):
     names = sorted(path.name for path in out.iterdir())
     assert len(names) == FRAMES
     now = np.stack([cv2.imread(str(out / name), 0) for name in names]).astype(float)
-    was, seen = np.stack(GREYS).astype(float), np.stack(clips.truth(CAMERA)).astype(float)
-    assert clips.psnr(now, seen) > clips.psnr(was, seen) + 5
+    was, truth = np.stack(GREYS).astype(float), np.stack(clips.truth(CAMERA)).astype(float)
+    assert clips.psnr(now, truth) > clips.psnr(was, truth) + 5
     film = tmp_path / "film.mkv"
     flags = ["--codec", "ffv1", "--readout-ratio", "0.6", "--fps", "25"]
     assert main(["video", str(folder / "%05d.png"), "-o", str(film), *flags]) == 0
@@ -225,15 +227,15 @@ def test_the_readout_time_is_found(tmp_path, frames, capsys):
     before = clips.write(tmp_path / "in.mkv", greys, "ffv1")
     log = tmp_path / "log.jsonl"
     assert main(["video", str(before), "-o", str(tmp_path / "out.mkv"), "--json-log", str(log)]) == 0
-    told = json.loads(log.read_text())
-    assert told["readout_ratio"] == pytest.approx(clips.RATIO, abs=0.05)
-    assert 0 < told["readout_ratio_sd"] < 0.08 and told["found_by"] == "motion"
+    record = json.loads(log.read_text())
+    assert record["readout_ratio"] == pytest.approx(clips.RATIO, abs=0.05)
+    assert 0 < record["readout_ratio_sd"] < 0.08 and record["found_by"] == "motion"
     assert "readout time" in capsys.readouterr().err
 
 
 def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
-    """Neither a readout time that is found nor the result is printed; the caller is told of both."""
-    still, found, steps = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1"), [], []
+    """Neither a readout time that is found nor the result is printed; the caller is record of both."""
+    still, calls, steps = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1"), [], []
     listed = RectifyClip(Shutter(camera="nemo"), encode=Encode(codec="ffv1"))
     with pytest.MonkeyPatch.context() as patch:
         one = CameraMode("Nemo", "One", "", clips.WIDTH, clips.HEIGHT, 30.0, 20.0, 20.0, 20.0)
@@ -243,10 +245,10 @@ def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
             str(tmp_path / "out.mkv"),
             listed,
             watch=lambda *step: steps.append(step),
-            on_readout=lambda *each: found.append(each),
+            on_readout=lambda *each: calls.append(each),
         )
     assert capfd.readouterr() == ("", "")
-    assert found == [(outcome.ratio, outcome.interval_s)]
+    assert calls == [(outcome.ratio, outcome.interval_s)]
     assert outcome.ratio.value == pytest.approx(0.6) and outcome.ratio.camera == "nemo"
     assert outcome.ratio.instead_of is not None
     assert dict(outcome.ratio.instead_of.figures)["because"] == Code.STOOD_STILL

@@ -57,10 +57,10 @@ def test_how_much_is_missing(tmp_path, capsys, films, kind):
     """And how to keep what is there."""
     data, cut = films[kind].read_bytes(), tmp_path / f"in.{kind}"
     cut.write_bytes(data[: len(data) * 6 // 10])
-    said = refused(capsys, [cut, "-o", tmp_path / f"out.{kind}", *RATIO], 1, "ends early")
-    found = re.search(r"after (0\.\d) of 1\.\d s: the file is cut off; --end (0\.\d) keeps", said)
-    assert found is not None and float(found[1]) - float(found[2]) < 0.11
-    assert main(["video", str(cut), "-o", str(tmp_path / f"out.{kind}"), *RATIO, "--end", found[2]]) == 0
+    shown = refused(capsys, [cut, "-o", tmp_path / f"out.{kind}", *RATIO], 1, "ends early")
+    match = re.search(r"after (0\.\d) of 1\.\d s: the file is cut off; --end (0\.\d) keeps", shown)
+    assert match is not None and float(match[1]) - float(match[2]) < 0.11
+    assert main(["video", str(cut), "-o", str(tmp_path / f"out.{kind}"), *RATIO, "--end", match[2]]) == 0
     assert 8 < len(clips.luma(tmp_path / f"out.{kind}")) < 30
 
 
@@ -77,7 +77,7 @@ def test_an_end_that_was_never_written(tmp_path, capsys):
     """A file of full length, but empty from the middle of the film on, as some downloads and recorders leave it."""
     clusters = {"container": {"cluster_time_limit": "300"}, "options": {"bf": "0"}}
     data = bytearray(clips.write(tmp_path / "whole.mkv", GREYS, **clusters).read_bytes())
-    at = [found.start() for found in re.finditer(rb"\x1f\x43\xb6\x75", data)][1]
+    at = [match.start() for match in re.finditer(rb"\x1f\x43\xb6\x75", data)][1]
     data[at:] = bytes(len(data) - at)
     (tmp_path / "in.mkv").write_bytes(data)
     refused(capsys, [tmp_path / "in.mkv", "-o", tmp_path / "out.mkv", *RATIO], 1, "ends early", "of 1.")

@@ -23,8 +23,8 @@ TRUTH = np.stack([two_layers.middle(k) for k in range(FRAMES)]).astype(float)
 
 def straighten(path, *flags, out="out.mkv"):
     out = path.with_name(out)
-    how = ["--readout-ratio", str(two_layers.RATIO), "--overwrite", *flags]
-    assert main(["video", str(path), "-o", str(out), *how]) == 0
+    options = ["--readout-ratio", str(two_layers.RATIO), "--overwrite", *flags]
+    assert main(["video", str(path), "-o", str(out), *options]) == 0
     return out
 
 
@@ -50,11 +50,11 @@ def test_planes_of_many_kinds(tmp_path, pixel_format):
     before = clips.write(tmp_path / "in.mkv", GREYS, "ffv1", pixel_format)
     true = clips.write(tmp_path / "true.mkv", list(TRUTH.astype(np.uint8)), "ffv1", pixel_format)
     after = straighten(before, "--model", "dense", "--edges", "borrow")
-    was, now, seen = (planes(path) for path in (before, after, true))
+    was, now, truth = (planes(path) for path in (before, after, true))
     assert [plane.dtype for plane in now] == [plane.dtype for plane in was]
-    for before_it, after_it, as_seen in zip(was, now, seen, strict=True):
+    for before_it, after_it, true_plane in zip(was, now, truth, strict=True):
         inner = (..., slice(16, -16), slice(20, -20))
-        off = [np.square(a[inner].astype(float) - as_seen[inner]).mean() for a in (before_it, after_it)]
+        off = [np.square(a[inner].astype(float) - true_plane[inner]).mean() for a in (before_it, after_it)]
         assert off[1] < off[0] / 4
 
 
@@ -66,19 +66,19 @@ def planes(path):
 
 
 def test_what_a_frame_did_not_see_is_borrowed(clip):
-    made = {
+    pictures = {
         edges: clips.luma(straighten(clip, "--model", "dense", "--edges", edges))
         for edges in ("keep", "fill", "borrow")
     }
-    unseen = made["keep"] < 16  # the scene is nowhere so dark
+    unseen = pictures["keep"] < 16  # the scene is nowhere so dark
     unseen[9:] = False  # a board comes too close to the border there for the flow
     assert unseen.mean() > 0.001
-    assert not (made["borrow"] < 16).any()
-    off = {edges: np.abs(made[edges] - TRUTH)[unseen].mean() for edges in ("fill", "borrow")}
+    assert not (pictures["borrow"] < 16).any()
+    off = {edges: np.abs(pictures[edges] - TRUTH)[unseen].mean() for edges in ("fill", "borrow")}
     assert off["borrow"] < off["fill"] / 2
-    whole = made["keep"] == made["fill"]  # all that bicubic interpolation looked at was seen
+    whole = pictures["keep"] == pictures["fill"]  # all that bicubic interpolation looked at was seen
     assert whole.mean() > 0.8
-    assert np.array_equal(made["borrow"][whole], made["fill"][whole])
+    assert np.array_equal(pictures["borrow"][whole], pictures["fill"][whole])
 
 
 def test_half_the_strength_goes_half_the_way(clip):
@@ -91,10 +91,10 @@ def test_half_the_strength_goes_half_the_way(clip):
 
 @pytest.mark.parametrize("reference", ["first", "last"])
 def test_another_reference_row(clip, reference):
-    made = clips.luma(straighten(clip, "--model", "dense", "--reference", reference))
+    pictures = clips.luma(straighten(clip, "--model", "dense", "--reference", reference))
     share = {"first": 0.0, "last": two_layers.RATIO}[reference]
     truth = np.stack([two_layers.instant(k + share) for k in range(FRAMES)]).astype(float)
-    assert clips.psnr(made, truth) > clips.psnr(clips.luma(clip), truth) + 4
+    assert clips.psnr(pictures, truth) > clips.psnr(clips.luma(clip), truth) + 4
 
 
 def test_sensors_that_were_read_sideways(tmp_path):
@@ -117,8 +117,8 @@ def test_across_a_cut_nothing_is_looked_for(tmp_path, capsys):
     log = tmp_path / "log.jsonl"
     flags = ["--readout-ratio", "0.6", "--model", "dense", "--edges", "borrow", "--json-log", str(log)]
     assert main(["video", str(before), "-o", str(tmp_path / "out.mkv"), *flags]) == 0
-    told = json.loads(log.read_text())
-    assert (told["model"], told["rectified"], told["rectified_densely"]) == ("dense", 20, 20)
+    record = json.loads(log.read_text())
+    assert (record["model"], record["rectified"], record["rectified_densely"]) == ("dense", 20, 20)
     one = clips.write(tmp_path / "one.mkv", camera_only, "ffv1", "gray")
     assert main(["video", str(one), "-o", str(tmp_path / "alone.mkv"), *flags]) == 0
     alone = clips.luma(tmp_path / "alone.mkv")
