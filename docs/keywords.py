@@ -1,7 +1,7 @@
 """The keywords of functions that end in ``**options: Unpack[...]``, for the API page and the list of the public API.
 
 An extension of griffe, which reads sources alone: the options' defaults and help are in dataclasses (options/), from
-which unshutter.options.keywords makes the functions' signatures and docstrings.
+which unshutter.options.description makes the functions' signatures and docstrings.
 """
 
 import inspect

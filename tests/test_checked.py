@@ -12,7 +12,7 @@ from jaxtyping import TypeCheckError
 from support.checked import CHECKED, FOUND
 from unshutter.geometry.rotations import rotation_matrix
 from unshutter.geometry.rows import gs_to_rs, rs_to_gs
-from unshutter.warp.crop import largest_valid_rectangle
+from unshutter.warp.edges import largest_valid_rectangle
 from unshutter.warp.grid import Extent, SamplingGrid
 
 

@@ -11,7 +11,7 @@ METHODS = frozenset(
     ("kandula2020", "rengarajan2017", "rengarajan2017-vanilla", "rengarajan2016", "purkait2017", "lao2018")
 )
 COMMANDS = frozenset(("synthesize", "evaluate", "train", "calibrate"))
-HOW_TO_INSTALL = "pip install ./lab in the sources of unshutter, or, once released, pip install unshutter-lab"
+INSTALLATION = "pip install ./lab in the sources of unshutter, or, once released, pip install unshutter-lab"
 
 
 def plugins(group: str) -> EntryPoints:

@@ -10,7 +10,7 @@ from unshutter.estimators.find import find_motion
 from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, CameraKeywords, Find, Reference, Undo, UndoKeywords
-from unshutter.options.keywords import from_keywords, takes_options
+from unshutter.options.description import from_keywords, takes_options
 from unshutter.photo import Photo
 from unshutter.photo.argument import check_size, in_kind, is_bytes, is_file, open_photo
 from unshutter.result import Rectified, undo
@@ -120,7 +120,7 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
     estimator, motion = options.get("estimator", DEFAULT_ESTIMATOR), options.get("motion")
     if motion is not None:
         camera.check_unused()
-        undoing = undoing.of_given_motion()
+        undoing = undoing.at_any_confidence()
         motion = motion if isinstance(motion, Motion) else Motion.load(motion)
     source = open_photo(photo)
     check_size(source.height, source.width)

@@ -72,9 +72,9 @@ class Result:
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
         """
-        target, how = Path(path), Save(None, quality, subsampling, keep_times)
+        target, options = Path(path), Save(None, quality, subsampling, keep_times)
         times_ns = self.photo.times_ns if keep_times else None
-        copied = self.photo.file_as(of_target(target).name, how)
+        copied = self.photo.file_as(of_target(target).name, options)
         if copied is None:
             return self.photo.save(target, quality, overwrite, subsampling, keep_times)
         check_target(target, overwrite, self.original.path)
@@ -150,13 +150,13 @@ def undo(photo: Photo, motion: Motion, options: Undo, readout: str = "auto") -> 
         UnshutterError: another aspect, a motion that cannot be undone, a photo that is too small or damaged.
     """
     check_size(photo.height, photo.width)
-    found, verdict = judged(motion, options, photo.height, photo.width, readout)
+    estimate, verdict = judged(motion, options, photo.height, photo.width, readout)
     if not verdict.changes:
-        return Rectified(photo, verdict.left_alone(found), photo, found, verdict)
+        return Rectified(photo, verdict.left_alone(estimate), photo, estimate, verdict)
     from unshutter.warp.pixels import straighten
 
-    result = straighten(photo.pixels, found, options.edges, photo.masked)
-    return Rectified(photo.with_pixels(result.pixels), found, photo, found, verdict, result.edges, result.whole)
+    result = straighten(photo.pixels, estimate, options.edges, photo.masked)
+    return Rectified(photo.with_pixels(result.pixels), estimate, photo, estimate, verdict, result.edges, result.whole)
 
 
 def judged(motion: Motion, options: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:

@@ -9,7 +9,7 @@ import pytest
 import shtab
 
 from unshutter.cli import main, summaries
-from unshutter.cli.completion import SHELLS
+from unshutter.cli.commands.completion import SHELLS
 from unshutter.estimators.register import names
 
 # bash calls a function with the words so far; _shtab_unshutter is the one that the script registers

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
-from unshutter.geometry.orientation import Orientation
+from unshutter.geometry.readout import Orientation
 
 PIXELS = np.arange(3 * 5 * 3, dtype=np.uint8).reshape(3, 5, 3)
 

@@ -98,7 +98,7 @@ def test_a_given_motion_is_undone_however_sure() -> None:
     assert Rectify.of(motion="m.json").undo.min_confidence == 0  # pyright: ignore[reportArgumentType]
     assert Rectify().undo.min_confidence == MIN_CONFIDENCE
     with pytest.raises(UsageError, match="leave out the least confidence"):
-        Undo(min_confidence=0.7).of_given_motion()
+        Undo(min_confidence=0.7).at_any_confidence()
 
 
 @pytest.mark.parametrize("wrong", [-0.1, 1.1, float("nan")])

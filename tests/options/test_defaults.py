@@ -9,7 +9,7 @@ import pytest
 
 import unshutter
 from unshutter.cli.arguments import parse
-from unshutter.cli.commands.rectify import COMMAND as RECTIFY
+from unshutter.cli.commands.photos import RECTIFY
 from unshutter.cli.commands.video import COMMAND as VIDEO
 from unshutter.options import Camera, Rectify, Undo
 from unshutter.options.description import Option, options_of

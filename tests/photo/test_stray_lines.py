@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from unshutter.photo.stray_lines import kept_back
+from unshutter.photo.formats.raw import kept_back
 
 
 def test_matching_lines_go_and_others_come_afterwards(capfd: pytest.CaptureFixture[str]) -> None:

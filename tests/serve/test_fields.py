@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from unshutter.cli.arguments import parse
-from unshutter.cli.commands.rectify import COMMAND
+from unshutter.cli.commands.photos import RECTIFY
 from unshutter.errors import UsageError
 from unshutter.serve.fields import fields, read
 
@@ -13,7 +13,7 @@ from unshutter.serve.fields import fields, read
 def test_the_same_as_on_the_command_line() -> None:
     given = {"strength": "0.5", "edges": "crop", "roll-deg": "-2.5", "min-confidence": "0", "format": "png"}
     words = [word for name, value in given.items() for word in (f"--{name}", value)] + ["--moving"]
-    expected = parse("rectify", COMMAND, ["photo.jpg", *words])
+    expected = parse("rectify", RECTIFY, ["photo.jpg", *words])
     wanted = read(given | {"moving": "true"}, Path)
     assert (wanted.find, wanted.undo, wanted.save) == (expected.find, expected.undo, expected.save)
 
@@ -22,13 +22,13 @@ def test_every_field_is_a_flag() -> None:
     for field in fields():
         value = [] if field.type is bool else [field.choices[0] if field.choices else "1"]
         try:
-            parse("rectify", COMMAND, ["photo.jpg", f"--{field.name}", *value])
+            parse("rectify", RECTIFY, ["photo.jpg", f"--{field.name}", *value])
         except UsageError as error:
             assert "--before" in str(error)  # known, but for a photo with neighbours
 
 
 def test_nothing_given_is_the_default() -> None:
-    expected = parse("rectify", COMMAND, ["photo.jpg"])
+    expected = parse("rectify", RECTIFY, ["photo.jpg"])
     for wanted in (read({}, Path), read({"strength": "", "edges": ""}, Path)):
         assert (wanted.find, wanted.undo, wanted.save) == (expected.find, expected.undo, expected.save)
 

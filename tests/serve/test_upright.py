@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from unshutter.geometry.orientation import Orientation
-from unshutter.geometry.readout import Readout
+from unshutter.geometry.readout import Orientation, Readout
 from unshutter.serve.upright import arrows, corners_of, shares
 
 

@@ -32,7 +32,7 @@ CHECKED = {
     "unshutter.motion.sampling",
     "unshutter.motion.speed",
     "unshutter_lab.synthesis.row_motions",
-    "unshutter.warp.crop",
+    "unshutter.warp.edges",
     "unshutter.warp.grid",
     "unshutter.warp.pixels",
 }

@@ -9,7 +9,7 @@ from support.looking_back import backward_map
 from support.shaken_scenes import drawn_scene, inside, shake
 from unshutter.errors import UnshutterError
 from unshutter.motion import RowMotion
-from unshutter.warp.crop import largest_valid_rectangle
+from unshutter.warp.edges import largest_valid_rectangle
 from unshutter.warp.pixels import edge_decision, rectify_pixels, straighten, validity_mask
 
 

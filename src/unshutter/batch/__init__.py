@@ -1,1 +1,1 @@
-"""The same job for many files: which files, where the results go, what went wrong, how far it is."""
+"""Batches: one job for each of many photos, their results, failures and progress."""

@@ -17,7 +17,7 @@ from unshutter.errors import UnshutterError, errors_in_one_line
 from unshutter.motion.verdict import Verdict, pixels
 from unshutter.progress import Progress, rate
 from unshutter.reasons import Cause, Code
-from unshutter.storage.json_log import JsonLog
+from unshutter.storage.journal import JsonLog
 from unshutter.storage.places import Place
 from unshutter.storage.protection import Protection
 

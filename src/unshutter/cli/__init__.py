@@ -15,17 +15,20 @@ from unshutter.cli.stopping import Stopped, stop_on_signals
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.version import __version__
 
-# name -> what it does; the rest is in commands/NAME.py. Other packages add commands by entry points.
+# name -> where it is in commands/, and what it does. Other packages add commands by entry points.
 COMMANDS = {
-    "rectify": "straighten photos: write what a global shutter would have seen",
-    "video": "straighten a clip: every frame as a global shutter would have seen it",
-    "cameras": "list the cameras whose readout time is known, for clips",
-    "estimate": "find the camera's motion during each photo, as JSON",
-    "map": "write a photo's correction as a map for other programs",
-    "serve": "open a page for photos in the browser: before and after, corrections, saving",
-    "points": "move points of a photo to where they are in the straightened picture, or back",
-    "models": "list the methods: what each does, how large it is, how well it did",
-    "completion": "print what a shell needs to complete these commands and their options",
+    "rectify": ("photos:RECTIFY", "straighten photos: write what a global shutter would have seen"),
+    "video": ("video:COMMAND", "straighten a clip: every frame as a global shutter would have seen it"),
+    "cameras": ("lists:CAMERAS", "list the cameras whose readout time is known, for clips"),
+    "estimate": ("photos:ESTIMATE", "find the camera's motion during each photo, as JSON"),
+    "map": ("coordinates:MAP", "write a photo's correction as a map for other programs"),
+    "serve": ("serve:COMMAND", "open a page for photos in the browser: before and after, corrections, saving"),
+    "points": ("coordinates:POINTS", "move points of a photo to where they are in the straightened picture, or back"),
+    "models": ("lists:MODELS", "list the methods: what each does, how large it is, how well it did"),
+    "completion": (
+        "completion:COMPLETION",
+        "print what a shell needs to complete these commands and their options",
+    ),
 }
 _GROUP = "unshutter.commands"
 _ABOUT = "Undoes rolling-shutter distortion (skew, wobble) in a single photo. Originals are never touched."
@@ -105,18 +108,19 @@ def command_named(name: str) -> Command:
         UsageError: there is none, or it comes with unshutter-lab, which is not installed.
     """
     if name in COMMANDS:
-        return import_module(f"unshutter.cli.commands.{name}").COMMAND
+        module, _, variable = COMMANDS[name][0].partition(":")
+        return getattr(import_module(f"unshutter.cli.commands.{module}"), variable)
     for entry in lab.plugins(_GROUP).select(name=name):
         return entry.load()
     if name in lab.COMMANDS:
-        raise UsageError(f"the command '{name}' comes with unshutter-lab: {lab.HOW_TO_INSTALL}")
+        raise UsageError(f"the command '{name}' comes with unshutter-lab: {lab.INSTALLATION}")
     raise UsageError(f"unknown command '{name}': choose one of {', '.join(summaries())} (see unshutter --help)")
 
 
 def summaries() -> dict[str, str]:
     """Each command, those of other installed packages last -> what it does."""
     installed = {entry.name: entry.load().summary for entry in lab.plugins(_GROUP)}
-    return COMMANDS | installed
+    return {name: summary for name, (_, summary) in COMMANDS.items()} | installed
 
 
 def _help() -> str:

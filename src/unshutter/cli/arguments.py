@@ -16,7 +16,7 @@ from typing import Any, NoReturn, TypeGuard
 
 from unshutter.errors import UsageError
 from unshutter.options.description import Group, Names, Option, describe, options_of, with_values
-from unshutter.storage.urls import local_file
+from unshutter.storage.places import local_file
 
 _METAVAR = {int: "N", float: "NUMBER", Path: "PATH", str: "TEXT"}
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.geometry.orientation import Orientation
+from unshutter.geometry.readout import Orientation
 from unshutter.motion import Motion
 from unshutter.photo.tags.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason

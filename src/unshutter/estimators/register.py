@@ -82,7 +82,7 @@ def method(name: str) -> Method:
     entry = next(iter(lab.plugins(_GROUP).select(name=name)), None)
     if entry is None:
         if name in lab.METHODS:
-            raise UsageError(f"estimator '{name}' comes with unshutter-lab: {lab.HOW_TO_INSTALL}")
+            raise UsageError(f"estimator '{name}' comes with unshutter-lab: {lab.INSTALLATION}")
         raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(names())}")
     return _loaded(entry)
 

@@ -93,7 +93,7 @@ class PointTable:
         return x, y
 
     def moved_to(self, x: np.ndarray, y: np.ndarray) -> PointTable:
-        """The same table with other positions, written with four decimals."""
+        """This table with other positions, written with four decimals."""
         rows = [list(fields) for fields in self.rows]
         for fields, new_x, new_y in zip(rows, x, y, strict=True):
             fields[self.x], fields[self.y] = f"{new_x:.4f}", f"{new_y:.4f}"

@@ -19,8 +19,7 @@ from unshutter.options import Clock, Edges, Find, FrameModel, Undo, model_for
 from unshutter.photo import Photo
 from unshutter.photo.argument import check_size, open_photo
 from unshutter.result import Rectified, Result
-from unshutter.warp.crop import valid_window
-from unshutter.warp.edges import EdgePolicy
+from unshutter.warp.edges import EdgePolicy, valid_window
 
 Model = Literal["camera", "dense", "alone"]
 

@@ -19,7 +19,7 @@ from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera, Clock, ClockKeywords, Reference, Undo
-from unshutter.options.keywords import from_keywords, takes_options
+from unshutter.options.description import from_keywords, takes_options
 from unshutter.photo import Photo
 from unshutter.photo.argument import open_photo
 from unshutter.reasons import Code, Reason

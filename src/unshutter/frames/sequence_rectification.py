@@ -19,7 +19,7 @@ from unshutter.frames.model_choice import better_model
 from unshutter.frames.neighbours import copy_side
 from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, FramesOptions, known_ratio
 from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Undo
-from unshutter.options.keywords import from_keywords, takes_options
+from unshutter.options.description import from_keywords, takes_options
 from unshutter.photo import Photo
 from unshutter.photo.argument import in_kind, is_bytes, is_file
 from unshutter.reasons import Cause

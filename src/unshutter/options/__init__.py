@@ -18,10 +18,20 @@ from unshutter.options.camera import (
 )
 from unshutter.options.description import Names, check_time, option
 from unshutter.options.neighbours import Clock, ClockKeywords, FrameModel, Neighbours, check_ratio, model_for
+from unshutter.options.picture import (
+    MIN_CONFIDENCE,
+    Edges,
+    PictureFormat,
+    Reference,
+    Save,
+    Subsampling,
+    Undo,
+    UndoKeywords,
+    check_edges,
+    check_strength,
+)
 from unshutter.options.rectify import Rectify
 from unshutter.options.run import MAX_PIXELS, Run
-from unshutter.options.save import PictureFormat, Save, Subsampling
-from unshutter.options.undo import MIN_CONFIDENCE, Edges, Reference, Undo, UndoKeywords, check_edges, check_strength
 
 __all__ = [
     "DEFAULT_ESTIMATOR",

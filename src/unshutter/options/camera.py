@@ -22,7 +22,7 @@ def check_focal(focal_px: float | None) -> None:
 
 @dataclass(frozen=True)
 class Camera:
-    """What you know of the camera, beside the photo itself.
+    """What you know of the camera that the photo does not say.
 
     Attributes:
         at_any_odds: whether the likeliest motion is asked for even where none at all is likelier; a least confidence
@@ -75,7 +75,7 @@ class Camera:
         return Readout.parse(self.readout)
 
     def for_least_confidence(self, least: float) -> Camera:
-        """The same for motions of this confidence or more: where 0 is enough, the likeliest motion is wanted."""
+        """This camera for motions of at least this confidence; 0 asks for the likeliest motion, however unsure."""
         return replace(self, at_any_odds=least == 0)
 
     def check_unused(self) -> None:

@@ -9,7 +9,7 @@ from typing import Literal, TypedDict, get_args
 
 from unshutter.errors import UsageError
 from unshutter.options.description import option
-from unshutter.options.undo import Undo
+from unshutter.options.picture import Undo
 
 FrameModel = Literal["camera", "dense"]
 

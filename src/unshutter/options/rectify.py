@@ -8,8 +8,7 @@ from pathlib import Path
 from unshutter.errors import UsageError
 from unshutter.options.camera import Camera, Find
 from unshutter.options.neighbours import Clock, Neighbours, model_for
-from unshutter.options.save import Save
-from unshutter.options.undo import Undo
+from unshutter.options.picture import Save, Undo
 
 _FIND, _UNDO, _SAVE, _NEIGHBOURS = Find(), Undo(), Save(), Neighbours()
 
@@ -26,7 +25,7 @@ class Rectify:
         neighbours: frames before and after that say how the camera moved; without them, the photo alone does.
 
     Raises:
-        UsageError: a motion, and beside it a focal length, roll, tilt or least confidence, which are for finding one;
+        UsageError: a motion together with a focal length, roll, tilt or least confidence, which are for finding one;
             neighbours, and what does not go with them.
     """
 
@@ -58,7 +57,7 @@ class Rectify:
         """
         asked = cls(find, motion, undo, save, neighbours)
         if motion is not None:
-            undo = undo.of_given_motion()
+            undo = undo.at_any_confidence()
         if neighbours.sequence:
             undo = undo.keeping_coordinates()
         if asked.find_alone is not None or neighbours.fallback:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from unshutter.errors import UnshutterError
-from unshutter.geometry.orientation import Orientation
+from unshutter.geometry.readout import Orientation
 from unshutter.photo.format import Coding, Format, Header, Picture
 from unshutter.photo.libvips import computed, field, libvips, refusing, set_blob
 from unshutter.photo.metadata import Metadata, Resolution

@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError
+from unshutter.photo.copies import grey_copy, grey_size
 from unshutter.photo.format import Header
-from unshutter.photo.grey import grey_copy, grey_size
 from unshutter.photo.libvips import as_image
 from unshutter.photo.source import Source
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from unshutter.errors import UnshutterError
-from unshutter.geometry.orientation import Orientation
+from unshutter.geometry.readout import Orientation
 from unshutter.photo.format import Picture, WrittenFormat
 from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
 from unshutter.photo.metadata import Metadata
@@ -63,8 +63,8 @@ def _true_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> tup
         film = metadata.film if "film" in format.holds else None
         left_out += xmp.gone(packet, film is not None)
         # an orientation that only XMP gives stays there
-        given = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
-        packet = xmp.after(packet, xmp.Next(image.height, image.width, given, is_new, film and film.place))
+        xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
+        packet = xmp.after(packet, xmp.Next(image.height, image.width, xmp_orientation, is_new, film and film.place))
         if packet is None:
             left_out.append("XMP (damaged)")
     if is_new and resources is not None:

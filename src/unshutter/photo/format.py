@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, ClassVar
 
-from unshutter.geometry.orientation import Orientation
+from unshutter.geometry.readout import Orientation
 from unshutter.options import PictureFormat
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source

@@ -1,4 +1,4 @@
-"""pyvips: imported when it is needed, kept quiet, its failures turned into one line; its images from and to arrays."""
+"""pyvips: imported when it is needed, kept quiet, its failures turned into one line; its images, colours and arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from unshutter.storage import large_arrays
 if TYPE_CHECKING:
     import numpy as np  # not imported above: reading a file, which starts first, can do without
     import pyvips
-
 
 _forked = False  # from a process that had loaded libvips
 
@@ -199,3 +198,28 @@ def with_bands(array: np.ndarray) -> np.ndarray:
     if array.ndim not in (2, 3) or 0 in array.shape or (array.ndim == 3 and array.shape[2] > 4):
         raise UnshutterError(f"a photo needs pixels of shape [H, W] or [H, W, 1..4], got {list(array.shape)}")
     return array.reshape(*array.shape[:2], -1)
+
+
+# sRGB and "unspecified", Display P3; transfers that are shown alike: Rec. 709, unspecified, Rec. 601, sRGB.
+_SRGB, _P3, _USUAL_TRANSFERS = (1, 2), 12, (1, 2, 6, 13)
+
+
+def profile_of(primaries: int, transfer: int, source: object) -> bytes | None:
+    """ICC profile of such colours; None where they are sRGB or unspecified.
+
+    Args:
+        primaries: code point.
+        transfer: code point.
+        source: for the message.
+
+    Raises:
+        UnshutterError: those of HDR or video: pixels that look right only with these numbers, which are lost.
+    """
+    if transfer in _USUAL_TRANSFERS:
+        if primaries in _SRGB:
+            return None
+        if primaries == _P3:
+            return libvips().Image.profile_load("p3")
+    raise UnshutterError(
+        f"{{photo}} has colours of HDR or video (code points {primaries}/{transfer}): convert it first", photo=source
+    )

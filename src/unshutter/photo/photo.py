@@ -5,39 +5,31 @@ from __future__ import annotations
 import os
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.errors import UsageError
-from unshutter.geometry.orientation import Orientation
-from unshutter.options import MAX_PIXELS, PictureFormat, Save, Subsampling
-from unshutter.photo import display, encoding
+from unshutter.geometry.readout import Orientation
+from unshutter.options import MAX_PIXELS, Save
+from unshutter.photo import copies, encoding
+from unshutter.photo.camera_facts import CameraFacts
+from unshutter.photo.copies import grey_copy, grey_size
 from unshutter.photo.decoding import Decoder
-from unshutter.photo.encoding import Encoded
 from unshutter.photo.format import Coding, Picture, WrittenFormat
-from unshutter.photo.formats import FORMATS, WRITTEN, of_target
-from unshutter.photo.grey import grey_copy, grey_size
 from unshutter.photo.libvips import as_image, with_bands
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
-from unshutter.photo.tags import exif
-from unshutter.storage.files import Times, check_target, times_of, written_whole
+from unshutter.photo.writable import Writable
+from unshutter.storage.files import Times, times_of
 
 if TYPE_CHECKING:
-    from datetime import datetime
-
     import numpy as np
     import pyvips
 
-    from unshutter.photo.tags.attitude import Attitude
-    from unshutter.photo.tags.flight import Flight
-    from unshutter.photo.tags.readout_time import ReadoutTime
-
 
 @dataclass(frozen=True, eq=False)
-class Photo:
+class Photo(CameraFacts, Writable):
     """A picture as it is stored: never turned upright, with all that its file says about it.
 
     Pixels are decoded when they are first asked for, or before (:meth:`start_decoding`), once. :attr:`pixels` is always
@@ -72,7 +64,7 @@ class Photo:
     _decoder: Decoder | None = field(repr=False)
     _coding: Coding = field(repr=False)
     _metadata: Metadata = field(repr=False)
-    _given: np.ndarray | None = field(repr=False, default=None)  # pixels that are not the source's
+    _new_pixels: np.ndarray | None = field(repr=False, default=None)  # pixels that are not the source's
     _times_ns: Times | None = field(repr=False, default=None)  # of its file, before that was read
 
     # ---- in --------------------------------------------------------------------------------------------
@@ -138,7 +130,9 @@ class Photo:
         pixels = with_bands(pixels)
         height, width, bands = pixels.shape
         metadata = self._metadata if (height, width) == (self.height, self.width) else self._metadata.resized()
-        return replace(self, height=height, width=width, bands=bands, _given=pixels, _decoder=None, _metadata=metadata)
+        return replace(
+            self, height=height, width=width, bands=bands, _new_pixels=pixels, _decoder=None, _metadata=metadata
+        )
 
     # ---- what it holds ---------------------------------------------------------------------------------
 
@@ -175,8 +169,8 @@ class Photo:
         """
         if self._decoder is not None:
             return self._decoder.pixels
-        assert self._given is not None
-        return self._given
+        assert self._new_pixels is not None
+        return self._new_pixels
 
     @property
     def image(self) -> pyvips.Image:
@@ -191,49 +185,6 @@ class Photo:
     def to_array(self) -> np.ndarray:
         """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
         return self.pixels[..., 0].copy() if self.bands == 1 else self.pixels.copy()
-
-    def focal_px(self) -> float | None:
-        """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
-        return exif.focal_px(self._metadata.exif, self.height, self.width)
-
-    def exposure_s(self) -> float | None:
-        """How long the photo was exposed [s], from EXIF; None where it is not known."""
-        from unshutter.photo.tags import exposure  # here, as below: not before the photo is being decoded
-
-        return exposure.time_s(self._metadata.exif)
-
-    def taken(self) -> datetime | None:
-        """When it was taken, by EXIF, in the camera's time zone; None where it is not known."""
-        from unshutter.photo.tags import exposure
-
-        return exposure.taken(self._metadata.exif)
-
-    def is_merged(self) -> bool:
-        """Whether it was put together from several exposures (HDR), by EXIF: its exposure time is that of one."""
-        from unshutter.photo.tags import exposure
-
-        return exposure.is_merged(self._metadata.exif)
-
-    def readout_time(self) -> ReadoutTime:
-        """How long its readout may have taken, by the kind of camera that EXIF names."""
-        from unshutter.photo.tags import readout_time
-
-        return readout_time.of_exif(self._metadata.exif)
-
-    @cached_property
-    def attitude(self) -> Attitude | None:
-        """How the camera was held, as an accelerometer, level gauge or gimbal wrote it; None where it is not known."""
-        from unshutter.photo.tags import attitude
-
-        metadata = self._metadata
-        return attitude.of_photo(metadata.exif, metadata.xmp, Orientation(self.orientation), self.height, self.width)
-
-    @cached_property
-    def flight(self) -> Flight | None:
-        """How the drone flew that took it; None where it is not known, or no drone did."""
-        from unshutter.photo.tags import flight
-
-        return flight.of_xmp(self._metadata.xmp)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
@@ -280,7 +231,7 @@ class Photo:
         side = max(self.height, self.width)
         scale = 1.0 if longest is None else min(longest / side, 1.0)
         height, width = (max(round(size * scale), 1) for size in (self.height, self.width))
-        return display.screen_pixels(image, height, width, self._metadata.icc)
+        return copies.screen_pixels(image, height, width, self._metadata.icc)
 
     @property
     def times_ns(self) -> Times:
@@ -302,9 +253,7 @@ class Photo:
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone.
         """
-        return display.upright(self._picture, self._metadata.icc, Orientation(self.orientation), longest_px)
-
-    # ---- out -------------------------------------------------------------------------------------------
+        return copies.upright(self._picture, self._metadata.icc, Orientation(self.orientation), longest_px)
 
     def file_as(self, format: str, how: Save) -> Source | None:
         """The encoded data that the photo was read from, if a result with these options would be a copy of them.
@@ -319,77 +268,10 @@ class Photo:
         is_same = self.format == format and how.quality is how.subsampling is None
         return self._decoder.source if self._decoder is not None and is_same else None
 
-    def to_bytes(
-        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
-    ) -> bytes:
-        """The photo as an encoded file.
-
-        Args:
-            format: ``jpeg``, ``png``, ``webp``, ``tiff`` or ``avif``; its own by default
-                (PNG for arrays, AVIF for HEIC, TIFF for raw).
-            quality: 1-100 for JPEG, WebP and AVIF; by default like the input's, else 95, 90 and 80.
-            subsampling: of JPEG's and AVIF's chroma, ``4:4:4`` (none) or ``4:2:0``; by default like the input's, which
-                is 4:4:4 for what lies between.
-
-        Raises:
-            UsageError: unknown format, quality or subsampling; UnshutterError: the format cannot hold the picture.
-        """
-        return self._encoded(Save(format, quality, subsampling)).data
-
-    def encode(
-        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
-    ) -> Encoded:
-        """Like :meth:`to_bytes`, and says what of the metadata the format could not hold."""
-        return self._encoded(Save(format, quality, subsampling))
-
-    def _encoded(self, save: Save) -> Encoded:
-        own = "png" if self.format == "array" else FORMATS[self.format].written_as
-        target = WRITTEN[save.format or own]
-        picture, left_out = self._picture_for(target, save)
-        file = encoding.to_bytes(picture, target)
-        return Encoded(file.data, left_out + file.left_out)
-
-    def save(
-        self,
-        path: str | os.PathLike[str],
-        quality: int | None = None,
-        overwrite: bool = False,
-        subsampling: Subsampling | None = None,
-        keep_times: bool = False,
-    ) -> tuple[str, ...]:
-        """Writes the photo whole or not at all: into a temporary file next to ``path``, renamed when complete.
-
-        It gets the permissions of the file that the photo was read from.
-
-        Args:
-            path: the ending names the format: .jpg .jpeg .png .webp .tif .tiff .avif.
-            quality: see :meth:`to_bytes`.
-            overwrite: whether an existing file may be replaced; the photo's own never is, nor what a link leads to.
-            subsampling: see :meth:`to_bytes`.
-            keep_times: whether it also gets the access and modification time that the photo's file had when it was
-                opened, as far as the file system can keep them.
-
-        Returns:
-            The metadata that such files have no place for, in words, as in ``("IPTC",)``.
-
-        Raises:
-            UsageError: unknown ending, quality or subsampling, or ``keep_times`` for a photo that is not from a file;
-            UnshutterError: the file exists, is a link or the
-                photo's own, its folder is missing or cannot be written to, the disc is full, or the photo is damaged.
-        """
-        target, options = Path(path), Save(None, quality, subsampling, keep_times)
-        times_ns = self.times_ns if options.keep_times else None
-        format = of_target(target)
-        check_target(target, overwrite, self.path)
-        picture, left_out = self._picture_for(format, options)  # decodes: damage is found before anything is written
-        with written_whole(target, overwrite, mode_of=self.path, times_ns=times_ns) as part:
-            left_out += encoding.to_file(picture, format, part, target)
-        return left_out
-
     def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, tuple[str, ...]]:
         """The photo as a format can hold it, and the names of what it cannot."""
         coding = self._coding
         if save.subsampling is not None:
             coding = replace(coding, subsampled=save.subsampling == "4:2:0")
         picture = Picture(self.image, self._metadata, Orientation(self.orientation), coding, save.quality)
-        return encoding.fitted(picture, format, is_new=self._given is not None)
+        return encoding.fitted(picture, format, is_new=self._new_pixels is not None)

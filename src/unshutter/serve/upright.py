@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from unshutter.geometry.orientation import Orientation
-from unshutter.geometry.readout import Readout
+from unshutter.geometry.readout import Orientation, Readout
 
 # Direction of a readout in the stored picture, as (right, down), and the word for a direction in the upright one.
 _READ = {

@@ -1,7 +1,7 @@
 """Files are written whole or not at all, never over an original, and never through a link.
 
 A name in the way of a result may be anything: a photo of the same run, a link to one, a pipe. So nothing is opened for
-writing under its final name. A file is made under a new name (``O_EXCL``) beside it and renamed when it is complete,
+writing under its final name. A file is made under a new name (``O_EXCL``) next to it and renamed when it is complete,
 which replaces a link rather than what it leads to; without ``overwrite`` by a hard link, which fails where there is
 anything at all. Only journals and logs are added to in place: ``plain_files.py`` refuses what is not a plain file.
 """
@@ -73,7 +73,7 @@ def check_target(target: Path, overwrite: bool, *originals: Path | None) -> None
 def written_whole(
     target: Path, overwrite: bool = True, mode_of: Path | None = None, times_ns: Times | None = None
 ) -> Iterator[Path]:
-    """An empty temporary file beside ``target`` that takes its place when the block ends well, and goes otherwise.
+    """An empty temporary file next to ``target`` that takes its place when the block ends well, and goes otherwise.
 
     The bytes are on the disc before the name is, so that not even a power cut leaves a half-written file under it.
 

@@ -1,19 +1,22 @@
-"""Lines that are only ever added to, one JSON record each, in a folder that several runs may write to.
+"""Files of lines that are only ever added to, one JSON record each: journals of a folder, and JSON logs.
 
-In a folder of files a journal is one file, ``NAME.jsonl``. Objects cannot be added to: behind a URL each run writes
-pieces, ``NAME/RUN-NUMBER.jsonl``, and makes one of them in the end.
+Several runs may write to a journal. In a folder of files it is one file, ``NAME.jsonl``. Objects cannot be added to:
+behind a URL each run writes pieces, ``NAME/RUN-NUMBER.jsonl``, and makes one of them in the end. A log is a file of the
+user's choice, which may hold the events of earlier runs.
 """
 
 from __future__ import annotations
 
+import json
 import os
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
 from unshutter.storage.places import Place, make_folder, objects_below, read_place, remove, write_place
-from unshutter.storage.plain_files import add_bytes, is_torn, open_plain
+from unshutter.storage.plain_files import add_bytes, add_text, is_torn, open_plain
+from unshutter.storage.protection import Protection
 
 if TYPE_CHECKING:
     from upath import UPath
@@ -141,3 +144,40 @@ class ObjectJournal(Journal):
 
     def _piece(self, number: int) -> UPath:
         return self._folder / self._name / f"{self._run}-{number:06}.jsonl"
+
+
+_FIRST_WORDS = b'{"event":'  # of every log
+
+
+class JsonLog:
+    """A log to add to. Another file of that name, such as a photo, is left alone.
+
+    Args:
+        path: of the log; made when it is missing, in a folder that exists.
+        protection: of the files that the run reads.
+
+    Raises:
+        UnshutterError: it cannot be written, is an input of the run, or no such log.
+    """
+
+    def __init__(self, path: Path, protection: Protection):
+        self._path = path
+        protection.check(path)
+        descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        try:
+            if os.read(descriptor, len(_FIRST_WORDS)) not in (b"", _FIRST_WORDS):
+                raise UnshutterError(f"{path} is no log of unshutter's: choose another name for --json-log")
+            if is_torn(descriptor):
+                add_bytes(descriptor, b"\n")
+        except OSError as error:
+            raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+        finally:
+            os.close(descriptor)
+
+    def add(self, event: str, **about: Any) -> None:
+        """Adds an event.
+
+        Raises:
+            UnshutterError: the log cannot be written.
+        """
+        add_text(self._path, json.dumps({"event": event, **about}) + "\n")

@@ -47,7 +47,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
 
 
 def remove_left_folders(folder: Path) -> int:
-    """Removes what killed runs left beside a folder that is to be made, not what runs at work are filling.
+    """Removes what killed runs left next to a folder that is to be made, not what runs at work are filling.
 
     Args:
         folder: that is to be made. What version 1.0 left of it had its name, and is removed, too.

@@ -6,20 +6,24 @@ parent, ``/`` and so on work on both. What a batch must do differently for the t
 stores make visible whole or not at all. Whatever a store raises becomes one line here.
 
 Importing universal-pathlib takes 10 ms, what it does for its first URL 70 ms: it is imported when a URL is named.
+
+fsspec chains URLs: ``simplecache::s3://b/a.jpg`` is an object behind a cache, ``dir://a.jpg::file:///d`` a file of a
+folder, ``zip://a.jpg::file:///d/b.zip`` one in an archive. The same file has any number of such names, so names are
+never compared, only what they lead to.
 """
 
 from __future__ import annotations
 
 import os
+import posixpath
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from unshutter.errors import UnshutterError
 from unshutter.storage import plain_files
 from unshutter.storage.files import Times, check_target, written_whole
-from unshutter.storage.urls import local_file
 
 if TYPE_CHECKING:
     from upath import UPath
@@ -202,3 +206,49 @@ def _one_line(where: Place | str) -> Iterator[None]:
         raise UnshutterError(
             f"cannot reach {{file}}: {' '.join(str(error).split()) or type(error).__name__}", file=where
         ) from None
+
+
+_LOCAL = ("file", "local")
+_CACHES = ("simplecache", "filecache", "blockcache", "cached")  # of the same names as what is behind them
+
+
+def local_file(url: str) -> Path | None:
+    """The file of this machine that a URL stands for; None where it is elsewhere, or inside another file."""
+    *links, last = url.split("::")
+    path = _end(last)
+    for link in reversed(links):
+        protocol, _, name = link.partition("://")
+        if path is None:
+            break
+        if protocol in _CACHES:
+            path = Path(name) if name else path
+        else:
+            path = path / name.lstrip("/") if protocol == "dir" else None
+    return path
+
+
+def file_below(url: str) -> Path | None:
+    """The file of this machine that a URL's bytes lie in, such as an archive; None where they are elsewhere."""
+    return local_file(url) or _end(url.split("::")[-1])
+
+
+def object_behind(where: UPath) -> tuple[str, str]:
+    """What a URL leads to: the kind of store, and the name in it."""
+    name = where.path
+    store: Any = where.fs
+    while (inner := getattr(store, "fs", None)) is not None:  # a cache, or a folder
+        name = posixpath.join(store.path, name.lstrip("/")) if "dir" in _protocols(store) else name
+        store = inner
+    return type(store).__name__, posixpath.normpath(name).lstrip("/")
+
+
+def _end(link: str) -> Path | None:
+    """The file that the last link of a chain names."""
+    protocol, named, path = link.partition("://")
+    if not named:
+        return Path(link)
+    return Path(path) if protocol in _LOCAL else None
+
+
+def _protocols(store) -> tuple[str, ...]:
+    return (store.protocol,) if isinstance(store.protocol, str) else tuple(store.protocol)

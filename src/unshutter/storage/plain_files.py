@@ -101,7 +101,7 @@ def digest(path: Path) -> str | None:
 
 
 def digest_of(data: bytes) -> str:
-    """The same of bytes."""
+    """A hash of bytes, equal to that of a file with this content."""
     digest = _new_hash()
     digest.update(data)
     return digest.hexdigest()

@@ -9,8 +9,7 @@ from functools import cache, cached_property
 from pathlib import Path
 
 from unshutter.errors import UnshutterError
-from unshutter.storage.places import Place, way
-from unshutter.storage.urls import file_below, object_behind
+from unshutter.storage.places import Place, file_below, object_behind, way
 
 
 class Protection:

@@ -8,7 +8,7 @@ from pathlib import Path
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.export.plot import check_plot
 from unshutter.storage.files import check_target, remove_leftovers
-from unshutter.storage.json_log import JsonLog
+from unshutter.storage.journal import JsonLog
 from unshutter.storage.new_folders import remove_left_folders
 from unshutter.storage.places import place
 from unshutter.storage.protection import Protection

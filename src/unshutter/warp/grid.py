@@ -64,7 +64,7 @@ class Tile(NamedTuple):
         return (self.bottom - self.top) * (self.right - self.left)
 
     def tiles(self) -> Iterator[Tile]:
-        """The same pixels in tiles of a size to work on at a time."""
+        """This tile cut into tiles of a size to work on at a time."""
         for top in range(self.top, self.bottom, _TILE[0]):
             for left in range(self.left, self.right, _TILE[1]):
                 yield Tile(top, min(top + _TILE[0], self.bottom), left, min(left + _TILE[1], self.right))

@@ -24,8 +24,7 @@ from unshutter.errors import UnshutterError
 from unshutter.motion import Motion
 from unshutter.options import Edges, check_edges
 from unshutter.storage.large_arrays import new_array
-from unshutter.warp.crop import crop_window
-from unshutter.warp.edges import EdgeDecision, EdgePolicy
+from unshutter.warp.edges import EdgeDecision, EdgePolicy, crop_window
 from unshutter.warp.grid import Extent, SamplingGrid, Tile, gs_to_rs_map, rs_to_gs_map
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from support.fuzzing import damaged, thorough
 from support.maker_notes import apple, directory, exif_with_note, photo_with_note
 from support.tagged_files import ATTRIBUTES, ELEMENTS, jpeg_of_drone
 from unshutter.estimators.base import View
-from unshutter.geometry.orientation import Orientation
-from unshutter.geometry.readout import Readout
+from unshutter.geometry.readout import Orientation, Readout
 from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.photo.tags import exposure, readout_time

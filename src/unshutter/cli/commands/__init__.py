@@ -1,1 +1,1 @@
-"""The commands, one file each; ``COMMAND`` in NAME.py is ``unshutter NAME``."""
+"""The commands of ``unshutter``; ``COMMANDS`` in the package above says where each is."""

@@ -1,27 +1,78 @@
-"""``unshutter completion``."""
+"""``unshutter completion``: from the whole command line as one parser, shtab writes what shells need."""
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass, field
 
-from unshutter.cli.arguments import Command
-from unshutter.cli.completion import SHELLS, completion_script
+from unshutter.cli import command_named, summaries
+from unshutter.cli.arguments import Command, add_arguments
+from unshutter.errors import UnshutterError
+
+SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # that shtab knows
+_FILES = {"PATH", "FILE", "FOLDER"}  # metavars
 
 
 @dataclass(frozen=True)
-class Arguments:
+class Completion:
     """What the command takes."""
 
     shell: str = field(metadata={"help": "The shell that is to complete.", "positional": True, "choices": SHELLS})
 
 
-def run(arguments: Arguments) -> int:
+def run(arguments: Completion) -> int:
     """Prints the script."""
     print(completion_script(arguments.shell))
     return 0
 
 
-COMMAND = Command(
+def completion_script(shell: str) -> str:
+    """What a shell is to read, so that it completes commands, options, their choices, methods and files.
+
+    Args:
+        shell: one of :data:`SHELLS`.
+
+    Raises:
+        UnshutterError: shtab is too old to know the shell.
+    """
+    import shtab
+
+    if shell not in shtab.SUPPORTED_SHELLS:
+        raise UnshutterError(f"shtab {shtab.__version__} knows no {shell}: pip install --upgrade shtab")
+    return shtab.complete(_whole_parser(shtab.FILE), shell)
+
+
+def _whole_parser(files: object) -> argparse.ArgumentParser:
+    """A parser of all commands, which is never asked to parse.
+
+    Args:
+        files: what shtab is told where an argument is a file or folder.
+    """
+    whole = argparse.ArgumentParser("unshutter")
+    whole.add_argument("--version", action="store_true", help="print the version")
+    commands = whole.add_subparsers()
+    for name, what in summaries().items():
+        command = command_named(name)
+        parser = commands.add_parser(name, help=what)
+        add_arguments(parser, command.arguments)
+        for action in parser._actions:  # argparse has no other way to them, and shtab takes the same
+            _complete(action, files)
+    return whole
+
+
+def _complete(action: argparse.Action, files: object) -> None:
+    """Tells shtab what an argument may be, as far as its parser does not."""
+    from unshutter.estimators.register import names
+
+    if action.choices is not None:
+        return
+    if action.dest in ("estimator", "estimators"):
+        action.choices = names()
+    elif action.metavar in _FILES or not action.option_strings:
+        action.complete = files  # type: ignore[attr-defined]  # where shtab looks
+
+
+COMPLETION = Command(
     """Print what a shell needs to complete unshutter's commands, options and their values.
 
 bash: unshutter completion bash > ~/.local/share/bash-completion/completions/unshutter
@@ -29,6 +80,6 @@ zsh:  unshutter completion zsh > FOLDER/_unshutter
 fish: unshutter completion fish > ~/.config/fish/completions/unshutter.fish
 
 For zsh, FOLDER is one of those in $fpath.""",
-    Arguments,
+    Completion,
     run,
 )

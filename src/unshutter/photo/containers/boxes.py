@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple
 
 from unshutter.errors import UnshutterError
-from unshutter.geometry.orientation import Orientation
+from unshutter.geometry.readout import Orientation
 from unshutter.photo.source import Source
 
 _HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a size of 64 bits

@@ -105,13 +105,13 @@ def _item_in_words(item: _Item) -> Iterator[str]:
 
 def _parts(item: int, references: list[_Reference]) -> set[int]:
     """An item and those that it is put together from."""
-    made_of = {one.item: one.to for one in references if one.kind == b"dimg"}
+    components = {one.item: one.to for one in references if one.kind == b"dimg"}
     parts, waiting = set(), [item]
     while waiting:
         number = waiting.pop()
         if number not in parts:
             parts.add(number)
-            waiting.extend(made_of.get(number, ()))
+            waiting.extend(components.get(number, ()))
     return parts
 
 

@@ -16,9 +16,9 @@ from unshutter.photo import by_libvips
 from unshutter.photo.by_libvips import ExifBlock, without_exif_loops
 from unshutter.photo.containers import boxes, items
 from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
-from unshutter.photo.libvips import field, threads
+from unshutter.photo.libvips import field, profile_of, threads
 from unshutter.photo.source import Source
-from unshutter.photo.tags import colours, exif
+from unshutter.photo.tags import exif
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,7 +53,7 @@ class Avif(WrittenFormat):
             metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *left_behind))
         metadata = replace(metadata, exif=exif.with_header(metadata.exif))
         if metadata.icc is None:
-            metadata = replace(metadata, icc=colours.profile_of(*own.code_points, source))
+            metadata = replace(metadata, icc=profile_of(*own.code_points, source))
         header = by_libvips.header(self, source, image, coding, metadata, pictures=1)
         height, width = own.orientation.size(header.height, header.width)
         bands = header.bands - 2 if own.grey else header.bands

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any, BinaryIO, final
 from unshutter.errors import UnshutterError
 from unshutter.photo.containers import boxes, items
 from unshutter.photo.format import Coding, Format, Header
+from unshutter.photo.libvips import profile_of
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
-from unshutter.photo.tags import colours, exif
+from unshutter.photo.tags import exif
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,7 +44,7 @@ class Heic(Format):
         with source.stream() as stream:
             own, left_behind = boxes.read_coding(stream), items.extras_in_words(stream)
         height, width = own.orientation.size(*picture.size[::-1])
-        profile, packet = info.get("icc_profile") or colours.profile_of(*own.code_points, source), info.get("xmp")
+        profile, packet = info.get("icc_profile") or profile_of(*own.code_points, source), info.get("xmp")
         blob = info.get("exif")
         metadata = Metadata(
             exif=exif.without_loop(blob) if blob else None,

@@ -14,16 +14,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter.errors import UnshutterError
-from unshutter.geometry.orientation import Orientation
+from unshutter.geometry.readout import Orientation
 from unshutter.photo import by_libvips
 from unshutter.photo.by_libvips import ExifBlock, without_exif_loops
 from unshutter.photo.containers import chunks, insertion
 from unshutter.photo.containers.chunks import COLOURS, TEXTS
 from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
-from unshutter.photo.libvips import field
+from unshutter.photo.libvips import field, profile_of
 from unshutter.photo.metadata import Metadata, Resolution
 from unshutter.photo.source import Source
-from unshutter.photo.tags import colours, exif, png_texts
+from unshutter.photo.tags import exif, png_texts
 
 if TYPE_CHECKING:
     import numpy as np
@@ -164,7 +164,7 @@ def _cicp_profile(source: Source, carried: list[tuple[bytes, bytes]]) -> bytes |
         UnshutterError: those of HDR or video.
     """
     code_points = dict(carried).get(b"cICP", b"")
-    return colours.profile_of(code_points[0], code_points[1], source) if len(code_points) == 4 else None
+    return profile_of(code_points[0], code_points[1], source) if len(code_points) == 4 else None
 
 
 def _coding(file: BinaryIO) -> tuple[int, int]:

@@ -12,20 +12,22 @@ Source: the public descriptions of these formats by exiftool.org and github.com/
 from __future__ import annotations
 
 import io
+import os
 import re
 import struct
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from threading import Lock
 from typing import TYPE_CHECKING, Any, BinaryIO, final
 
 from unshutter.errors import UnshutterError
-from unshutter.geometry.orientation import Orientation
+from unshutter.geometry.readout import Orientation
 from unshutter.photo.containers import boxes, segments, sensor_data
 from unshutter.photo.format import Coding, Format, Header
 from unshutter.photo.libvips import libvips
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
-from unshutter.photo.stray_lines import kept_back
 from unshutter.photo.tags import exif, iptc, moved_note, xmp
 from unshutter.photo.tags.directories import EXIF, GPS, SUBFILE_TYPE, Directory, Tree, read_tree
 
@@ -241,3 +243,40 @@ def _canon_tags(file: BinaryIO) -> Tree | None:
         if tree is not None and tree.order == first.order
     }
     return Tree(first.order, [first.pages[0] | more])
+
+
+_STANDARD_ERROR = 2
+_turn = Lock()  # there is but one standard error
+
+
+@contextmanager
+def kept_back(pattern: bytes) -> Iterator[None]:
+    """Keeps whole lines that match a pattern from standard error; what others write meanwhile comes afterwards.
+
+    For libraries whose printing nothing turns off. Threads wait for each other here.
+    """
+    import tempfile  # not above: most photos do without
+
+    with _turn, tempfile.TemporaryFile() as held:
+        try:
+            shown = os.dup(_STANDARD_ERROR)
+        except OSError:  # closed: nobody would see it
+            yield
+            return
+        _flush()
+        os.dup2(held.fileno(), _STANDARD_ERROR)
+        try:
+            yield
+        finally:
+            _flush()
+            os.dup2(shown, _STANDARD_ERROR)
+            held.seek(0)
+            lines = b"".join(line for line in held if not re.fullmatch(pattern, line.rstrip()))
+            with suppress(OSError):
+                os.write(shown, lines)
+            os.close(shown)
+
+
+def _flush() -> None:
+    with suppress(OSError, ValueError, AttributeError):
+        sys.stderr.flush()

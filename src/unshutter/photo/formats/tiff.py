@@ -108,7 +108,7 @@ def _check_kind(source: Source, numbers: dict[int, int]) -> None:
 
     Raises:
         UnshutterError: old-style JPEG, of which some decoders make a black picture; grey with more than one channel
-            beside it, which is no RGB.
+            next to it, which is not RGB.
     """
     if numbers.get(_COMPRESSION) == _OLD_JPEG:
         raise UnshutterError(
@@ -122,7 +122,7 @@ def _check_kind(source: Source, numbers: dict[int, int]) -> None:
 
 
 def _extra_samples(numbers: dict[int, int]) -> int:
-    """Channels beside grey or RGB."""
+    """Channels other than grey or RGB."""
     return numbers.get(_SAMPLES, 1) - _COLOURS.get(numbers.get(_PHOTOMETRIC, -1), numbers.get(_SAMPLES, 1))
 
 

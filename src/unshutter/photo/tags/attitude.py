@@ -20,8 +20,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from unshutter.geometry.orientation import Orientation
-from unshutter.geometry.readout import Readout
+from unshutter.geometry.readout import Orientation, Readout
 from unshutter.options import MOST_ROLL_DEG, MOST_TILT_DEG
 from unshutter.photo.tags import exif, maker_notes
 from unshutter.photo.tags.directories import EXIF

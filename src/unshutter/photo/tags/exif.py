@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import BinaryIO, NamedTuple
 
-from unshutter.geometry.orientation import Orientation
+from unshutter.geometry.readout import Orientation
 from unshutter.photo.tags import directories, moved_note
 from unshutter.photo.tags.directories import (
     BYTE_ORDERS,

@@ -24,14 +24,14 @@ _LONGEST = 1 << 26  # bytes of an unpacked text that is metadata
 _HEX_LINE = 72  # characters
 
 
-class Found(NamedTuple):
+class TextMetadata(NamedTuple):
     """Metadata in a text: an attribute of ``Metadata``, and its value, which is empty where it cannot be read."""
 
     attribute: str
     data: bytes
 
 
-def metadata_in(name: bytes, data: bytes) -> Found | None:
+def metadata_in(name: bytes, data: bytes) -> TextMetadata | None:
     """What of other formats' metadata a text holds; None for plain texts.
 
     Args:
@@ -44,8 +44,8 @@ def metadata_in(name: bytes, data: bytes) -> Found | None:
         return None
     content = _content(name, data[len(keyword) + 1 :])
     if content is None:
-        return Found(_ATTRIBUTES[kind], b"")
-    return Found("xmp", content) if keyword == _XMP else _meaning(kind, _unpacked_profile(content))
+        return TextMetadata(_ATTRIBUTES[kind], b"")
+    return TextMetadata("xmp", content) if keyword == _XMP else _meaning(kind, _unpacked_profile(content))
 
 
 def _content(name: bytes, data: bytes) -> bytes | None:
@@ -76,14 +76,14 @@ def _unpacked_profile(content: bytes) -> bytes:
         return b""
 
 
-def _meaning(kind: bytes, data: bytes) -> Found:
+def _meaning(kind: bytes, data: bytes) -> TextMetadata:
     """What the bytes of a raw profile are; of the kind ``app1`` they say themselves."""
     if data.startswith(_XMP_OF_JPEG):
-        return Found("xmp", data.removeprefix(_XMP_OF_JPEG))
+        return TextMetadata("xmp", data.removeprefix(_XMP_OF_JPEG))
     attribute = _ATTRIBUTES[kind]
     if attribute == "exif" and exif.read(data) is None:
-        return Found("exif", b"")
-    return Found(attribute, iptc.of_blocks(data) if attribute == "resources" and data else data)
+        return TextMetadata("exif", b"")
+    return TextMetadata(attribute, iptc.of_blocks(data) if attribute == "resources" and data else data)
 
 
 # ---- writing -------------------------------------------------------------------------------------------

@@ -120,7 +120,7 @@ def segments(open_file: OpenFile, wanted: Rectify) -> dict[str, Any]:
 
 
 def _before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, Any]]:
-    from unshutter.geometry.orientation import Orientation
+    from unshutter.geometry.readout import Orientation
     from unshutter.serve.upright import arrows
 
     photo = opened(open_file)
@@ -172,8 +172,7 @@ def _shown_between(open_file: OpenFile, photo: Photo, wanted: Rectify, longest: 
     from unshutter.frames.frame import SequenceOptions
     from unshutter.frames.sequence_rectification import rectify_between
     from unshutter.photo import Photo
-    from unshutter.warp.crop import valid_window
-    from unshutter.warp.edges import EdgePolicy
+    from unshutter.warp.edges import EdgePolicy, valid_window
 
     policy, given = EdgePolicy(wanted.undo.edges), wanted.neighbours
     undo = replace(wanted.undo, edges="keep") if policy.may_crop else wanted.undo
@@ -236,7 +235,7 @@ def _segments(open_file: OpenFile, wanted: Rectify) -> dict[str, Any]:
 
 def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
     """Stored pixels as a JPEG for the screen, upright."""
-    from unshutter.geometry.orientation import Orientation
+    from unshutter.geometry.readout import Orientation
     from unshutter.photo.libvips import as_image, refusing
 
     with refusing("cannot encode the copy for the screen"):

@@ -1,4 +1,4 @@
-"""``unshutter cameras``."""
+"""``unshutter models`` and ``unshutter cameras``: lists of what is known."""
 
 from __future__ import annotations
 
@@ -8,13 +8,29 @@ from unshutter.cli.arguments import Command, positional
 
 
 @dataclass(frozen=True)
-class Arguments:
-    """What the command takes."""
+class Models:
+    """``unshutter models`` takes no arguments."""
+
+
+def _models(arguments: Models) -> int:
+    """Prints the list."""
+    from unshutter.estimators.catalogue import as_text, list_models
+
+    print(as_text(list_models()))
+    return 0
+
+
+MODELS = Command("List the methods: what each does, how large it is, how well it does.", Models, _models)
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """What ``unshutter cameras`` takes."""
 
     word: list[str] = positional("List only cameras with these words in their name.", "word", optional=True)
 
 
-def run(arguments: Arguments) -> int:
+def _cameras(arguments: Cameras) -> int:
     """Prints the list."""
     from unshutter.video.cameras import as_text, listed
 
@@ -22,11 +38,11 @@ def run(arguments: Arguments) -> int:
     return 0
 
 
-COMMAND = Command(
+CAMERAS = Command(
     """List the cameras whose readout time is known: camera and lens, frame size and rate, readout time.
 
 `unshutter video --camera NAME` takes these times. They come from Gyroflow's lens profiles (CC0), where users share
 what they measured.""",
-    Arguments,
-    run,
+    Cameras,
+    _cameras,
 )

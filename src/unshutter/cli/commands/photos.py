@@ -1,4 +1,4 @@
-"""``unshutter rectify``."""
+"""``unshutter rectify`` and ``unshutter estimate``."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 
 from unshutter.cli.arguments import Command, positional
 from unshutter.errors import UnknownRatioError
-from unshutter.options import Find, Neighbours, Rectify, Run, Save, Undo, option
+from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Reference, Run, Save, Undo, option
 
 
 @dataclass(frozen=True)
-class Arguments:
-    """What the command takes."""
+class RectifyPhotos:
+    """What ``unshutter rectify`` takes."""
 
     photos: list[str] = positional(
         "Photos, or folders of photos, including the folders below. With the extra `dask` also URLs (s3://...).",
@@ -21,7 +21,7 @@ class Arguments:
     output: str | None = option(
         None,
         "File to write (one photo), or folder (several), which gets the structure of the given ones. "
-        "Default: NAME.rectified.EXT beside each photo.",
+        "Default: NAME.rectified.EXT next to each photo.",
         short="-o",
         metavar="PATH",
         names="output",
@@ -43,7 +43,7 @@ class Arguments:
     run: Run = field(default_factory=Run)
 
 
-def run(arguments: Arguments) -> int:
+def _rectify(arguments: RectifyPhotos) -> int:
     """Rectifies the photos; returns the exit code."""
     from unshutter.batch.commands import Outputs, rectify_files
 
@@ -56,11 +56,45 @@ def run(arguments: Arguments) -> int:
         raise error.with_advice("say --readout-ratio, or --readout-ms with --fps") from None
 
 
-COMMAND = Command(
+RECTIFY = Command(
     """Straighten photos: write what a global shutter would have seen.
 
 Several photos into a folder: what is finished there is not done again unless the photo or the options changed,
 and a run that was stopped goes on when the same command is given again.""",
-    Arguments,
-    run,
+    RectifyPhotos,
+    _rectify,
 )
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What ``unshutter estimate`` takes."""
+
+    photos: list[Path] = positional("Photos, or folders of photos, including the folders below.", "input")
+    output: Path | None = option(
+        None,
+        "JSON file (one photo) or folder (several, one JSON file each). Default: standard output (one photo).",
+        short="-o",
+        names="output",
+    )
+    reference: Reference = option("first", "Row that counts as not moving. Default: first.")
+    plot: Path | None = option(
+        None,
+        "Also draw the motion of one photo into this PNG file (needs the extra `plot`).",
+        metavar="FILE",
+        names="output",
+    )
+    overwrite: bool = option(False, "Replace outputs that exist already.")
+    max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
+    find: Find = field(default_factory=Find)
+
+
+def _estimate(arguments: Estimate) -> int:
+    """Estimates the motions; returns the exit code."""
+    from unshutter.batch.commands import Estimates, estimate_files
+
+    request = Estimates(arguments.find, arguments.reference, arguments.plot)
+    return estimate_files(arguments.photos, arguments.output, request, arguments.overwrite, arguments.max_pixels)
+
+
+ESTIMATE = Command("Find the camera's motion during each photo, as JSON.", Estimate, _estimate)

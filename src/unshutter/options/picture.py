@@ -1,4 +1,4 @@
-"""How a motion is undone."""
+"""How the rectified picture is made and written: the motion undone, the file encoded."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ class Undo:
             raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
 
     def keeping_coordinates(self) -> Undo:
-        """The same, but that automatic edges are kept: for results of which coordinates are wanted."""
+        """These options with automatic edges kept: for results whose coordinates are those of the photo."""
         return replace(self, edges="keep") if self.edges == "auto" else self
 
-    def of_given_motion(self) -> Undo:
-        """The same for a motion that the user gives, which is undone however sure its estimator was.
+    def at_any_confidence(self) -> Undo:
+        """These options for a motion from the user, which is undone whatever its confidence.
 
         Raises:
             UsageError: a least confidence is asked for, too.
@@ -83,3 +83,47 @@ class Undo:
         if self.min_confidence not in (0, MIN_CONFIDENCE):
             raise UsageError("a given motion is undone whatever its confidence: leave out the least confidence")
         return replace(self, min_confidence=0)
+
+
+PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
+Subsampling = Literal["4:4:4", "4:2:0"]
+
+
+@dataclass(frozen=True)
+class Save:
+    """How a picture is written.
+
+    Attributes:
+        format: of the file; None: the photo's own, AVIF for HEIC, 16-bit TIFF for raw files.
+        quality: of JPEG, WebP and AVIF, 1 to 100; None: like the original.
+        subsampling: of the chroma of JPEG and AVIF; None: like the original.
+        keep_times: whether the file gets the access and modification time of the original.
+        only_changed: photos that are left as they are are not written.
+        keep_names: results get the names of their photos; only into another folder.
+
+    Raises:
+        UsageError: a value that is none of its choices.
+    """
+
+    format: PictureFormat | None = option(
+        None, "Format of the results. Default: the photo's own; AVIF for HEIC, 16-bit TIFF for raw files."
+    )
+    quality: int | None = option(None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.")
+    subsampling: Subsampling | None = option(
+        None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
+    )
+    keep_times: bool = option(False, "Give each result the access and modification time of its photo.", page=False)
+    only_changed: bool = option(False, "Write only photos that change. Default: copy the others.", page=False)
+    keep_names: bool = option(
+        False, "Give results the names of their photos, in the folder that --output names.", page=False
+    )
+
+    def __post_init__(self) -> None:
+        if self.quality is not None and not 1 <= self.quality <= 100:
+            raise UsageError(f"quality must lie between 1 and 100, got {self.quality}")
+        if self.subsampling not in (None, *get_args(Subsampling)):
+            choices = ", ".join(get_args(Subsampling))
+            raise UsageError(f"unknown subsampling '{self.subsampling}': choose one of {choices}")
+        if self.format not in (None, *get_args(PictureFormat)):
+            choices = ", ".join(get_args(PictureFormat))
+            raise UsageError(f"unknown picture format '{self.format}': choose one of {choices}")
