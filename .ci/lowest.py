@@ -1,6 +1,6 @@
-"""Prints constraints, name==version, for the tests with the oldest versions that pyproject.toml allows.
+"""Prints constraints, name==version, for the tests with the oldest versions that both pyproject.toml allow.
 
-    lowest.py libraries    the oldest version of each library of the product
+    lowest.py libraries    the oldest version of each library of the product and the laboratory
     lowest.py tools        the versions in constraints.txt of all that is no such library
 
 torch keeps its version of constraints.txt: older builds are for other Pythons.
@@ -13,16 +13,18 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 OF_TOOLS = {"dev", "docs"}  # extras
-PINNED = {"torch"}
+PINNED = {"torch", "unshutter"}
 # what the libraries ask for in turn: pip chooses
 CHOSEN_BY_PIP = {"anyio", "dask", "h11"}
 
 
 def lowest() -> dict[str, str]:
     """Library -> oldest version allowed."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    extras = project["optional-dependencies"]
-    required = project["dependencies"] + [each for name in extras.keys() - OF_TOOLS for each in extras[name]]
+    required = []
+    for folder in (ROOT / "lab", ROOT):
+        project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        extras = project["optional-dependencies"]
+        required += project["dependencies"] + [each for name in extras.keys() - OF_TOOLS for each in extras[name]]
     pairs = (re.fullmatch(r"([\w.-]+)(?:\[[\w,]+\])?>=([\d.]+).*", each).groups() for each in required)
     return {name: version for name, version in pairs if name not in PINNED}
 
