@@ -11,9 +11,11 @@ import numpy as np
 
 from unshutter_lab.evaluation.pages.plots import looks_of
 from unshutter_lab.evaluation.pages.reliability import ENOUGH, RIGHT_PX, Bin, Judged, draw_reliability, mean_gap, widest
+from unshutter_lab.evaluation.pages.table import Table, as_csv
 from unshutter_lab.evaluation.results import Results
 
 PAGE = "confidence.md"
+CSV = "confidence.csv"
 PLOT = "confidence-reliability.png"
 RUNS = ("synthetic", "undistorted")
 SUITE = "256 px"  # of both runs
@@ -50,10 +52,13 @@ def write_confidence_page(runs: dict[str, Results], docs: Path) -> bool:
     draw_reliability({kind: groups[ALL] for kind, groups in kinds.items()}, looks_of(runs["synthetic"]), docs / PLOT)
     parts = ["# Confidence", _about(list(distorted[ALL]))]
     parts += ["## Stated and true shares", f"![{CAPTION}]({PLOT})\n\n*{CAPTION}*", READING]
-    parts += [_gap_words(), _gaps(kinds), f"### The bins, half and half, {ALL} photos", _bins(kinds["Half and half"])]
-    parts += [f"## Without the {DROPPED * 100:.0f} % that are trusted least", _bounds(kinds)]
-    parts += [f"### {kind}\n\n{_drops(groups)}" for kind, groups in kinds.items()]
-    parts += ["## Measured by", *(f"```sh\n{runs[name].command}\n```" for name in RUNS)]
+    gaps = [_gaps(kind, groups) for kind, groups in kinds.items()]
+    drops = [_drops(kind, groups) for kind, groups in kinds.items()]
+    (docs / CSV).write_text(as_csv([*gaps, *drops]))
+    parts += [_gap_words(), _of_all(gaps), f"### The bins, half and half, {ALL} photos", _bins(kinds["Half and half"])]
+    parts += [f"## Without the {DROPPED * 100:.0f} % that are trusted least", _bounds(kinds), _of_all(drops)]
+    parts += [f"[All figures, folder by folder, as CSV]({CSV}).", "## Measured by"]
+    parts += [f"```sh\n{runs[name].command}\n```" for name in RUNS]
     (docs / PAGE).write_text("\n\n".join([*parts, "[All results](index.md)"]) + "\n")
     return True
 
@@ -102,21 +107,26 @@ def _gap_words() -> str:
     )
 
 
-def _gaps(kinds: dict[str, _Groups]) -> str:
-    """A table with a row for each kind, folder and method: how far stated and true shares are apart."""
+def _gaps(kind: str, groups: _Groups) -> Table:
+    """How far stated and true shares are apart: a row for each folder and method."""
     rows = []
-    for kind, groups in kinds.items():
-        for photos, methods in groups.items():
-            for name, judged in methods.items():
-                answered, bins = judged.answered, judged.bins()
-                stated, right = (
-                    f"{np.average(figure, weights=answered.weight):.2f}" if bins else "–"
-                    for figure in (answered.trust, answered.epe < RIGHT_PX)
-                )
-                cells = [kind.lower(), photos, name, f"{len(answered.epe)}", stated, right]
-                rows.append([*cells, f"{mean_gap(bins):.2f}" if bins else "–", *_worst(widest(bins))])
-    titles = ["kind", "photos", "estimator", "pictures", "mean confidence", "right"]
-    return _table([*titles, "mean gap", "largest gap", "in the bin", "of pictures"], rows)
+    for photos, methods in groups.items():
+        for name, judged in methods.items():
+            answered, bins = judged.answered, judged.bins()
+            stated, right = (
+                f"{np.average(figure, weights=answered.weight):.2f}" if bins else "–"
+                for figure in (answered.trust, answered.epe < RIGHT_PX)
+            )
+            cells = [photos, name, f"{len(answered.epe)}", stated, right]
+            rows.append([*cells, f"{mean_gap(bins):.2f}" if bins else "–", *_worst(widest(bins))])
+    titles = ["photos", "estimator", "answered", "mean confidence", "right"]
+    return Table(kind.lower(), [*titles, "mean gap", "largest gap", "in the bin", "of pictures"], rows)
+
+
+def _of_all(tables: list[Table]) -> str:
+    """One table with the rows of all folders together, and the kind of photos in the place of the folder."""
+    rows = [[table.suite, *row[1:]] for table in tables for row in table.rows if row[0] == ALL]
+    return Table("", tables[0].titles, rows).markdown
 
 
 def _bins(groups: _Groups) -> str:
@@ -127,7 +137,7 @@ def _bins(groups: _Groups) -> str:
             low, high = each.interval
             cells = [name, f"{each.low:.1f} to {each.high:.1f}", f"{each.count}", f"{each.stated:.2f}"]
             rows.append([*cells, f"{each.right:.2f}", f"{low:.2f} … {high:.2f}", f"{each.gap:+.2f}"])
-    return _table(["estimator", "confidence", "pictures", "mean", "right", "with 95 %", "gap"], rows)
+    return Table("", ["estimator", "confidence", "pictures", "mean", "right", "with 95 %", "gap"], rows).markdown
 
 
 def _worst(worst: Bin | None) -> list[str]:
@@ -136,11 +146,6 @@ def _worst(worst: Bin | None) -> list[str]:
         return ["–"] * 3
     gap, reached = f"{worst.gap:+.2f}", abs(float(f"{worst.gap:.2f}")) <= AIM_GAP
     return [f"**{gap}**" if reached else gap, f"{worst.low:.1f} to {worst.high:.1f}", f"{worst.count}"]
-
-
-def _table(titles: list[str], rows: list[list[str]]) -> str:
-    lines = [f"| {' | '.join(cells)} |" for cells in (titles, *rows)]
-    return "\n".join([lines[0], "|---" * len(titles) + "|", *lines[1:]])
 
 
 def _bounds(kinds: dict[str, _Groups]) -> str:
@@ -161,8 +166,8 @@ def _bounds(kinds: dict[str, _Groups]) -> str:
     )
 
 
-def _drops(groups: _Groups) -> str:
-    """A table with a row for each folder and method."""
+def _drops(kind: str, groups: _Groups) -> Table:
+    """What dropping gains: a row for each folder and method."""
     rows = []
     for photos, methods in groups.items():
         for name, judged in methods.items():
@@ -173,7 +178,7 @@ def _drops(groups: _Groups) -> str:
             cells.append(_percent(_share(judged.answered, judged.answered.mean_without(DROPPED))))
             rows.append([photos, name, *cells])
     titles = ["photos", "estimator", "pictures", "declined", "mean EPE", "without"]
-    return _table([*titles, "drop", "perfect order", "answered only"], rows)
+    return Table(kind.lower(), [*titles, "drop", "perfect order", "answered only"], rows)
 
 
 def _best(judged: Judged) -> float:

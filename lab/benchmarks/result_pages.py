@@ -1,6 +1,7 @@
 """The pages of docs/results, from the JSON of ``unshutter evaluate``. Only reading.md and readings.toml are typed.
 
-Called by results.py. A page for each run, an index with the overview, contact sheets of the repository's own photo.
+Called by results.py. A page and a CSV file for each run, a summary, run times, and contact sheets of the repository's
+own photo.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from pathlib import Path
 import numpy as np
 from confidence_page import PAGE as CONFIDENCE
 from confidence_page import write_confidence_page
+from summary_page import summary
 
 from unshutter import lab
 from unshutter.errors import UnshutterError
+from unshutter_lab.evaluation.cases.protocols import PROTOCOLS
 from unshutter_lab.evaluation.pages.plots import draw_plots
 from unshutter_lab.evaluation.pages.report import page, write_text
-from unshutter_lab.evaluation.pages.tables import marked, overview
+from unshutter_lab.evaluation.pages.table import Table, as_csv, legend, short_tables
+from unshutter_lab.evaluation.pages.tables import all_tables
 from unshutter_lab.evaluation.results import Results
 
 READING = "reading.md"  # written by hand, kept
@@ -30,6 +34,22 @@ KEPT = [READING, "paper-networks.md", "paper-networks-reading.md"]  # the latter
 SCORES = {Path("src/unshutter/weights/scores.json"): False, Path("lab/src/unshutter_lab/weights/scores.json"): True}
 _ORDER = ("synthetic", "native", "trajectory", "portrait", "exposure", "attitude", "undistorted", "others")
 _ORDER += ("robustness", "pairs", "sequences", "video")
+BACK = "[All results](index.md)"
+ABOUT = (
+    "One page for everything that was measured. Errors are the median EPE (the mean distance of pixels from where they "
+    "belong) in pixels of a picture of 256 rows: less is better. Gains are in PSNR over the unchanged frame: more is "
+    "better. *Best other* is the one with the best mean. Each question leads to its page, with the command that "
+    "measures it and all figures as CSV."
+)
+MORE = {
+    "reading.md": "Which method for my photo, and how to read the figures",
+    "robustness.md": "What JPEG, noise, blur and night cost",
+    CONFIDENCE: "What a stated confidence is worth",
+    "paper-networks.md": "Ablations of the paper's network",
+    "video.md": "|R_F| over consecutive frames",
+    "examples.md": "The same photo by every method, in pictures",
+    "speed.md": "Run time and memory",
+}
 SHEETS = "examples"  # the only run whose pictures may be shown: the photo is in the public domain
 # pages that say more than their protocol can: run -> (title, description)
 TITLES = {
@@ -60,7 +80,7 @@ def write_pages(build: Path, docs: Path) -> None:
         sys.exit(f"results: nothing measured yet in {build}: make results DATA=...")
     docs.mkdir(parents=True, exist_ok=True)
     for old in docs.iterdir():
-        if old.name not in KEPT and old.suffix in (".md", ".png", ".jpg"):
+        if old.name not in KEPT and old.suffix in (".md", ".csv", ".png", ".jpg"):
             old.unlink()
     order = [name for name in _ORDER if name in runs]
     short = tomllib.loads((docs / READINGS).read_text()) if (docs / READINGS).exists() else {}
@@ -68,11 +88,20 @@ def write_pages(build: Path, docs: Path) -> None:
         (docs / f"{name}.md").write_text(_with_reading(_page(name, runs[name], docs), short.get(name)))
     if write_confidence_page(runs, docs):
         (docs / CONFIDENCE).write_text(_with_reading((docs / CONFIDENCE).read_text(), short.get("confidence")))
-    (docs / "index.md").write_text(_index({name: runs[name] for name in order}, runs.get(SHEETS), build, docs))
+    _write_examples_and_speed(runs.get(SHEETS), build, docs)
+    (docs / "index.md").write_text(_index({name: runs[name] for name in order}, docs))
     for path, of_lab in SCORES.items():
         if "synthetic" in runs and path.parent.is_dir():
             write_text(path, _scores(runs["synthetic"], of_lab))
     print(f"wrote {docs}/index.md and {len(order)} pages")
+
+
+def _write_examples_and_speed(examples: Results | None, build: Path, docs: Path) -> None:
+    if examples:
+        (docs / "examples.md").write_text(_sheets(examples, build, docs))
+    timings = [path.read_text().strip() for path in (build / "estimators.md", build / "rectify.md") if path.exists()]
+    if timings:
+        (docs / "speed.md").write_text("\n\n".join(["# Run time and memory", *timings, BACK]) + "\n")
 
 
 def _scores(results: Results, of_lab: bool) -> str:
@@ -89,12 +118,21 @@ def _scores(results: Results, of_lab: bool) -> str:
 
 
 def _page(name: str, results: Results, docs: Path) -> str:
-    text = page(results, draw_plots(results, docs, f"{name}-"), [])
+    """A page with short tables; all figures go into a CSV file of the same name."""
+    every = all_tables(results)
+    (docs / f"{name}.csv").write_text(as_csv(every))
+    text = page(results, draw_plots(results, docs, f"{name}-"), [], figures_of(name, results, every))
     if name in TITLES:
         _, _, rest = text.split("\n\n", 2)
         title, description = TITLES[name]
         text = f"# {title}\n\n{description}\n\n{rest}"
-    return text + "\n[All results](index.md)\n"
+    return f"{text}\n{BACK}\n"
+
+
+def figures_of(name: str, results: Results, every: list[Table]) -> str:
+    """What stands between a page's command and its plots."""
+    kind = PROTOCOLS[results.request.protocol].kind
+    return f"{legend(kind)} [All figures, as CSV]({name}.csv).\n\n{short_tables(every, kind)}"
 
 
 def _with_reading(text: str, line: str | None) -> str:
@@ -103,22 +141,14 @@ def _with_reading(text: str, line: str | None) -> str:
     return f"{title}\n\n**In short:** {line}\n\n{rest}" if line else text
 
 
-def _index(runs: dict[str, Results], examples: Results | None, build: Path, docs: Path) -> str:
-    parts = ["# Results", _intro(runs)]
-    wide = {"robustness": ["robustness"], "": [name for name in runs if name != "robustness"]}
-    parts += ["## Overview", _legend(), _overview({n: runs[n] for n in wide[""]})]
-    if "robustness" in runs:
-        parts += ["What photos suffer: median EPE.", _overview({"robustness": runs["robustness"]})]
-    if (docs / CONFIDENCE).exists():
-        parts.append(f"Some methods state a confidence: [what it is worth]({CONFIDENCE}).")
-    if (docs / READING).exists():
-        parts.append((docs / READING).read_text().strip())
-    if examples:
-        parts.append(_sheets(examples, build, docs))
-    timings = [path.read_text().strip() for path in (build / "estimators.md", build / "rectify.md") if path.exists()]
-    if timings:
-        parts += ["## Run time and memory", *timings]
-    return "\n\n".join(parts) + "\n"
+def _index(runs: dict[str, Results], docs: Path) -> str:
+    return "\n\n".join(["# Results", ABOUT, summary(docs), _links(docs), _intro(runs)]) + "\n"
+
+
+def _links(docs: Path) -> str:
+    """To the pages that no question of the summary leads to."""
+    known = [f"* [{text}]({file})" for file, text in MORE.items() if (docs / file).exists()]
+    return "## More\n\n" + "\n".join(known) if known else ""
 
 
 def _intro(runs: dict[str, Results]) -> str:
@@ -136,34 +166,9 @@ def _intro(runs: dict[str, Results]) -> str:
     )
 
 
-def _legend() -> str:
-    return (
-        "The figures are the median EPE (mean distance of pixels from where they belong) in pixels of 256 rows, less "
-        "is better; for real pairs the mean gain in PSNR; for video |R_F| as we read it. The best of each column is "
-        "bold. Each heading leads to the full tables and the command that produces them."
-    )
-
-
-def _overview(runs: dict[str, Results]) -> str:
-    """Rows of estimators, a column for each suite of each run."""
-    columns = [(name, *suite) for name, results in runs.items() for suite in overview(results)]
-    names = list(dict.fromkeys(n for results in runs.values() for n in results.estimators))
-    heads = [
-        f"[{name}: {suite}]({name}.md)" if suite != name else f"[{name}]({name}.md)" for name, suite, *_ in columns
-    ]
-    lines = ["| estimator | " + " | ".join(heads) + " |", "|---" * (len(heads) + 1) + "|"]
-    for estimator in names:
-        cells = []
-        for _, _, figures, column in columns:
-            others = [figures[n] for n in names if n in figures]
-            cells.append(marked(figures[estimator], others, column) if estimator in figures else "–")
-        lines.append(f"| {estimator} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
-
-
 def _sheets(examples: Results, build: Path, docs: Path) -> str:
     parts = [
-        "## In pictures",
+        "# Results in pictures",
         "The photo, by Berthold Werner, shows the Constantine Basilica in Trier and is in the public domain; the "
         "motions are random. Above each picture stand the method and its EPE.",
         f"```sh\n{examples.command}\n```",
@@ -175,4 +180,4 @@ def _sheets(examples: Results, build: Path, docs: Path) -> str:
     parts += [f"![Motions found and true, of the pictures above]({file})" for file in curves]
     for name in ("epe", "size"):
         (docs / f"example-{name}.png").unlink(missing_ok=True)
-    return "\n\n".join(parts)
+    return "\n\n".join([*parts, BACK]) + "\n"

@@ -61,7 +61,7 @@ def test_pairs_are_measured_against_the_ceiling() -> None:
     text = tables(Results.of(Request("pairs", (Path("g"),)), ["ours", "none"], ["ceiling"], records))
     rows = {cells[2].strip(" *"): cells for line in text.splitlines() if len(cells := line.split("|")) > 5}
     heads = [cell.strip() for cell in rows["estimator"]]
-    at = [heads.index(title) for title in ("of the ceiling's", "better than the input")]
+    at = [heads.index(title) for title in ("gain / ceiling's", "better than the input")]
     found = {name: [rows[name][k].strip(" *") for k in at] for name in gains}
     assert found == {"ours": ["10%", "50%"], "none": ["0%", "0%"], "ceiling": ["100%", "100%"]}
 

@@ -1,5 +1,6 @@
 """docs/results is written from the measurements alone."""
 
+import csv
 import json
 import subprocess
 import sys
@@ -41,8 +42,10 @@ def test_pages_say_what_was_measured_and_keep_what_was_written_by_hand(tmp_path:
     done = results_py("--pages-only", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     index, page = (docs / "index.md").read_text(), (docs / "synthetic.md").read_text()
-    assert "| kandula2020 | **1.25** | **1.25** |" in index
-    assert "## By hand\n\nKept." in index and (docs / "reading.md").exists() and not (docs / "old.md").exists()
+    assert "| kandula2020 | **1.25**, **100%** |" in page and "(synthetic.csv)" in page
+    assert "256 px,houses,kandula2020,1,1.25," in (docs / "synthetic.csv").read_text()
+    assert "(reading.md)" in index and not (docs / "old.md").exists()
+    assert (docs / "reading.md").read_text() == "## By hand\n\nKept.\n"
     assert "unshutter evaluate --protocol synthetic --data photos/houses" in page
     assert page.startswith("# Synthetic motions, 256 px\n\n**In short:** It helps.\n\n")
     assert "In short" not in (docs / "undistorted.md").read_text()
@@ -68,19 +71,21 @@ def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> N
     done = results_py("--pages-only", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     docs = tmp_path / "docs" / "results"
-    page = (docs / "confidence.md").read_text()
-    bins, distorted, undistorted, both = (part.split("\n##")[0] for part in page.split("### ")[1:])
-    for place in ("houses", "all"):
-        assert f"| {place} | manhattan | 5 | 0% | 5.00 | 2.50 | **50%** | 50% | 50% |" in distorted
-        assert f"| {place} | manhattan | 5 | 0% | 0.40 | 0.50 | -25% | 100% | -25% |" in undistorted
-        # a tenth each: the fifth that goes is 15 px and either 4 px of the distorted or 0 px (equal confidences)
-        assert f"| {place} | manhattan | 10 | 0% | 2.70 | 1.25 | **54%** | 63% | 54% |" in both
+    page, figures = (docs / "confidence.md").read_text(), (docs / "confidence.csv").read_text()
+    assert "| distorted | manhattan | 5 | 0% | 5.00 | 2.50 | **50%** | 50% | 50% |" in page
+    assert "| undistorted | manhattan | 5 | 0% | 0.40 | 0.50 | -25% | 100% | -25% |" in page
+    # a tenth each: the fifth that goes is 15 px and either 4 px of the distorted or 0 px (equal confidences)
+    assert "| half and half | manhattan | 10 | 0% | 2.70 | 1.25 | **54%** | 63% | 54% |" in page
+    for row in csv.DictReader(figures.splitlines()):
+        if row["suite"] == "distorted":  # of houses and of all
+            assert (row["mean EPE"], row["without"], row["drop [%]"], row["pictures"]) == ("5.00", "2.50", "50", "5")
+    bins = page.split("### ")[1]
     # at 0.9 and above one distorted picture (1 px, which is not below it) and two of the others (0 and 2 px)
     assert "| manhattan | 0.9 to 1.0 | 3 | 0.92 | 0.33 |" in bins
     assert "| manhattan | 0.1 to 0.2 | 1 | 0.10 | 0.00 |" in bins
-    assert "| half and half | all | manhattan | 10 | 0.71 | 0.40 |" in page  # four of ten are right
+    assert "| half and half | manhattan | 10 | 0.71 | 0.40 |" in page  # four of ten are right
     assert "| – | – | – |" in page  # no bin has enough pictures for a largest gap
-    assert "| none |" not in page and "(`manhattan`)" in page
+    assert "| none |" not in page and ",none," not in figures and "(`manhattan`)" in page
     assert "unshutter evaluate --protocol undistorted --data photos/houses" in page
     assert (docs / "confidence-reliability.png").exists()
     assert "(confidence.md)" in (docs / "index.md").read_text()
@@ -94,3 +99,26 @@ def test_missing_data_gets_one_line(words: tuple[str, ...], says: str, tmp_path:
     done = results_py(*words, folder=tmp_path)
     assert done.returncode != 0
     assert says in done.stderr and done.stderr.strip().count("\n") == 0
+
+
+def test_the_summary_answers_only_what_was_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "lab" / "benchmarks")
+    from summary_page import questions_table
+
+    rows = [f"readout {ms} ms,all,{name},{epe}" for ms in (20, 50, 100) for name, epe in FIGURES.items()]
+    (tmp_path / "trajectory.csv").write_text("\n".join(["suite,photos,estimator,EPE median", *rows]) + "\n")
+    (tmp_path / "native.csv").write_text("suite,photos,estimator,EPE median\nnative size,yorkurban,none,9\n")
+    lines = questions_table(tmp_path).splitlines()[2:]
+    cells = "| 4.00 / 4.00 / 4.00 | 2.00 / 2.00 / 2.00 | 1.50 / 1.50 / 1.50 (`manhattan`) |"
+    assert len(lines) == 1 and lines[0].startswith("| [Under recorded") and lines[0].endswith(cells)
+
+
+FIGURES = {"none": 4.0, "segment-manhattan": 2.0, "manhattan": 1.5, "kandula2020": 3.0, "ceiling": 0.1}
+
+
+def test_the_summary_is_that_of_the_files_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "lab" / "benchmarks")
+    from summary_page import questions_table
+
+    docs = ROOT / "docs" / "results"
+    assert questions_table(docs) in (docs / "index.md").read_text(encoding="utf-8")

@@ -33,17 +33,19 @@ def write_report(results: Results, examples: list[Example], folder: Path) -> Non
     write_text(folder / "results.md", page(results, draw_plots(results, folder), sheets))
 
 
-def page(results: Results, plots: list[tuple[str, str]], sheets: list[tuple[str, str]], heading: str = "#") -> str:
+def page(
+    results: Results, plots: list[tuple[str, str]], sheets: list[tuple[str, str]], figures: str | None = None
+) -> str:
     """Markdown of one run.
 
     Args:
         results: of the run.
         plots, sheets: (file, caption) of the pictures that the page shows.
-        heading: signs before the title.
+        figures: what stands in the place of all tables.
     """
     protocol = PROTOCOLS[results.request.protocol]
-    parts = [f"{heading} {protocol.title}", protocol.description, _counts(results), f"```sh\n{results.command}\n```"]
-    parts.append(tables(results))
+    parts = [f"# {protocol.title}", protocol.description, _counts(results), f"```sh\n{results.command}\n```"]
+    parts.append(tables(results) if figures is None else figures)
     parts += [f"![{caption}]({file})\n\n*{caption}*" for file, caption in (*plots, *sheets)]
     return "\n\n".join(parts) + "\n"
 

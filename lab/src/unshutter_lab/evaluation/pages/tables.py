@@ -11,6 +11,7 @@ import numpy as np
 from unshutter_lab.evaluation.cases.case import Record
 from unshutter_lab.evaluation.cases.protocols import PROTOCOLS
 from unshutter_lab.evaluation.cases.sequence import PUBLISHED
+from unshutter_lab.evaluation.pages.table import Table
 from unshutter_lab.evaluation.results import Results, values
 
 _HARM = (1.0, 3.0)  # px at 256 rows: a change of an undistorted photo that measures, and one that is plainly visible
@@ -108,18 +109,18 @@ _FAILED = Column("failed", _share(lambda r: bool(r["failed"])), "{:.0%}")
 _LEFT_ALONE = Column("left alone", lambda records: 1 - _by_rectify(lambda r: True)(records), "{:.0%}")
 _QUALITY = [
     Column("PSNR", _mean("psnr"), "{:.2f} dB", +1),
-    Column("of the input", _mean("psnr_input"), "{:.2f} dB"),
-    Column("gain", _gain("psnr"), "{:+.2f} dB", +1),
+    Column("PSNR of the input", _mean("psnr_input"), "{:.2f} dB"),
+    Column("PSNR gain", _gain("psnr"), "{:+.2f} dB", +1),
     Column("SSIM", _mean("ssim"), "{:.3f}", +1),
-    Column("of the input", _mean("ssim_input"), "{:.3f}"),
+    Column("SSIM of the input", _mean("ssim_input"), "{:.3f}"),
 ]
 COLUMNS: dict[str, list[list[Column]]] = {
     "motion": [
         [
             _PICTURES,
             Column("EPE median", _median("epe"), "{:.2f}", -1),
-            Column("mean", _mean("epe"), "{:.2f}", -1),
-            Column("p90", _p90("epe"), "{:.2f}", -1),
+            Column("EPE mean", _mean("epe"), "{:.2f}", -1),
+            Column("EPE p90", _p90("epe"), "{:.2f}", -1),
             Column("improved", _share(_improved), "{:.0%}", +1),
             Column("curvature EPE", _median("curvature_epe"), "{:.2f}", -1),
             Column("t_x RMSE", _median("tx_rmse"), "{:.2f} px", -1),
@@ -131,18 +132,18 @@ COLUMNS: dict[str, list[list[Column]]] = {
         ],
         [
             *_QUALITY[:3],
-            Column("oracle", _mean("psnr_oracle"), "{:.2f} dB"),
+            Column("PSNR, true motion", _mean("psnr_oracle"), "{:.2f} dB"),
             *_QUALITY[3:],
-            Column("oracle", _mean("ssim_oracle"), "{:.3f}"),
+            Column("SSIM, true motion", _mean("ssim_oracle"), "{:.3f}"),
         ],
     ],
     "still": [
         [
             _PICTURES,
             Column("max\\|t_x\\| median", _median("most_tx"), "{:.2f} px", -1),
-            Column("p90", _p90("most_tx"), "{:.2f} px", -1),
+            Column("max\\|t_x\\| p90", _p90("most_tx"), "{:.2f} px", -1),
             Column("max\\|r_z\\| median", _median("most_rz"), "{:.2f}°", -1),
-            Column("p90", _p90("most_rz"), "{:.2f}°", -1),
+            Column("max\\|r_z\\| p90", _p90("most_rz"), "{:.2f}°", -1),
             Column("EPE median", _median("epe"), "{:.2f}", -1),
             *(Column(f"EPE > {px:g} px", _share(partial(_wrong, px=px)), "{:.0%}", -1) for px in _HARM),
             _LEFT_ALONE,
@@ -155,7 +156,7 @@ COLUMNS: dict[str, list[list[Column]]] = {
         [
             _PICTURES,
             *_QUALITY[:3],
-            Column("of the ceiling's", _gain("psnr"), "{:.0%}", +1, of="ceiling"),
+            Column("gain / ceiling's", _gain("psnr"), "{:.0%}", +1, of="ceiling"),
             Column("better than the input", _better("psnr"), "{:.0%}", +1),
             *_QUALITY[3:],
             _DECLINED,
@@ -166,15 +167,15 @@ COLUMNS: dict[str, list[list[Column]]] = {
         [
             Column("sequences", len, "{:.0f}"),
             Column("EPE median", _median("epe"), "{:.2f}", -1),
-            Column("p90", _p90("epe"), "{:.2f}", -1),
+            Column("EPE p90", _p90("epe"), "{:.2f}", -1),
             Column("worst frame", _p90("worst_epe"), "{:.2f}", -1),
-            Column("of doing nothing", _median("epe_nothing"), "{:.2f}"),
+            Column("EPE of doing nothing", _median("epe_nothing"), "{:.2f}"),
             Column("improved", _share(_improved), "{:.0%}", +1),
-            Column("ratio told", _mean("ratio_told"), "{:.0%}"),
-            Column("its error median", _median("ratio_error"), "{:.3f}", -1),
-            Column("p90", _p90("ratio_error"), "{:.3f}", -1),
-            Column("within 0.1", _mean("ratio_within"), "{:.0%}", +1),
-            Column("covered", _mean("ratio_covered"), "{:.0%}"),
+            Column("ratio found", _mean("ratio_told"), "{:.0%}"),
+            Column("ratio error median", _median("ratio_error"), "{:.3f}", -1),
+            Column("ratio error p90", _p90("ratio_error"), "{:.3f}", -1),
+            Column("ratio within 0.1", _mean("ratio_within"), "{:.0%}", +1),
+            Column("ratio covered", _mean("ratio_covered"), "{:.0%}"),
             _FAILED,
         ]
     ],
@@ -182,7 +183,7 @@ COLUMNS: dict[str, list[list[Column]]] = {
         [
             _PICTURES,
             Column("\\|R_F\\|", _mean("inliers"), "{:.1f}", +1),
-            Column("of the input", _mean("inliers_input"), "{:.1f}"),
+            Column("\\|R_F\\| of the input", _mean("inliers_input"), "{:.1f}"),
             Column(
                 "share of matches",
                 lambda rs: float(np.sum(values(rs, "inliers")) / max(np.sum(values(rs, "matches")), 1)),
@@ -193,23 +194,25 @@ COLUMNS: dict[str, list[list[Column]]] = {
         ]
     ],
 }
-# kind -> the figure of the overview
-HEADLINES = {
-    "motion": COLUMNS["motion"][0][1],
-    "still": Column("EPE median", _median("epe"), "{:.2f}", -1),
-    "pairs": Column("PSNR gain", _gain("psnr"), "{:+.2f} dB", +1),
-    "video": COLUMNS["video"][0][1],
-    "sequences": COLUMNS["sequences"][0][1],
-}
 
 
 def tables(results: Results) -> str:
+    """All tables of a run, with the suite above where there are several."""
+    parts = all_tables(results)
+    several = len({table.suite for table in parts}) > 1
+    texts = []
+    for k, table in enumerate(parts):
+        if several and (k == 0 or parts[k - 1].suite != table.suite):
+            texts.append(f"### {table.suite}")
+        texts.append(table.markdown)
+    return "\n\n".join(texts)
+
+
+def all_tables(results: Results) -> list[Table]:
     """All tables of a run."""
     protocol = PROTOCOLS[results.request.protocol]
     parts = []
     for suite in results.distinct("suite"):
-        if len(results.distinct("suite")) > 1:
-            parts.append(f"### {suite}")
         for columns in COLUMNS[protocol.kind]:
             if columns is COLUMNS["pairs"][0]:
                 columns = [*columns, *_published(results)]
@@ -217,8 +220,8 @@ def tables(results: Results) -> str:
             if not protocol.by_group:
                 blocks = [("all", results.chosen(suite=suite))]
             if any(np.isfinite(c.cell(records)) for c in columns[:1] for _, records in blocks):
-                parts.append(_table(blocks, columns, results))
-    return "\n\n".join(parts)
+                parts.append(_table(suite, blocks, columns, results))
+    return parts
 
 
 def _published(results: Results) -> list[Column]:
@@ -235,17 +238,6 @@ def _lead(key: str) -> Callable[[list[Record]], float]:
     return lead
 
 
-def overview(results: Results) -> list[tuple[str, dict[str, float], Column]]:
-    """(heading, estimator -> figure, what figure) for each suite, all folders together."""
-    protocol = PROTOCOLS[results.request.protocol]
-    column = HEADLINES[protocol.kind]
-    suites = results.distinct("suite")
-    return [
-        (suite, {n: column.cell(r) for n in results.names if (r := results.chosen(suite=suite, estimator=n))}, column)
-        for suite in suites
-    ]
-
-
 def marked(value: float, others: list[float], column: Column) -> str:
     """A cell, bold where no other of its column is better."""
     known = [v for v in others if np.isfinite(v)]
@@ -253,10 +245,9 @@ def marked(value: float, others: list[float], column: Column) -> str:
     return f"**{column.text(value)}**" if best else column.text(value)
 
 
-def _table(blocks: list[tuple[str, list[Record]]], columns: list[Column], results: Results) -> str:
+def _table(suite: str, blocks: list[tuple[str, list[Record]]], columns: list[Column], results: Results) -> Table:
     """Rows of estimators for each block of records, best figures in bold."""
-    titles = ["photos", "estimator", *(column.title for column in columns)]
-    lines = ["| " + " | ".join(titles) + " |", "|---" * len(titles) + "|"]
+    lines = []
     for group, records in blocks:
         rows = {name: [r for r in records if r["estimator"] == name] for name in results.names}
         rows = {name: own for name, own in rows.items() if own}
@@ -267,6 +258,5 @@ def _table(blocks: list[tuple[str, list[Record]]], columns: list[Column], result
                 value = column.of_row(name, rows)
                 ours = name in results.estimators and len(others) > 1
                 cells.append(marked(value, others, column) if ours else column.text(value))
-            shown = name if name in results.estimators else f"*{name}*"
-            lines.append(f"| {group} | {shown} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            lines.append([group, name if name in results.estimators else f"*{name}*", *cells])
+    return Table(suite, ["photos", "estimator", *(column.title for column in columns)], lines)
