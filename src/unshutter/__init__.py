@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from unshutter.frames.sequence_rectification import rectify_frames
     from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
+    from unshutter.motion.candidate import Candidate
     from unshutter.photo import Photo
-    from unshutter.rectification import estimate, rectified, rectify
+    from unshutter.rectification import candidates, estimate, rectified, rectify
     from unshutter.result import Rectified
 
 __all__ = [
+    "Candidate",
     "Estimator",
     "Method",
     "MissingFileError",
@@ -39,6 +41,7 @@ __all__ = [
     "UsageError",
     "View",
     "__version__",
+    "candidates",
     "estimate",
     "estimate_frames",
     "load",
@@ -48,6 +51,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Candidate": "motion.candidate",
     "Estimator": "estimators.base",
     "Method": "estimators.method",
     "Motion": "motion",
@@ -59,6 +63,7 @@ _HOMES = {
     "RowMapMotion": "motion",
     "RowMotion": "motion",
     "View": "estimators.base",
+    "candidates": "rectification",
     "estimate": "rectification",
     "estimate_frames": "frames.sequence",
     "load": "estimators.register",

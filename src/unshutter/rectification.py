@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, BinaryIO, Unpack, overload
 
 from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.find import find_motion
+from unshutter.estimators.find import find_candidates, find_motion
 from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
+from unshutter.motion.candidate import Candidate
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, CameraKeywords, Find, Reference, Undo, UndoKeywords
 from unshutter.options.description import from_keywords, takes_options
 from unshutter.photo import Photo
@@ -57,6 +59,31 @@ def estimate(photo: Any, **options: Unpack[EstimateOptions]) -> Motion:
     check_size(source.height, source.width)
     estimator = _loaded(options.get("estimator", DEFAULT_ESTIMATOR))
     return estimate_photo(source, estimator, camera).rereferenced(undoing.reference or "first")
+
+
+@takes_options(EstimateOptions, Camera, Undo, Find)
+def candidates(photo: Any, **options: Unpack[EstimateOptions]) -> tuple[Candidate, ...]:
+    """Finds the few motions that fit a photo; a person sees at a glance which of them is right.
+
+    Args:
+        photo: what :func:`rectify` takes.
+        estimator: name (``unshutter models`` lists them) or one made by :func:`unshutter.load`.
+        **options: what is known of the camera, and the reference row of the motions.
+
+    Returns:
+        First the one that :func:`estimate` returns. The photo as it is counts as one.
+
+    Raises:
+        UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
+    """
+    camera, undoing = from_keywords(Camera, options), from_keywords(Undo, options)
+    source = open_photo(photo)
+    estimator = _loaded(options.get("estimator", DEFAULT_ESTIMATOR))
+    reference = undoing.reference or "first"
+    return tuple(
+        replace(each, motion=each.motion.rereferenced(reference))
+        for each in photo_candidates(source, estimator, camera)
+    )
 
 
 @overload
@@ -127,9 +154,10 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
     if motion is None:
         grey_px = method(estimator).grey_px if isinstance(estimator, str) else None
         source.start_decoding(grey_px=grey_px)  # while the estimator is loaded
-        motion = estimate_photo(source, _loaded(estimator), camera.for_least_confidence(undoing.min_confidence))
-    else:
-        source.start_decoding()
+        camera = camera.for_least_confidence(undoing.min_confidence)
+        possible = photo_candidates(source, _loaded(estimator), camera)
+        return replace(undo(source, possible[0].motion, undoing, camera.readout), candidates=possible)
+    source.start_decoding()
     return undo(source, motion, undoing, camera.readout)
 
 
@@ -144,6 +172,16 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
     """
     check_size(photo.height, photo.width)
     return find_motion(estimator, View(photo, camera))
+
+
+def photo_candidates(photo: Photo, estimator: Estimator, camera: Camera) -> tuple[Candidate, ...]:
+    """The motions that fit a photo, first that of :func:`estimate_photo`.
+
+    Raises:
+        UnshutterError: the photo is too small, damaged or gone.
+    """
+    check_size(photo.height, photo.width)
+    return find_candidates(estimator, View(photo, camera))
 
 
 def _loaded(estimator: str | Estimator) -> Estimator:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import UsageError
 from unshutter.motion import Motion
+from unshutter.motion.candidate import Candidate
 from unshutter.motion.verdict import Verdict
 from unshutter.options import Camera, Edges, PictureFormat, Save, Subsampling, Undo
 from unshutter.photo import Photo
@@ -111,6 +112,8 @@ class Rectified(Result):
         verdict: whether it was undone, and why not.
         edges: ``keep``, ``crop`` or ``fill``: what was done about places that the photo did not see.
         whole: share of the photo's area that a crop leaves; None where no crop was looked for.
+        candidates: the motions that fit the photo, first the one that counts by default; empty where the motion was
+            given. Their motions have the first row as the reference.
     """
 
     photo: Photo
@@ -120,6 +123,7 @@ class Rectified(Result):
     verdict: Verdict
     edges: Edges = "keep"
     whole: float | None = None
+    candidates: tuple[Candidate, ...] = ()
 
     def __repr__(self) -> str:
         size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"

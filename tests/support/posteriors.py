@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from unshutter.estimators.right_angles.search import Pose, Posterior
+from unshutter.estimators.right_angles.search import Optima, Pose, Posterior
 
 
 def posterior_of(motion: np.ndarray, evidence: float, sigma: float = 0.004, lines_gain: float = 1.0) -> Posterior:
@@ -17,6 +17,9 @@ def posterior_of(motion: np.ndarray, evidence: float, sigma: float = 0.004, line
     return Posterior(
         motion=motion,
         covariance=np.eye(6) * sigma**2,
+        optima=Optima(motion[None], np.eye(6)[None] * sigma**2, np.zeros(1, int), np.ones(1)),
+        kinds={"quadratic": 1.0},
+        evidence_of={"quadratic": evidence},
         evidence=evidence,
         lines_gain=lines_gain,
         weight=60.0,

@@ -18,8 +18,7 @@ from unshutter.estimators.right_angles import odds
 from unshutter.estimators.right_angles.calibration import Calibration, Forest
 from unshutter.motion import RowMotion
 from unshutter.photo import Photo
-from unshutter_lab.calibration.cases import coefficients_of
-from unshutter_lab.calibration.network_errors import fit_network_errors
+from unshutter_lab.calibration.distributions import coefficients_of, fit_motion_kinds, fit_network_errors
 
 pytest.importorskip("sklearn")
 
@@ -167,3 +166,19 @@ def test_the_forest_of_the_file_says_what_the_fitted_one_says() -> None:
     forest = Forest.of(forest_fields(trees, ("a", "b", "c")))
     own = [forest.odds(dict(zip("abc", row, strict=True))) for row in table[:50]]
     np.testing.assert_allclose(own, trees.decision_function(table[:50]), atol=1e-4)
+
+
+def test_the_kinds_of_motion_are_those_of_the_logs(data: Path) -> None:
+    """A log whose every window is a pan, ten times as fast as it is anything else."""
+    t_s = np.arange(400) / 200
+    rates = np.stack([0.5 + 0 * t_s, 0.02 * np.sin(9 * t_s), 0.02 * np.sin(7 * t_s)], axis=1)
+    log = data / "pan.npz"
+    np.savez(log, t_s=t_s, gyro_rad_s=rates)
+    quadratic, hand, pan = fit_motion_kinds([log], 0)
+    assert [kind.name for kind in (quadratic, hand, pan)] == ["quadratic", "hand", "pan"]
+    assert sum(kind.share for kind in (quadratic, hand, pan)) == pytest.approx(1)
+    drawn = np.sqrt(np.diag(quadratic.scale))  # Rengarajan's ranges: 30 px and 40 px of 356 rows and so on
+    np.testing.assert_allclose(drawn[[0, 1, 3, 4]], (0.054, 0.081, 0.062, 0.044), rtol=0.05)
+    widths = np.sqrt(np.diag(pan.scale))
+    assert widths[0] > 5 * widths[1:].max()
+    assert np.sqrt(hand.scale[0, 0]) == pytest.approx(0.5 * 0.05, rel=0.5)  # 50 ms of half a radian a second

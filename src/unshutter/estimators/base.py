@@ -14,6 +14,7 @@ from unshutter.estimators.method import Method
 from unshutter.estimators.speed_limit import SpeedLimit, speed_limit
 from unshutter.geometry.readout import Readout, scene_up
 from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.candidate import Candidate, alone
 from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.photo.tags.attitude import Attitude
@@ -125,12 +126,12 @@ class View:
             exposure_s=self.exposure_s(),
         )
 
-    def no_motion(self, estimator: str, reason: Reason | str) -> Motion:
+    def no_motion(self, estimator: str, reason: Reason | str | None = None) -> Motion:
         """The answer of an estimator that declines.
 
         Args:
             estimator: its name.
-            reason: why; methods of other packages say it in a sentence.
+            reason: why; methods of other packages say it in a sentence. None: the photo as it is, among candidates.
         """
         why = Reason.stated(reason) if isinstance(reason, str) else reason
         return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=why)
@@ -201,7 +202,7 @@ class Estimator(ABC):
     def prepare(self) -> None:
         """Does in advance what the first estimate would otherwise wait for, such as opening a network.
 
-        Does nothing unless overridden (the only concrete method here that may be). May be called more than once.
+        Does nothing unless overridden. May be called more than once.
 
         Raises:
             UnshutterError: the weights cannot be used.
@@ -214,3 +215,10 @@ class Estimator(ABC):
 
         Where the photo does not show enough, the motion is zero and carries a reason; that is no error.
         """
+
+    def candidates(self, view: View) -> tuple[Candidate, ...]:
+        """The motions that fit the photo, first that of :meth:`estimate`; the photo as it is counts as one.
+
+        Methods that find several override this.
+        """
+        return alone(self.estimate(view), view.photo.orientation)

@@ -2,24 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.flight import flight_motion
 from unshutter.estimators.methods.none import DoNothing
 from unshutter.motion import Motion
+from unshutter.motion.candidate import Candidate, alone
 
 
 def find_motion(estimator: Estimator, view: View) -> Motion:
     """The motion of a photo, first row as the reference, with what was known of the photo beside its pixels.
 
-    What a drone's flight says goes before what the estimator would find. Where the photo would have been blurred more
-    than it is by the motion, there is none, and why.
+    Raises:
+        UnshutterError: the photo is damaged or gone.
+    """
+    return find_candidates(estimator, view)[0].motion
+
+
+def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:
+    """The motions that fit a photo, first that of :func:`find_motion`; the photo as it is counts as one.
+
+    What a drone's flight says goes before what the estimator would find. Motions that would have blurred the photo more
+    than it is are left out; where that is the first, there is none, and why.
 
     Raises:
         UnshutterError: the photo is damaged or gone.
     """
     by_flight = None if isinstance(estimator, DoNothing) else flight_motion(view)
-    motion = by_flight or estimator.estimate(view)
-    limit = None if motion.is_zero else view.speed_limit
-    if limit is not None and limit.refutes(motion):
-        motion = view.no_motion(estimator.name, limit.reason)
-    return view.noted(motion)
+    candidates = alone(by_flight, view.photo.orientation) if by_flight else estimator.candidates(view)
+    limit = None if all(each.motion.is_zero for each in candidates) else view.speed_limit
+    if limit is not None:
+        possible = tuple(each for each in candidates if each.motion.is_zero or not limit.refutes(each.motion))
+        if candidates[0] not in possible:
+            none = Candidate("still", view.no_motion(estimator.name, limit.reason))
+            possible = (none, *(each for each in possible if each.kind != "still"))
+        candidates = possible
+    return tuple(replace(each, motion=view.noted(each.motion)) for each in candidates)

@@ -45,6 +45,8 @@ class Motion(ABC):
             the motion was found [degrees]; else None.
         attitude_from: who said so; empty otherwise.
         exposure_s: how long the photo was exposed, where that was known [s]; else None.
+        kind_shares: how likely each kind of motion (pan, hand, quadratic) is, if the camera moved: names and shares;
+            empty where the estimator does not tell.
         version: version of unshutter that made it.
 
     Raises:
@@ -66,6 +68,7 @@ class Motion(ABC):
     tilt_deg: float | None = None
     attitude_from: str = ""
     exposure_s: float | None = None
+    kind_shares: tuple[tuple[str, float], ...] = ()
     version: str = __version__
 
     def __init_subclass__(cls, *, kind: str) -> None:

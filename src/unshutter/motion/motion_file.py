@@ -50,6 +50,8 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
         data["attitude"] = {**held, "from": common["attitude_from"]}
     if common["exposure_s"] is not None:
         data["exposure_s"] = common["exposure_s"]
+    if common["kind_shares"]:
+        data["kinds"] = {name: round(share, 4) for name, share in common["kind_shares"]}
     return json.dumps(data)
 
 
@@ -84,6 +86,9 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
         "tilt_deg": _number(attitude.get("tilt_deg")),
         "attitude_from": visible(str(attitude.get("from", ""))),
         "exposure_s": _number(data.get("exposure_s")),
+        "kind_shares": tuple(
+            (visible(str(name)), float(share)) for name, share in dict(data.get("kinds") or {}).items()
+        ),
         "version": visible(str(data.get("unshutter", ""))),
     }
 

@@ -1,11 +1,13 @@
 """Whether a posterior's motion is undone, and how far it is believed: figures of made-up posteriors."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from support.posteriors import posterior_of
 from unshutter.estimators.right_angles.calibration import Forest
-from unshutter.estimators.right_angles.odds import judge
+from unshutter.estimators.right_angles.odds import MOVING, judge
 from unshutter.estimators.right_angles.search import Posterior, displacement
 
 SHEAR_AND_BEND = np.array([0.08, -0.1, 0, 0, 0, 0])
@@ -15,7 +17,7 @@ def posterior(evidence: float, sigma: float = 0.004) -> Posterior:
     return posterior_of(SHEAR_AND_BEND, evidence, sigma)
 
 
-def left(evidence: float, opinion: np.ndarray | None = SHEAR_AND_BEND, **known: bool) -> float:
+def left(evidence: float, opinion: np.ndarray | None = SHEAR_AND_BEND, **known: Any) -> float:
     """Share of the motion that is undone."""
     return displacement(judge(posterior(evidence), opinion, **known).motion) / displacement(SHEAR_AND_BEND)
 
@@ -34,7 +36,7 @@ def test_without_a_network_and_with_a_known_roll_evidence_decides() -> None:
 
 def test_who_says_that_the_camera_moved_is_believed() -> None:
     weak = next(evidence for evidence in np.arange(-5, 20, 0.5) if left(evidence) > 0.05)
-    assert left(weak, moving=True) > 0.95
+    assert left(weak, caution=MOVING) > 0.95
 
 
 def test_confidence_falls_with_disagreement_and_with_the_expected_error() -> None:

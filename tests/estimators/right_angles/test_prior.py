@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from support.gradients import check_jacobian
-from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import NORMAL, Beliefs, KnownCamera, MotionKind, SecondOpinion
 from unshutter.estimators.right_angles.prior import Prior
 from unshutter.estimators.right_angles.unknowns import LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
 
@@ -40,7 +40,7 @@ def test_what_is_known_is_expected_and_weighs_more() -> None:
 def test_an_opinion_pulls_less_the_farther_it_is() -> None:
     """Student's t: beyond some sigmas the gradient falls."""
     second = SecondOpinion(np.zeros(6), np.eye(6) * 1e8)
-    prior = Prior(Beliefs(sigma_tx=(1e3,) * 3, sigma_rz=(1e3,) * 3), KnownCamera(), 1.0, second)
+    prior = Prior(Beliefs(), KnownCamera(), 1.0, second, [MotionKind("any", np.eye(6) * 1e6, NORMAL, 1.0)])
     at = np.tile(prior.mean, (3, 1))
     at[:, 0] = (1e-4, 1e-3, 1e-2)
     pulls = prior.expanded(at)[1][:, 0]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators.right_angles.calibration import NetworkErrors
+from unshutter.estimators.right_angles.beliefs import NORMAL, MotionKind
 from unshutter.estimators.right_angles.search import displacement
 from unshutter.storage.places import write_place
 from unshutter.storage.protection import Protection
@@ -29,9 +29,8 @@ from unshutter_lab.calibration.cases import (
     OrdinarySearchCase,
     SearchCase,
     SyntheticSearchCase,
-    errors_as_tuples,
 )
-from unshutter_lab.calibration.network_errors import fit_network_errors
+from unshutter_lab.calibration.distributions import fit_motion_kinds, fit_network_errors, scales_and_correlations
 from unshutter_lab.evaluation.cases.folders import logs_in, photos_in
 from unshutter_lab.evaluation.cases.synthetic import SyntheticCase
 from unshutter_lab.evaluation.run import check_jobs, measure
@@ -75,13 +74,16 @@ def calibrate(
     digests = {name: _digest(paths) for name, paths in (*folders.items(), (LOGS, logs))}
     store = Store(output, {"data": digests, "photos": photos, "seed": seed}, overwrite, calibrated=False)
 
-    errors = _network_errors(_synthetic(NETWORK, folders[NETWORK], MOVED, seed, logs), store, jobs)
-    cases = _search_cases(folders, seed, logs, errors)
+    known = {
+        "kinds": {kind.name: _as_fields(kind) for kind in fit_motion_kinds(logs, seed)},
+        "network_errors": _network_errors(_synthetic(NETWORK, folders[NETWORK], MOVED, seed, logs), store, jobs),
+    }
+    cases = _search_cases(folders, seed, logs, json.dumps(known))
     usable = measure(cases, [_NAME], store, jobs)
-    sections, report = _fits(store.records([case.key for case in usable], [_NAME]), errors)
+    sections, report = _fits(store.records([case.key for case in usable], [_NAME]))
     counts = {name: {"photos": len(paths), "sha256": digests[name]} for name, paths in folders.items()}
     counts[LOGS] = {"files": len(logs), "sha256": digests[LOGS]}
-    fields = {"provenance": _provenance(counts, len(usable), photos, seed), **sections}
+    fields = {"provenance": _provenance(counts, len(usable), photos, seed), **known, **sections}
     write_place(as_text(fields).encode(), output / FILE)
     write_place(report.encode(), output / REPORT)
     return output / FILE
@@ -94,20 +96,30 @@ def _check_libraries() -> None:
         raise UnshutterError(f"calibrate needs the extra: pip install 'unshutter-lab[calibrate]' ({error})") from None
 
 
-def _network_errors(photos: list[SyntheticCase], store: Store, jobs: int | None) -> NetworkErrors:
+def _as_fields(kind: MotionKind) -> dict[str, Any]:
+    scales, correlations = scales_and_correlations(kind.scale)
+    freedom = None if kind.freedom == NORMAL else kind.freedom
+    fields = {"share": kind.share, "freedom": freedom, "scales": scales.tolist()}
+    return {**fields, "correlations": correlations.tolist()}
+
+
+def _network_errors(photos: list[SyntheticCase], store: Store, jobs: int | None) -> dict[str, Any]:
     usable = measure([NetworkCase(photo) for photo in photos], [_NAME], store, jobs)
     records = store.records([case.key for case in usable], [_NAME])
     if len(records) < _FEWEST_ERRORS:
         raise UnshutterError(f"the network answers to {len(records)} pictures of {NETWORK}: add photos of buildings")
     answers, truths = (np.array([record[name] for record in records]) for name in ("answer", "truth"))
     sizes = np.array([_PX * displacement(answer) for answer in answers])
-    return fit_network_errors(answers - truths, sizes)
+    errors = fit_network_errors(answers - truths, sizes)
+    return {
+        "freedom": errors.freedom,
+        "usual_px": errors.usual_px,
+        "scales": errors.scales.tolist(),
+        "correlations": errors.correlations.tolist(),
+    }
 
 
-def _search_cases(
-    folders: dict[str, list[Path]], seed: int, logs: tuple[Path, ...], errors: NetworkErrors
-) -> list[SearchCase]:
-    known = errors_as_tuples(errors)
+def _search_cases(folders: dict[str, list[Path]], seed: int, logs: tuple[Path, ...], known: str) -> list[SearchCase]:
     made: list[SearchCase] = [
         SyntheticSearchCase(case.suite.name, case.photo, known, case)
         for case in _synthetic(ODDS, folders[ODDS], (*MOVED, *STILL), seed, logs)
@@ -126,19 +138,13 @@ def _synthetic(
     return [SyntheticCase(suite, group, path.name, path, 0, seed, logs) for path in photos for suite in suites]
 
 
-def _fits(records: list[dict[str, Any]], errors: NetworkErrors) -> tuple[dict[str, Any], str]:
+def _fits(records: list[dict[str, Any]]) -> tuple[dict[str, Any], str]:
     """The sections of the file, and a report of how they do."""
     from unshutter_lab.calibration.fits import Cases, fit_with_network, fit_without_network
 
     with_network = fit_with_network(Cases.of(records, "with_network"))
     without = fit_without_network(Cases.of(records, "without_network"))
     sections = {
-        "network_errors": {
-            "freedom": errors.freedom,
-            "usual_px": errors.usual_px,
-            "scales": errors.scales.tolist(),
-            "correlations": errors.correlations.tolist(),
-        },
         "odds_without_network": without.odds,
         "confidence": {
             "rectified": with_network.rectified,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zlib
 from abc import abstractmethod
 from dataclasses import dataclass, replace
@@ -15,14 +16,16 @@ from unshutter.estimators.base import View
 from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.methods.segment_manhattan import SegmentManhattan
 from unshutter.estimators.register import method
-from unshutter.estimators.right_angles.calibration import NetworkErrors
+from unshutter.estimators.right_angles.answers import LARGEST, LEAST_GAIN
+from unshutter.estimators.right_angles.calibration import NetworkErrors, kinds_of
 from unshutter.estimators.right_angles.odds import confidence_figures, figures
 from unshutter.estimators.right_angles.search import Posterior, displacement, explore
-from unshutter.estimators.right_angles.view import LARGEST, LEAST_GAIN, STARTS, likelihood_of, segments_of
+from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
 from unshutter.motion import Motion, RowMotion
 from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.photo import Photo
+from unshutter_lab.calibration.distributions import coefficients_of
 from unshutter_lab.evaluation.cases.case import Loaded, Record, Trial, in_8_bits
 from unshutter_lab.evaluation.cases.synthetic import Suite, SyntheticCase
 from unshutter_lab.evaluation.metrics import motion_error
@@ -82,12 +85,12 @@ class SearchCase(Trial):
     Attributes:
         suite: its name.
         photo: name of the photo that it was made of.
-        errors: of the network, as tuples: freedom, scales, correlations, size of usual answers.
+        known: sections of the calibration that are fitted already, as JSON: kinds of motion and the network's errors.
     """
 
     suite: str
     photo: str
-    errors: tuple
+    known: str
 
     @property
     def oracles(self) -> tuple[str, ...]:
@@ -104,8 +107,9 @@ class SearchCase(Trial):
         segments, size = segments_of(view)
         if unusable(segments, view.height, view.width) or view.attitude_deg()[0] is not None:
             return []
-        posterior, answer = _estimator(self.errors).weigh(view, segments, size)
-        alone = explore(likelihood_of(view, segments, size), STARTS)
+        estimator = _estimator(self.known)
+        posterior, answer = estimator.weigh(view, segments, size)
+        alone = explore(likelihood_of(view, segments, size, kinds=estimator.kinds), STARTS)
         record = {
             "suite": self.suite,
             "photo": self.photo,
@@ -185,36 +189,16 @@ def crop_of(photo: Photo, name: str, number: int) -> Photo:
     return replace(Photo.from_array(np.ascontiguousarray(crop)), orientation=photo.orientation)
 
 
-def coefficients_of(motion: Motion) -> np.ndarray:
-    """[6] of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad], fitted to a motion by least squares."""
-    u = (np.arange(motion.height) + 0.5) / motion.height
-    powers = np.stack([u, u**2, u**3], axis=1)
-    tx, rz = (np.linalg.lstsq(powers - powers[0], a, rcond=None)[0] for a in (motion.tx_px, motion.rz_rad))
-    return np.concatenate([tx / motion.height, rz])
-
-
-def errors_as_tuples(errors: NetworkErrors) -> tuple:
-    """What a case of the search holds of them: values that can be compared and sent to another process."""
-    return (
-        errors.freedom,
-        tuple(errors.scales.tolist()),
-        tuple(tuple(row) for row in errors.correlations.tolist()),
-        errors.usual_px,
-    )
-
-
 @cache
 def _network() -> SegmentNetwork:
     return SegmentNetwork(method(DEFAULT_ESTIMATOR).weights)
 
 
 @cache
-def _estimator(errors: tuple) -> SegmentManhattan:
-    freedom, scales, correlations, usual_px = errors
-    known = method(DEFAULT_ESTIMATOR)
-    return SegmentManhattan(
-        known, known.weights, NetworkErrors(freedom, np.array(scales), np.array(correlations), usual_px)
-    )
+def _estimator(known: str) -> SegmentManhattan:
+    fields = json.loads(known)
+    own = method(DEFAULT_ESTIMATOR)
+    return SegmentManhattan(own, own.weights, NetworkErrors.of(fields["network_errors"]), kinds_of(fields["kinds"]))
 
 
 def _found(posterior: Posterior, view: View, truth: Motion, answer: np.ndarray | None) -> Record | None:

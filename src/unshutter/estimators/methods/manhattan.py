@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.segments import unusable
+from unshutter.estimators.right_angles.answers import candidates_of
 from unshutter.estimators.right_angles.search import explore
-from unshutter.estimators.right_angles.view import STARTS, likelihood_of, motion_of, segments_of
+from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
 from unshutter.motion import Motion
+from unshutter.motion.candidate import Candidate, alone
 
 
 class Manhattan(Estimator):
@@ -17,9 +19,13 @@ class Manhattan(Estimator):
 
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
+        return self.candidates(view)[0].motion
+
+    def candidates(self, view: View) -> tuple[Candidate, ...]:
+        """The modes of the posterior; no motion and a reason where there are too few segments."""
         segments, size = segments_of(view)
         reason = unusable(segments, view.height, view.width)
         if reason:
-            return view.no_motion(self.name, reason)
+            return alone(view.no_motion(self.name, reason), view.photo.orientation)
         posterior = explore(likelihood_of(view, segments, size), STARTS)
-        return motion_of(posterior, view, self.name)
+        return candidates_of(posterior, view, self.name)

@@ -13,12 +13,14 @@ import numpy as np
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.method import Method
-from unshutter.estimators.right_angles.beliefs import SecondOpinion
+from unshutter.estimators.right_angles.answers import candidates_of
+from unshutter.estimators.right_angles.beliefs import MotionKind, SecondOpinion
 from unshutter.estimators.right_angles.calibration import NetworkErrors, shipped
 from unshutter.estimators.right_angles.search import Posterior, displacement, explore
-from unshutter.estimators.right_angles.view import STARTS, likelihood_of, motion_of, segments_of
+from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
 from unshutter.motion import Motion
+from unshutter.motion.candidate import Candidate, alone
 
 _SEEN_TILTS = (-15.0, 50.0)  # degrees: the network knows no others
 _PX = 256.0  # rows of the picture in which displacements are measured
@@ -30,12 +32,20 @@ class SegmentManhattan(Estimator):
     Args:
         method, weights: see :class:`Estimator`.
         errors: of the network; those of the shipped calibration by default.
+        kinds: of motion; those of the shipped calibration by default.
     """
 
-    def __init__(self, method: Method, weights: Path | None = None, errors: NetworkErrors | None = None):
+    def __init__(
+        self,
+        method: Method,
+        weights: Path | None = None,
+        errors: NetworkErrors | None = None,
+        kinds: tuple[MotionKind, ...] = (),
+    ):
         super().__init__(method, weights)
         self._network = SegmentNetwork(weights)
         self._errors = errors or shipped().network_errors
+        self.kinds = kinds or shipped().kinds
 
     def prepare(self) -> None:
         """Opens the network."""
@@ -43,15 +53,20 @@ class SegmentManhattan(Estimator):
 
     def estimate(self, view: View) -> Motion:
         """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
+        return self.candidates(view)[0].motion
+
+    def candidates(self, view: View) -> tuple[Candidate, ...]:
+        """The modes of the posterior; no motion and a reason where there are too few segments."""
         segments, size = segments_of(view)
         reason = unusable(segments, view.height, view.width)
         if reason:
-            return view.no_motion(self.name, reason)
+            return alone(view.no_motion(self.name, reason), view.photo.orientation)
         _, tilt = view.attitude_deg()
         if tilt is not None and not _SEEN_TILTS[0] <= tilt <= _SEEN_TILTS[1]:
-            return motion_of(explore(likelihood_of(view, segments, size), STARTS), view, self.name)
+            likelihood = likelihood_of(view, segments, size, kinds=self.kinds)
+            return candidates_of(explore(likelihood, STARTS), view, self.name)
         posterior, answer = self.weigh(view, segments, size)
-        return motion_of(posterior, view, self.name, answer)
+        return candidates_of(posterior, view, self.name, answer)
 
     def weigh(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Posterior, np.ndarray]:
         """The posterior with the network's answer weighed in, and that answer: [6] coefficients.
@@ -63,4 +78,4 @@ class SegmentManhattan(Estimator):
         answer = self._network.coefficients(segments, view.up).ravel()
         precision = self._errors.precision(_PX * displacement(answer))
         opinion = SecondOpinion(answer, precision, self._errors.freedom)
-        return explore(likelihood_of(view, segments, size, opinion), [answer]), answer
+        return explore(likelihood_of(view, segments, size, opinion, self.kinds), [answer]), answer

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _DEGREE = math.pi / 180
+NORMAL = 1e9  # degrees of freedom at which Student's t distribution is a normal one
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,34 @@ class Beliefs:
     sigma_log_focal: float = 0.35
     sigma_known_log_focal: float = 0.05  # where EXIF or the user says it
     sigma_known_attitude: float = 1.0 * _DEGREE  # of a known roll or tilt: hands shake an accelerometer by so much
-    sigma_tx: tuple[float, float, float] = (0.06, 0.08, 0.01)  # of the coefficients of t_x
-    sigma_rz: tuple[float, float, float] = (0.07, 0.06, 0.01)  # and r_z
+
+
+@dataclass(frozen=True, eq=False)
+class MotionKind:
+    """How likely the motions of one kind are beforehand: Student's t distribution about no motion.
+
+    Attributes:
+        name: quadratic (drawn as benchmarks draw them), hand (shake) or pan (an even turn to one side).
+        scale: [6, 6] scale matrix of the coefficients of t_x and r_z.
+        freedom: degrees of freedom; NORMAL for a normal distribution.
+        share: of all motions, how many are of this kind.
+    """
+
+    name: str
+    scale: np.ndarray
+    freedom: float
+    share: float
+
+    @property
+    def precision(self) -> np.ndarray:
+        """[6, 6] inverse of the scale matrix."""
+        return np.linalg.inv(self.scale)
+
+    @property
+    def log_peak(self) -> float:
+        """Logarithm of the density at no motion, by that of a normal distribution of the same scale."""
+        nu, n = self.freedom, len(self.scale)
+        return math.lgamma((nu + n) / 2) - math.lgamma(nu / 2) - n / 2 * math.log(nu / 2)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from unshutter.estimators.right_angles.beliefs import NORMAL, MotionKind
+
 _SHIPPED = Path(__file__).parents[2] / "weights" / "calibration.json"
 
 
@@ -31,6 +33,12 @@ class NetworkErrors:
     scales: np.ndarray
     correlations: np.ndarray
     usual_px: float
+
+    @classmethod
+    def of(cls, fields: dict[str, Any]) -> NetworkErrors:
+        """The errors of a file's fields."""
+        scales, correlations = np.array(fields["scales"]), np.array(fields["correlations"])
+        return cls(fields["freedom"], scales, correlations, fields["usual_px"])
 
     def precision(self, size_px: float) -> np.ndarray:
         """[6, 6] inverse of the scale matrix.
@@ -105,6 +113,7 @@ class Calibration:
     """Everything that the default method consists of besides its network.
 
     Attributes:
+        kinds: of motion, and how likely each is beforehand.
         network_errors: how far the network's answer is trusted.
         forest: odds that there was motion, where the network was asked.
         odds_without_network: and where it was not.
@@ -113,6 +122,7 @@ class Calibration:
             that the error is below 1 px of 256 rows.
     """
 
+    kinds: tuple[MotionKind, ...]
     network_errors: NetworkErrors
     forest: Forest
     odds_without_network: Regression
@@ -122,15 +132,26 @@ class Calibration:
     def read(cls, path: Path) -> Calibration:
         """The calibration of a file that ``unshutter calibrate`` wrote."""
         fields = json.loads(path.read_text(encoding="utf-8"))
-        errors = fields["network_errors"]
         return cls(
-            NetworkErrors(
-                errors["freedom"], np.array(errors["scales"]), np.array(errors["correlations"]), errors["usual_px"]
-            ),
+            kinds_of(fields["kinds"]),
+            NetworkErrors.of(fields["network_errors"]),
             Forest.of(fields["forest"]),
             Regression(**fields["odds_without_network"]),
             {name: Regression(**each) for name, each in fields["confidence"].items()},
         )
+
+
+def kinds_of(fields: dict[str, Any]) -> tuple[MotionKind, ...]:
+    """The kinds of motion of a file's fields."""
+    return tuple(
+        MotionKind(
+            name,
+            np.array(each["correlations"]) * np.outer(each["scales"], each["scales"]),
+            each["freedom"] or NORMAL,
+            each["share"],
+        )
+        for name, each in fields.items()
+    )
 
 
 @cache

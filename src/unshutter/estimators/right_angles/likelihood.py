@@ -8,10 +8,11 @@ nothing. Shear turns verticals only, a camera held askew turns everything: that 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, MotionKind, SecondOpinion
 from unshutter.estimators.right_angles.prior import Prior
 from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints
 from unshutter.estimators.right_angles.unknowns import UNKNOWNS
@@ -32,6 +33,7 @@ class ManhattanLikelihood:
         beliefs: priors and noise.
         known: of the camera.
         opinion: another estimate to be weighed in.
+        kinds: of motion; those of the shipped calibration by default.
 
     Attributes:
         prior: of the unknowns.
@@ -48,10 +50,11 @@ class ManhattanLikelihood:
         beliefs: Beliefs | None = None,
         known: KnownCamera | None = None,
         opinion: SecondOpinion | None = None,
+        kinds: Sequence[MotionKind] = (),
     ):
         b = beliefs or Beliefs()
         self.known = known or KnownCamera()
-        self.prior = Prior(b, self.known, aspect, opinion)
+        self.prior = Prior(b, self.known, aspect, opinion, kinds)
         self._ends = EndPoints(segments[:, :2]), EndPoints(segments[:, 2:])
         self.part = _parts(segments, aspect)
         self._turn = math.atan2(self.known.up[0], -self.known.up[1])
@@ -60,18 +63,20 @@ class ManhattanLikelihood:
         exact = b.sigma_exact + b.sigma_end_px / length_px
         sigmas = np.stack([exact, np.hypot(exact, b.sigma_sloppy)])  # [2, N]
         self._precisions = 1 / sigmas**2
-        kinds = np.array([[1 - b.sloppy_share], [b.sloppy_share]]) * (1 - b.outlier_share)
+        shares = np.array([[1 - b.sloppy_share], [b.sloppy_share]]) * (1 - b.outlier_share)
         horizontal_share = (1 - b.vertical_share) / 2
         directions = np.array([[b.vertical_share], [horizontal_share], [horizontal_share]])
         # [2, 3, N]: each Gaussian's share times its density at its peak
-        self._peaks = (kinds / (sigmas * math.sqrt(2 * math.pi)))[:, None] * directions
+        self._peaks = (shares / (sigmas * math.sqrt(2 * math.pi)))[:, None] * directions
         self._anywhere = b.outlier_share / math.pi
 
     def energy(self, unknowns: np.ndarray) -> np.ndarray:
         """[S, 10] -> [S]."""
         return self._of_segments(self._residuals(unknowns))[0] + self.prior.expanded(unknowns)[0]
 
-    def expanded(self, unknowns: np.ndarray, camera_only: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def expanded(
+        self, unknowns: np.ndarray, kind: np.ndarray | None = None, camera_only: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10].
 
         With the residuals r, their precisions W and J = dr/d unknowns: gradient J^T W r, Hessian J^T W J, and those
@@ -79,6 +84,7 @@ class ManhattanLikelihood:
 
         Args:
             unknowns: [S, 10].
+            kind: [S] which of the prior's kinds each motion is of; the first by default.
             camera_only: leave out what the segments say about the motion; a third faster.
         """
         residuals = self._residuals(unknowns)
@@ -86,7 +92,7 @@ class ManhattanLikelihood:
         J = residuals.jacobian(camera_only).reshape(len(unknowns), UNKNOWNS, -1)  # [S, 10, 3 * N]
         J_weighted = J * precision.reshape(len(unknowns), 1, -1)
         gradient = (J_weighted @ residuals.sine.reshape(len(unknowns), -1, 1))[..., 0]
-        prior, prior_gradient, prior_hessian = self.prior.expanded(unknowns)
+        prior, prior_gradient, prior_hessian = self.prior.expanded(unknowns, kind)
         return energy + prior, gradient + prior_gradient, J_weighted @ J.transpose(0, 2, 1) + prior_hessian
 
     def lines_gain(self, unknowns: np.ndarray) -> np.ndarray:

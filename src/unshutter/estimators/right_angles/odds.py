@@ -18,7 +18,7 @@ from unshutter.estimators.right_angles.search import Posterior, bend, displaceme
 
 _STEEPNESS = 8.0  # of the way from no motion to all of it
 CAUTION = math.log(0.8)  # odds at which half of a motion is undone; those of photos in general count losses in full
-_MOVING = math.log(0.2)  # and where the camera is known to have moved
+MOVING = math.log(0.2)  # and where the camera is known to have moved
 _EVEN = 1e-9  # odds at which a motion is just as likely as none
 _PX = 256.0  # rows of the picture in which displacements are weighed
 
@@ -29,18 +29,20 @@ class Judgement:
 
     Attributes:
         motion: [6] coefficients to undo; next to nothing where the camera hardly moved.
-        confidence: probability that it is right to 1 px of 256 rows (mean displacement).
+        confidence: probability that it is right (docs/own-model.md).
+        moved: probability that there was motion worth undoing.
     """
 
     motion: np.ndarray
     confidence: float
+    moved: float
 
 
 def judge(
     posterior: Posterior,
     opinion: np.ndarray | None = None,
     roll_known: bool = False,
-    moving: bool = False,
+    caution: float = CAUTION,
     at_any_odds: bool = False,
 ) -> Judgement:
     """Weighs a posterior's motion against none.
@@ -49,17 +51,17 @@ def judge(
         posterior: of the photo's segments.
         opinion: [6] the network's answer, where it was asked.
         roll_known: whether the camera's roll is known, and so cannot be taken for shear.
-        moving: whether the camera is known to have moved: from a train, a car, a drone.
+        caution: logarithm of the odds at which half of the motion is undone.
         at_any_odds: whether all of the motion is wanted, however likely it is that there was none. The confidence is
             then the motion's, which is not calibrated where the odds are against it.
     """
-    odds = _odds_upright(posterior) if roll_known else _odds(posterior, opinion)
-    odds += CAUTION - _MOVING if moving else 0.0
+    in_favour = _odds_upright(posterior) if roll_known else _odds(posterior, opinion)
+    odds, moved = in_favour - caution, _probability(float(np.clip(in_favour, -50, 50)))
     if at_any_odds:
         right = _probability(_right(posterior, opinion, max(odds, _EVEN)))
-        return Judgement(posterior.motion, right * min(2 * _probability(max(odds, -50.0)), 1.0))
-    motion = posterior.motion / (1 + math.exp(-np.clip(_STEEPNESS * odds, -50, 50)))
-    return Judgement(motion, _probability(_right(posterior, opinion, odds)))
+        return Judgement(posterior.motion, right * min(2 * _probability(max(odds, -50.0)), 1.0), moved)
+    motion = posterior.motion * _probability(float(np.clip(_STEEPNESS * odds, -50, 50)))
+    return Judgement(motion, _probability(_right(posterior, opinion, odds)), moved)
 
 
 def figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
@@ -116,13 +118,13 @@ def confidence_figures(posterior: Posterior, opinion: np.ndarray | None, odds: f
 
 def _odds(posterior: Posterior, opinion: np.ndarray | None) -> float:
     if opinion is None:
-        return shipped().odds_without_network.log_odds({"evidence": posterior.evidence}) - CAUTION
-    return shipped().forest.odds(figures(posterior, opinion)) - CAUTION
+        return shipped().odds_without_network.log_odds({"evidence": posterior.evidence})
+    return shipped().forest.odds(figures(posterior, opinion))
 
 
 def _odds_upright(posterior: Posterior) -> float:
     """Where the camera's roll is known: the evidence of photos without motion hardly ever exceeds 8 nats."""
-    return 0.12 * posterior.evidence - 0.7
+    return 0.12 * posterior.evidence - 0.7 + CAUTION
 
 
 def _right(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> float:

@@ -3,37 +3,51 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, MotionKind, SecondOpinion
+from unshutter.estimators.right_angles.calibration import shipped
 from unshutter.estimators.right_angles.unknowns import MOTION, ROLL, TILT, UNKNOWNS
 
 
 class Prior:
-    """Gaussians, for roll and tilt mixtures of two, and Student's t about a second opinion.
+    """The prior of every kind of motion, each with the same prior of the camera.
+
+    Student's t about no motion and about a second opinion; Gaussians of the camera, for roll and tilt mixtures of two.
 
     Args:
         beliefs: of photos in general.
         known: of this photo's camera.
         aspect: width / height of the picture.
         opinion: another estimate to be weighed in.
+        kinds: of motion.
 
     Attributes:
+        kinds: of motion.
         mean: [10] what is expected.
-        sigma: [10] standard deviations (of roll and tilt, of the usual part of the mixture).
-        log_volume: half the logarithm of the determinant of the motion's precision, which makes hypotheses with a
-            motion comparable with one without.
+        sigma: [10] standard deviations of the camera (of roll and tilt, of the usual part of the mixture); infinite
+            for the motion, which :attr:`kinds` describe.
+        log_volume: [kinds] logarithm of the motion's density at no motion, but for a constant. It makes hypotheses with
+            a motion comparable with one without.
     """
 
-    def __init__(self, beliefs: Beliefs, known: KnownCamera, aspect: float, opinion: SecondOpinion | None = None):
+    def __init__(
+        self,
+        beliefs: Beliefs,
+        known: KnownCamera,
+        aspect: float,
+        opinion: SecondOpinion | None = None,
+        kinds: Sequence[MotionKind] = (),
+    ):
         b = beliefs
         log_focal, sigma_log_focal = math.log(b.median_focal_rows * (1 + aspect) / 2), b.sigma_log_focal
         if known.log_focal is not None:
             log_focal, sigma_log_focal = known.log_focal, b.sigma_known_log_focal
         self.mean = np.array([*[0.0] * 6, known.roll or 0.0, known.tilt or 0.0, log_focal, 0.0])
         any_yaw = 1e3
-        self.sigma = np.array([*b.sigma_tx, *b.sigma_rz, b.sigma_roll, b.sigma_tilt, sigma_log_focal, any_yaw])
+        self.sigma = np.array([*[math.inf] * 6, b.sigma_roll, b.sigma_tilt, sigma_log_focal, any_yaw])
         # of roll and tilt: sigmas of the usual and the rare part, share of the rare one
         measured = b.sigma_known_attitude, b.sigma_known_attitude, 0.5
         self._mixtures = {
@@ -42,15 +56,29 @@ class Prior:
         }
         self._opinion = opinion
         self._of_speed = np.zeros((6, 6)) if known.speed is None else known.speed.precision
-        precision = np.diag(1 / self.sigma[MOTION] ** 2) + self._of_speed
-        self.log_volume = 0.5 * float(np.linalg.slogdet(precision)[1])
+        self.kinds = tuple(kinds) or shipped().kinds
+        self._precision = np.stack([kind.precision for kind in self.kinds])
+        self._freedom = np.array([kind.freedom for kind in self.kinds])
+        self.log_volume = np.array([self._log_volume(kind) for kind in self.kinds])
 
-    def expanded(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _log_volume(self, kind: MotionKind) -> float:
+        """Of one kind; exact without a speed limit, and where the limit is much narrower than the kind."""
+        precision = kind.precision * math.exp(2 * kind.log_peak / len(kind.scale)) + self._of_speed
+        return 0.5 * float(np.linalg.slogdet(precision)[1])
+
+    def expanded(
+        self, unknowns: np.ndarray, kind: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Minus its logarithm [S], the gradient [S, 10], and a positive definite Hessian [S, 10, 10].
 
         The Hessian leaves out how the parts of a mixture, and the trust in an opinion, change with the unknowns.
-        Normalised as far as it differs between photos' hypotheses, so that those of all kinds compare.
+        Normalised as far as it differs between the hypotheses of a photo, but for :attr:`log_volume`.
+
+        Args:
+            unknowns: [S, 10].
+            kind: [S] which of :attr:`kinds` each motion is of; the first by default.
         """
+        kind = np.zeros(len(unknowns), int) if kind is None else kind
         off = unknowns - self.mean
         precision = np.broadcast_to(1 / self.sigma**2, unknowns.shape).copy()
         scaled = off / self.sigma
@@ -66,12 +94,19 @@ class Prior:
         energy += 0.5 * (slowed * unknowns[:, MOTION]).sum(-1)
         gradient[:, MOTION] += slowed
         hessian[:, MOTION, MOTION] += self._of_speed
+        pulls = [_student_t(unknowns[:, MOTION], self._precision[kind], self._freedom[kind])]
         if self._opinion is not None:
-            part, J_motion, H_motion = _student_t(unknowns[:, MOTION] - self._opinion.motion, self._opinion)
+            off, opinion = unknowns[:, MOTION] - self._opinion.motion, self._opinion
+            pulls.append(_student_t(off, opinion.precision, opinion.freedom))
+        for part, J_motion, H_motion in pulls:
             energy = energy + part
             gradient[:, MOTION] += J_motion
             hessian[:, MOTION, MOTION] += H_motion
         return energy, gradient, hessian
+
+    def of_motions(self, motions: np.ndarray) -> np.ndarray:
+        """[M, 6] -> [M]: minus the logarithm of the first kind's density, by that of no motion."""
+        return _student_t(motions, self._precision[0], self._freedom[0])[0]
 
 
 def _two_gaussians(off: np.ndarray, usual: float, rare: float, rare_share: float) -> tuple[np.ndarray, np.ndarray]:
@@ -85,14 +120,16 @@ def _two_gaussians(off: np.ndarray, usual: float, rare: float, rare_share: float
     return -log_both, is_usual / usual**2 + (1 - is_usual) / rare**2
 
 
-def _student_t(off: np.ndarray, opinion: SecondOpinion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _student_t(
+    off: np.ndarray, precision: np.ndarray, freedom: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """E = (nu + 6) / 2 log(1 + off^T P off / nu) of off [S, 6], dE/doff = t P off, and t P, where t is the trust.
 
-    t = (nu + 6) / (nu + off^T P off).
+    t = (nu + 6) / (nu + off^T P off), P is [6, 6] or [S, 6, 6], nu a number or [S].
     """
-    nu, dimensions = opinion.freedom, off.shape[1]
-    pulled = off @ opinion.precision
+    dimensions = off.shape[1]
+    pulled = (precision @ off[..., None])[..., 0]
     distance2 = (pulled * off).sum(-1)
-    trust = (nu + dimensions) / (nu + distance2)
-    energy = 0.5 * (nu + dimensions) * np.log1p(distance2 / nu)
-    return energy, trust[:, None] * pulled, trust[:, None, None] * opinion.precision
+    trust = (freedom + dimensions) / (freedom + distance2)
+    energy = 0.5 * (freedom + dimensions) * np.log1p(distance2 / freedom)
+    return energy, trust[:, None] * pulled, trust[:, None, None] * precision

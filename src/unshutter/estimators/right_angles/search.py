@@ -21,7 +21,8 @@ _TILTS = np.radians([-8, 0, 8, 18, 32])
 _LOG_FOCALS = np.array([-0.35, 0.25])  # about the expected one
 _OTHER_YAW = 0.2  # rad between poses that are tried from one motion
 _FIRST_STEPS = 10  # of every start;
-_FOLLOWED = 4  # then only the best go on
+_FOLLOWED = 4  # then only the best go on, as motions of each kind
+_TEMPER = 0.25  # of the evidence for a kind of motion against another: segments repeat each other's errors
 _LONGEST_STEP = 0.3
 _LEAST_GAIN = 1e-3  # of a step [nats], else the search has arrived
 _SAME = 0.3 / 256  # rows: optima closer than this are one
@@ -42,6 +43,23 @@ class Pose:
     log_focal: float
 
 
+@dataclass(frozen=True, eq=False)
+class Optima:
+    """The motions about which the posterior has bumps.
+
+    Attributes:
+        motions: [K, 6] coefficients.
+        covariances: [K, 6, 6] of each bump.
+        kind: [K] index of the kind of motion.
+        share: [K] of the probability, if the camera moved.
+    """
+
+    motions: np.ndarray
+    covariances: np.ndarray
+    kind: np.ndarray
+    share: np.ndarray
+
+
 @dataclass(frozen=True)
 class Posterior:
     """What the segments and the priors say about the motion, and whether there was one.
@@ -49,8 +67,11 @@ class Posterior:
     Attributes:
         motion: [6] coefficients of u, u^2, u^3 of t_x [rows] and r_z [rad]: the mean, if the camera moved.
         covariance: [6, 6] of them.
-        evidence: for a camera that moved against one that stood still, both as likely beforehand [nats]. It is
-            overstated, see odds.py.
+        optima: of all kinds of motion.
+        kinds: name of each kind of motion -> its share of the probability, if the camera moved.
+        evidence_of: name of each kind -> the evidence for it against a camera that stood still, both as likely
+            beforehand [nats].
+        evidence: the same for any motion. It is overstated, see odds.py.
         lines_gain: log-likelihood ratio of the segments at the best optimum against chance [nats per unit of weight].
         weight: of all segments together: how many tell something new.
         gain_at_rest: as lines_gain, of no motion with the camera that suits it best.
@@ -63,6 +84,9 @@ class Posterior:
 
     motion: np.ndarray
     covariance: np.ndarray
+    optima: Optima
+    kinds: dict[str, float]
+    evidence_of: dict[str, float]
     evidence: float
     lines_gain: float
     weight: float
@@ -76,7 +100,7 @@ class Posterior:
     @property
     def expected_error(self) -> float:
         """Root mean square distance [rows] between the mean's picture and the true one, over a square picture."""
-        return math.sqrt(max(float(np.sum(_SQUARED_DISPLACEMENT * self.covariance)), 0.0))
+        return expected_error(self.covariance)
 
     @property
     def size(self) -> float:
@@ -93,28 +117,26 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
         poses: cameras that are tried with each motion.
     """
     begin = np.concatenate([_poses(likelihood, motion, poses) for motion in (np.zeros(6), *motions)])
-    everything = slice(0, UNKNOWNS)
-    tried, energy, _ = descend(likelihood, begin, everything, _FIRST_STEPS)
-    promising = tried[_distinct(tried, energy)[:_FOLLOWED]]
-    hypotheses, energy, hessian = descend(likelihood, promising, everything)
-    optima = _distinct(hypotheses, energy)
-    hypotheses, energy, hessian = hypotheses[optima], energy[optima], hessian[optima]
-    # Laplace's approximation: the logarithm of each optimum's evidence, and of their sum
-    moving = likelihood.prior.log_volume - energy - 0.5 * np.linalg.slogdet(hessian)[1]
-    evidence = float(np.logaddexp.reduce(moving))
-    share = np.exp(moving - evidence)
+    hypotheses, kind, moving, covariances = _optima(likelihood, begin)
+    each = _by_kind(moving, kind)  # evidence
+    log_shares = np.log([known.share for known in likelihood.prior.kinds])  # beforehand
+    tempered = _TEMPER * each + log_shares
+    share = np.exp(moving - each[kind] + (tempered - np.logaddexp.reduce(tempered))[kind])
     # the posterior of the motion is a mixture of Gaussians, one for each optimum
-    mean = share @ hypotheses[:, MOTION]
-    apart = hypotheses[:, MOTION] - mean
-    covariances = np.linalg.inv(hessian)[:, MOTION, MOTION]
+    optima = Optima(hypotheses[:, MOTION], covariances, kind, share)
+    mean = share @ optima.motions
+    apart = optima.motions - mean
     covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
-    best = hypotheses[np.argmax(moving)]
+    best = hypotheses[np.argmax(share)]
     at_rest, still = _at_rest(likelihood, begin[:poses])
     breadth, against, in_favour = _by_parts(likelihood, best, still)
     return Posterior(
         motion=mean,
         covariance=covariance,
-        evidence=evidence - at_rest,
+        optima=optima,
+        kinds={known.name: float(share[kind == k].sum()) for k, known in enumerate(likelihood.prior.kinds)},
+        evidence_of={known.name: float(each[k]) - at_rest for k, known in enumerate(likelihood.prior.kinds)},
+        evidence=float(np.logaddexp.reduce(each + log_shares)) - at_rest,
         lines_gain=float(likelihood.lines_gain(best[None])[0]),
         weight=float(likelihood.weight.sum()),
         gain_at_rest=float(likelihood.lines_gain(still[None])[0]),
@@ -124,6 +146,36 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
         pose=_pose(likelihood, best),
         pose_at_rest=_pose(likelihood, still),
     )
+
+
+def _optima(
+    likelihood: ManhattanLikelihood, begin: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The optima of every kind of motion that are reached from some starts [S, 10].
+
+    Kinds share their first steps, with the prior of the first of them, which is the widest.
+
+    Returns:
+        Unknowns [K, 10], kinds [K], logarithms of the evidence by Laplace's approximation [K], and covariances of the
+        motion [K, 6, 6].
+    """
+    everything = slice(0, UNKNOWNS)
+    tried, energy, _ = descend(likelihood, begin, everything, steps=_FIRST_STEPS)
+    promising = tried[_distinct(tried, energy)[:_FOLLOWED]]
+    count = len(likelihood.prior.kinds)
+    kind = np.repeat(np.arange(count), len(promising))
+    hypotheses, energy, hessian = descend(likelihood, np.tile(promising, (count, 1)), everything, kind)
+    kept = np.concatenate(
+        [np.flatnonzero(kind == k)[_distinct(hypotheses[kind == k], energy[kind == k])] for k in range(count)]
+    )
+    hypotheses, kind, hessian = hypotheses[kept], kind[kept], hessian[kept]
+    moving = likelihood.prior.log_volume[kind] - energy[kept] - 0.5 * np.linalg.slogdet(hessian)[1]
+    return hypotheses, kind, moving, np.linalg.inv(hessian)[:, MOTION, MOTION]
+
+
+def _by_kind(moving: np.ndarray, kind: np.ndarray) -> np.ndarray:
+    """[kinds] logarithm of the sum of the evidence of each kind's optima."""
+    return np.array([np.logaddexp.reduce(moving[kind == k]) for k in range(kind.max() + 1)])
 
 
 def _by_parts(likelihood: ManhattanLikelihood, best: np.ndarray, still: np.ndarray) -> tuple[float, float, float]:
@@ -154,7 +206,7 @@ def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int
     evidence = -energy - 0.5 * np.linalg.slogdet(hessian[:, CAMERA, CAMERA])[1]
     edges = np.cumsum([0, *(len(each) for each in begin)])
     best = np.array([evidence[a:b].max() for a, b in pairwise(edges)])
-    return best + 0.5 * ((motions / likelihood.prior.sigma[MOTION]) ** 2).sum(axis=1)
+    return best + likelihood.prior.of_motions(motions)
 
 
 def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, np.ndarray]:
@@ -170,7 +222,11 @@ def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float,
 
 
 def descend(
-    likelihood: ManhattanLikelihood, begin: np.ndarray, free: slice, steps: int = 40
+    likelihood: ManhattanLikelihood,
+    begin: np.ndarray,
+    free: slice,
+    kind: np.ndarray | None = None,
+    steps: int = 40,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Levenberg-Marquardt from all starts at once; the mixture's weights are renewed with every step (EM).
 
@@ -178,13 +234,15 @@ def descend(
         likelihood: what is descended.
         begin: [S, 10] starts.
         free: the unknowns that may change.
+        kind: [S] which of the prior's kinds each motion is of; the first by default.
         steps: at most.
 
     Returns:
         Unknowns [S, 10], energies [S], Hessians [S, 10, 10].
     """
     at, camera_only = begin.copy(), free == CAMERA
-    energy, gradient, hessian = likelihood.expanded(at, camera_only)
+    kind = np.zeros(len(at), int) if kind is None else kind
+    energy, gradient, hessian = likelihood.expanded(at, kind, camera_only)
     damping = np.full(len(at), 1e-3)
     going = np.arange(len(at))
     for _ in range(steps):
@@ -194,7 +252,7 @@ def descend(
         step = -np.linalg.solve(matrix, gradient[going, free, None])[..., 0]
         tried = at[going]
         tried[:, free] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        new_energy, new_gradient, new_hessian = likelihood.expanded(tried, camera_only)
+        new_energy, new_gradient, new_hessian = likelihood.expanded(tried, kind[going], camera_only)
         gain = energy[going] - new_energy
         better = gain > 0
         moved = going[better]
@@ -211,6 +269,11 @@ def descend(
 def displacement(motion: np.ndarray) -> float:
     """Root mean square displacement [rows] that a motion [6] does to a square picture, to first order."""
     return math.sqrt(max(float(motion @ _SQUARED_DISPLACEMENT @ motion), 0.0))
+
+
+def expected_error(covariance: np.ndarray) -> float:
+    """Root mean square displacement [rows] that motions [6] of this covariance do to a square picture."""
+    return math.sqrt(max(float(np.sum(_SQUARED_DISPLACEMENT * covariance)), 0.0))
 
 
 def bend(motion: np.ndarray) -> float:

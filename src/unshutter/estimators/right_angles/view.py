@@ -1,29 +1,24 @@
-"""From a photo to the likelihood of its segments, and from its posterior to a motion: what methods share."""
+"""From a photo to the likelihood of its segments."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
 from unshutter.estimators.base import View
 from unshutter.estimators.lines.segments import find_segments, in_rows
-from unshutter.estimators.right_angles.beliefs import KnownCamera, KnownSpeed, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import KnownCamera, KnownSpeed, MotionKind, SecondOpinion
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
-from unshutter.estimators.right_angles.odds import judge
-from unshutter.estimators.right_angles.search import Posterior, displacement
 from unshutter.estimators.speed_limit import SpeedLimit
-from unshutter.motion import Motion
-from unshutter.reasons import Code, Reason
 
 SHORT_SIDE = 768  # of the grey copy in which segments are found [px]
 MOST_ENLARGED = 2.0  # smaller photos are enlarged: LSD places the lines better, and finds more of them
 MOST_SEGMENTS = 320  # the longest are kept
-LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
 _DOUBT = 1.5  # standard deviation of a speed, in speed limits
 _LEAST_SPEED, _ANY_SPEED = 1e-4, 10.0  # rows, and rad, over a readout
-LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring
 
 # Motions to start from beside none: t_x [rows] and r_z [rad] growing evenly to this at the last row
 STARTS = [np.eye(6)[k] * size for k, size in ((0, 0.12), (0, -0.12), (3, 0.08), (3, -0.08))]
@@ -40,7 +35,11 @@ def segments_of(view: View) -> tuple[np.ndarray, tuple[int, int]]:
 
 
 def likelihood_of(
-    view: View, segments: np.ndarray, size: tuple[int, int], opinion: SecondOpinion | None = None
+    view: View,
+    segments: np.ndarray,
+    size: tuple[int, int],
+    opinion: SecondOpinion | None = None,
+    kinds: Sequence[MotionKind] = (),
 ) -> ManhattanLikelihood:
     """The likelihood of a photo's segments, with focal length, roll and tilt where the user or EXIF knows them.
 
@@ -48,8 +47,10 @@ def likelihood_of(
         view: the photo.
         segments, size: as :func:`segments_of` returns them.
         opinion: another estimate to be weighed in.
+        kinds: of motion; those of the shipped calibration by default.
     """
-    return ManhattanLikelihood(segments, size[0], size[1] / size[0], known=known_camera(view), opinion=opinion)
+    known = known_camera(view)
+    return ManhattanLikelihood(segments, size[0], size[1] / size[0], known=known, opinion=opinion, kinds=kinds)
 
 
 def known_camera(view: View) -> KnownCamera:
@@ -64,25 +65,6 @@ def known_camera(view: View) -> KnownCamera:
         tilt=None if tilt_deg is None else math.radians(tilt_deg),
         speed=_known_speed(view.speed_limit, view.height),
     )
-
-
-def motion_of(posterior: Posterior, view: View, estimator: str, opinion: np.ndarray | None = None) -> Motion:
-    """What the posterior says as a motion; none, with the reason, where it is not to be believed.
-
-    Args:
-        posterior: of the photo's segments.
-        view: the photo.
-        estimator: whose answer it is.
-        opinion: [6] the network's answer, where it was asked.
-    """
-    if posterior.lines_gain < LEAST_GAIN:
-        return view.no_motion(estimator, Reason(Code.NO_RIGHT_ANGLES))
-    limit = view.speed_limit
-    moving = view.camera.moving or (limit is not None and limit.smeared)
-    judgement = judge(posterior, opinion, view.attitude_deg()[0] is not None, moving, view.camera.at_any_odds)
-    if displacement(judgement.motion) > LARGEST:
-        return view.no_motion(estimator, Reason(Code.TOO_FAST_FOR_HANDS))
-    return view.cubic_motion(judgement.motion.reshape(2, 3), estimator, judgement.confidence)
 
 
 def _known_speed(limit: SpeedLimit | None, rows: int) -> KnownSpeed | None:

@@ -1,0 +1,112 @@
+"""From the posterior of a photo's segments to the motion to undo, and to the other candidates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from unshutter.estimators.base import View
+from unshutter.estimators.right_angles.odds import CAUTION, MOVING, Judgement, judge
+from unshutter.estimators.right_angles.search import Posterior, displacement, expected_error
+from unshutter.motion.candidate import Candidate, KindOfMotion
+from unshutter.reasons import Code, Reason
+
+LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
+LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring
+_MOST_MODES = 3
+_LEAST_SHARE = 0.05  # of a mode that is worth a look
+_ALIKE = 1.5 / 256  # rows, or
+_ALIKE_SHARE = 0.15  # of the size: motions closer than this look the same
+_LEAST_UNDONE = 0.5  # share of the mean that is undone; below, the photo is left as it is
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """Optima of the posterior that look the same.
+
+    Attributes:
+        motion: [6] coefficients: their mean.
+        error: expected displacement if this is the true mode [rows].
+        kind: of the likeliest of them.
+        share: of the probability, if the camera moved.
+    """
+
+    motion: np.ndarray
+    error: float
+    kind: str
+    share: float
+
+
+def candidates_of(
+    posterior: Posterior, view: View, estimator: str, opinion: np.ndarray | None = None
+) -> tuple[Candidate, ...]:
+    """The motions that fit a photo, first the one to undo: none, with the reason, where none is to be believed.
+
+    Args:
+        posterior: of the photo's segments.
+        view: the photo.
+        estimator: whose answer it is.
+        opinion: [6] the network's answer, where it was asked.
+    """
+    judgement, modes = _judgement(posterior, view, opinion), modes_of(posterior)
+
+    def candidate(mode: Mode, confidence: float | None = None) -> Candidate:
+        motion = view.cubic_motion(mode.motion.reshape(2, 3), estimator, confidence)
+        motion = replace(motion, kind_shares=tuple(posterior.kinds.items()))
+        kind, probability = cast(KindOfMotion, mode.kind), judgement.moved * mode.share
+        return Candidate(kind, motion, probability, mode.error * view.height, view.photo.orientation)
+
+    still = Candidate("still", view.no_motion(estimator), 1 - judgement.moved, None, view.photo.orientation)
+    reason = _reason_against(posterior, judgement)
+    if reason is not None and not (view.camera.at_any_odds and modes):
+        return (replace(still, motion=view.no_motion(estimator, reason)), *map(candidate, modes))
+    if reason is not None:
+        return (*map(candidate, modes), still)
+    alike = [mode for mode in modes if _alike(mode.motion, posterior.motion)]
+    kind = max(posterior.kinds, key=posterior.kinds.__getitem__)
+    mean = Mode(judgement.motion, posterior.expected_error, kind, sum(mode.share for mode in alike))
+    undone = candidate(mean, judgement.confidence)
+    if displacement(judgement.motion) < _LEAST_UNDONE * posterior.size:
+        return (replace(still, motion=undone.motion), *map(candidate, modes))
+    return (undone, *(candidate(mode) for mode in modes if mode not in alike), still)
+
+
+def modes_of(posterior: Posterior) -> list[Mode]:
+    """The likeliest modes of the posterior that a hand-held camera can make, the likeliest first."""
+    optima, names = posterior.optima, list(posterior.kinds)
+    groups: list[list[int]] = []
+    for k in np.argsort(-optima.share, kind="stable"):
+        home = next((group for group in groups if _alike(optima.motions[group[0]], optima.motions[k])), None)
+        groups.append([int(k)]) if home is None else home.append(int(k))
+    modes = []
+    for group in groups:
+        share = optima.share[group] / optima.share[group].sum()
+        mean = share @ optima.motions[group]
+        apart = optima.motions[group] - mean
+        covariance = np.einsum("k,kij->ij", share, optima.covariances[group] + apart[:, :, None] * apart[:, None, :])
+        modes.append(
+            Mode(mean, expected_error(covariance), names[optima.kind[group[0]]], float(optima.share[group].sum()))
+        )
+    likely = [mode for mode in modes if mode.share >= _LEAST_SHARE and displacement(mode.motion) <= LARGEST]
+    return sorted(likely, key=lambda mode: -mode.share)[:_MOST_MODES]
+
+
+def _judgement(posterior: Posterior, view: View, opinion: np.ndarray | None) -> Judgement:
+    limit = view.speed_limit
+    moving = view.camera.moving or (limit is not None and limit.smeared)
+    roll_known = view.attitude_deg()[0] is not None
+    return judge(posterior, opinion, roll_known, MOVING if moving else CAUTION, view.camera.at_any_odds)
+
+
+def _reason_against(posterior: Posterior, judgement: Judgement) -> Reason | None:
+    """Why no motion is to be believed."""
+    if posterior.lines_gain < LEAST_GAIN:
+        return Reason(Code.NO_RIGHT_ANGLES)
+    return Reason(Code.TOO_FAST_FOR_HANDS) if displacement(judgement.motion) > LARGEST else None
+
+
+def _alike(one: np.ndarray, other: np.ndarray) -> bool:
+    size = max(displacement(one), displacement(other))
+    return displacement(one - other) < max(_ALIKE, _ALIKE_SHARE * size)

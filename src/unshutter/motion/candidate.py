@@ -1,0 +1,93 @@
+"""Candidate: one of the few motions that fit a photo, with its probability and in words."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from unshutter.geometry.readout import scene_up
+from unshutter.motion.motion import Motion
+from unshutter.motion.verdict import pixels
+
+KindOfMotion = Literal["still", "pan", "hand", "quadratic", "other"]
+
+_NAMES = {"hand": "hand", "quadratic": "uneven motion", "other": "motion"}
+_UPRIGHT = 1  # EXIF orientation of a photo that is stored as it is seen
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A motion that fits a photo; the photo as it is counts as one.
+
+    Attributes:
+        kind: still (the photo as it is), pan, hand (shake), quadratic (an uneven motion, as benchmarks draw them), or
+            other (of methods that do not tell).
+        motion: for the photo's full size, first row as the reference.
+        probability: that this is what happened, 0 to 1; None where the method does not state it.
+        expected_error_px: how far pixels will be from where they belong if it is undone, mean displacement [px];
+            None where the method does not state it.
+        orientation: of the photo, in EXIF: it turns the words.
+    """
+
+    kind: KindOfMotion
+    motion: Motion
+    probability: float | None = None
+    expected_error_px: float | None = None
+    orientation: int = _UPRIGHT
+
+    @property
+    def description(self) -> str:
+        """In words: ``pan to the left, 24 px``, ``hand, 9 px``, ``as it is``."""
+        if self.kind == "still":
+            return "as it is"
+        name = f"pan {self._direction}" if self.kind == "pan" else _NAMES[self.kind]
+        return f"{name}, {pixels(self.motion.largest_px)}"
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs: ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``."""
+        return {
+            "kind": self.kind,
+            "description": self.description,
+            "probability": _rounded(self.probability, 4),
+            "expected_error_px": _rounded(self.expected_error_px, 2),
+            "motion": json.loads(self.motion.to_json()),
+        }
+
+    def resized(self, height: int, width: int) -> Candidate:
+        """The candidate for the photo at another size of its readout frame.
+
+        Raises:
+            UnshutterError: the aspect ratio changes by more than two per cent.
+        """
+        error = self.expected_error_px
+        scaled = None if error is None else error * height / self.motion.height
+        return replace(self, motion=self.motion.resized(height, width), expected_error_px=scaled)
+
+    @property
+    def _direction(self) -> str:
+        """Where the camera turned, as the photo is seen: against the way of the scene in it."""
+        up = np.array(scene_up(self.orientation, self.motion.readout))
+        right = np.array([-up[1], up[0]])
+        scene = np.array([self.motion.tx_px[-1] - self.motion.tx_px[0], 0.0])
+        sideways, upwards = float(scene @ right), float(scene @ up)
+        if abs(sideways) >= abs(upwards):
+            return "to the left" if sideways > 0 else "to the right"
+        return "downwards" if upwards > 0 else "upwards"
+
+
+def alone(motion: Motion, orientation: int = _UPRIGHT) -> tuple[Candidate, ...]:
+    """The candidates of a method that finds one motion: what it found, then the photo as it is."""
+    if motion.is_zero:
+        return (Candidate("still", motion, motion.confidence, orientation=orientation),)
+    as_it_is = replace(motion.scaled(0), confidence=None)
+    return (
+        Candidate("other", motion, motion.confidence, orientation=orientation),
+        Candidate("still", as_it_is, orientation=orientation),
+    )
+
+
+def _rounded(number: float | None, digits: int) -> float | None:
+    return None if number is None else round(number, digits)
