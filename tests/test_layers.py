@@ -23,7 +23,13 @@ def test_no_module_imports_one_that_imports_it() -> None:
 
 
 def test_decoding_can_begin_before_numpy_is_imported() -> None:
-    names = ["unshutter", "unshutter.cli", "unshutter.batch", "unshutter.estimators.register", "unshutter.prefetch"]
+    names = [
+        "unshutter",
+        "unshutter.cli",
+        "unshutter.batch",
+        "unshutter.estimators.register",
+        "unshutter.batch.lookahead",
+    ]
     code = f"import sys; sys.modules['numpy'] = None; import {', '.join(names)}"  # to import None fails
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -27,7 +27,7 @@ class ByName(Sure):
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     make_photos(tmp_path / "in", PHOTOS)
-    monkeypatch.setattr("unshutter.prefetch.load", lambda name: ByName(None))
+    monkeypatch.setattr("unshutter.batch.lookahead.load", lambda name: ByName(None))
     return tmp_path / "in"
 
 

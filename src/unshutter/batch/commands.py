@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.batch.inputs import Inputs, find_photos
+from unshutter.batch.lookahead import Lookahead
 from unshutter.batch.loop import Batch, check_outputs
 from unshutter.batch.manifest import Manifest
 from unshutter.batch.plan import (
@@ -39,7 +40,6 @@ from unshutter.batch.workers import workers_for
 from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.estimators.register import check_name, weights_file
 from unshutter.options import Find, Rectify, Reference, Run, Undo
-from unshutter.prefetch import Prefetch
 from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import Place, check_place, make_folder, place, write_place
 from unshutter.storage.protection import Protection
@@ -73,10 +73,10 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
     ratio = None
     if request.neighbours.sequence and plan.to_do:
         plan.to_do, ratio = with_motions(plan.to_do, list(inputs.photos), request, run.max_pixels)
-    prefetch = None
+    lookahead = None
     if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
         sources = [job.source for job in plan.to_do]
-        prefetch = Prefetch(sources, request.find_alone, run.max_pixels, request.undo)
+        lookahead = Lookahead(sources, request.find_alone, run.max_pixels, request.undo)
     with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log, inputs, protection) as report:
         report.preview = Preview(run.preview, run.overwrite) if run.preview is not None else None
         if ratio is not None:
@@ -84,7 +84,7 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
         _report_before_work(plan, inputs, report)
         prepare_folders(jobs, inputs, into, protection)
         with workers_for(run) as workers:
-            here = {"prefetch": prefetch} if prefetch else {}  # nothing that could be sent to another process
+            here = {"lookahead": lookahead} if lookahead else {}  # nothing that could be sent to another process
             work = partial(do_job, request=request, motion=motion, **here)
             Batch(work, workers, manifest, report, protection).run(plan.to_do)
         report.save_preview()
@@ -159,7 +159,7 @@ def estimate_files(
     check_named_once([*(("the motion", target) for target in targets.values()), ("--plot", request.plot)])
     protection = Protection([*inputs.photos, weights_file(request.find.estimator)], [output])
     _remove_leftovers([*targets.values(), *([request.plot] if request.plot else [])])
-    prefetch = Prefetch(list(inputs.photos), request.find, max_pixels)
+    lookahead = Lookahead(list(inputs.photos), request.find, max_pixels)
     in_folder = output is not None and is_folder(output, inputs.many)
 
     def check(file: Place, photo: Place) -> None:
@@ -172,8 +172,8 @@ def estimate_files(
         target = targets.get(photo)
         for file in filter(None, (target, request.plot)):
             check(file, photo)
-        coming = prefetch.take(photo)
-        motion = coming.photo and coming.motion().rereferenced(request.reference)
+        ahead = lookahead.take(photo)
+        motion = ahead.photo and ahead.motion().rereferenced(request.reference)
         _report_if_left_alone(motion, photo, tell)
         text = _estimate_as_text(motion, photo, request)
         if target:

@@ -8,9 +8,9 @@ from datetime import timedelta
 from typing import TYPE_CHECKING
 
 from unshutter.batch.job import Job
+from unshutter.batch.lookahead import open_photo
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.options import Rectify
-from unshutter.prefetch import open_photo
 from unshutter.storage.places import Place, absolute
 
 if TYPE_CHECKING:

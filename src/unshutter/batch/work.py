@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.batch.job import Job, Outcome
+from unshutter.batch.lookahead import Lookahead, PhotoAhead, open_photo
 from unshutter.batch.preview import before_and_after
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, errors_in_one_line
 from unshutter.options import Rectify, Save
 from unshutter.photo import Photo
 from unshutter.photo.encoding import not_written
 from unshutter.photo.formats import of_target
-from unshutter.prefetch import Coming, Prefetch, open_photo
 from unshutter.storage.places import Place, check_place, digest, fingerprint, remove, write_place
 
 if TYPE_CHECKING:
@@ -26,33 +26,33 @@ if TYPE_CHECKING:
     from unshutter.result import Rectified
 
 
-def do_job(job: Job, request: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
+def do_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Lookahead | None = None) -> Outcome:
     """Does the job; what goes wrong is in the outcome.
 
     Args:
         job: what to do.
         request: options of all jobs of a batch.
         motion: text of the motion file that ``request`` names: other machines may not have it.
-        prefetch: where the photo comes from; by default it is read now.
+        lookahead: where the photo comes from; by default it is read now.
     """
     start = time.perf_counter()
     try:
         with errors_in_one_line(job.source):
-            outcome = finish_job(job, request, motion, prefetch)
+            outcome = finish_job(job, request, motion, lookahead)
     except UnshutterError as error:
         usage, unknown_ratio = isinstance(error, UsageError), isinstance(error, UnknownRatioError)
         return Outcome(str(error), usage, unknown_ratio, seconds=time.perf_counter() - start)
     return replace(outcome, seconds=time.perf_counter() - start)
 
 
-def finish_job(job: Job, request: Rectify, motion: str | None = None, prefetch: Prefetch | None = None) -> Outcome:
+def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Lookahead | None = None) -> Outcome:
     """Does the job.
 
     Args:
         job: see :func:`do_job`, for all of these.
         request: options of all jobs of a batch.
         motion: text of a motion file.
-        prefetch: where the photo comes from.
+        lookahead: where the photo comes from.
 
     Raises:
         UnshutterError, UsageError: something about the photo or the options makes it impossible.
@@ -61,16 +61,16 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, prefetch: 
         _may_replace(job, *output) for output in zip(job.targets, job.left, strict=True)
     )
     source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
-    if prefetch is None:
-        prefetch = Prefetch([job.source], request.find_alone, job.max_pixels, request.undo)
-    coming = prefetch.take(job.source)
+    if lookahead is None:
+        lookahead = Lookahead([job.source], request.find_alone, job.max_pixels, request.undo)
+    ahead = lookahead.take(job.source)
     result: Rectified | RectifiedFrame
     model = ""
     if request.neighbours or request.neighbours.sequence:
-        result = _between(coming.photo, job, request)
+        result = _between(ahead.photo, job, request)
         model = result.model
     else:
-        result = _alone(coming, request, motion)
+        result = _alone(ahead, request, motion)
     if job.motion_target is not None and result.motion is not None:
         write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
     if job.mask_target is not None:
@@ -94,12 +94,12 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, prefetch: 
     )
 
 
-def _alone(coming: Coming, request: Rectify, motion: str | None) -> Rectified:
+def _alone(ahead: PhotoAhead, request: Rectify, motion: str | None) -> Rectified:
     """A photo by what it says itself, or by the motion that all photos share."""
     from unshutter.result import undo
 
-    estimate = coming.motion() if motion is None else _parsed(motion)
-    return undo(coming.photo, estimate, request.undo, request.find.camera.readout)
+    estimate = ahead.motion() if motion is None else _parsed(motion)
+    return undo(ahead.photo, estimate, request.undo, request.find.camera.readout)
 
 
 def _between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame:

@@ -35,13 +35,12 @@ _ABOUT = "Undoes rolling-shutter distortion (skew, wobble) in a single photo. Or
 
 
 def run() -> NoReturn:
-    """The program: :func:`main`, then the end of the process, which has nothing to tidy up after a photo or two."""
+    """The program: :func:`main`, and the end of the process with its exit code."""
     stop_on_signals()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files need not be text, and a terminal may know few letters
             stream.reconfigure(errors="backslashreplace")
     code = main()
-    with_helpers = {"multiprocessing", "distributed", "torch"} & sys.modules.keys()
     for stream in filter(None, (sys.stdout, sys.stderr)):
         try:
             stream.flush()
@@ -49,9 +48,7 @@ def run() -> NoReturn:
             code = code or 1
         except OSError as error:
             code = code or _say(f"cannot write the output: {error.strerror}", 1)
-    if with_helpers:  # processes that end with this one
-        sys.exit(code)
-    os._exit(code)
+    sys.exit(code)
 
 
 def main(words: list[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""What is worked on ahead comes out as without; a session lasts as long as the process."""
+"""What is worked on ahead comes out as without."""
 
 import threading
 from pathlib import Path
@@ -8,6 +8,7 @@ import pytest
 
 import unshutter
 from support.batches import rectify
+from unshutter.batch.lookahead import Lookahead
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import register
 from unshutter.estimators.base import Estimator, View
@@ -17,7 +18,6 @@ from unshutter.estimators.segment_transformer import weights
 from unshutter.motion import Motion
 from unshutter.options import Camera, Find
 from unshutter.photo import Photo
-from unshutter.prefetch import Prefetch
 
 
 @pytest.fixture
@@ -42,40 +42,40 @@ def test_the_command_line_gives_what_python_gives(ending: str, rolling_facade: n
 
 
 def test_photos_come_in_order_with_some_left_out_and_once_more(photos: list[Path]) -> None:
-    prefetch = Prefetch(photos, None)
-    assert [prefetch.take(photos[k]).photo.width for k in (0, 1, 3)] == [560, 550, 530]
-    assert prefetch.take(photos[0]).photo.width == 560  # once more
-    prefetch = Prefetch(photos, None)
-    assert prefetch.take(photos[1]).photo.width == 550  # the first is left out
+    lookahead = Lookahead(photos, None)
+    assert [lookahead.take(photos[k]).photo.width for k in (0, 1, 3)] == [560, 550, 530]
+    assert lookahead.take(photos[0]).photo.width == 560  # once more
+    lookahead = Lookahead(photos, None)
+    assert lookahead.take(photos[1]).photo.width == 550  # the first is left out
 
 
 def test_what_cannot_be_opened_is_said_where_it_is_taken(photos: list[Path]) -> None:
-    prefetch = Prefetch(photos[1:], Find("none"))
-    assert prefetch.take(photos[1]).motion().reason
-    coming = prefetch.take(photos[2])
-    for ask in (lambda: coming.photo, coming.motion):
+    lookahead = Lookahead(photos[1:], Find("none"))
+    assert lookahead.take(photos[1]).motion().reason
+    ahead = lookahead.take(photos[2])
+    for ask in (lambda: ahead.photo, ahead.motion):
         with pytest.raises(UnshutterError, match="is not a JPEG"):
             ask()
-    assert prefetch.take(photos[3]).photo.width == 530
+    assert lookahead.take(photos[3]).photo.width == 530
 
 
 def test_what_is_taken_is_what_is_there_when_it_is_opened(photos: list[Path], rolling_facade: np.ndarray) -> None:
-    assert Prefetch(photos[:1], None).take(photos[0]).photo.height == 420
+    assert Lookahead(photos[:1], None).take(photos[0]).photo.height == 420
     Photo.from_array(rolling_facade[:200]).save(photos[0], overwrite=True)
-    assert Prefetch(photos[:1], None).take(photos[0]).photo.height == 200
+    assert Lookahead(photos[:1], None).take(photos[0]).photo.height == 200
 
 
 def test_a_photo_beyond_the_limit_is_refused(photos: list[Path]) -> None:
     with pytest.raises(UnshutterError, match="more than the limit"):
-        _ = Prefetch(photos[:1], None, max_pixels=1000).take(photos[0]).photo
+        _ = Lookahead(photos[:1], None, max_pixels=1000).take(photos[0]).photo
 
 
 def test_an_estimator_that_cannot_be_loaded_is_said_at_once_and_nobody_waits(photos: list[Path]) -> None:
     before = threading.active_count()
     with pytest.raises(UsageError, match="unknown estimator"):
-        Prefetch(photos, Find("magic"))
+        Lookahead(photos, Find("magic"))
     with pytest.raises(UnshutterError, match="no such file"):
-        Prefetch(photos, Find("segment-transformer@missing.onnx"))
+        Lookahead(photos, Find("segment-transformer@missing.onnx"))
     assert threading.active_count() <= before + 4  # their threads end with them
 
 
@@ -113,31 +113,31 @@ class Counting(Estimator):
 
 @pytest.fixture
 def counting(monkeypatch: pytest.MonkeyPatch) -> Counting:
-    """What Prefetch loads, whatever it is asked for."""
+    """What Lookahead loads, whatever it is asked for."""
     estimator = Counting(register.method("none"), None)
-    monkeypatch.setattr("unshutter.prefetch.load", lambda name: estimator)
+    monkeypatch.setattr("unshutter.batch.lookahead.load", lambda name: estimator)
     return estimator
 
 
 def test_each_photo_is_estimated_once(photos: list[Path], counting: Counting) -> None:
-    prefetch = Prefetch(photos[:2], Find("none"))
+    lookahead = Lookahead(photos[:2], Find("none"))
     for k in (0, 1):
-        coming = prefetch.take(photos[k])
+        ahead = lookahead.take(photos[k])
         for _ in range(2):  # the answer stays
-            assert str(coming.motion().reason) == f"asked {k + 1} times about {560 - 10 * k} columns"
+            assert str(ahead.motion().reason) == f"asked {k + 1} times about {560 - 10 * k} columns"
 
 
 def test_what_goes_wrong_ahead_is_tried_again_where_it_is_asked_for(photos: list[Path], counting: Counting) -> None:
     counting.fail_at = 1
-    coming = Prefetch(photos[:1], Find("none")).take(photos[0])
-    assert str(coming.motion().reason).startswith("asked 2 times")
+    ahead = Lookahead(photos[:1], Find("none")).take(photos[0])
+    assert str(ahead.motion().reason).startswith("asked 2 times")
     counting.fail_at = 4
-    coming = Prefetch(photos[:1], Find("none")).take(photos[0])
-    assert str(coming.motion().reason).startswith("asked 3 times")
+    ahead = Lookahead(photos[:1], Find("none")).take(photos[0])
+    assert str(ahead.motion().reason).startswith("asked 3 times")
     for counting.fail_at in range(5, 8):
         with pytest.raises(UnshutterError, match="not this time"):
             counting.asked = counting.fail_at - 1
-            coming._estimate()
+            ahead._estimate()
 
 
 @pytest.mark.parametrize("options", [(), ("--estimator", "manhattan"), ("--focal-px", "900")])
@@ -188,9 +188,9 @@ def test_a_camera_that_is_known_reaches_the_view(photos: list[Path], monkeypatch
             seen.append(view.camera)
             return super().estimate(view)
 
-    monkeypatch.setattr("unshutter.prefetch.load", lambda name: Seeing(register.method("none"), None))
+    monkeypatch.setattr("unshutter.batch.lookahead.load", lambda name: Seeing(register.method("none"), None))
     camera = Camera("bottom-to-top", 700.0, 2.0, -3.0)
-    Prefetch(photos[:1], Find("none", camera)).take(photos[0]).motion()
+    Lookahead(photos[:1], Find("none", camera)).take(photos[0]).motion()
     assert seen == [camera]
 
 
