@@ -38,18 +38,29 @@ def conventions() -> None:
 
 
 def before_after() -> None:
-    """The demo photo, what the default estimator makes of it, and the original side by side."""
-    import pyvips
-
+    """The demo photo and what `make demo` makes of it, side by side."""
     import unshutter
     from unshutter.photo import Photo
 
-    examples = HERE.parent.parent / "examples"
-    rectified = unshutter.rectify(examples / "demo.jpg").photo.image
-    original = Photo.open(examples / "original" / "basilica.webp").image
-    size, top, left = 490, (original.height - 490) // 2, (original.width - 490) // 2
-    panels = [Photo.open(examples / "demo.jpg").image, rectified, original.crop(left, top, size, size)]
-    pyvips.Image.arrayjoin(panels, shim=6, background=255).jpegsave(str(HERE / "before_after.jpg"), Q=88)
+    demo = HERE.parent.parent / "examples" / "demo.jpg"
+    after = unshutter.rectify(demo, edges="crop").photo.image
+    both = Photo.open(demo).image.join(after, "horizontal", expand=True, shim=10, background=255, align="centre")
+    both.jpegsave(str(HERE / "before_after.jpg"), Q=88)
+
+
+def burst() -> None:
+    """The middle one of three frames of a swinging camera, and what its neighbours make of it."""
+    import unshutter
+    from unshutter.photo import Photo
+    from unshutter_lab.synthesis.sequences import TurningCamera
+
+    basilica = Photo.open(HERE.parent.parent / "examples" / "original" / "basilica.webp").to_array()
+    camera = TurningCamera(hand(), 0.8, 3, 30.0, 0.7, 480, 640, 560.0)
+    frames = list(camera.rendered(basilica, noise=2.0))
+    straight = list(unshutter.rectify_frames(frames, readout_ratio=0.7, edges="crop"))[1]
+    before, after = (Photo.from_array(np.ascontiguousarray(each)).image for each in (frames[1], straight))
+    both = before.join(after, "horizontal", expand=True, shim=10, background=255, align="centre")
+    both.jpegsave(str(HERE / "burst.jpg"), Q=86)
 
 
 def time_against_rows() -> None:
@@ -129,5 +140,6 @@ if __name__ == "__main__":
     plt.switch_backend("svg")
     conventions()
     before_after()
+    burst()
     time_against_rows()
     two_frames()

@@ -1,0 +1,52 @@
+"""The reference of all options, made from the commands themselves: what replaces OPTIONS in reference/options.md.
+
+A hook of MkDocs (mkdocs.yml). Commands of unshutter-lab are listed where it is installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import Any
+
+from unshutter.cli import COMMANDS, command_named
+from unshutter.cli.arguments import Command, add_arguments
+
+OPTIONS = "<!-- options: docs/options.py writes them -->"
+PAGE = "reference/options.md"
+LABORATORY = ("synthesize", "evaluate", "train", "calibrate")
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """The page with the options in it."""
+    if page.file.src_uri != PAGE:
+        return markdown
+    return markdown.replace(OPTIONS, "\n\n".join(reference()))
+
+
+def reference() -> Iterator[str]:
+    """The part of each command."""
+    for name in (*COMMANDS, *LABORATORY):
+        yield "\n\n".join(section(name, command_named(name)))
+
+
+def section(name: str, command: Command) -> Iterator[str]:
+    """Heading, description, and a table for each group of options."""
+    parser = argparse.ArgumentParser(add_help=False)
+    add_arguments(parser, command.arguments)
+    yield f"## unshutter {name}"
+    yield command.description
+    for group in parser._action_groups:
+        if actions := group._group_actions:
+            own = group.title in ("positional arguments", "options", "optional arguments")
+            yield f"| {'' if own else group.title} | |\n|---|---|\n" + "\n".join(map(row, actions))
+
+
+def row(action: argparse.Action) -> str:
+    """An argument: what is typed, and what it does."""
+    value = "" if action.nargs == 0 else str(action.metavar or "")
+    if action.choices:
+        value = " \\| ".join(map(str, action.choices))
+    typed = ", ".join(f"`{flag}`" for flag in reversed(action.option_strings)) or f"`{value}`"
+    shown = f"{typed} {value}" if action.option_strings and value else typed
+    return f"| {shown} | {' '.join(str(action.help).replace('%%', '%').replace('|', chr(92) + '|').split())} |"
