@@ -38,7 +38,7 @@ def opened_clip(browser: Browser, link: str, clip: Path, width: int, height: int
     page = browser.new_context(viewport={"width": width, "height": height}).new_page()
     page.goto(link)
     page.set_input_files("#choose", [clip, *PHOTOS])
-    page.select_option("#clip-how", "ms")
+    page.select_option("#clip-readout-unit", "ms")
     page.fill("#clip-readout", "20")
     page.press("#clip-readout", "Enter")
     page.wait_for_selector("#thumbnails [data-state=done]", timeout=180_000)

@@ -14,6 +14,7 @@ from unshutter.cli.commands.video import COMMAND as VIDEO
 from unshutter.options import Camera, Rectify, Undo
 from unshutter.options.description import Option, options_of
 from unshutter.serve import openapi
+from unshutter.serve.app import routes
 from unshutter.serve.fields import fields, read, read_clip
 from unshutter.video.options import RectifyClip
 
@@ -53,7 +54,9 @@ def test_an_option_is_on_every_surface_with_its_help(option: Option, capsys: pyt
     assert f"--{option.name} " in (text := capsys.readouterr().out)
     assert "".join(help.split()) in "".join(text.split())
     assert {each.name: each.help for each in fields()}[option.name] == option.help
-    form = openapi.description()["paths"]["/api/rectify"]["post"]["requestBody"]["content"]["multipart/form-data"]
+    form = openapi.description(routes())["paths"]["/api/rectify"]["post"]["requestBody"]["content"][
+        "multipart/form-data"
+    ]
     assert form["schema"]["properties"][option.name]["description"] == option.help
 
 
@@ -76,7 +79,7 @@ def test_forms_have_the_command_lines_defaults() -> None:
 
 @pytest.mark.parametrize(("address", "defaults"), [("/api/rectify", PHOTO), ("/api/video", CLIP)])
 def test_openapi_has_the_command_lines_defaults(address: str, defaults: dict[str, Any]) -> None:
-    body = openapi.description()["paths"][address]["post"]["requestBody"]["content"]["multipart/form-data"]
+    body = openapi.description(routes())["paths"][address]["post"]["requestBody"]["content"]["multipart/form-data"]
     stated = {name.replace("-", "_"): schema.get("default") for name, schema in body["schema"]["properties"].items()}
     shared = stated.keys() & defaults.keys() - {"motion"}
     assert len(shared) > 10

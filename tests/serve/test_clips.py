@@ -305,7 +305,7 @@ def test_a_clip_at_which_nothing_moves_is_given_up(
 
     with desk() as one:
         saving = asyncio.run(run(one))
-    assert "given up" in saving.done[0]["error"] and not os.listdir(tmp_path / "results")
+    assert "given up" in saving.done[0].error and not os.listdir(tmp_path / "results")
 
 
 async def _pieces(data: bytes):

@@ -20,7 +20,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _give_readout(page: Page, value: str = "20") -> None:
-    page.locator("#clip-how").select_option("ms")
+    page.locator("#clip-readout-unit").select_option("ms")
     page.locator("#clip-readout").fill(value)
     page.locator("#clip-readout").press("Enter")
 

@@ -14,7 +14,7 @@ import uvicorn
 from starlette.types import Receive, Send
 
 from support.page_server import becomes, opened, part, rss, served, temporary_folders
-from unshutter.serve import connections
+from unshutter.serve import limits
 
 MB = 1_000_000
 
@@ -97,14 +97,14 @@ def test_two_hundred_requests_at_once(tmp_path: Path, photo: Path) -> None:
 
 
 def test_connections_without_a_request_are_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "_PATIENCE_S", 0.3)
+    monkeypatch.setattr(limits, "_HEADERS_S", 0.3)
 
     async def answer(scope: dict, receive: Receive, send: Send) -> None:
         await send({"type": "http.response.start", "status": 204, "headers": []})
         await send({"type": "http.response.body", "body": b""})
 
     async def ask() -> tuple[bytes, bytes, bytes]:
-        config = uvicorn.Config(answer, http=connections.Connection, lifespan="off", log_config=None, port=0)
+        config = uvicorn.Config(answer, http=limits.Connection, lifespan="off", log_config=None, port=0)
         server = uvicorn.Server(config)
         serving = asyncio.create_task(server._serve())
         while not server.started:

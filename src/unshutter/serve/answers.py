@@ -40,17 +40,17 @@ def jpeg_answer(jpeg: bytes, facts: dict[str, Any]) -> Response:
 
 
 async def picture_answer(
-    desk: Desk, open_file: OpenFile, wanted: Rectify, closing: Sequence[OpenFile] = ()
+    desk: Desk, open_file: OpenFile, options: Rectify, closing: Sequence[OpenFile] = ()
 ) -> Response:
     """The rectified photo as a file, exactly as the command line would write it.
 
     Args:
         desk: the server's.
         open_file: the photo.
-        wanted: what to do with it.
+        options: what to do with it.
         closing: photos that are closed once the answer has been sent.
     """
-    name = photo_result(open_file.name, wanted.save.format)
+    name = photo_result(open_file.name, options.save.format)
     target = open_file.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
 
     def clean_up() -> None:
@@ -58,21 +58,21 @@ async def picture_answer(
         for each in closing:
             desk.store.remove(each)
 
-    facts = await desk.lanes.do(Urgency.NOW, photo_jobs.saved, open_file, target, wanted)
+    facts = await desk.lanes.do(Urgency.NOW, photo_jobs.saved, open_file, target, options)
     headers = {"unshutter-result": header_text(facts), "unshutter-name": header_text(name)}
     return FileResponse(target, filename=name, headers=headers, background=BackgroundTask(clean_up))
 
 
-async def motion_answer(desk: Desk, open_file: OpenFile, wanted: PhotoOptions) -> Response:
+async def motion_answer(desk: Desk, open_file: OpenFile, options: PhotoOptions) -> Response:
     """The photo's motion as JSON, as ``unshutter estimate`` writes it.
 
     Raises:
         UsageError: neighbours are named.
     """
-    if wanted.rectify.neighbours:
-        raise UsageError("what is found from neighbours is no motion of the camera alone: leave them out")
-    reference = wanted.undo.reference or "first"
-    text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, open_file, wanted.find, reference)
+    if options.rectify.neighbours:
+        raise UsageError("neighbours show more than the motion of the camera: leave them out to get a motion")
+    reference = options.undo.reference or "first"
+    text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, open_file, options.find, reference)
     headers = {"unshutter-name": header_text(motion_name(open_file.name))}
     return Response(text, media_type="application/json", headers=headers)
 

@@ -16,7 +16,7 @@ from starlette.types import ASGIApp
 
 from unshutter.errors import UnshutterError
 from unshutter.serve.answers import refusal
-from unshutter.serve.api import clips, photos, programs, saves
+from unshutter.serve.api import clips, photos, saves
 from unshutter.serve.desk import Desk, desk_of
 from unshutter.serve.guard import Guard
 from unshutter.serve.jobs.photo import warm
@@ -62,8 +62,8 @@ def routes() -> list[Route]:
         Route("/api/openapi.json", _openapi),
         Route("/api/about", _about),
         Route("/api/wake", _wake, methods=["POST"]),
-        Route("/api/rectify", programs.rectify, methods=["POST"]),
-        Route("/api/estimate", programs.estimate, methods=["POST"]),
+        Route("/api/rectify", photos.rectify, methods=["POST"]),
+        Route("/api/estimate", photos.estimate, methods=["POST"]),
         Route("/api/photos", photos.add, methods=["POST"]),
         Route(photo, photos.remove, methods=["DELETE"]),
         Route(f"{photo}/before", photos.before),
@@ -71,7 +71,7 @@ def routes() -> list[Route]:
         Route(f"{photo}/segments", photos.segments),
         Route(f"{photo}/picture", photos.picture),
         Route(f"{photo}/motion", photos.motion),
-        Route("/api/video", programs.video, methods=["POST"]),
+        Route("/api/video", clips.video, methods=["POST"]),
         Route("/api/clips", clips.add, methods=["POST"]),
         Route(clip, clips.remove, methods=["DELETE"]),
         Route(f"{clip}/before", clips.before),
@@ -99,10 +99,11 @@ async def _page(request: Request) -> Response:
 
 
 async def _openapi(request: Request) -> Response:
-    return JSONResponse(description())
+    return JSONResponse(description(routes()))
 
 
 async def _about(request: Request) -> Response:
+    """``GET /api/about``: the version, the largest photo and clip [bytes], and the folder to save to."""
     settings = desk_of(request).settings
     folder = str(settings.folder) if settings.folder is not None else None
     limits = {"max_bytes": settings.max_bytes, "max_clip_bytes": settings.max_clip_bytes}
@@ -110,7 +111,10 @@ async def _about(request: Request) -> Response:
 
 
 async def _wake(request: Request) -> Response:
-    """Prepares two processes before a photo is dropped: one will show it, the other estimate its motion."""
+    """``POST /api/wake``: loads what the first photo would wait for.
+
+    In two processes: one will show the photo, the other estimate its motion.
+    """
     lanes = desk_of(request).lanes
     await asyncio.gather(*(lanes.do(Urgency.NOW, warm) for _ in range(2)))
     return Response(status_code=204)

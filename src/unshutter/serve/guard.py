@@ -64,13 +64,13 @@ class Guard:
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if not self._is_ours(host):
-            return _no(403, "this is not the name of this server: open the link that `unshutter serve` printed")
+            return _denial(403, "this is not the name of this server: open the link that `unshutter serve` printed")
         origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
         is_api = scope["path"].startswith("/api/")
         if (origin is not None and origin != f"http://{host}") or (is_api and site not in ("none", "same-origin")):
-            return _no(403, "only unshutter's own page may ask this")
+            return _denial(403, "only unshutter's own page may ask this")
         if is_api and not secrets.compare_digest(_token_of(headers, scope).encode(), self._token):
-            return _no(401, "the token is missing or wrong: open the link that `unshutter serve` printed")
+            return _denial(401, "the token is missing or wrong: open the link that `unshutter serve` printed")
         return None
 
     def _is_ours(self, host: str) -> bool:
@@ -98,9 +98,8 @@ def _token_of(headers: Headers, scope: Scope) -> str:
     kind, _, word = headers.get("authorization", "").partition(" ")
     if kind.lower() == "bearer":
         return word.strip()
-    given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])
-    return given[0]
+    return parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
 
 
-def _no(status: int, why: str) -> JSONResponse:
-    return JSONResponse({"error": why}, status, headers={"connection": "close"})
+def _denial(status: int, reason: str) -> JSONResponse:
+    return JSONResponse({"error": reason}, status, headers={"connection": "close"})

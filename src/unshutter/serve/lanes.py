@@ -42,7 +42,7 @@ class _Lane:
         self._workers = workers
         self._pid: int | None = None
 
-    async def do(self, work: Callable[..., Any], *given: Any) -> Any:
+    async def do(self, work: Callable[..., Any], *arguments: Any) -> Any:
         """Does a job.
 
         Raises:
@@ -52,7 +52,7 @@ class _Lane:
         try:
             if self._pid is None:
                 self._pid = await asyncio.wrap_future(self._workers.executor.submit(warm))
-            future = self._workers.executor.submit(work, *given)
+            future = self._workers.executor.submit(work, *arguments)
             return await asyncio.wrap_future(future)
         except BrokenExecutor:
             overdue = future is not None and self._workers.is_overdue(future)
@@ -100,18 +100,18 @@ class Lanes:
         self._numbers = itertools.count()
         self._rests: dict[_Lane, asyncio.TimerHandle] = {}
 
-    async def do(self, urgency: Urgency, work: Callable[..., R], *given: Any) -> R:
+    async def do(self, urgency: Urgency, work: Callable[..., R], *arguments: Any) -> R:
         """Does a job in another process, as soon as one is free.
 
         Raises:
             Busy: too many wait.
             UnshutterError: what the job raised, or its process died or took too long.
         """
-        lane = await self._taken(urgency)
+        lane = await self._free_lane(urgency)
         try:
-            return await lane.do(work, *given)
+            return await lane.do(work, *arguments)
         finally:
-            self._give_back(lane)
+            self._release(lane)
 
     def close(self) -> None:
         """Ends all processes."""
@@ -119,22 +119,22 @@ class Lanes:
             lane.end()
         self._stack.close()
 
-    async def _taken(self, urgency: Urgency) -> _Lane:
+    async def _free_lane(self, urgency: Urgency) -> _Lane:
         if len(self._waiting) >= self._most_waiting:
             raise Busy("too many requests at once: try again in a moment")
         turn: asyncio.Future[_Lane] = asyncio.get_running_loop().create_future()
         heapq.heappush(self._waiting, (urgency, next(self._numbers), turn))
-        self._hand_out()
+        self._assign()
         try:
             return await turn
         except asyncio.CancelledError:
             if turn.done() and not turn.cancelled():
-                self._give_back(turn.result())
+                self._release(turn.result())
             self._waiting = [entry for entry in self._waiting if entry[2] is not turn]
             heapq.heapify(self._waiting)
             raise
 
-    def _hand_out(self) -> None:
+    def _assign(self) -> None:
         while self._waiting and self._free:
             if self._waiting[0][0] is Urgency.LATER and len(self._free) == 1 < len(self._all):
                 return
@@ -145,7 +145,7 @@ class Lanes:
                     self._rests.pop(lane).cancel()
                 turn.set_result(lane)
 
-    def _give_back(self, lane: _Lane) -> None:
+    def _release(self, lane: _Lane) -> None:
         self._free.append(lane)
         self._rests[lane] = asyncio.get_running_loop().call_later(self._rest_s, lane.rest)
-        self._hand_out()
+        self._assign()

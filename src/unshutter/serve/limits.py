@@ -1,17 +1,20 @@
-"""How much a request may bring, and how slowly."""
+"""Limits on requests: how large they may be, and how long the server waits for them."""
 
 from __future__ import annotations
 
 import asyncio
 import time
 from collections.abc import Callable
+from typing import Any
 
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 _CLOSE = {"connection": "close"}  # what is left of the body will not be read
-_BESIDE = 1_000_000  # bytes of a request beside its file
+_OVERHEAD = 1_000_000  # bytes of a request besides its file
+_HEADERS_S = 10.0  # from the connection, or the first bytes of a request, to the end of its headers
 
 
 class Limits:
@@ -36,28 +39,67 @@ class Limits:
         await self._app(scope, receive, send)
 
     def _watched(self, declared: str, most: int, receive: Receive) -> Receive:
-        seen, began, finished = 0, time.monotonic(), False
+        received, began, finished = 0, time.monotonic(), False
 
         async def watched() -> Message:
-            nonlocal seen, finished
+            nonlocal received, finished
             if finished:  # waits for the end of the connection, however long that takes
                 return await receive()
-            if declared.isdigit() and int(declared) > most + _BESIDE:
+            if declared.isdigit() and int(declared) > most + _OVERHEAD:
                 raise _too_large(most)
             try:
                 message = await asyncio.wait_for(receive(), self._patience_s)
             except TimeoutError:
                 raise _too_slow() from None
-            seen += len(message.get("body", b""))
+            received += len(message.get("body", b""))
             finished = not message.get("more_body", False)
-            if seen > most + _BESIDE:
+            if received > most + _OVERHEAD:
                 raise _too_large(most)
-            took_s = time.monotonic() - began
-            if not finished and took_s > self._patience_s and seen < self._least_rate * took_s:
+            elapsed_s = time.monotonic() - began
+            if not finished and elapsed_s > self._patience_s and received < self._least_rate * elapsed_s:
                 raise _too_slow()
             return message
 
         return watched
+
+
+class Connection(H11Protocol):
+    """uvicorn's HTTP connection, closed when no request comes: otherwise it would wait for headers without end."""
+
+    def __init__(self, *arguments: Any, **options: Any):
+        super().__init__(*arguments, **options)
+        self._deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        """See asyncio.Protocol."""
+        super().connection_made(transport)
+        self._expect_headers()
+
+    def data_received(self, data: bytes) -> None:
+        """See asyncio.Protocol."""
+        if self._deadline is None and (self.cycle is None or self.cycle.response_complete):
+            self._expect_headers()
+        super().data_received(data)
+        if self.cycle is not None and not self.cycle.response_complete:
+            self._forget()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """See asyncio.Protocol."""
+        self._forget()
+        super().connection_lost(exc)
+
+    def _expect_headers(self) -> None:
+        self._deadline = asyncio.get_running_loop().call_later(_HEADERS_S, self._give_up)
+
+    def _give_up(self) -> None:
+        self._deadline = None
+        if self.transport is not None and (self.cycle is None or self.cycle.response_complete):
+            self.transport.close()
+
+    def _forget(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
 
 
 def _too_large(most: int) -> HTTPException:

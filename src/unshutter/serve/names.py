@@ -90,9 +90,9 @@ def free_name(folder: Path, name: str, archive: Path | None = None) -> Path:
         name: of the result.
         archive: zip file in which the name must be free, too.
     """
-    most, taken, number = _most_bytes(folder), _names_in(archive), 1
+    most, occupied, number = _most_bytes(folder), _names_in(archive), 1
     path = folder / fitting(name, most=most)
-    while _folded(path.name) in taken or path.exists() or path.is_symlink():
+    while _comparable(path.name) in occupied or path.exists() or path.is_symlink():
         number += 1
         path = folder / fitting(name, f"-{number}", most)
     return path
@@ -135,9 +135,9 @@ def _names_in(archive: Path | None) -> set[str]:
     if archive is None or not archive.exists():
         return set()
     with zipfile.ZipFile(archive) as packed:
-        return {_folded(name) for name in packed.namelist()}
+        return {_comparable(name) for name in packed.namelist()}
 
 
-def _folded(name: str) -> str:
+def _comparable(name: str) -> str:
     """Names that are one to some file systems are one text."""
     return unicodedata.normalize("NFC", name).casefold()

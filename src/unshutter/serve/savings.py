@@ -6,9 +6,9 @@ import asyncio
 import secrets
 import shutil
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -19,7 +19,7 @@ from unshutter.serve.desk import Desk
 from unshutter.serve.fields import PhotoOptions
 from unshutter.serve.jobs import clip as clip_jobs
 from unshutter.serve.jobs import photo as photo_jobs
-from unshutter.serve.jobs.clip import ProgressFile
+from unshutter.serve.jobs.cache import Progress, ProgressFile
 from unshutter.serve.lanes import Busy, Urgency
 from unshutter.serve.names import clip_result, free_name, photo_result
 from unshutter.serve.store import Missing, OpenFile
@@ -36,6 +36,28 @@ _STANDSTILL_S = 600.0  # a clip whose notes do not change for so long is given u
 _SWEEPS, _SWEEP_S = 40, 0.05  # a process that was ended lets go of its files a moment later
 
 
+@dataclass(frozen=True)
+class SavedItem:
+    """A photo or clip that is finished.
+
+    Attributes:
+        open_file: the photo or clip.
+        result: name of the file that was written; empty where none was.
+        report: what was done, as the job reports it.
+        error: why nothing was written, one line.
+    """
+
+    open_file: OpenFile
+    result: str = ""
+    report: Mapping[str, Any] = field(default_factory=dict)
+    error: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """A line's worth of facts, for the page and programs."""
+        about = {"error": self.error} if self.error else {"result": self.result, **self.report}
+        return {"photo": self.open_file.id, "name": self.open_file.name, **about}
+
+
 @dataclass
 class Saving:
     """Photos and clips that are being saved.
@@ -46,8 +68,9 @@ class Saving:
         folder: where the results go; for a zip file, before they are in it.
         items: the photos and clips, with the options of each.
         closing: files that are closed when it is over.
-        done: a line's worth of facts for each item that is finished, failed ones with ``error``.
-        now: progress of the clip that is being made.
+        done: the items that are finished, failed ones among them.
+        now: the clip that is being made.
+        progress: how far that is; None: it has not begun.
         state: ``working``, ``finished``, ``cancelled``, or ``failed`` with ``error``.
     """
 
@@ -56,8 +79,9 @@ class Saving:
     folder: Path
     items: list[Item]
     closing: Sequence[OpenFile] = ()
-    done: list[dict[str, Any]] = field(default_factory=list)
-    now: dict[str, Any] | None = None
+    done: list[SavedItem] = field(default_factory=list)
+    now: OpenFile | None = None
+    progress: Progress | None = None
     state: str = "working"
     error: str = ""
     task: asyncio.Task[None] | None = None
@@ -68,13 +92,17 @@ class Saving:
         """The file to download; None: there is none, or not yet."""
         if self.state != "finished" or self.to == "folder":
             return None
-        name = _ZIP_NAME if self.to == "zip" else self.done[0].get("result", "")
+        name = _ZIP_NAME if self.to == "zip" else self.done[0].result
         return self.folder / name if name and (self.folder / name).is_file() else None
 
     def as_json(self) -> dict[str, Any]:
         """Its progress, for the page and programs."""
-        progress = {"id": self.id, "to": self.to, "state": self.state, "total": len(self.items), "done": self.done}
-        return {**progress, "now": self.now, **({"error": self.error} if self.error else {})}
+        done, now = [item.as_json() for item in self.done], None
+        if self.now is not None:
+            progress = asdict(self.progress) if self.progress else {"what": "waiting"}
+            now = {"photo": self.now.id, "name": self.now.name, **progress}
+        about = {"id": self.id, "to": self.to, "state": self.state, "total": len(self.items), "done": done, "now": now}
+        return about | ({"error": self.error} if self.error else {})
 
     def forget(self) -> None:
         """Removes what was made, unless that is in the user's folder."""
@@ -92,9 +120,9 @@ class Saving:
     async def run(self, desk: Desk) -> None:
         """Saves all; the state says how it ended."""
         try:
-            for open_file, wanted in self.items:
-                self.done.append(await self._one(desk, open_file, wanted))
-                self.now = None
+            for open_file, options in self.items:
+                self.done.append(await self._one(desk, open_file, options))
+                self.now = self.progress = None
                 self._wake()
             self.state = "finished"
         except asyncio.CancelledError:
@@ -108,43 +136,40 @@ class Saving:
                 desk.store.remove(each)
             self._wake()
 
-    async def _one(self, desk: Desk, open_file: OpenFile, wanted: PhotoOptions | RectifyClip) -> dict[str, Any]:
-        facts: dict[str, Any] = {"photo": open_file.id, "name": open_file.name}
+    async def _one(self, desk: Desk, open_file: OpenFile, options: PhotoOptions | RectifyClip) -> SavedItem:
         try:
-            if isinstance(wanted, RectifyClip):
+            if isinstance(options, RectifyClip):
                 target = self._free_name(clip_result(open_file.name))
-                about = await self._clip(desk, open_file, target, wanted)
+                report = await self._clip(desk, open_file, target, options)
             else:
-                target = self._free_name(photo_result(open_file.name, wanted.save.format))
-                job = open_file, target, wanted.rectify
-                about = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, *job)
+                target = self._free_name(photo_result(open_file.name, options.save.format))
+                job = open_file, target, options.rectify
+                report = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, *job)
         except UnshutterError as error:
-            return {**facts, "error": str(error)}
+            return SavedItem(open_file, error=str(error))
         except OSError as error:
-            return {**facts, "error": f"cannot write it: {error.strerror}"}
+            return SavedItem(open_file, error=f"cannot write it: {error.strerror}")
         if self.to == "zip":
             await asyncio.to_thread(_move_into_zip, target, self.folder / _ZIP_NAME)
-        return {**facts, "result": target.name, **about}
+        return SavedItem(open_file, target.name, report)
 
     def _free_name(self, name: str) -> Path:
         return free_name(self.folder, name, self.folder / _ZIP_NAME if self.to == "zip" else None)
 
-    async def _clip(self, desk: Desk, open_file: OpenFile, target: Path, wanted: RectifyClip) -> dict[str, Any]:
-        """Makes one clip, with its progress in ``now``."""
-        progress = ProgressFile(open_file.path.with_name(f"saving-{self.id}.json"))
-        progress.file.unlink(missing_ok=True)
-        given = open_file, target, wanted, progress
-        job = asyncio.create_task(desk.long_lanes.do(Urgency.LATER, clip_jobs.rectified, *given))
-        clock = asyncio.get_running_loop()
-        last, since = None, clock.time()
+    async def _clip(self, desk: Desk, open_file: OpenFile, target: Path, options: RectifyClip) -> dict[str, Any]:
+        """Makes one clip, with its progress in ``now`` and ``progress``."""
+        note = ProgressFile(open_file.path.with_name(f"saving-{self.id}.json"))
+        note.file.unlink(missing_ok=True)
+        work = desk.long_lanes.do(Urgency.LATER, clip_jobs.rectified, open_file, target, options, note)
+        job, clock = asyncio.create_task(work), asyncio.get_running_loop()
+        last_change_s = clock.time()
         try:
             while not (await asyncio.wait([job], timeout=_LOOK_S))[0]:
-                note = progress.read()
-                if note != last or self.now is None:
-                    last, since = note, clock.time()
-                    self.now = {"photo": open_file.id, "name": open_file.name, **(note or {"what": "waiting"})}
+                progress = note.read()
+                if progress != self.progress or self.now is None:
+                    self.now, self.progress, last_change_s = open_file, progress, clock.time()
                     self._wake()
-                elif note is not None and clock.time() - since > _STANDSTILL_S:
+                elif progress is not None and clock.time() - last_change_s > _STANDSTILL_S:
                     raise UnshutterError(f"given up: nothing was done for {_STANDSTILL_S:g} s")
             return job.result()
         finally:
@@ -197,7 +222,7 @@ class Savings:
             Missing: there is none, or it was forgotten.
         """
         if id not in self._savings:
-            raise Missing("nothing is known of this: the program may have been started anew")
+            raise Missing("this saving is not known: the server may have been restarted")
         return self._savings[id]
 
     def _make_room(self) -> None:

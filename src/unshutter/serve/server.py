@@ -48,7 +48,7 @@ def serve(settings: Settings) -> int:
             "server_header": False,
             "lifespan": "off",
             "ws": "none",
-            "http": "unshutter.serve.connections:Connection",
+            "http": "unshutter.serve.limits:Connection",
             "limit_concurrency": _MOST_CONNECTIONS,
             "timeout_graceful_shutdown": _WAIT_S,
         }

@@ -71,8 +71,8 @@ class Store:
             raise Full(f"there is no room for it in {self.folder.parent}: set TMPDIR to a folder on a larger disc")
         id, name = secrets.token_urlsafe(9), clean_name(name, kind)
         suffix = PurePosixPath(name).suffix.lower()
-        known = _FILM.fullmatch(suffix) if kind == "clip" else of_suffix(suffix)
-        open_file = OpenFile(id, kind, name, self.folder / id / f"{kind}{suffix if known else ''}", self.max_pixels)
+        is_known = _FILM.fullmatch(suffix) if kind == "clip" else of_suffix(suffix)
+        open_file = OpenFile(id, kind, name, self.folder / id / f"{kind}{suffix if is_known else ''}", self.max_pixels)
         self._sizes[id] = 0
         try:
             open_file.path.parent.mkdir()
@@ -97,14 +97,14 @@ class Store:
         """The photo or clip of that id.
 
         Raises:
-            Missing: it was closed, or the program was started anew.
+            Missing: it was closed, or the server was restarted.
         """
         if id not in self._open:
-            raise Missing("this file is not open any more: drop it on the page again")
+            raise Missing("this file is no longer open: drop it on the page again")
         return self._open[id]
 
     def remove(self, open_file: OpenFile) -> None:
-        """Forgets a file and all that was found about it."""
+        """Forgets a file and all that jobs kept about it."""
         self._open.pop(open_file.id, None)
         self._sizes.pop(open_file.id, None)
         shutil.rmtree(open_file.path.parent, ignore_errors=True)
@@ -127,7 +127,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def _remove_leftovers() -> None:
-    """Removes the folders of this user's processes that live no more."""
+    """Removes the folders of this user's processes that have ended."""
     if fcntl is None:
         return
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):

@@ -1,4 +1,4 @@
-"""For the page: a clip is opened once, and then shown at a few moments."""
+"""Clips: for programs, a clip and its options in one request; for the page, opened once and shown at a few moments."""
 
 from __future__ import annotations
 
@@ -10,18 +10,34 @@ from unshutter.serve.answers import jpeg_answer
 from unshutter.serve.desk import desk_of
 from unshutter.serve.fields import read_clip
 from unshutter.serve.jobs import clip as jobs
-from unshutter.serve.jobs import moments
 from unshutter.serve.lanes import Urgency
 from unshutter.serve.requests import (
     body_closed,
     body_opened,
     check_clips_can_be_opened,
+    files_of,
+    form_of,
     item_of,
     longest_of,
     options_of,
+    texts_of,
     urgency_of,
 )
+from unshutter.serve.savings import savings_of
 from unshutter.video.options import RectifyClip
+
+
+async def video(request: Request) -> Response:
+    """``POST /api/video``: multipart form -> the id of a saving.
+
+    ``/api/saves/{id}/events`` reports its progress, and ``/api/saves/{id}/file`` is the clip when its state is
+    ``finished``.
+    """
+    check_clips_can_be_opened()
+    async with form_of(request, "clip") as form, files_of(desk_of(request), form, "clip", keep=True) as files:
+        item = files["clip"], read_clip(texts_of(form))
+        saving = savings_of(request).begin("file", [item], tuple(files.values()))
+        return JSONResponse(saving.as_json(), 202)
 
 
 async def add(request: Request) -> Response:
@@ -39,18 +55,18 @@ async def before(request: Request) -> Response:
     """``GET /api/clips/{id}/before``: a frame as a JPEG for the screen, with facts from the clip's file in a header."""
     desk = desk_of(request)
     job = item_of(request), _options(request), _moment(request), longest_of(request)
-    return jpeg_answer(*await desk.lanes.do(urgency_of(request), moments.before, *job))
+    return jpeg_answer(*await desk.lanes.do(urgency_of(request), jobs.before, *job))
 
 
 async def after(request: Request) -> Response:
     """``GET /api/clips/{id}/after``: the frame rectified, as a JPEG for the screen, with the result in a header."""
     desk = desk_of(request)
     job = item_of(request), _options(request), _moment(request), longest_of(request)
-    return jpeg_answer(*await desk.lanes.do(Urgency.LATER, moments.after, *job))
+    return jpeg_answer(*await desk.lanes.do(Urgency.LATER, jobs.after, *job))
 
 
 async def readout(request: Request) -> Response:
-    """``GET /api/clips/{id}/readout``: the readout time of its camera, given or found."""
+    """``GET /api/clips/{id}/readout``: the readout time of its camera, as stated or estimated."""
     desk = desk_of(request)
     open_file = item_of(request)
     return JSONResponse(await desk.lanes.do(Urgency.LATER, jobs.readout, open_file, _options(request)))
@@ -62,6 +78,6 @@ def _options(request: Request) -> RectifyClip:
 
 def _moment(request: Request) -> int:
     text = request.query_params.get("moment", "0")
-    if not (text.isdecimal() and len(text) == 1 and int(text) < moments.MOMENTS):
-        raise UsageError(f"'moment' takes 0 to {moments.MOMENTS - 1}, got '{text:.40}'")
+    if not (text.isdecimal() and len(text) == 1 and int(text) < jobs.MOMENTS):
+        raise UsageError(f"'moment' takes 0 to {jobs.MOMENTS - 1}, got '{text:.40}'")
     return int(text)

@@ -1,16 +1,49 @@
-"""For the page: a photo is opened once, and then shown and asked about many times."""
+"""Photos: for programs, a photo and its options in one request; for the page, opened once and then shown many times."""
 
 from __future__ import annotations
 
+from starlette.datastructures import FormData, UploadFile
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
+from unshutter.options import Rectify
 from unshutter.serve.answers import jpeg_answer, motion_answer, picture_answer
 from unshutter.serve.desk import desk_of
 from unshutter.serve.fields import PhotoOptions, read
 from unshutter.serve.jobs import photo as jobs
 from unshutter.serve.lanes import Urgency
-from unshutter.serve.requests import body_closed, body_opened, item_of, longest_of, options_of, urgency_of
+from unshutter.serve.requests import (
+    body_closed,
+    body_opened,
+    files_of,
+    form_of,
+    item_of,
+    longest_of,
+    options_of,
+    texts_of,
+    urgency_of,
+)
+from unshutter.serve.store import OpenFile
+
+
+async def rectify(request: Request) -> Response:
+    """``POST /api/rectify``: multipart form -> the picture."""
+    desk = desk_of(request)
+    async with form_of(request) as form, files_of(desk, form, "photo", "before", "after", keep=True) as files:
+        options = read(_fields(form, files), desk.photo_path).rectify
+        motion = form.get("motion")
+        if isinstance(motion, UploadFile):
+            file = files["photo"].path.with_name("motion.json")
+            file.write_bytes(await motion.read())
+            options = Rectify.of(options.find, file, options.undo, options.save, options.neighbours)
+        return await picture_answer(desk, files["photo"], options, tuple(files.values()))
+
+
+async def estimate(request: Request) -> Response:
+    """``POST /api/estimate``: multipart form -> the motion as JSON."""
+    desk = desk_of(request)
+    async with form_of(request) as form, files_of(desk, form, "photo") as files:
+        return await motion_answer(desk, files["photo"], read(_fields(form, files), desk.photo_path))
 
 
 async def add(request: Request) -> Response:
@@ -33,17 +66,17 @@ async def before(request: Request) -> Response:
 async def after(request: Request) -> Response:
     """``GET /api/photos/{id}/after``: the rectified photo as a JPEG for the screen, with the result in a header."""
     desk = desk_of(request)
-    open_file, wanted = item_of(request), _options(request)
+    open_file, options = item_of(request), _options(request)
     return jpeg_answer(
-        *await desk.lanes.do(urgency_of(request), jobs.after, open_file, wanted.rectify, longest_of(request))
+        *await desk.lanes.do(urgency_of(request), jobs.after, open_file, options.rectify, longest_of(request))
     )
 
 
 async def segments(request: Request) -> Response:
     """``GET /api/photos/{id}/segments``: the lines that estimators look at."""
     desk = desk_of(request)
-    open_file, wanted = item_of(request), _options(request)
-    return JSONResponse(await desk.lanes.do(Urgency.NOW, jobs.segments, open_file, wanted.rectify))
+    open_file, options = item_of(request), _options(request)
+    return JSONResponse(await desk.lanes.do(Urgency.NOW, jobs.segments, open_file, options.rectify))
 
 
 async def picture(request: Request) -> Response:
@@ -58,3 +91,8 @@ async def motion(request: Request) -> Response:
 
 def _options(request: Request) -> PhotoOptions:
     return read(options_of(request), desk_of(request).photo_path)
+
+
+def _fields(form: FormData, files: dict[str, OpenFile]) -> dict[str, str]:
+    """The form's options; photos of this form are named by their ids."""
+    return texts_of(form) | {name: file.id for name, file in files.items() if name != "photo"}

@@ -1,1 +1,1 @@
-"""What the worker processes do with photos and clips; no request, answer or server is known here."""
+"""Jobs: what the worker processes do with photos and clips. No request, answer or server is known here."""

@@ -1,12 +1,15 @@
-"""What a job found out about an open photo or clip, kept in the file's folder for the next job."""
+"""Open files, and what jobs keep next to them for later jobs: motions, progress."""
 
 from __future__ import annotations
 
 import hashlib
+import json
+import math
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -14,12 +17,12 @@ from unshutter.errors import errors_in_one_line
 from unshutter.options import Find, Neighbours
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from unshutter.motion import Motion
     from unshutter.photo import Photo
 
 Kind: TypeAlias = Literal["photo", "clip"]
+
+_NOTE_S = 0.2  # between two notes of progress
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class OpenFile:
         id: by which the page and programs name it.
         kind: what it is, and is called in messages.
         name: of the file that was sent, as far as it is safe for a file.
-        path: where it lies, alone in a folder with what jobs found out about it.
+        path: where it lies, alone in a folder with what jobs keep about it.
         max_pixels: photos with more are refused.
     """
 
@@ -41,6 +44,48 @@ class OpenFile:
     max_pixels: int
 
 
+@dataclass(frozen=True)
+class Progress:
+    """The progress of a long job.
+
+    Attributes:
+        what: what is counted.
+        done, total: how many are done, of how many; 0: not known yet.
+    """
+
+    what: str
+    done: int = 0
+    total: int = 0
+
+
+@dataclass
+class ProgressFile:
+    """The file in which a worker notes its progress, for the server to read.
+
+    Attributes:
+        file: its path.
+    """
+
+    file: Path
+    _noted_s: float = field(default=-math.inf, init=False)
+
+    def read(self) -> Progress | None:
+        """The last progress that was noted; None: nothing was begun yet."""
+        try:
+            return Progress(**json.loads(self.file.read_text(encoding="utf-8")))
+        except FileNotFoundError:
+            return None
+
+    def note(self, what: str, done: int, total: int) -> None:
+        """Notes the progress, a few times a second at most."""
+        now = time.monotonic()
+        if now - self._noted_s < _NOTE_S and done < total:
+            return
+        self._noted_s = now
+        text = json.dumps(asdict(Progress(what, done, total)))
+        put(self.file, lambda part: part.write_text(text, encoding="utf-8"))
+
+
 def opened(open_file: OpenFile) -> Photo:
     """The photo, nothing of its pixels decoded yet."""
     from unshutter.photo import Photo
@@ -48,8 +93,8 @@ def opened(open_file: OpenFile) -> Photo:
     return Photo.open(open_file.path, open_file.max_pixels)
 
 
-def found_motion(open_file: OpenFile, photo: Photo, find: Find) -> Motion:
-    """The photo's motion, first row as the reference."""
+def motion_of(open_file: OpenFile, photo: Photo, find: Find) -> Motion:
+    """The photo's motion, estimated unless a job has done so before; first row as the reference."""
     from unshutter.estimators.register import load, method
     from unshutter.motion import Motion
     from unshutter.rectification import estimate_photo
@@ -64,28 +109,13 @@ def found_motion(open_file: OpenFile, photo: Photo, find: Find) -> Motion:
 
 
 def motion_file(open_file: OpenFile, find: Find) -> Path:
-    """Where its motion lies, once it was found in this way."""
-    digest = hashlib.sha256(repr(find).encode()).hexdigest()[:16]
-    return open_file.path.with_name(f"motion-{digest}.json")
+    """Where the motion is kept that was estimated with these options."""
+    return open_file.path.with_name(f"motion-{digest(find)}.json")
 
 
-def small_copy(open_file: OpenFile, photo: Photo, longest: int | None) -> np.ndarray:
-    """A copy of the stored pixels for the screen; of the full size none is kept."""
-    import numpy as np
-
-    if longest is None:
-        return photo.screen_copy()
-    file = open_file.path.with_name(f"copy-{longest}.npy")
-    if file.exists():
-        return np.load(file, mmap_mode="r")
-    pixels = photo.screen_copy(longest)
-
-    def write(part: Path) -> None:
-        with part.open("wb") as stream:
-            np.save(stream, pixels)
-
-    put(file, write)
-    return pixels
+def digest(*values: object) -> str:
+    """A short name for a combination of options."""
+    return hashlib.sha256(repr(values).encode()).hexdigest()[:16]
 
 
 def put(file: Path, write: Callable[[Path], Any]) -> None:

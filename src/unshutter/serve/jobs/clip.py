@@ -1,105 +1,141 @@
-"""Jobs on a whole clip: find its readout time, and rectify it as ``unshutter video`` does."""
+"""Jobs on a clip: its moments for the screen, its readout time, and the whole of it as ``unshutter video`` makes it."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-import math
-import time
-from dataclasses import dataclass, field
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from unshutter.errors import UnknownRatioError
-from unshutter.serve.jobs.cache import OpenFile, errors_of, put
+from unshutter.errors import UnknownRatioError, UnshutterError
+from unshutter.serve.jobs.cache import OpenFile, ProgressFile, digest, errors_of, put
+from unshutter.serve.jobs.facts import ClipFacts, MomentResult, ReadoutTime, SavedClip
+from unshutter.serve.jobs.screen import as_jpeg
 from unshutter.video.options import RectifyClip
 
 if TYPE_CHECKING:
+    import numpy as np
+    from av import VideoFrame
+
     from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.video.clip import Clip
+    from unshutter.video.frame_motion import MovingFrame
 
-_REPORTED = ("frames", "rectified", "left", "declined", "left_out", "readout_ms")
-_NOTE_S = 0.2  # between two notes of progress
-
-
-@dataclass
-class ProgressFile:
-    """The file in which a worker notes its progress, for the server to read.
-
-    Attributes:
-        file: its path.
-    """
-
-    file: Path
-    _noted_s: float = field(default=-math.inf, init=False)
-
-    def read(self) -> dict[str, Any] | None:
-        """``what`` is counted, how many are ``done``, of ``total``; None: nothing was begun yet."""
-        try:
-            return json.loads(self.file.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return None
-
-    def note(self, what: str, done: int, total: int) -> None:
-        """Notes the progress, a few times a second at most."""
-        now = time.monotonic()
-        if now - self._noted_s < _NOTE_S and done < total:
-            return
-        self._noted_s = now
-        text = json.dumps({"what": what, "done": done, "total": total})
-        put(self.file, lambda part: part.write_text(text, encoding="utf-8"))
+MOMENTS = 5  # of a clip that are shown
+_AROUND = 12  # frames on both sides of a moment from which its motion is estimated
 
 
-def readout(open_file: OpenFile, wanted: RectifyClip) -> dict[str, Any]:
-    """The readout time of a clip's camera, given or found: ``ratio``, ``ms``, their errors, and where from.
+def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+    """A frame of the clip as a JPEG for the screen, upright, and :class:`ClipFacts` as JSON.
+
+    Args:
+        open_file: the clip.
+        options: of them, only the part of the clip that is kept counts.
+        moment: which of the moments, 0 ... MOMENTS - 1, evenly over that part.
+        longest: longer side [px]; None: full size.
 
     Raises:
-        UnshutterError: the clip cannot be read, or does not tell it.
+        UnshutterError: the clip cannot be read.
     """
+    from unshutter.video.clip import Clip
+
     with errors_of(open_file):
-        return _readout(open_file, wanted)
+        clip = Clip.look(open_file.path)
+        moments_s = [_time_of(clip, options, k) for k in range(MOMENTS)]
+        frame = _frame_at(clip, moments_s[moment])
+        facts = ClipFacts(*_upright_size(frame, None), clip.duration_s, 1 / clip.interval_s, clip.frames, moments_s)
+        return as_jpeg(_upright_pixels(frame, longest)), facts.as_json()
 
 
-def rectified(open_file: OpenFile, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
-    """Writes a clip as `unshutter video` does; returns what was done.
+def after(open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+    """A frame of the clip, rectified, as a JPEG for the screen, and :class:`MomentResult` as JSON.
+
+    Its motion is estimated from the frames around it. Edges that would be cropped are kept: what all frames saw is
+    known only when the whole clip has been read.
+
+    Args:
+        open_file, options, moment, longest: as for :func:`before`, with all options.
+
+    Raises:
+        UsageError, UnshutterError: options that do not fit the clip, or its readout time is unknown.
+    """
+    from unshutter.geometry.readout import Readout
+    from unshutter.motion.verdict import LEAST_PX
+    from unshutter.video.clip import Clip
+    from unshutter.video.frame_warper import Warper
+
+    with errors_of(open_file):
+        clip = Clip.look(open_file.path)
+        edges = options.undo.edges
+        undo = replace(options.undo, edges="keep") if edges == "crop" else options.undo
+        warper, moving = Warper(clip, undo), _moving_at(open_file, clip, options, _time_of(clip, options, moment))
+        size = Readout.parse(options.shutter.readout).frame_size(clip.height, clip.width)
+        motion = warper.motion(moving).resized(*size)
+        pixels = _upright_pixels(warper.rectified(moving).picture, longest, turned_as=moving.frame)
+        largest_px, reason, time_s = motion.largest_px, moving.motion.reason, moving.frame.time or 0.0
+        result = MomentResult(not motion.is_zero, reason, largest_px, largest_px < LEAST_PX, edges, time_s)
+        return as_jpeg(pixels), result.as_json()
+
+
+def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
+    """The :class:`ReadoutTime` of a clip's camera as JSON.
+
+    Raises:
+        UnshutterError: the clip cannot be read, or its readout time is unknown.
+    """
+    from unshutter.video.clip import Clip
+
+    with errors_of(open_file):
+        clip = Clip.look(open_file.path)
+        ratio, interval_ms = _ratio_of(open_file, clip, options), 1000 * clip.interval_s
+        times_ms = ratio.value * interval_ms, ratio.error * interval_ms
+        return ReadoutTime(ratio.value, ratio.error, *times_ms, ratio.source).as_json()
+
+
+def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
+    """Writes a clip as `unshutter video` does; returns :class:`SavedClip` as JSON.
 
     Args:
         open_file: the clip.
         target: what is written.
-        wanted: what is done.
+        options: what is done.
         progress: where to note progress.
 
     Raises:
         UsageError, UnshutterError: see :func:`unshutter.video.clip_rectification.rectify_clip`.
     """
+    from unshutter.video.clip import Clip
+    from unshutter.video.clip_rectification import rectify_clip
+
     progress.note("frames", 0, 0)
-    names = {target: target.name, target.parent: "the folder"}
-    with errors_of(open_file, names):
-        return _rectified(open_file, target, wanted, progress)
+    with errors_of(open_file, {target: target.name, target.parent: "the folder"}):
+        ratio = _ratio_of(open_file, Clip.look(open_file.path), options, progress)
+        return SavedClip(rectify_clip(str(open_file.path), str(target), options, ratio, progress.note)).as_json()
 
 
-def ratio_of(
-    open_file: OpenFile, clip: Clip, wanted: RectifyClip, progress: ProgressFile | None = None
+def _ratio_of(
+    open_file: OpenFile, clip: Clip, options: RectifyClip, progress: ProgressFile | None = None
 ) -> ReadoutRatio:
-    """The readout ratio of a clip, given or found; what was found is kept beside the clip.
+    """The readout ratio of a clip: the user's, else estimated once and kept next to the clip.
 
     Raises:
-        UnshutterError: the clip does not tell it.
+        UnshutterError: the clip does not show it.
     """
     from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.geometry.readout import Readout
     from unshutter.reasons import Reason
     from unshutter.video.readout_search import readout_ratio_of_clip
 
-    given = wanted.shutter.ratio(clip.interval_s)
-    if given is not None:
-        return ReadoutRatio(given, 0.0, "given")
-    part = wanted.span(clip.duration_s)
-    file = open_file.path.with_name(f"readout-{digest(wanted.shutter, part)}.json")
+    stated = options.shutter.ratio(clip.interval_s)
+    if stated is not None:
+        return ReadoutRatio(stated, 0.0, "given")
+    part = options.span(clip.duration_s)
+    file = open_file.path.with_name(f"readout-{digest(options.shutter, part)}.json")
     if not file.exists():
         try:
-            readout = Readout.parse(wanted.shutter.readout)
-            ratio = readout_ratio_of_clip(clip, readout, wanted.shutter, part, progress.note if progress else None)
+            readout = Readout.parse(options.shutter.readout)
+            ratio = readout_ratio_of_clip(clip, readout, options.shutter, part, progress.note if progress else None)
             record = {"value": ratio.value, "error": ratio.error, "source": ratio.source, "camera": ratio.camera}
         except UnknownRatioError as error:
             record = {"declined": error.reason.as_json()}
@@ -111,29 +147,67 @@ def ratio_of(
     return ReadoutRatio(**record)
 
 
-def digest(*values: object) -> str:
-    """A name for what was found with these options."""
-    return hashlib.sha256(repr(values).encode()).hexdigest()[:16]
+def _time_of(clip: Clip, options: RectifyClip, moment: int) -> float:
+    """When a moment is [s]: in the middle of one of equal parts."""
+    start, end = options.start or 0.0, min(options.end or clip.duration_s, clip.duration_s)
+    return start + (moment + 0.5) / MOMENTS * max(end - start, 0.0)
 
 
-def _readout(open_file: OpenFile, wanted: RectifyClip) -> dict[str, Any]:
-    from unshutter.video.clip import Clip
-
-    clip = Clip.look(open_file.path)
-    found, interval_ms = ratio_of(open_file, clip, wanted), 1000 * clip.interval_s
-    return {
-        "ratio": found.value,
-        "ratio_sd": found.error,
-        "ms": found.value * interval_ms,
-        "ms_sd": found.error * interval_ms,
-        "found_by": found.source,
-    }
+def _frame_at(clip: Clip, time_s: float) -> VideoFrame:
+    for frame in clip.iter_frames(max(time_s - clip.interval_s / 2, 0.0)):
+        return frame
+    raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: its part ends before")
 
 
-def _rectified(open_file: OpenFile, target: Path, wanted: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
-    from unshutter.video.clip import Clip
-    from unshutter.video.clip_rectification import rectify_clip
+def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: float) -> MovingFrame:
+    """The frame at a time [s] and its motion, which is kept next to the clip."""
+    from unshutter.frames.sequence import CameraMotion
+    from unshutter.geometry.readout import Readout
+    from unshutter.motion import Motion
+    from unshutter.video.frame_motion import FEWEST, MovingFrame, window, with_motion
 
-    ratio = ratio_of(open_file, Clip.look(open_file.path), wanted, progress)
-    outcome = rectify_clip(str(open_file.path), str(target), wanted, ratio, progress.note)
-    return {name: value for name, value in outcome.as_json().items() if name in _REPORTED}
+    ratio = _ratio_of(open_file, clip, options)
+    file = open_file.path.with_name(f"moment-{digest(options.shutter, ratio, time_s)}.json")
+    if file.exists():
+        return MovingFrame(_frame_at(clip, time_s), Motion.from_json(file.read_text(encoding="utf-8")))
+    readout = Readout.parse(options.shutter.readout)
+    camera = CameraMotion(ratio, options.shutter.focal_px, readout, window=window(clip), fewest=FEWEST)
+    first = max(time_s - _AROUND * clip.interval_s, 0.0)
+    for moving in with_motion(clip, islice(clip.iter_frames(first), 2 * _AROUND + 1), camera):
+        if isinstance(moving, MovingFrame) and (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
+            put(file, lambda part, motion=moving.motion: part.write_text(motion.to_json(), encoding="utf-8"))
+            return moving
+    raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: its part ends before")
+
+
+# ---- frames upright ----------------------------------------------------------------------------------------------
+
+
+def _upright_pixels(frame: VideoFrame, longest: int | None, turned_as: VideoFrame | None = None) -> np.ndarray:
+    """[H, W, 3] RGB pixels of a frame, upright.
+
+    Args:
+        frame: as it was decoded.
+        longest: longer side [px]; None: full size.
+        turned_as: the frame that says how it is turned, where this one does not.
+    """
+    import numpy as np
+
+    turns = _quarter_turns(turned_as or frame)
+    height, width = _upright_size(frame, longest, turns)
+    size = (width, height) if turns % 2 == 0 else (height, width)
+    pixels = frame.reformat(*size, format="rgb24").to_ndarray()
+    return np.ascontiguousarray(np.rot90(pixels, turns))
+
+
+def _upright_size(frame: VideoFrame, longest: int | None, turns: int | None = None) -> tuple[int, int]:
+    """Height and width of a frame once it is turned upright [px]."""
+    height, width = (frame.height, frame.width)
+    scale = 1.0 if longest is None else min(longest / max(height, width), 1.0)
+    height, width = (max(2, round(side * scale)) for side in (height, width))
+    return (height, width) if (_quarter_turns(frame) if turns is None else turns) % 2 == 0 else (width, height)
+
+
+def _quarter_turns(frame: VideoFrame) -> int:
+    """Quarter turns, anticlockwise, that turn a frame upright."""
+    return round(frame.rotation / 90)

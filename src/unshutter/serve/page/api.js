@@ -15,13 +15,13 @@ export class Refused extends Error {
 // The token goes from the address to this tab's memory: not into bookmarks, history or screenshots.
 function takeToken() {
   const address = new URL(location.href);
-  const given = address.searchParams.get("token");
-  if (given !== null) {
-    sessionStorage.setItem(KEY, given);
+  const token = address.searchParams.get("token");
+  if (token !== null) {
+    sessionStorage.setItem(KEY, token);
     address.searchParams.delete("token");
     history.replaceState(null, "", address);
   }
-  return given ?? sessionStorage.getItem(KEY) ?? "";
+  return token ?? sessionStorage.getItem(KEY) ?? "";
 }
 
 const token = takeToken();
@@ -65,7 +65,7 @@ async function lineOf(answer) {
 }
 
 export const query = (options) => new URLSearchParams(options).toString();
-export const told = (answer, name = "Unshutter-Result") => JSON.parse(answer.headers.get(name));
+export const factsIn = (answer, name = "Unshutter-Result") => JSON.parse(answer.headers.get(name));
 
 // Sends a file to an address of the API; fetch would not tell how far it is.
 export function send(address, file, progress) {
@@ -128,7 +128,7 @@ export async function download(answer) {
   const address = URL.createObjectURL(await answer.blob());
   const link = document.createElement("a");
   link.href = address;
-  link.download = told(answer, "Unshutter-Name");
+  link.download = factsIn(answer, "Unshutter-Name");
   link.click();
   setTimeout(() => URL.revokeObjectURL(address), 60000);
 }

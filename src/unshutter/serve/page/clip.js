@@ -1,6 +1,6 @@
 // A clip on the page: some moments of it are looked at, before and after, and then the whole of it is saved.
 
-import { told } from "./api.js";
+import { factsIn } from "./api.js";
 import { Opened } from "./opened.js";
 
 const ENDINGS = /\.(3g2|3gp|avi|lrv|m2ts|m4v|mkv|mov|mp4|mpe?g|mts|mxf|ts|webm|wmv)$/i;
@@ -26,7 +26,7 @@ export class Clip extends Opened {
     const fetch = async (which) => {
       const answer = await this.#ask(which, { moment, longest, ...(later ? { later: 1 } : {}) });
       pictures[which] = { blob: await answer.blob(), longest };
-      if (pictures === this.pictures) this[which === "before" ? "facts" : "result"] = told(answer);
+      if (pictures === this.pictures) this[which === "before" ? "facts" : "result"] = factsIn(answer);
       this.tell();
     };
     try {

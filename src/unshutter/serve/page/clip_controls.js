@@ -29,19 +29,19 @@ export class ClipControls {
 
   // Shows what a clip's options are, and what is known of it.
   show(clip) {
-    if (clip !== this.clip) this.how.field.value = howOf(clip.options);
+    if (clip !== this.clip) this.unit.field.value = unitOf(clip.options);
     this.clip = clip;
     const { options, readout, state } = clip;
     this.strength.show(options);
     this.edges.field.value = options.edges ?? "fill";
     this.reference.show(options);
-    const [how, asking] = [this.how.field.value, state === "asking"];
-    this.value.node.hidden = how === "find";
-    this.valueSaid.textContent = words.readoutValueOf[how];
-    Object.assign(this.value.field, { max: "", ...LIMITS[how] });
-    if (document.activeElement !== this.value.field) this.value.field.value = options[`readout-${how}`] ?? "";
-    this.found.textContent = { motion: () => words.found(readout.ms, readout.ms_sd),
-      "table of cameras": () => words.listed(readout.ms) }[readout?.found_by]?.() ?? "";
+    const [unit, asking] = [this.unit.field.value, state === "asking"];
+    this.value.node.hidden = unit === "find";
+    this.valueSaid.textContent = words.readoutValueOf[unit];
+    Object.assign(this.value.field, { max: "", ...LIMITS[unit] });
+    if (document.activeElement !== this.value.field) this.value.field.value = options[`readout-${unit}`] ?? "";
+    this.readoutSource.textContent = { motion: () => words.readoutEstimated(readout.ms, readout.ms_sd),
+      "table of cameras": () => words.readoutListed(readout.ms) }[readout?.found_by]?.() ?? "";
     this.part.forEach(({ field }, k) => {
       if (document.activeElement !== field) field.value = options[["start", "end"][k]] ?? "";
     });
@@ -50,17 +50,17 @@ export class ClipControls {
   }
 
   #readout() {
-    this.how = select("clip-how", words.readoutTime, words.readoutTimeOf, (how) => {
+    this.unit = select("clip-readout-unit", words.readoutTime, words.readoutTimeOf, (unit) => {
       const known = Object.keys(LIMITS).some((each) => `readout-${each}` in this.clip.options);
       for (const each of Object.keys(LIMITS)) this.clip.set(`readout-${each}`, "");
       this.show(this.clip);
-      if (how === "find") this.on.change();
+      if (unit === "find") this.on.change();
       else if (known || !this.value.field.value) this.value.field.focus();
     });
     this.valueSaid = make("span", {});
-    this.value = number("clip-readout", this.valueSaid, LIMITS.ms, (value) => this.#set(`readout-${this.how.field.value}`, value));
-    this.found = make("p", { class: "quiet", role: "status" });
-    return make("div", {}, this.how.node, this.value.node, this.found,
+    this.value = number("clip-readout", this.valueSaid, LIMITS.ms, (value) => this.#set(`readout-${this.unit.field.value}`, value));
+    this.readoutSource = make("p", { class: "quiet", role: "status" });
+    return make("div", {}, this.unit.node, this.value.node, this.readoutSource,
       make("p", { class: "quiet" }, words.readoutTimeHelp));
   }
 
@@ -71,12 +71,12 @@ export class ClipControls {
 
   #reset() {
     for (const name of Object.keys(this.clip.options)) this.clip.set(name, "");
-    this.how.field.value = "find";
+    this.unit.field.value = "find";
     this.on.change();
   }
 }
 
-const howOf = (options) => Object.keys(LIMITS).find((how) => `readout-${how}` in options) ?? "find";
+const unitOf = (options) => Object.keys(LIMITS).find((unit) => `readout-${unit}` in options) ?? "find";
 
 // What was done at the moment that is shown, a sentence each.
 function sentences({ state, result, error, options, facts }) {

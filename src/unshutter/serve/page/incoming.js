@@ -34,8 +34,8 @@ export function watch(take) {
 async function dropped(data) {
   const entries = [...data.items].map((item) => item.webkitGetAsEntry?.()).filter(Boolean);
   if (!entries.some((entry) => entry.isDirectory)) return [...data.files];
-  const found = await Promise.all(entries.map(filesIn));
-  return found.flat().filter((file) => !file.name.startsWith("."));
+  const files = await Promise.all(entries.map(filesIn));
+  return files.flat().filter((file) => !file.name.startsWith("."));
 }
 
 async function filesIn(entry) {

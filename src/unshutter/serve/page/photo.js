@@ -1,6 +1,6 @@
 // A photo on the page: its file, what the user said of it, and what the program made of it.
 
-import { told } from "./api.js";
+import { factsIn } from "./api.js";
 import { Opened } from "./opened.js";
 
 const SMALL = 320;
@@ -60,8 +60,8 @@ export class Photo extends Opened {
     const answer = await this.ask(which, asked);
     const blob = await answer.blob();
     this.pictures[which] = { blob, longest: asked.longest };
-    if (which === "before") this.facts = told(answer);
-    else this.result = told(answer);
+    if (which === "before") this.facts = factsIn(answer);
+    else this.result = factsIn(answer);
     this.tell();
   }
 

@@ -23,14 +23,14 @@ export async function saveMotion(photo, notice) {
 
 // Saves many; folder: its name for to = "folder".
 export async function saveMany(photos, to, folder, notice) {
-  const wanted = photos.filter((photo) => photo.id !== null && !["failed", "asking"].includes(photo.state));
-  if (!wanted.length) return notice(words.nothingToSave);
+  const savable = photos.filter((photo) => photo.id !== null && !["failed", "asking"].includes(photo.state));
+  if (!savable.length) return notice(words.nothingToSave);
   const [box, stop] = [by("saving"), by("saving-stop")];
   let saving = null;
   const leave = () => saving && to !== "folder" && close("/api/saves", saving.id); // nobody will fetch it
   addEventListener("pagehide", leave);
   try {
-    const asked = await Promise.all(wanted.map(async (photo) => ({ id: photo.id, options: await photo.asked() })));
+    const asked = await Promise.all(savable.map(async (photo) => ({ id: photo.id, options: await photo.asked() })));
     const body = JSON.stringify({ to, photos: asked });
     saving = await (await ask("/api/saves", { method: "POST", body })).json();
     stop.onclick = () => ask(`/api/saves/${saving.id}`, { method: "DELETE" });

@@ -185,8 +185,8 @@ export const words = {
   readoutTimeHelp: "How long the camera takes to read out one frame. A clip in which the camera moves unevenly for two "
     + "seconds shows it.",
   readoutValueOf: { find: "", ms: "Milliseconds", ratio: "Share of the time from frame to frame" },
-  listed: (ms) => `The clip does not show it; the table of cameras says ${ms.toFixed(1)} ms.`,
-  found: (ms, sd) => `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms.`,
+  readoutListed: (ms) => `The clip does not show it; the table of cameras says ${ms.toFixed(1)} ms.`,
+  readoutEstimated: (ms, sd) => `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms.`,
   clipEdges: "Empty corners",
   clipEdgesOf: { fill: "fill", keep: "keep black", crop: "cut off" },
   partOf: "Only a part",

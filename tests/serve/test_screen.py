@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from unshutter.geometry.readout import Orientation, Readout
-from unshutter.serve.upright import arrows, corners_of, shares
+from unshutter.serve.jobs.screen import arrows, corners_of, shares
 
 
 @pytest.mark.parametrize("orientation", list(Orientation))

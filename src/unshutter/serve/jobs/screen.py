@@ -1,15 +1,23 @@
-"""Pictures and positions as the page shows them: upright.
+"""Copies for the screen: small JPEGs, upright, and positions in them.
 
 Positions for the page are shares of the upright picture's width and height, (0, 0) at its top left corner.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from unshutter.geometry.readout import Orientation, Readout
+from unshutter.serve.jobs.cache import OpenFile, put
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+
+    from unshutter.photo import Photo
+
+_QUALITY = 88
 
 # Direction of a readout in the stored picture, as (right, down), and the word for a direction in the upright one.
 _READ = {
@@ -21,6 +29,39 @@ _READ = {
 _ARROWS = {(0, 1): "down", (0, -1): "up", (1, 0): "right", (-1, 0): "left"}
 
 
+def small_copy(open_file: OpenFile, photo: Photo, longest: int | None) -> np.ndarray:
+    """A copy of the stored pixels whose longer side is at most ``longest`` px, kept for the next job.
+
+    Args:
+        open_file: the photo's file.
+        photo: what it contains.
+        longest: longer side [px]; None: full size, which is not kept.
+    """
+    import numpy as np
+
+    if longest is None:
+        return photo.screen_copy()
+    file = open_file.path.with_name(f"copy-{longest}.npy")
+    if file.exists():
+        return np.load(file, mmap_mode="r")
+    pixels = photo.screen_copy(longest)
+
+    def write(part: Path) -> None:
+        with part.open("wb") as stream:
+            np.save(stream, pixels)
+
+    put(file, write)
+    return pixels
+
+
+def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
+    """Stored pixels as a JPEG for the screen, upright."""
+    from unshutter.photo.libvips import as_image, refusing
+
+    with refusing("cannot encode the copy for the screen"):
+        return as_image(Orientation(orientation).upright(pixels)).jpegsave_buffer(Q=_QUALITY, keep=0)
+
+
 def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.ndarray:
     """[N, 2] shares (across, down) of the upright picture, of stored pixel positions.
 
@@ -29,12 +70,16 @@ def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.nd
         size: width and height of the stored pixels.
         orientation: EXIF orientation.
     """
+    import numpy as np
+
     across, down = (np.asarray(col) + 0.5) / size[0], (np.asarray(row) + 0.5) / size[1]
     return np.stack(Orientation(orientation).upright_point(across, down), axis=-1)
 
 
 def corners_of(window: tuple[float, float, float, float], orientation: int) -> list[float]:
     """(left, top, right, bottom) as shares of the upright picture, of a window in shares of the stored one."""
+    import numpy as np
+
     left, top, right, bottom = window
     across, down = Orientation(orientation).upright_point(np.array([left, right]), np.array([top, bottom]))
     return [float(across.min()), float(down.min()), float(across.max()), float(down.max())]
