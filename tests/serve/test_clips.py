@@ -318,7 +318,7 @@ async def _pieces(data: bytes):
 def test_the_same_as_on_the_command_line() -> None:
     given = RATIO | {"strength": "0.5", "edges": "crop", "start": "1.5", "codec": "ffv1", "readout": "bottom-to-top"}
     words = [word for name, value in given.items() for word in (f"--{name}", value)]
-    assert read_clip(given) == parse("video", COMMAND, ["clip.mp4", "-o", "out.mp4", *words]).how
+    assert read_clip(given) == parse("video", COMMAND, ["clip.mp4", "-o", "out.mp4", *words]).options
 
 
 def test_what_is_for_the_command_line_alone() -> None:
