@@ -9,7 +9,7 @@ PIP_NEWEST := .venv-newest/bin/python $(INSTALL)
 PIP_LOWEST := .venv-lowest/bin/python $(INSTALL) -c .venv-lowest/libraries.txt -c .venv-lowest/tools.txt
 PYTEST := -m pytest --numprocesses auto --maxprocesses 8 --dist worksteal
 
-.PHONY: demo paper test test-newest test-lowest fuzz lint types docs layers bench results release-check clean
+.PHONY: demo paper test test-newest test-lowest fuzz lint prose types docs layers bench results release-check clean
 
 demo: .venv-newest/core  ## rectify the photo that the repository ships, with what users get from pip
 	.venv-newest/bin/unshutter rectify examples/demo.jpg -o examples/demo.rectified.jpg --overwrite --edges crop
@@ -32,6 +32,9 @@ test-lowest: .venv-lowest/dev  ## the same with the oldest libraries that pyproj
 fuzz: .venv/dev  ## thousands of damaged files and requests, which takes an hour; not part of CI
 	UNSHUTTER_FUZZ_CASES=5000 $(BIN)/python $(PYTEST) tests/photo/test_fuzz.py tests/test_fuzz_texts.py
 	set -e; for script in tests/fuzz/*.py; do nice $(BIN)/python $$script; done
+
+prose: .venv/dev  ## long pages, banned phrases, misspelt words
+	$(BIN)/python .ci/prose.py
 
 lint: .venv/dev
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

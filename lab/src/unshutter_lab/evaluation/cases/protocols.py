@@ -177,7 +177,7 @@ PROTOCOLS = {
         "Photos of known exposure",
         "motion",
         "The same photos and motions, each row exposed for 1/1000 s or 1/60 s of a readout of 30 ms, blurred by its "
-        "motion meanwhile. Estimators know both times.",
+        "motion during that time. Estimators know both times.",
         _with_motion(
             Suite("1/1000 s, 256 px", exposure_s=1 / 1000),
             Suite("1/60 s, 256 px", exposure_s=1 / 60),
@@ -198,7 +198,7 @@ PROTOCOLS = {
         "motion",
         "The same photos and motions (256 px) under JPEG compression (quality 30), noise (sigma 10), blur (sigma 1.5 "
         "px), at night (gamma 2, half the brightness, noise of sigma 6), at 128 px, enlarged to 2160 px, and lying on "
-        "their side as phones store portrait photos, with and without EXIF saying so.",
+        "their side as phones store portrait photos, with and without an orientation in EXIF.",
         _with_motion(
             Suite("as it is"),
             Suite("JPEG q 30", disturbance="jpeg"),
