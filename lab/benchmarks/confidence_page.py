@@ -92,8 +92,8 @@ def _about(names: list[str]) -> str:
         f"the errors measured on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
         "[undistorted](undistorted.md), and on both together. Together, each kind counts as a half, as in an archive "
         "of which only some photos are distorted.\n\n"
-        "A declined photo is left unchanged and has no confidence. It counts as the least trusted, since the method says "
-        "that it does not know. Where photos with equal confidence lie on the border of what is dropped, each is "
+        "A declined photo is left unchanged and has no confidence. It counts as the least trusted, since the method "
+        "says that it does not know. Where photos with equal confidence lie on the border of what is dropped, each is "
         "dropped in part, so the order of the files does not matter."
     )
 
