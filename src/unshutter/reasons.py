@@ -22,6 +22,16 @@ class Cause(StrEnum):
     STRENGTH_0 = "strength 0"
 
 
+class Source(StrEnum):
+    """Where a motion comes from if not from the photo's pixels: the name of what found it."""
+
+    FILM = "film"
+    FLIGHT = "flight"
+
+
+SOURCES = {Source.FILM: "by the film inside it", Source.FLIGHT: "by its flight data"}
+
+
 class Code(StrEnum):
     """What a reason is. Codes are part of logs, manifests and the API of ``unshutter serve``."""
 
@@ -34,6 +44,11 @@ class Code(StrEnum):
     TOO_SHARP = "too-sharp"
     NO_ROLLING_SHUTTER = "no-rolling-shutter"
     HOVERED = "hovered"
+    FILM_STOOD_STILL = "film-stood-still"
+    # the film inside a photo: why it says nothing
+    FILM_TOO_SHORT = "film-too-short"
+    FILM_DIFFERS = "film-differs"
+    FILM_STABILISED = "film-stabilised"
     IMPOSSIBLE_MOTION = "impossible-motion"
     ASKED_FOR_NOTHING = "asked-for-nothing"
     # one photo: what the verdict says
@@ -75,6 +90,10 @@ SENTENCES = {
     Code.TOO_SHARP: "it is too sharp for a camera that moved, exposed for {exposure}",
     Code.NO_ROLLING_SHUTTER: "its camera has no rolling shutter",
     Code.HOVERED: "the drone hovered",
+    Code.FILM_STOOD_STILL: "the camera stood still",
+    Code.FILM_TOO_SHORT: "the film inside it is too short",
+    Code.FILM_DIFFERS: "the film inside it shows something else",
+    Code.FILM_STABILISED: "the film inside it was stabilised",
     Code.IMPOSSIBLE_MOTION: "what fits is not a motion of a camera: {detail}",
     Code.ASKED_FOR_NOTHING: "asked to do nothing",
     Code.NO_MOTION: "no motion",

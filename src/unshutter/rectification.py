@@ -7,10 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, BinaryIO, Unpack, overload
 
 from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.find import find_candidates, find_motion
+from unshutter.estimators.find import find_candidates
+from unshutter.estimators.methods.none import DoNothing
 from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
-from unshutter.motion.candidate import Candidate
+from unshutter.motion.candidate import Candidate, alone
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, CameraKeywords, Find, Reference, Undo, UndoKeywords
 from unshutter.options.description import from_keywords, takes_options
 from unshutter.photo import Photo
@@ -170,18 +171,24 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
     Raises:
         UnshutterError: the photo is too small, damaged or gone.
     """
-    check_size(photo.height, photo.width)
-    return find_motion(estimator, View(photo, camera))
+    return photo_candidates(photo, estimator, camera)[0].motion
 
 
 def photo_candidates(photo: Photo, estimator: Estimator, camera: Camera) -> tuple[Candidate, ...]:
-    """The motions that fit a photo, first that of :func:`estimate_photo`.
+    """The motions that fit a photo, first that of :func:`estimate_photo`: what its film says, else the estimator.
 
     Raises:
         UnshutterError: the photo is too small, damaged or gone.
     """
     check_size(photo.height, photo.width)
-    return find_candidates(estimator, View(photo, camera))
+    view = View(photo, camera)
+    if not isinstance(estimator, DoNothing) and photo.film() is not None:
+        from unshutter.motion_photo.motion import film_motion  # here: few photos have one
+
+        evidence = film_motion(view)
+        if evidence is not None and evidence.motion is not None:
+            return alone(view.noted(evidence.motion), photo.orientation)
+    return find_candidates(estimator, view)
 
 
 def _loaded(estimator: str | Estimator) -> Estimator:

@@ -8,7 +8,7 @@ from typing import Any
 
 from unshutter.motion.motion import Motion
 from unshutter.options import Undo
-from unshutter.reasons import Cause, Code, Reason
+from unshutter.reasons import SOURCES, Cause, Code, Reason, Source
 
 _SMALLEST = 256  # motions that were found and move nothing by a row in so many are no larger than their errors
 _PROBABLY = 0.5  # confidence that nothing moved
@@ -19,6 +19,7 @@ _CAUSES = {
     Code.NO_VISIBLE_MOTION: Cause.NO_MOTION,
     Code.NOTHING_MOVED: Cause.NO_MOTION,
     Code.HOVERED: Cause.NO_MOTION,
+    Code.FILM_STOOD_STILL: Cause.NO_MOTION,
     Code.UNSURE: Cause.UNSURE,
     Code.UNSURE_WHETHER_MOVED: Cause.UNSURE,
     Code.TOO_SMALL: Cause.TOO_SMALL,
@@ -35,11 +36,13 @@ class Verdict:
         largest_px: the farthest that anything would be moved [px].
         confidence: the motion's.
         reason: why the photo is left unchanged; None where the motion is undone.
+        source: where the motion comes from; None: the photo's pixels, or whoever gave it.
     """
 
     largest_px: float
     confidence: float | None = None
     reason: Reason | None = None
+    source: Source | None = None
 
     @classmethod
     def of(cls, motion: Motion, undo: Undo) -> Verdict:
@@ -50,7 +53,8 @@ class Verdict:
             undo: what is asked for; of it, the strength and the least confidence count here.
         """
         largest, sure = motion.largest_px, motion.confidence
-        return cls(largest, sure, _reason_against(motion, largest, sure, undo))
+        source = Source(motion.estimator) if motion.estimator in set(Source) else None
+        return cls(largest, sure, _reason_against(motion, largest, sure, undo), source)
 
     @property
     def changes(self) -> bool:
@@ -74,12 +78,15 @@ class Verdict:
         return replace(motion.scaled(0), reason=self.reason)
 
     def described(self) -> str:
-        """The verdict in words: ``up to 41 px, confidence 0.93``, or why the photo is left unchanged."""
-        return f"up to {pixels(self.largest_px)}{self._at_confidence}" if self.changes else self.sentence
+        """The verdict in words: ``up to 41 px, confidence 0.93``, or why the photo is left unchanged; its source."""
+        words = f"up to {pixels(self.largest_px)}{self._at_confidence}" if self.changes else self.sentence
+        return words if self.source is None else f"{words} ({SOURCES[self.source]})"
 
     def as_json(self) -> dict[str, Any]:
         """The verdict for programs, as logs, manifests and the page's API have it."""
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
+        if self.source is not None:
+            data["source"] = self.source
         if self.reason is None:
             return data
         about = self.reason.as_json()

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
+    from unshutter.photo.film import PhotoFilm
+
 
 @dataclass(frozen=True, eq=False)
 class Photo(CameraFacts, Writable):
@@ -185,6 +187,13 @@ class Photo(CameraFacts, Writable):
     def to_array(self) -> np.ndarray:
         """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
         return self.pixels[..., 0].copy() if self.bands == 1 else self.pixels.copy()
+
+    def film(self) -> PhotoFilm | None:
+        """The film that belongs to the photo; None where there is none."""
+        from unshutter.photo import film
+
+        source = self._decoder.source if self._decoder is not None else None
+        return film.film_of(source, self.format, self._metadata)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.

@@ -1,4 +1,6 @@
-"""Films behind the picture of a JPEG: motion photos as Google's and Samsung's phones write them.
+"""Films in a photo's file: motion photos as Google's and Samsung's phones write them.
+
+In a HEIC the film is the content of the box mpvd. In a JPEG it stands behind the picture:
 
 Google's film ends with the file. Samsung's stands in a trailer: blocks with a number and a name, and a directory at the
 very end with the distance from there back to the start of each block. So the trailer can move as a whole, and blocks
@@ -10,9 +12,11 @@ Source: Google, Motion Photo format 1.0; for the trailer ExifTool's description 
 from __future__ import annotations
 
 import io
+import re
 import struct
 from typing import BinaryIO, NamedTuple
 
+from unshutter.photo.containers import boxes
 from unshutter.photo.tags.xmp import FilmPlace
 
 _FILM = 0x0A30  # a block's number: MotionPhoto_Data
@@ -21,6 +25,9 @@ _STAY_TRUE = (_FILM, 0x0A31, 0x0A33, 0x0A01, 0x0AA1)
 _HEAD, _FOOT = b"SEFH", b"SEFT"
 _LONGEST_DIRECTORY = 1 << 16  # bytes
 _LONGEST_NAME = 100
+_BOX = b"mpvd"  # of a HEIC
+_LONGEST_FILM = 1 << 28  # bytes
+_MOMENT = rb"""(?:MotionPhoto|MicroVideo)PresentationTimestampUs\s*(?:=\s*["']|>)\s*(\d{1,12})\b"""
 
 
 class Film(NamedTuple):
@@ -39,6 +46,11 @@ class Film(NamedTuple):
     length: int
     taken_from: int
     left_behind: tuple[str, ...] = ()
+
+    @property
+    def content(self) -> bytes:
+        """The film alone."""
+        return self.data[self.at : self.at + self.length]
 
     @property
     def place(self) -> FilmPlace:
@@ -76,6 +88,22 @@ def film_of(file: BinaryIO, film_bytes: int | None) -> Film | None:
     file.seek(-film_bytes, io.SEEK_END)
     data = file.read(film_bytes)
     return Film(data, 0, film_bytes, film_bytes) if _is_film(data) else None
+
+
+def film_in_boxes(file: BinaryIO) -> bytes | None:
+    """The film of a HEIC."""
+    for name, start, end in boxes.top_level_extents(file):
+        if name == _BOX and end - start <= _LONGEST_FILM:
+            file.seek(start)
+            data = file.read(end - start)
+            return data if _is_film(data) else None
+    return None
+
+
+def moment_s(packet: bytes | None) -> float | None:
+    """When the photo was taken, in the film's time [s], by its XMP; None: unknown."""
+    match = re.search(_MOMENT, packet or b"")
+    return int(match[1]) / 1e6 if match else None
 
 
 def _is_film(data: bytes) -> bool:

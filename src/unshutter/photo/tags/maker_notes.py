@@ -25,6 +25,7 @@ from unshutter.photo.tags.directories import (
 from unshutter.photo.tags.exif_editor import PREFIX
 
 _MAKER_NOTE, _MAKE = 0x927C, 0x010F
+_APPLE_CONTENT_IDENTIFIER = 0x0011
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,14 @@ def read(blob: bytes | None) -> MakerNote | None:
     if tree.text(_MAKE).startswith("Canon"):
         return _note_at("Canon", tree.order, whole, whole.find(note))
     return None
+
+
+def content_identifier(blob: bytes | None) -> str:
+    """What Apple calls a Live Photo and its film; empty where an EXIF blob names nothing."""
+    note = read(blob)
+    if note is None or note.maker != "Apple":
+        return ""
+    return note.bytes(_APPLE_CONTENT_IDENTIFIER).split(b"\0")[0].decode("ascii", errors="replace").strip()
 
 
 def _as_laid_out(layout: _Layout, note: bytes, whole: bytes, tree: Tree) -> MakerNote | None:

@@ -14,6 +14,7 @@ export const reasons = {
   "too-sharp": ({ exposure }) => `it is too sharp for a camera that moved, exposed for ${exposure}`,
   "no-rolling-shutter": () => "this camera exposes all rows at once",
   "hovered": () => "the drone hovered",
+  "film-stood-still": () => "the camera stood still, as the film inside it shows",
   "impossible-motion": ({ detail }) => `no camera moves like that: ${detail}`,
   "asked-for-nothing": () => "that is what you asked for",
   "no-motion": () => "the camera did not move",

@@ -1,0 +1,85 @@
+"""The frames of a photo's film about the photo's moment, as small grey copies."""
+
+from __future__ import annotations
+
+import io
+import os
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from unshutter.frames.tracks import TRACKED_SIDE
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64, UInt8
+    from unshutter.photo.film import PhotoFilm
+
+_IDENTIFIER = "com.apple.quicktime.content.identifier"
+_MOST_FRAMES = 120  # that are decoded
+_ABOUT_S = 1.2  # before and after the photo's moment: what lies farther off does not count
+_KINDS = "mov,mp4,m4a,3gp,3g2,mj2"  # as FFmpeg calls the files that are opened
+_LARGEST_FRAME = 1 << 24  # px
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Frames about a photo's moment.
+
+    Attributes:
+        frames: grey copies of the stored frames.
+        times_s: when they were taken.
+        moment_s: when the photo was, in the film's time; None: unknown.
+    """
+
+    frames: list[UInt8[np.ndarray, "height width"]]
+    times_s: Float64[np.ndarray, "frames"]
+    moment_s: float | None = None
+
+
+def decoded(film: PhotoFilm) -> Film | None:
+    """The frames of a film; None where it cannot be read, is another photo's, or PyAV is not installed."""
+    os.environ.setdefault("SVT_LOG", "1")  # an encoder that talks on standard error
+    try:
+        import av
+        from av import error as av_error
+        from av import logging
+    except ImportError:
+        return None
+    logging.set_level(None)
+    source = io.BytesIO(film.place) if isinstance(film.place, bytes) else str(film.place.absolute())
+    frames, times = [], []
+    with suppress(av_error.FFmpegError, OSError, ValueError, EOFError):
+        options = {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME)}
+        with av.open(source, options=options, metadata_errors="replace") as container:
+            if film.identifier and container.metadata.get(_IDENTIFIER) != film.identifier:
+                return None
+            for frame in _frames(container, film.moment_s):
+                frames.append(_grey(frame))
+                times.append(frame.time)
+                if len(frames) == _MOST_FRAMES:
+                    break
+    return Film(frames, np.array(times), film.moment_s) if frames else None
+
+
+def _frames(container: Any, moment_s: float | None) -> Any:
+    """The frames of the longest film in a container that are about a moment."""
+    films = [stream for stream in container.streams.video if stream.codec_context is not None]
+    if not films:
+        return
+    film = max(films, key=lambda each: each.frames)  # some phones put a sharper copy of the photo into a second one
+    film.thread_type = "AUTO"
+    for frame in container.decode(film):
+        if frame.time is None or (moment_s is not None and frame.time < moment_s - _ABOUT_S):
+            continue
+        if moment_s is not None and frame.time > moment_s + _ABOUT_S:
+            return
+        yield frame
+
+
+def _grey(frame: Any) -> np.ndarray:
+    """A copy in which corners are followed."""
+    shrink = max(min(frame.height, frame.width) / TRACKED_SIDE, 1.0)
+    size = {"width": round(frame.width / shrink), "height": round(frame.height / shrink)}
+    return frame.to_ndarray(format="gray", interpolation="AREA", **size)
