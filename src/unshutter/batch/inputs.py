@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.photo.formats import FORMATS
-from unshutter.photo.opening import SEVERAL_PICTURES
+from unshutter.photo.header import SEVERAL_PICTURES
 from unshutter.storage import places
 from unshutter.storage.places import Place, objects_below, place, way
 

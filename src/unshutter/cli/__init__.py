@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from unshutter import lab
 from unshutter.cli.arguments import Command, parse
-from unshutter.cli.stopping import Stopped, stop_on_signals
+from unshutter.cli.signals import Stopped, stop_on_signals
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.version import __version__
 

@@ -14,11 +14,11 @@ from unshutter.options import MAX_PIXELS, Save
 from unshutter.photo import copies, encoding
 from unshutter.photo.camera_facts import CameraFacts
 from unshutter.photo.copies import grey_copy, grey_size
-from unshutter.photo.decoding import Decoder
+from unshutter.photo.decoder import Decoder
 from unshutter.photo.format import Coding, Picture, WrittenFormat
+from unshutter.photo.header import read_header
 from unshutter.photo.libvips import as_image, with_bands
 from unshutter.photo.metadata import Metadata
-from unshutter.photo.opening import read_header
 from unshutter.photo.source import Source
 from unshutter.photo.writable import Writable
 from unshutter.storage.files import Times, times_of

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from unshutter.cli.arguments import Command
-from unshutter.cli.stopping import Stopped
+from unshutter.cli.signals import Stopped
 from unshutter.serve.settings import Settings
 
 
