@@ -18,7 +18,7 @@ from confidence_page import PAGE as CONFIDENCE
 from confidence_page import write_confidence_page
 from summary_page import summary
 
-from unshutter import lab
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter_lab.evaluation.cases.protocols import PROTOCOLS
 from unshutter_lab.evaluation.pages.plots import draw_plots
@@ -108,7 +108,7 @@ def _scores(results: Results, of_lab: bool) -> str:
     """JSON: estimator of a package -> set of photos -> median EPE [px at 256 rows] and share of photos improved."""
     scores: dict[str, dict[str, dict[str, float]]] = {}
     for name in results.estimators:
-        if (name in lab.METHODS) != of_lab:
+        if (name in installation.LAB_METHODS) != of_lab:
             continue
         for group in results.distinct("group"):
             error, nothing = (results.values(key, estimator=name, group=group) for key in ("epe", "epe_nothing"))

@@ -90,7 +90,7 @@ def test_a_path_that_does_not_say_what_it_names() -> None:
 
 def test_help_names_every_option_under_its_group(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        parsed("--help")
+        parsed("--help-all")
     text = capsys.readouterr().out
     for word in ("usage: unshutter try PHOTOS ... [options]", "What belongs together:", "100 % real", "-o", "--again"):
         assert word in text

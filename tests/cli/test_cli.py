@@ -266,3 +266,37 @@ def test_a_focal_length_beside_a_motion_is_refused(tmp_path: Path, capsys: pytes
     assert "leave them out" in capsys.readouterr().err
     with pytest.raises(unshutter.UsageError, match="leave them out"):
         unshutter.rectify(np.zeros((100, 100), np.uint8), motion=unshutter.RowMotion.zero(100, 100), focal_px=500.0)
+
+
+# ---- a file instead of a command ----------------------------------------------------------------------------
+
+
+def test_a_photo_alone_is_rectified(photo: Path) -> None:
+    out = photo.parent / "out.png"
+    assert main([str(photo), "-o", str(out)]) == 0
+    assert Photo.open(out).format == "png"
+
+
+def test_a_missing_photo_alone_is_reported_as_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path / "street.jpg")]) == 1
+    assert "No such file" in one_line(capsys)
+
+
+@pytest.mark.parametrize("command", ["rectify", "estimate"])
+def test_a_film_is_pointed_to_the_command_for_films(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "walk.MP4").touch()
+    assert main([command, str(tmp_path / "walk.MP4")]) == 2
+    assert f"unshutter video {tmp_path}/walk.MP4 -o {tmp_path}/walk.rectified.MP4" in one_line(capsys)
+
+
+@pytest.mark.parametrize("name", ["one.png", "one.gif"])
+def test_one_file_for_several_photos_is_refused(
+    name: str, photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    second = photo.with_name("second.jpg")
+    second.write_bytes(photo.read_bytes())
+    assert main(["rectify", str(photo), str(second), "-o", str(tmp_path / name)]) == 2
+    assert "need a folder" in one_line(capsys)
+    assert not (tmp_path / name).exists()

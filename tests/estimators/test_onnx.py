@@ -14,6 +14,7 @@ import pytest
 
 import unshutter
 from support.networks import crash_at_running, identity, integer, made, square_only
+from unshutter import installation
 from unshutter.cli import main
 from unshutter.estimators.onnx import Network, open_network
 from unshutter.estimators.register import method
@@ -223,7 +224,7 @@ def test_without_onnxruntime_it_says_what_to_install(
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     assert main(["estimate", str(photo), "--estimator", f"{name}@{weights}"]) == 1
     message = capsys.readouterr().err
-    assert message == "unshutter: networks in ONNX files need the extra: pip install 'unshutter[onnx]'\n"
+    assert message == f"unshutter: networks in ONNX files need the extra: {installation.extra('onnx')}\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")

@@ -9,7 +9,7 @@ import pytest
 
 import unshutter
 from support.drawn_photos import one_line, textured
-from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError
+from unshutter import Motion, Readout, RowMotion, UnshutterError, UsageError, installation
 from unshutter.cli import main
 from unshutter.export.maps import PixelMap, map_file
 from unshutter.options import Camera, Find
@@ -226,7 +226,7 @@ def test_exr_without_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(__import__("sys").modules, "OpenEXR", None)
     with pytest.raises(UnshutterError) as error:
         map_file(stored(tmp_path, shake()), tmp_path / "m.exr")
-    assert "unshutter[exr]" in one_line(error)
+    assert installation.extra("exr") in one_line(error)
     assert not (tmp_path / "m.exr").exists()
 
 

@@ -50,7 +50,7 @@ def test_an_option_is_on_every_surface_with_its_help(option: Option, capsys: pyt
     assert option.key in inspect.signature(unshutter.rectify).parameters
     assert help in " ".join((unshutter.rectify.__doc__ or "").split())
     with pytest.raises(SystemExit):
-        parse("rectify", RECTIFY, ["--help"])
+        parse("rectify", RECTIFY, ["--help-all"])
     assert f"--{option.name} " in (text := capsys.readouterr().out)
     assert "".join(help.split()) in "".join(text.split())
     assert {each.name: each.help for each in fields()}[option.name] == option.help

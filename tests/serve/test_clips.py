@@ -12,6 +12,7 @@ import pytest
 
 from support import clips
 from support.page_server import TOKEN, Asking, desk, events, served, temporary_folders
+from unshutter import installation
 from unshutter.cli import main
 from unshutter.cli.arguments import parse
 from unshutter.cli.commands.video import COMMAND
@@ -268,7 +269,7 @@ def test_too_large_and_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> Non
         for module in (app, requests):
             monkeypatch.setattr(module, "clips_can_be_opened", lambda: False)
         for path in ("/api/clips", "/api/video"):
-            _refused(client.post(path, content=b"x", headers=KNOWN), 422, "pip install 'unshutter[video]'")
+            _refused(client.post(path, content=b"x", headers=KNOWN), 422, installation.extra("video"))
         assert client.get("/api/about", headers=KNOWN).json()["clips"] is False
         assert not list(one.store.folder.glob("*/clip*"))
 

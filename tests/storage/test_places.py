@@ -94,5 +94,5 @@ def test_an_unknown_protocol_is_named() -> None:
 
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "upath", None)
-    with pytest.raises(UnshutterError, match=r"needs a package that is missing.*unshutter\[dask\]"):
+    with pytest.raises(UnshutterError, match=r"needs a package that is missing.*\[dask\]"):
         place("s3://bucket/a.jpg")

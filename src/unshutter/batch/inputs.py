@@ -16,6 +16,12 @@ from unshutter.storage import places
 from unshutter.storage.places import Place, objects_below, place, way
 
 PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
+FILM_SUFFIXES = frozenset(
+    (
+        *(".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".3g2"),
+        *(".ts", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv", ".flv"),
+    )
+)
 RECTIFIED = ".rectified"
 _OURS = "unshutter-manifest"
 
@@ -71,6 +77,9 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
     """
     inputs = Inputs()
     for source in map(place, sources):
+        if source.suffix.lower() in FILM_SUFFIXES and not places.is_folder(source):
+            target = source.with_name(f"{source.stem}{RECTIFIED}{source.suffix}")
+            raise UsageError(f"{source} is a film, not a photo: unshutter video {source} -o {target}")
         may_be_folder = isinstance(source, Path) or not source.suffix  # asking a store takes a while
         if not (may_be_folder and places.is_folder(source)):
             inputs.photos.setdefault(source, PurePosixPath())

@@ -8,10 +8,13 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 
-from unshutter.batch.inputs import PHOTO_SUFFIXES, RECTIFIED, Inputs
+from unshutter.batch.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES, RECTIFIED, Inputs
 from unshutter.errors import UsageError
 from unshutter.photo.formats import WRITTEN, of_suffix
 from unshutter.storage.places import Place, place
+
+# Names that end like this are meant as files, also where several things need a folder.
+_FILE_SUFFIXES = {*PHOTO_SUFFIXES, *FILM_SUFFIXES, ".json", ".gif", ".bmp", ".jp2", ".jxl", ".psd", ".mpo", ".zip"}
 
 
 def picture_name(photo: Place, format: str | None = None, keep: bool = False) -> str:
@@ -108,7 +111,7 @@ def _check_is_folder(goal: Place, named: str | os.PathLike[str], what: str) -> N
     there = isinstance(goal, Path) and goal.is_dir()
     if isinstance(goal, Path) and goal.exists() and not there:
         raise UsageError(f"{what} need a folder to go to, but {goal} is a file")
-    if goal.suffix.lower() in {*PHOTO_SUFFIXES, ".json"} and not there and not os.fspath(named).endswith(("/", os.sep)):
+    if goal.suffix.lower() in _FILE_SUFFIXES and not there and not os.fspath(named).endswith(("/", os.sep)):
         raise UsageError(
             f"{what} need a folder to go to, but {goal.name} is the name of a file: leave out {goal.suffix}"
         )

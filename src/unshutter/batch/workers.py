@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
 
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.options import Run
 from unshutter.storage.files import remove_own_parts
@@ -169,7 +170,7 @@ def cluster(address: str) -> Iterator[Workers]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise UnshutterError(f"--scheduler needs the extra: pip install 'unshutter[dask]' ({error})") from None
+        raise UnshutterError(f"--scheduler needs the extra: {installation.extra('dask')} ({error})") from None
     try:
         client = Client(address, timeout=5, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:

@@ -1,4 +1,4 @@
-"""The command line: what each command is called, takes and prints; one file a command. The work is done elsewhere."""
+"""The command line: what each command is called, takes and prints. The work is done elsewhere."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import os
 import sys
 from contextlib import suppress
 from importlib import import_module
+from pathlib import PurePath
 from typing import NoReturn
 
-from unshutter import lab
-from unshutter.cli.arguments import Command, parse
+from unshutter import installation
+from unshutter.cli.arguments import Command, parse, suggestion
 from unshutter.cli.signals import Stopped, stop_on_signals
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.version import __version__
@@ -77,7 +78,9 @@ def main(words: list[str] | None = None) -> int:
 
 def _run_command(words: list[str]) -> int:
     name = words[0] if words else "--help"
-    if name in ("-h", "--help"):
+    if default := command_for_file(name):
+        name, words = default, [default, *words]
+    if name in ("-h", "--help", "--help-all"):
         print(_help())
     elif name == "--version":
         print(__version__)
@@ -94,6 +97,18 @@ def _run_command(words: list[str]) -> int:
     return 0
 
 
+def command_for_file(name: str) -> str:
+    """The command for a first word that is not a command but a file: ``rectify``, ``video``; else empty."""
+    if name.startswith("-") or name in COMMANDS:
+        return ""
+    from unshutter.batch.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES  # not above: most first words are commands
+
+    suffix = PurePath(name).suffix.lower()
+    if suffix in FILM_SUFFIXES:
+        return "video"
+    return "rectify" if suffix in PHOTO_SUFFIXES or os.path.exists(name) else ""
+
+
 def _exit_code(stop: KeyboardInterrupt) -> int:
     return stop.exit_code if isinstance(stop, Stopped) else 130
 
@@ -107,16 +122,19 @@ def command_named(name: str) -> Command:
     if name in COMMANDS:
         module, _, variable = COMMANDS[name][0].partition(":")
         return getattr(import_module(f"unshutter.cli.commands.{module}"), variable)
-    for entry in lab.plugins(_GROUP).select(name=name):
+    for entry in installation.plugins(_GROUP).select(name=name):
         return entry.load()
-    if name in lab.COMMANDS:
-        raise UsageError(f"the command '{name}' comes with unshutter-lab: {lab.INSTALLATION}")
-    raise UsageError(f"unknown command '{name}': choose one of {', '.join(summaries())} (see unshutter --help)")
+    if name in installation.LAB_COMMANDS:
+        raise UsageError(f"the command '{name}' comes with unshutter-lab: {installation.lab()}")
+    if name.startswith("-"):
+        raise UsageError(f"options come after the command: unshutter rectify PHOTO {name} ... (see unshutter --help)")
+    guess = suggestion(name, summaries()) or f"choose one of {', '.join(summaries())}"
+    raise UsageError(f"unknown command '{name}': {guess} (see unshutter --help)")
 
 
 def summaries() -> dict[str, str]:
     """Each command, those of other installed packages last -> what it does."""
-    installed = {entry.name: entry.load().summary for entry in lab.plugins(_GROUP)}
+    installed = {entry.name: entry.load().summary for entry in installation.plugins(_GROUP)}
     return {name: summary for name, (_, summary) in COMMANDS.items()} | installed
 
 
@@ -124,7 +142,9 @@ def _help() -> str:
     commands = summaries()
     width = max(map(len, commands))
     lines = [f"  {name.ljust(width)}  {what}" for name, what in commands.items()]
-    usage = "usage: unshutter COMMAND ...   (unshutter COMMAND --help says more)\n       unshutter --version"
+    usage = """usage: unshutter PHOTO ...     straighten photos, as unshutter rectify does
+       unshutter COMMAND ...   (unshutter COMMAND --help lists its usual options)
+       unshutter --version"""
     return "\n".join([usage, "", _ABOUT, "", "commands:", *lines])
 
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+import shutil
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
@@ -18,6 +20,8 @@ from unshutter.errors import UsageError
 from unshutter.options.description import Group, Names, Option, describe, options_of, with_values
 from unshutter.storage.places import local_file
 
+HELP_ALL = "--help-all"
+_HELP = frozenset(("-h", "--help", HELP_ALL))
 _METAVAR = {int: "N", float: "NUMBER", Path: "PATH", str: "TEXT"}
 
 
@@ -30,12 +34,14 @@ class Command:
         arguments: dataclass of what it takes.
         run: does it; takes such a value, returns the exit code.
         when_stopped: what is true once it was stopped in the middle.
+        essentials: the options of the short help, each with what it says there in a line; empty: the help is whole.
     """
 
     description: str
     arguments: type
     run: Callable[[Any], int]
     when_stopped: str = "what was finished is kept"
+    essentials: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def summary(self) -> str:
@@ -61,26 +67,73 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
         UsageError: words that the command does not know, or values that it does not take.
         SystemExit: help was asked for, and printed.
     """
-    parser = _Parser(f"unshutter {name}", command.description, _usage(command.arguments))
+    parser = _Parser(name, command)
     add_arguments(parser, command.arguments)
+    if not _HELP.isdisjoint(words):
+        print((parser if HELP_ALL in words else _short_parser(name, command)).format_help())
+        raise SystemExit
+    parser.check_flags(words)
     values = vars(parser.parse_intermixed_args(words))
     return with_values(command.arguments, lambda option: values[option.key])
+
+
+def suggestion(word: str, choices: Iterable[str]) -> str:
+    """``did you mean 'rectify'?`` for the choice most like a word; empty where none is like it."""
+    import difflib  # not above: few words are wrong
+
+    known = list(choices)
+    close = [*difflib.get_close_matches(word, known, n=1), *(each for each in known if each.startswith(word))]
+    return f"did you mean {close[0]}?" if close else ""
 
 
 class _Parser(argparse.ArgumentParser):
     """argparse's, whose complaints are UsageErrors of one line."""
 
-    def __init__(self, prog: str, description: str, usage: str):
+    def __init__(self, name: str, command: Command):
         super().__init__(
-            prog=prog,
-            usage=f"%(prog)s {usage}",
-            description=description,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
+            prog=f"unshutter {name}",
+            usage=f"%(prog)s {_usage(command.arguments)}",
+            description=_wrapped(command.description),
+            formatter_class=lambda prog: argparse.RawDescriptionHelpFormatter(prog, max_help_position=28),
             allow_abbrev=False,
+            add_help=False,
         )
+        for names, shown in ((("-h", "--help"), "this"), ((HELP_ALL,), "all options")):
+            self.add_argument(*names, action="store_true", help=f"show {shown}", default=argparse.SUPPRESS)
+
+    def check_flags(self, words: Sequence[str]) -> None:
+        """Raises UsageError for a flag that the command does not have, with one that it has and that is like it."""
+        known = self._option_string_actions  # argparse has no other way to them
+        for word in words:
+            flag = word.partition("=")[0]
+            if len(flag) > 2 and flag.startswith("--") and " " not in word and flag not in known:
+                self.error(f"unknown option {flag}: {suggestion(flag, known) or 'leave it out'}")
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{' '.join(message.split())} (see {self.prog} --help)")
+
+
+def _short_parser(name: str, command: Command) -> argparse.ArgumentParser:
+    """A parser for the short help: what the command takes, and the options that most people need, a line for each."""
+    options = list(options_of(command.arguments))
+    parser = _Parser(name, replace(command, description=command.description.partition("\n")[0]))
+    for each in options:
+        if _placed(each) or not command.essentials or each.key in command.essentials:
+            names, properties = _argument(each)
+            brief = command.essentials.get(each.key, properties["help"])
+            if each.choices:
+                properties["metavar"] = "CHOICE"
+            parser.add_argument(*reversed(names), **properties | {"help": brief})
+    if command.essentials:
+        hidden = sum(each.key not in command.essentials for each in options)
+        parser.epilog = f"{hidden} more options: unshutter {name} {HELP_ALL}"
+    return parser
+
+
+def _wrapped(text: str) -> str:
+    """The text with lines that fit the terminal, as argparse makes its own; those that fit already are left alone."""
+    width = max(shutil.get_terminal_size().columns - 2, 20)
+    return "\n".join(textwrap.fill(line, width) if len(line) > width else line for line in text.splitlines())
 
 
 def _usage(kind: type) -> str:

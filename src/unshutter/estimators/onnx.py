@@ -16,6 +16,7 @@ from pathlib import Path
 from threading import Event, Lock, Timer
 from typing import TYPE_CHECKING, Any
 
+from unshutter import installation
 from unshutter.errors import UnshutterError, WeightsError
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ class Network:
     def _opened(self) -> Runner:
         """A process that has opened the file and found this network in it."""
         if find_spec("onnxruntime") is None:
-            raise UnshutterError("networks in ONNX files need the extra: pip install 'unshutter[onnx]'")
+            raise UnshutterError(f"networks in ONNX files need the extra: {installation.extra('onnx')}")
         runner = Runner()
         try:
             message, _ = runner.ask({"open": str(self._weights.absolute()), "opens_fast": self._opens_fast})

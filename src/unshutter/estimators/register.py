@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter import lab
+from unshutter import installation
 from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.estimators.method import Method
 from unshutter.options import DEFAULT_ESTIMATOR
@@ -65,7 +65,7 @@ METHODS = (
 def names() -> list[str]:
     """All methods: the package's, then those of other installed packages."""
     built_in = [known.name for known in METHODS]
-    return built_in + sorted(lab.plugins(_GROUP).names - {known.name for known in METHODS})
+    return built_in + sorted(installation.plugins(_GROUP).names - {known.name for known in METHODS})
 
 
 def method(name: str) -> Method:
@@ -79,10 +79,10 @@ def method(name: str) -> Method:
     for known in METHODS:
         if known.name == name:
             return known
-    entry = next(iter(lab.plugins(_GROUP).select(name=name)), None)
+    entry = next(iter(installation.plugins(_GROUP).select(name=name)), None)
     if entry is None:
-        if name in lab.METHODS:
-            raise UsageError(f"estimator '{name}' comes with unshutter-lab: {lab.INSTALLATION}")
+        if name in installation.LAB_METHODS:
+            raise UsageError(f"estimator '{name}' comes with unshutter-lab: {installation.lab()}")
         raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(names())}")
     return _loaded(entry)
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from unshutter import installation
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.register import load, weights_file
 from unshutter.motion import Motion
@@ -164,7 +165,7 @@ def _openexr():
     try:
         import OpenEXR
     except ImportError:
-        raise UnshutterError("EXR files need the extra: pip install 'unshutter[exr]' (or write .tif)") from None
+        raise UnshutterError(f"EXR files need the extra: {installation.extra('exr')} (or write .tif)") from None
     return OpenEXR
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from unshutter import installation
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.motion.speed import Speed
@@ -105,7 +106,7 @@ def _figure(width: float) -> Figure:
     try:
         from matplotlib.figure import Figure
     except ImportError:
-        raise UnshutterError("plots need the extra: pip install 'unshutter[plot]'") from None
+        raise UnshutterError(f"plots need the extra: {installation.extra('plot')}") from None
     return Figure(figsize=(width, 4), layout="constrained")
 
 

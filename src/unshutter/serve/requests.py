@@ -11,6 +11,7 @@ from starlette.datastructures import FormData, UploadFile
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
+from unshutter import installation
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.serve.desk import Desk, desk_of
 from unshutter.serve.jobs.cache import Kind
@@ -71,7 +72,7 @@ def clips_can_be_opened() -> bool:
 def check_clips_can_be_opened() -> None:
     """Raises UnshutterError where the extra for clips is missing."""
     if not clips_can_be_opened():
-        raise UnshutterError("clips need the extra: pip install 'unshutter[video]'")
+        raise UnshutterError(f"clips need the extra: {installation.extra('video')}")
 
 
 async def body_opened(request: Request, kind: Kind) -> Response:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.serve.settings import Settings
 
@@ -32,7 +33,7 @@ def serve(settings: Settings) -> int:
 
         from unshutter.serve.app import application
     except ImportError as error:
-        raise UnshutterError(f"the page needs the extra: pip install 'unshutter[web]' ({error})") from None
+        raise UnshutterError(f"the page needs the extra: {installation.extra('web')} ({error})") from None
     from unshutter.serve.desk import Desk
     from unshutter.serve.store import temporary_folder
 

@@ -21,6 +21,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.storage import plain_files
 from unshutter.storage.files import Times, check_target, written_whole
@@ -198,7 +199,7 @@ def _one_line(where: Place | str) -> Iterator[None]:
         raise
     except ImportError as error:
         raise UnshutterError(
-            f"{{file}} needs a package that is missing: {error} (see unshutter[dask])", file=where
+            f"{{file}} needs a package that is missing: {error} ({installation.extra('dask')})", file=where
         ) from None
     except FileNotFoundError:
         raise UnshutterError("cannot reach {file}: no such file or folder", file=where) from None

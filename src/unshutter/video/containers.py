@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.storage.plain_files import check_plain
 from unshutter.video.pictures import PictureSequence
@@ -42,7 +43,7 @@ def av() -> ModuleType:
         import av
         from av import logging
     except ImportError:
-        raise UnshutterError("clips need PyAV: pip install 'unshutter[video]'") from None
+        raise UnshutterError(f"clips need PyAV: {installation.extra('video')}") from None
     logging.set_level(None)
     return av
 

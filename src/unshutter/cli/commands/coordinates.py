@@ -55,7 +55,17 @@ def _map(arguments: Map) -> int:
 
 
 MAP = Command(
-    "Write a photo's correction as a map for other programs: OpenCV (.npz) or an ST map (.exr, .tif).", Map, _map
+    "Write a photo's correction as a map for other programs: OpenCV (.npz) or an ST map (.exr, .tif).",
+    Map,
+    _map,
+    essentials={
+        "source": "photo, or the motion file of one",
+        "output": "map to write: .npz, .exr (extra `exr`) or .tif",
+        "inverse": "from the straightened picture to the photo",
+        "size": "of the map, for a scaled copy of the photo",
+        "reference": "row of the picture's moment: first, middle or last",
+        "overwrite": "replace a map that exists already",
+    },
 )
 
 

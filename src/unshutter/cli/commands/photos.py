@@ -63,6 +63,19 @@ Several photos into a folder: what is finished there is not done again unless th
 and a run that was stopped goes on when the same command is given again.""",
     RectifyPhotos,
     _rectify,
+    essentials={
+        "photos": "photos, or folders of photos",
+        "output": "where to: a file, or a folder for several photos",
+        "readout_ms": "readout time of the camera, if you know it",
+        "moving": "the camera moved: a train, a car, a drone",
+        "before": "frame taken just before the photo",
+        "after": "frame taken just after it",
+        "strength": "how much to undo, 0 to 1",
+        "edges": "auto, keep, crop, fill or borrow",
+        "min_confidence": "leave photos alone below this, 0 to 1",
+        "overwrite": "replace results that exist already",
+        "preview": "a picture of before and after, side by side",
+    },
 )
 
 
@@ -97,4 +110,18 @@ def _estimate(arguments: Estimate) -> int:
     return estimate_files(arguments.photos, arguments.output, request, arguments.overwrite, arguments.max_pixels)
 
 
-ESTIMATE = Command("Find the camera's motion during each photo, as JSON.", Estimate, _estimate)
+ESTIMATE = Command(
+    "Find the camera's motion during each photo, as JSON.",
+    Estimate,
+    _estimate,
+    essentials={
+        "photos": "photos, or folders of photos",
+        "output": "JSON file, or a folder for several photos",
+        "reference": "row that counts as not moving: first, middle or last",
+        "plot": "draw the motion of one photo (extra `plot`)",
+        "overwrite": "replace outputs that exist already",
+        "focal_px": "focal length in px, if you know it",
+        "readout_ms": "readout time of the camera, if you know it",
+        "moving": "the camera moved: a train, a car, a drone",
+    },
+)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, BinaryIO, final
 
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.photo.containers import boxes, items
 from unshutter.photo.format import Coding, Format, Header
@@ -92,7 +93,7 @@ def _primary(source: Source) -> Any:
         import pi_heif
     except ImportError:
         raise UnshutterError(
-            "{photo} is a HEIC photo: to read it, pip install 'unshutter[heic]'", photo=source
+            f"{{photo}} is a HEIC photo: to read it, {installation.extra('heic')}", photo=source
         ) from None
     try:
         with source.stream() as stream:

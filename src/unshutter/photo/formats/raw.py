@@ -21,6 +21,7 @@ from contextlib import contextmanager, suppress
 from threading import Lock
 from typing import TYPE_CHECKING, Any, BinaryIO, final
 
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.geometry.readout import Orientation
 from unshutter.photo.containers import boxes, segments, sensor_data
@@ -148,7 +149,7 @@ def _opened(source: Source) -> Iterator[Any]:
         import rawpy
     except ImportError:
         raise UnshutterError(
-            "{photo} is a camera's raw file: to read it, pip install 'unshutter[raw]'", photo=source
+            f"{{photo}} is a camera's raw file: to read it, {installation.extra('raw')}", photo=source
         ) from None
     try:
         with source.stream() as stream, rawpy.RawPy() as raw:
