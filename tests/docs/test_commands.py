@@ -1,0 +1,90 @@
+"""The commands that the documentation shows: all are understood, and those of README.md and the tutorial are run."""
+
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from support.clips import moving, shaken, write
+from unshutter.cli import COMMANDS, command_named, main
+from unshutter.cli.arguments import parse
+from unshutter.photo import Photo
+from unshutter_lab.synthesis.sequences import TurningCamera
+
+ROOT = Path(__file__).parents[2]
+DEMO = ROOT / "examples" / "demo.jpg"
+ORIGINAL = ROOT / "examples" / "original" / "basilica.webp"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+RUN = [ROOT / "README.md", *sorted((ROOT / "docs" / "tutorial").glob("*.md"))]
+_BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SKIPPED = {"README": ("video",)}  # the tutorial's page on clips runs it
+
+
+def blocks(page: Path) -> Iterator[tuple[str, list[str]]]:
+    """(language, lines) of each block of code; lines that end in a backslash are joined to the next."""
+    for language, text in _BLOCK.findall(page.read_text(encoding="utf-8")):
+        yield language, text.replace("\\\n", " ").splitlines()
+
+
+def commands(lines: list[str]) -> list[list[str]]:
+    """The words of each line that calls unshutter, without comments and redirections."""
+    found = [shlex.split(line.partition(" > ")[0], comments=True) for line in lines if line.startswith("unshutter ")]
+    return [words[1 : words.index("&")] if "&" in words else words[1:] for words in found]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_command_is_understood(page: Path) -> None:
+    for language, lines in blocks(page):
+        for name, *words in commands(lines) if language in ("sh", "console") else []:
+            parse(name, command_named(name), words)
+
+
+@pytest.fixture(scope="module")
+def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Photos, frames and a clip under the names that the pages give them."""
+    folder = tmp_path_factory.mktemp("material")
+    shutil.copy(DEMO, folder / "street.jpg")
+    Photo.open(ORIGINAL).save(folder / "house.jpg")
+    camera = TurningCamera(shaken(), 0.05, 3, 30.0, 0.7, 360, 480, 420.0)
+    for name, frame in zip("abc", camera.rendered(Photo.open(ORIGINAL).to_array(), noise=2.0), strict=True):
+        Photo.from_array(frame).save(folder / f"{name}.jpg", quality=92)
+    for several, names in (("frames", ["a.jpg", "b.jpg", "c.jpg"]), ("holiday", ["street.jpg", "house.jpg"])):
+        (folder / several).mkdir()
+        for name in names:
+            shutil.copy(folder / name, folder / several)
+    write(folder / "walk.mp4", moving(75, shaken(4.0))[1])
+    return folder
+
+
+@pytest.mark.parametrize("page", RUN, ids=lambda page: page.stem)
+def test_commands_of_the_tutorial_run_and_print_what_the_page_shows(
+    page: Path, material: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "work"
+    shutil.copytree(material, folder)
+    monkeypatch.chdir(folder)
+    printed = ""
+    for words in (words for language, lines in blocks(page) if language == "sh" for words in commands(lines)):
+        if words[0] not in SKIPPED.get(page.stem, ()):
+            code = main(words)
+            printed += "".join(capsys.readouterr())
+            assert code == 0, f"{shlex.join(words)}\n{printed}"
+    for line in (line for language, lines in blocks(page) if language == "text" for line in lines):
+        assert re.search(shape(line), printed, re.MULTILINE), f"{line}\nis not in\n{printed}"
+    assert printed
+    for photo in ("street.jpg", "b.jpg", "walk.mp4"):
+        assert (folder / photo).read_bytes() == (material / photo).read_bytes()
+
+
+def shape(line: str) -> str:
+    """A pattern for a line of output with other figures, and other reasons in a count."""
+    figures = re.sub(r"\d+(\\\.\d+)?", r"[\\d.]+", re.escape(line))
+    return re.sub(r"\\\(\[\\d\.\]\+\\ no.*", ".*", figures)
+
+
+def test_every_command_has_a_place_in_the_documentation() -> None:
+    shown = {words[0] for page in PAGES for language, lines in blocks(page) for words in commands(lines)}
+    assert set(COMMANDS) - shown - {"models"} == set()
