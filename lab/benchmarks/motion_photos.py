@@ -21,9 +21,10 @@ from unshutter.errors import UnshutterError
 from unshutter.estimators.base import View
 from unshutter.motion import RowMotion
 from unshutter.motion_photo.motion import film_motion
-from unshutter.options import Camera
+from unshutter.options import Camera, Undo
 from unshutter.photo import Photo
 from unshutter.reasons import Code
+from unshutter.result import judged
 from unshutter_lab.evaluation.metrics import motion_error
 from unshutter_lab.synthesis.motion_photo import FilmedStill, Stabilisation
 from unshutter_lab.synthesis.rotation_log import RotationLog
@@ -64,7 +65,7 @@ def main() -> None:
     logs = [log.smoothed(JITTER_S) if log.from_poses else log for log in map(RotationLog.load, wanted.logs)]
     photos = sorted(path for path in wanted.photos.rglob("*") if path.suffix.lower() in (".jpg", ".png"))
     for kind in KINDS:
-        errors, nothing, answers, seconds = [], [], [], []
+        errors, nothing, answers, seconds, undone = [], [], [], [], 0
         for seed in range(wanted.seed, wanted.seed + wanted.cases):
             scene = cv2.imread(str(photos[seed % len(photos)]), cv2.IMREAD_GRAYSCALE)
             scene = np.ascontiguousarray(np.rot90(scene)) if scene.shape[0] > scene.shape[1] else scene
@@ -76,6 +77,7 @@ def main() -> None:
             truth, motion = case.motion(), evidence.motion if evidence else None
             zero = RowMotion.zero(HEIGHT, WIDTH)
             nothing.append(motion_error(zero, truth).epe)
+            undone += motion is not None and judged(motion, Undo(), HEIGHT, WIDTH)[1].changes
             if motion is not None and not motion.is_zero:
                 errors.append(motion_error(motion, truth).epe)
                 answers.append(f"moved ({motion.largest_px * 256 / HEIGHT:.1f})")
@@ -88,6 +90,7 @@ def main() -> None:
             print(f"  {kind} {seed}: {answers[-1]}, EPE {error}, nothing done {nothing[-1]:.2f}")
         said = {word: sum(each.startswith(word) for each in answers) for word in ("moved", "stood still", *Code)}
         print(f"{kind}:", ", ".join(f"{count} {word}" for word, count in said.items() if count), end="; ")
+        print(f"{undone} undone; ", end="")
         if errors:
             print(f"EPE median {np.median(errors):.3f}, 90 % {np.quantile(errors, 0.9):.3f}, ", end="")
             print(f"below 0.5: {np.mean(np.array(errors) < 0.5):.2f} of {len(errors)}; ", end="")

@@ -182,7 +182,7 @@ def photo_candidates(photo: Photo, estimator: Estimator, camera: Camera) -> tupl
     """
     check_size(photo.height, photo.width)
     view = View(photo, camera)
-    if not isinstance(estimator, DoNothing) and photo.film() is not None:
+    if not camera.no_film and not isinstance(estimator, DoNothing) and photo.film() is not None:
         from unshutter.motion_photo.motion import film_motion  # here: few photos have one
 
         evidence = film_motion(view)

@@ -14,6 +14,7 @@ from support.drawn_photos import encoded, textured
 from support.hand_held import hand, log_of
 from support.maker_notes import directory, exif_with_note
 from support.motion_photos import FILM, item, motion_photo, packet
+from unshutter.cli import main
 from unshutter.estimators.base import View
 from unshutter.geometry.readout import Readout
 from unshutter.motion_photo.motion import film_motion
@@ -74,6 +75,16 @@ def test_a_photo_is_rectified_by_its_film(hurried, tmp_path, capsys):
     assert result.verdict.described().endswith("(by the film inside it)")
     assert result.verdict.as_json()["source"] == "film"
     assert unshutter.estimate(data, estimator="none").is_zero
+
+
+def test_no_film_leaves_the_film_alone(hurried, tmp_path):
+    _, data = hurried
+    assert unshutter.estimate(data, focal_px=FOCAL, no_film=True).estimator != "film"
+    (tmp_path / "a.jpg").write_bytes(data)
+    logs = [tmp_path / "with.jsonl", tmp_path / "without.jsonl"]
+    words = ["rectify", str(tmp_path / "a.jpg"), "--focal-px", str(FOCAL), "--overwrite", "-o", str(tmp_path / "b.jpg")]
+    assert main([*words, "--json-log", str(logs[0])]) == main([*words, "--no-film", "--json-log", str(logs[1])]) == 0
+    assert ['"source": "film"' in log.read_text() for log in logs] == [True, False]
 
 
 def test_a_still_that_software_has_turned_shows_its_readout_by_its_film(hurried):

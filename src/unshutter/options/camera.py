@@ -58,6 +58,7 @@ class Camera:
         metavar="MS",
     )
     moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
+    no_film: bool = option(False, "Do not use the film that belongs to a motion photo or Live Photo.")
     at_any_odds: bool = False
 
     def __post_init__(self) -> None:
@@ -82,7 +83,7 @@ class Camera:
         """Raises UsageError where more than the readout direction is given although no motion is to be found."""
         if self != Camera(self.readout):
             raise UsageError(
-                "focal length, roll, tilt, exposure, readout time and --moving are for finding a motion: "
+                "focal length, roll, tilt, exposure, readout time, --moving and --no-film are for finding a motion: "
                 "leave them out when you give one"
             )
 
@@ -97,6 +98,7 @@ class CameraKeywords(TypedDict, total=False):
     exposure_s: float | None
     readout_ms: float | None
     moving: bool
+    no_film: bool
 
 
 @dataclass(frozen=True)

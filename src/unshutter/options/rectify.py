@@ -76,7 +76,10 @@ class Rectify:
         camera, neighbours = self.find.camera, self.neighbours
         if self.motion is not None:
             raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
-        if replace(camera, readout_ms=None, focal_px=None) != Camera(camera.readout) and not neighbours.fallback:
+        if (
+            replace(camera, readout_ms=None, focal_px=None, no_film=False) != Camera(camera.readout)
+            and not neighbours.fallback
+        ):
             raise UsageError("roll, tilt, exposure and --moving are for single photos: leave them out")
         if neighbours.at is not None and self.undo.reference is not None:
             raise UsageError("--at and --reference both set the moment of the picture: choose one")
