@@ -27,10 +27,11 @@ NAME = Source.FILM.value
 _AROUND, _FEWEST = 30, 6  # frames on both sides of the photo that count; those without which a film says nothing
 _MATCHED = 2  # frames on both sides that the photo is compared with
 _USUAL_RATIO = ReadoutRatio(0.6, 0.2, "what is usual")  # of phones' films
+_LEAST_RATIO = 0.12  # frames that are read out faster than this were rectified by the phone
 _LEAST_PX = 0.25  # px of ROWS rows, mean over the photo: less is none
 _OFF_PX = 1.5  # px of ROWS rows by which the photo may lie beside the path of a film that was not stabilised
-_AGAINST_PX, _AGAINST_SHARE = 0.8, 0.15  # by which its rate may differ from the path's; and share of it
-_RATIOS = (0.05, 3.0)  # readout times of photos [frame intervals]
+_AGAINST_PX, _AGAINST_SHARE = 0.8, 0.1  # by which its rate may differ from the path's; and share of it
+_RATIOS = (0.05, 2.0)  # readout times of photos [frame intervals]
 _STEP = 0.05  # frame intervals
 _SYSTEMATIC_PX = 0.08  # px of ROWS rows: lens corrections, and whatever else is no motion
 _RIGHT_PX, _RIGHT_SHARE = 1.0, 0.1  # a motion is right to so many px of ROWS rows, or that share of it
@@ -77,7 +78,11 @@ def motion_by(film: Film, view: View) -> FilmEvidence:
     run = _Run.around(film, still.near)
     if run is None:
         return FilmEvidence(reason=Reason(Code.FILM_TOO_SHORT))
-    frames, ratio = run.frames(still.focal_px * ROWS / height)
+    focal = still.focal_px * ROWS / height
+    ratio = run.ratio(focal)
+    if ratio is None or ratio.value < _LEAST_RATIO:
+        return FilmEvidence(reason=Reason(Code.FILM_STABILISED))
+    frames = run.frames(focal, ratio)
     near = still.near - run.first
     fit = still.fit(frames, run, near)
     if fit is not None and abs((at := _nearest(frames, fit)[0]) - near) > _MATCHED:  # the photo's moment is elsewhere
@@ -186,19 +191,27 @@ class _Run:
         pairs = [links[k].tracks for k in range(first, last)]
         return cls(first, film.frames[first : last + 1], starts.tolist(), pairs)
 
-    def frames(self, focal_px: float) -> tuple[Frames, ReadoutRatio]:
-        """What they say of the camera, and their readout ratio.
+    def ratio(self, focal_px: float) -> ReadoutRatio | None:
+        """Their readout ratio, if they show none the usual one; None where they contradict any.
 
         Args:
             focal_px: focal length [px of ROWS rows].
         """
         try:
-            ratio = ratio_from_motion(self.pairs, focal_px)
-        except UnknownRatioError:
-            ratio = _USUAL_RATIO
+            return ratio_from_motion(self.pairs, focal_px)
+        except UnknownRatioError as error:
+            return None if error.reason.code is Code.SHOOK_TOO_FAST else _USUAL_RATIO
+
+    def frames(self, focal_px: float, ratio: ReadoutRatio) -> Frames:
+        """What they say of the camera.
+
+        Args:
+            focal_px: focal length [px of ROWS rows].
+            ratio: their readout ratio.
+        """
         height, width = self.greys[0].shape
         fit = steady(Problem([fewer(pair) for pair in self.pairs], focal_px, self.starts), ratio.value, None)
-        return Frames(fit, np.array(self.starts), ratio.value, height, width), ratio
+        return Frames(fit, np.array(self.starts), ratio.value, height, width)
 
 
 # ---- is it to be believed? -----------------------------------------------------------------------------------
@@ -212,7 +225,7 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> F
     turned = fit.turn[1] * shape
     readout = np.clip(rate @ turned / max(rate @ rate, 1e-9), *_RATIOS)
     against = float(np.linalg.norm(turned - readout * rate))
-    if off_px > _OFF_PX or against > _AGAINST_PX + _AGAINST_SHARE * np.linalg.norm(turned):
+    if np.hypot(off_px / _OFF_PX, against / (_AGAINST_PX + _AGAINST_SHARE * np.linalg.norm(turned))) > 1:
         return FilmEvidence(reason=Reason(Code.FILM_STABILISED))
     rows = (np.arange(view.height) + 0.5) / view.height
     turns = fit.rotation(rows)
