@@ -61,6 +61,7 @@ class Code(StrEnum):
     # frames and clips
     STOOD_STILL = "stood-still"
     NOTHING_MOVED = "nothing-moved"
+    NOTHING_TO_SEE = "nothing-to-see"
     ONLY_OTHERS_MOVED = "only-others-moved"
     NO_NEIGHBOUR = "no-neighbour"
     SHOT_TOO_SHORT = "shot-too-short"
@@ -104,6 +105,7 @@ SENTENCES = {
     Code.TOO_SMALL: "it would move by less than half a pixel",
     Code.STOOD_STILL: "the camera stood still",
     Code.NOTHING_MOVED: "nothing moved between the frames",
+    Code.NOTHING_TO_SEE: "nothing to see: at most {px:.1f} px at any plausible readout time",
     Code.ONLY_OTHERS_MOVED: "the camera stood still; what moved in front of it is not straightened",
     Code.NO_NEIGHBOUR: "there is no frame before or after it",
     Code.SHOT_TOO_SHORT: "the shot is too short to show how the camera moved",

@@ -145,17 +145,16 @@ def test_what_the_table_does_not_have_is_refused(nemo, name, mode, complaint):
 
 
 @pytest.mark.parametrize("flags", [(), ("--camera", "nemo one")])
-def test_a_clip_that_does_not_show_its_readout_time_takes_the_tables(tmp_path, capsys, nemo, flags):
+def test_a_clip_takes_the_tables_readout_time(tmp_path, capsys, nemo, flags):
     tags = {} if flags else {"make": "Nemo", "model": "One"}
     clip = clips.write(tmp_path / "in.mkv", clips.standing(), "ffv1", tags=tags)
     record, printed = log_of(tmp_path, capsys, clip, *flags)
     assert record["readout_ms"] == pytest.approx(20) and record["found_by"] == "table of cameras"
-    assert "this clip does not show its readout time" in printed
-    assert "the table of cameras says 20.0 ms for" in printed and "--readout-ms" not in printed
+    assert "readout time 20.0 ms, from table of cameras" in printed and "--readout-ms" not in printed
 
 
-def test_what_a_clip_shows_beats_the_table(tmp_path, capsys, monkeypatch):
-    wrong = [CameraMode("Nemo", "One", "", *SIZE, 30.0, 8.0, 8.0, 8.0)]
+def test_what_a_clip_shows_beats_profiles_that_disagree(tmp_path, capsys, monkeypatch):
+    wrong = [CameraMode("Nemo", "One", "", *SIZE, 30.0, 8.0, 6.0, 10.0, profiles=3)]
     monkeypatch.setattr(cameras, "table", lambda: tuple(wrong))
     greys = clips.moving(60, clips.shaken(3.0))[1]
     clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,6 +48,20 @@ _FOCAL_COMMON = 20.0  # tracks err together, and lenses distort: evidence counts
 
 
 @dataclass(frozen=True)
+class RatioRange:
+    """The readout ratios that are plausible where the true one is not known.
+
+    Attributes:
+        lowest, highest: readout time in frame intervals, 0 ... 1.
+        cameras: the cameras, and their modes, that the range is of.
+    """
+
+    lowest: float
+    highest: float
+    cameras: str
+
+
+@dataclass(frozen=True)
 class ReadoutRatio:
     """A readout ratio and how sure it is.
 
@@ -55,8 +69,9 @@ class ReadoutRatio:
         value: readout time in frame intervals, 0 ... 1.
         error: its standard deviation.
         source: what it was found from.
-        camera: name of the camera whose time was listed, where the source is the table of cameras; else empty.
-        instead_of: why a listed time was taken: the clip does not show its own; else None.
+        camera: name of the camera whose time is listed, where the source is the table of cameras; else empty.
+        instead_of: why the clip does not show its own ratio, where a usual one was taken; else None.
+        plausible: the range of a usual ratio; None where the ratio is known.
     """
 
     value: float
@@ -64,6 +79,27 @@ class ReadoutRatio:
     source: str
     camera: str = ""
     instead_of: Reason | None = None
+    plausible: RatioRange | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it, for :meth:`from_json`."""
+        plausible = self.plausible and [self.plausible.lowest, self.plausible.highest, self.plausible.cameras]
+        reason = self.instead_of and self.instead_of.as_json()
+        own = {"value": self.value, "error": self.error, "source": self.source, "camera": self.camera}
+        return {**own, "instead_of": reason, "plausible": plausible}
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> ReadoutRatio:
+        """Reads what :meth:`as_json` wrote."""
+        reason, plausible = data["instead_of"], data["plausible"]
+        return cls(
+            data["value"],
+            data["error"],
+            data["source"],
+            data["camera"],
+            None if reason is None else Reason.from_json(reason),
+            None if plausible is None else RatioRange(*plausible),
+        )
 
     def __str__(self) -> str:
         return f"{self.value:.3f} +- {self.error:.3f} (from {self.source})"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -14,6 +16,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.geometry.readout import Readout
 from unshutter.progress import Steps, Watch
+from unshutter.reasons import Code, Reason
 from unshutter.storage.files import written_whole
 from unshutter.storage.new_folders import new_folder
 from unshutter.video import mp4_movie, pictures
@@ -24,11 +27,11 @@ from unshutter.video.encoders import Encoder
 from unshutter.video.film_file import Film, write_picture, writing
 from unshutter.video.frame_motion import MovingFrame
 from unshutter.video.frame_warper import NewFrame, Warper, common_window
-from unshutter.video.options import RectifyClip
+from unshutter.video.options import Encode, RectifyClip
 from unshutter.video.outcome import ClipOutcome
 from unshutter.video.output_checks import are_pictures, check_targets, on_this_machine
 from unshutter.video.pipeline import Pipeline
-from unshutter.video.readout_search import readout_ratio_of_clip
+from unshutter.video.readout_choice import Visibility, readout_ratio_of_clip, too_little_to_see
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
@@ -55,7 +58,6 @@ def rectify_clip(
 
     Raises:
         UsageError: options that do not fit the clip.
-        UnknownRatioError: the clip does not show its readout time, and nothing else states it.
         UnshutterError: the clip cannot be read, or the output not be written.
     """
     cv2.setNumThreads(1)  # the threads are in the pipeline
@@ -66,17 +68,17 @@ def rectify_clip(
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
     clip.check_whole(options.start, options.end)
     encoder = Encoder.choose(clip, options.encode) if not are_pictures(target) else None
-    pipeline = _pipeline(clip, options, ratio, watch, on_readout)
-    outcome = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model, after_killed_run)
-    warper = Warper(clip, options.undo)
-    if options.undo.edges == "crop":
-        with closing(pipeline.moving()) as items:
-            warper = Warper(clip, options.undo, common_window(warper, _watched(items, clip, watch)))
-    if encoder is None:
-        _write_pictures(pipeline, warper, target, outcome, watch)
+    pipeline, visibility = _pipeline(clip, options, ratio, watch, on_readout)
+    outcome = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
+    outcome.after_killed_run = after_killed_run
+    if visibility is not None and pipeline.unmoved is not None and _is_simple(clip, target, options):
+        outcome.add_unchanged(visibility.frames, pipeline.unmoved)
+        outcome.written = not options.only_changed
+        if outcome.written:
+            _copy(clip, target, options.overwrite)
     else:
-        _write_film(pipeline, warper, encoder, target, outcome, watch)
-    if options.preview is not None:
+        _write(pipeline, encoder, target, outcome, watch)
+    if options.preview is not None and outcome.written:
         write_preview(options.preview, clip, str(target), options.start or 0.0, outcome.frames, options.overwrite)
     if options.plot is not None:
         outcome.plot(options.plot, options.overwrite)
@@ -91,20 +93,31 @@ def _pipeline(
     ratio: ReadoutRatio | None,
     watch: Watch | None,
     on_readout: ReadoutCallback | None,
-) -> Pipeline:
-    """The steps for a clip, its readout ratio and direction taken from the motion file, the options, or the clip."""
+) -> tuple[Pipeline, Visibility | None]:
+    """The steps for a clip, its readout ratio and direction taken from the motion file, the options, or the clip.
+
+    Returns:
+        The steps; and how little a clip of unknown readout time can show, where that is too little to change a frame.
+    """
     if options.motion is not None:
         motion = load(options.motion)
         _check_size(motion, clip)
-        return Pipeline(clip, options, ReadoutRatio(motion.ratio, 0.0, "motion file"), motion.readout, motion)
+        return Pipeline(clip, options, ReadoutRatio(motion.ratio, 0.0, "motion file"), motion.readout, motion), None
     readout, ratio_option = Readout.parse(options.shutter.readout), options.shutter.ratio(clip.interval_s)
+    search = ratio_option is None and ratio is None
     if ratio_option is not None:
         ratio = ReadoutRatio(ratio_option, 0.0, "given")
     elif ratio is None:
         ratio = readout_ratio_of_clip(clip, readout, options.shutter, options.span(clip.duration_s), watch)
-        if on_readout is not None:
-            on_readout(ratio, clip.interval_s)
-    return Pipeline(clip, options, ratio, readout)
+    pipeline = Pipeline(clip, options, ratio, readout)
+    if ratio.plausible is not None:
+        visibility = too_little_to_see(clip, readout, options, ratio.plausible.highest, watch)
+        if visibility is not None:
+            reason = Reason.of(Code.NOTHING_TO_SEE, px=max(round(visibility.largest_px, 1), 0.1))
+            return replace(pipeline, unmoved=reason), visibility
+    if search and on_readout is not None:
+        on_readout(ratio, clip.interval_s)
+    return pipeline, None
 
 
 def _check_size(motion: ClipMotion, clip: Clip) -> None:
@@ -128,6 +141,41 @@ def _watched(items: Generator[MovingFrame | SidePacket], clip: Clip, watch: Watc
 # ---- what is written --------------------------------------------------------------------------------------
 
 
+def _write(
+    pipeline: Pipeline, encoder: Encoder | None, target: Path, outcome: ClipOutcome, watch: Watch | None
+) -> None:
+    """Writes the clip; pictures without an encoder."""
+    clip, options = pipeline.clip, pipeline.options
+    warper = Warper(clip, options.undo)
+    if options.undo.edges == "crop":
+        with closing(pipeline.moving()) as items:
+            warper = Warper(clip, options.undo, common_window(warper, _watched(items, clip, watch)))
+    try:
+        if encoder is None:
+            _write_pictures(pipeline, warper, target, outcome, watch)
+        else:
+            _write_film(pipeline, warper, encoder, target, outcome, watch)
+    except _NothingChangedError:
+        outcome.written = False
+
+
+class _NothingChangedError(Exception):
+    """No frame changes, and then nothing is to be written."""
+
+
+def _copy(clip: Clip, target: Path, overwrite: bool) -> None:
+    """Writes the clip's file as it is."""
+    with written_whole(target, overwrite) as part:
+        shutil.copyfile(clip.path, part)
+
+
+def _is_simple(clip: Clip, target: Path, options: RectifyClip) -> bool:
+    """Whether a clip of which no frame changes can be copied as a file, with no motion to write or draw."""
+    whole = options.start is None and options.end is None
+    same_kind = not clip.of_pictures and target.suffix.lower() == Path(clip.path).suffix.lower()
+    return whole and same_kind and options.encode == Encode() and options.save_motion is options.plot is None
+
+
 def _write_film(
     pipeline: Pipeline, warper: Warper, encoder: Encoder, target: Path, outcome: ClipOutcome, watch: Watch | None
 ) -> None:
@@ -148,6 +196,8 @@ def _write_film(
             else:
                 film.add_frame(item.picture)
         film.end()
+        if options.only_changed and not outcome.rectified:
+            raise _NothingChangedError
         outcome.left_out = film.left_out
         if frames is not None:
             with open(clip.path, "rb") as original, part.open("r+b") as out:
@@ -163,6 +213,8 @@ def _write_pictures(
         for number, item in enumerate(items, 1):
             assert isinstance(item, NewFrame)  # no other streams were asked for
             write_picture(item.picture, part / (name % number))
+        if pipeline.options.only_changed and not outcome.rectified:
+            raise _NothingChangedError
 
 
 @contextmanager

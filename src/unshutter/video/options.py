@@ -165,6 +165,7 @@ class RectifyClip:
         save_motion: file to write it to.
         preview: picture or film to write that shows moments before and after.
         plot: picture to write of the camera's motion.
+        only_changed: whether a clip of which no frame changes is not written.
         overwrite: whether outputs that exist may be replaced.
         json_log: file to add what happens to.
         max_pixels: of a frame; clips of larger ones are refused.
@@ -199,6 +200,7 @@ class RectifyClip:
         names="output",
         page=False,
     )
+    only_changed: bool = option(False, "Write nothing if no frame changes. Default: copy the clip.", page=False)
     overwrite: bool = option(False, "Replace output files that exist already, but never the clip itself.", page=False)
     json_log: Path | None = option(
         None, "Append a record of the run to this file: one JSON object per line.", names="output", page=False

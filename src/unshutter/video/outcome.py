@@ -32,6 +32,7 @@ class ClipOutcome:
         ratio: readout time in frame intervals, and where it comes from.
         interval_s: the usual time from one frame to the next [s].
         model: how motion was to be described.
+        written: whether there is a new clip: not where nothing changes and only changes were asked for.
         after_killed_run: whether leftovers of an earlier run, which was killed, were removed.
         frames: number of frames.
         rectified: how many of them moved.
@@ -47,6 +48,7 @@ class ClipOutcome:
     ratio: ReadoutRatio
     interval_s: float
     model: FrameModel
+    written: bool = True
     after_killed_run: bool = False
     frames: int = 0
     rectified: int = 0
@@ -90,11 +92,18 @@ class ClipOutcome:
         is_rotation = isinstance(motion, RotationMotion)
         self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if is_rotation else (nan,) * 3))
 
+    def add_unchanged(self, frames: int, reason: Reason) -> None:
+        """Counts frames that are left unchanged for one reason."""
+        self.frames += frames
+        self.reasons[reason] += frames
+
     def as_json(self) -> dict[str, Any]:
         """The record of the run for the log."""
+        plausible, ms = self.ratio.plausible, 1000 * self.interval_s
         return {
             "source": self.source,
             "output": self.output,
+            "written": self.written,
             "frames": self.frames,
             "rectified": self.rectified,
             "model": self.model,
@@ -107,6 +116,7 @@ class ClipOutcome:
             "readout_ratio_sd": self.ratio.error or None,
             "readout_ms": self.readout_ms,
             "found_by": self.ratio.source,
+            **({} if plausible is None else {"plausible_ms": [plausible.lowest * ms, plausible.highest * ms]}),
         }
 
     def plot(self, path: Path, overwrite: bool) -> None:

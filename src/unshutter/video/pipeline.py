@@ -20,10 +20,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion
 from unshutter.geometry.readout import Readout
+from unshutter.motion import RowMotion
+from unshutter.reasons import Reason
 from unshutter.video.clip import Clip, SidePacket
 from unshutter.video.clip_motion_file import ClipMotion
 from unshutter.video.frame_links import LinkedFrame, linked
-from unshutter.video.frame_motion import FEWEST, MovingFrame, window, with_motion
+from unshutter.video.frame_motion import FEWEST, ROWS, MovingFrame, window, with_motion
 from unshutter.video.frame_warper import NewFrame, Warper
 from unshutter.video.options import RectifyClip
 from unshutter.warp.pixels import thread_count
@@ -49,6 +51,7 @@ class Pipeline:
         ratio: readout time in frame intervals.
         readout: direction in which stored pixels were read.
         file_motion: motion from a file; None: it is found from the frames.
+        unmoved: why no frame is to be changed; None: frames are rectified.
     """
 
     clip: Clip
@@ -56,10 +59,13 @@ class Pipeline:
     ratio: ReadoutRatio
     readout: Readout
     file_motion: ClipMotion | None = None
+    unmoved: Reason | None = None
 
     def moving(self, all_streams: bool = False) -> Generator[MovingFrame | SidePacket]:
         """The frames with their motion; with ``all_streams``, also the packets of the other streams."""
         items = ahead(self.clip.items(self.options.start, self.options.end, all_streams), _DECODED_AHEAD)
+        if self.unmoved is not None:
+            return _without_motion(self.unmoved, items)
         if self.file_motion is not None:
             return _with_file_motion(self.file_motion, items)
         together = window(self.clip)
@@ -71,10 +77,16 @@ class Pipeline:
         """The frames to encode; with ``all_streams``, also the packets of the other streams."""
         undo = self.options.undo
         items: Generator[MovingFrame | LinkedFrame | SidePacket] = self.moving(all_streams)
-        if undo.model == "dense" and undo.strength:
+        if undo.model == "dense" and undo.strength and self.unmoved is None:
             borrow = undo.edges == "borrow"
             items = ahead(linked(self.clip, items, self.ratio.value, self.readout, borrow), _LINKED_AHEAD)
         return side_by_side(warper, items, thread_count())
+
+
+def _without_motion(reason: Reason, items: Iterable[VideoFrame | SidePacket]) -> Generator[MovingFrame | SidePacket]:
+    motion = RowMotion.zero(ROWS, ROWS, reason=reason)
+    for item in items:
+        yield item if isinstance(item, SidePacket) else MovingFrame(item, motion)
 
 
 def _with_file_motion(

@@ -15,52 +15,15 @@ from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
 from unshutter.geometry.readout import Readout
 from unshutter.progress import Steps, Watch
 from unshutter.reasons import Code, Reason
-from unshutter.video import cameras
 from unshutter.video.clip import Clip
 from unshutter.video.frame_motion import look
-from unshutter.video.options import Shutter
 from unshutter.video.pipeline import ahead
-from unshutter.video.readout_tags import readout_tag
 
 _PART, _FEWEST = 60, 20  # frames that are asked together, and those that are worth asking
 _MOST_PARTS = 12
 _FAR = 3.0  # standard deviations: parts that differ by more do not agree
 _AGREE = 0.6  # share of the parts' weight that has to
 _GUESSED_RATIO = 0.5
-
-
-def readout_ratio_of_clip(
-    clip: Clip, readout: Readout, shutter: Shutter, span: tuple[float, float], watch: Watch | None = None
-) -> ReadoutRatio:
-    """The readout ratio that the clip's file states, else the one that its frames show, else that of the table.
-
-    Args:
-        clip: the clip; its tags name the camera where the user does not.
-        readout: direction in which the stored pixels were read.
-        shutter: what the user says of the camera, but not its readout time.
-        span: the part of the clip that is looked at [s].
-        watch: called for every part of it.
-
-    Raises:
-        UsageError: the user names a camera that the table does not have, or not in this mode.
-        UnknownRatioError: neither the clip nor the table shows it.
-        UnshutterError: the clip cannot be read.
-    """
-    tag = None if clip.of_pictures else readout_tag(clip.path)
-    if tag is not None:
-        return ReadoutRatio(min(tag.ms / 1000 / clip.interval_s, 1.0), 0.0, "the clip's file", tag.writer)
-    mode = (clip.width, clip.height), 1 / clip.interval_s
-    if shutter.camera is None:
-        listed = cameras.find_tagged(clip.tags, *mode)
-    else:
-        listed = cameras.find_named(shutter.camera, *mode)
-    try:
-        return find_ratio(clip, readout, shutter.focal_px, span, watch)
-    except UnknownRatioError as error:
-        if listed is None or (shutter.camera is None and not listed.is_certain):
-            raise
-        ratio = min(listed.typical / 1000 / clip.interval_s, 1.0)
-        return ReadoutRatio(ratio, 0.0, "table of cameras", shutter.camera or listed.camera, error.reason)
 
 
 def find_ratio(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from unshutter.cli.arguments import Command, positional, required
-from unshutter.errors import UnknownRatioError, visible
+from unshutter.errors import visible
 from unshutter.video.options import RectifyClip
 
 if TYPE_CHECKING:
@@ -37,21 +37,22 @@ def run(arguments: Arguments) -> int:
         def tell(ratio: ReadoutRatio, interval_s: float) -> None:
             bars.tell(_line_of(ratio, 1000 * interval_s))
 
-        try:
-            outcome = rectify_clip(arguments.clip, arguments.output, arguments.options, watch=bars, on_readout=tell)
-        except UnknownRatioError as error:
-            raise error.with_advice("say it with --readout-ms, or name the camera with --camera") from None
+        outcome = rectify_clip(arguments.clip, arguments.output, arguments.options, watch=bars, on_readout=tell)
     for line in _lines_of(outcome):
         print(visible(line), file=sys.stderr)
     return 0
 
 
 def _line_of(ratio: ReadoutRatio, interval_ms: float) -> str:
-    """What was found of the readout time, in a form that can be given back."""
+    """The readout time and where it comes from, in a form that can be used again."""
     ms, error = interval_ms * ratio.value, interval_ms * ratio.error
-    if ratio.instead_of is not None:
-        return f"unshutter: {ratio.instead_of}; the table of cameras says {ms:.1f} ms for {ratio.camera}"
-    return f"unshutter: readout time {ms:.1f} +- {error:.1f} ms (--readout-ms {ms:.1f})"
+    if ratio.plausible is not None:
+        low, high = interval_ms * ratio.plausible.lowest, interval_ms * ratio.plausible.highest
+        usual = f"{ms:.1f} ms is taken, as usual for {ratio.plausible.cameras} ({low:.1f} to {high:.1f} ms)"
+        return f"unshutter: {ratio.instead_of}: {usual}; if you know better, say it with --readout-ms"
+    if ratio.source == "motion":
+        return f"unshutter: readout time {ms:.1f} +- {error:.1f} ms (--readout-ms {ms:.1f})"
+    return f"unshutter: readout time {ms:.1f} ms, from {ratio.source} ({ratio.camera})"
 
 
 def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
@@ -66,7 +67,8 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         others = f"; {unchanged - count} for other reasons" if unchanged > count else ""
         note += f", {unchanged} left as they are ({reason}{others})"
     frames = f"{outcome.rectified} of {outcome.frames} frames straightened"
-    yield f"{outcome.source} -> {outcome.output}: {frames}{note}"
+    result = outcome.output if outcome.written else "not written"
+    yield f"{outcome.source} -> {result}: {frames}{note}"
     if outcome.left_out:
         yield f"unshutter: such files have no place for: {', '.join(outcome.left_out)}"
     if outcome.gap_s is not None:

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from unshutter.errors import UnknownRatioError, UnshutterError
+from unshutter.errors import UnshutterError
 from unshutter.serve.jobs.cache import OpenFile, ProgressFile, digest, errors_of, put
 from unshutter.serve.jobs.facts import ClipFacts, MomentResult, ReadoutTime, SavedClip
 from unshutter.serve.jobs.screen import as_jpeg
@@ -90,7 +90,16 @@ def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
         clip = Clip.look(open_file.path)
         ratio, interval_ms = _ratio_of(open_file, clip, options), 1000 * clip.interval_s
         times_ms = ratio.value * interval_ms, ratio.error * interval_ms
-        return ReadoutTime(ratio.value, ratio.error, *times_ms, ratio.source).as_json()
+        plausible, interval_ms = ratio.plausible, 1000 * clip.interval_s
+        return ReadoutTime(
+            ratio.value,
+            ratio.error,
+            *times_ms,
+            ratio.source,
+            ratio.camera if plausible is None else plausible.cameras,
+            None if plausible is None else (plausible.lowest * interval_ms, plausible.highest * interval_ms),
+            "" if ratio.instead_of is None else str(ratio.instead_of),
+        ).as_json()
 
 
 def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
@@ -124,8 +133,7 @@ def _ratio_of(
     """
     from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.geometry.readout import Readout
-    from unshutter.reasons import Reason
-    from unshutter.video.readout_search import readout_ratio_of_clip
+    from unshutter.video.readout_choice import readout_ratio_of_clip
 
     stated = options.shutter.ratio(clip.interval_s)
     if stated is not None:
@@ -133,18 +141,10 @@ def _ratio_of(
     part = options.span(clip.duration_s)
     file = open_file.path.with_name(f"readout-{digest(options.shutter, part)}.json")
     if not file.exists():
-        try:
-            readout = Readout.parse(options.shutter.readout)
-            ratio = readout_ratio_of_clip(clip, readout, options.shutter, part, progress.note if progress else None)
-            record = {"value": ratio.value, "error": ratio.error, "source": ratio.source, "camera": ratio.camera}
-        except UnknownRatioError as error:
-            record = {"declined": error.reason.as_json()}
-        put(file, lambda new: new.write_text(json.dumps(record), encoding="utf-8"))
-    record = json.loads(file.read_text(encoding="utf-8"))
-    if "declined" in record:
-        reason = Reason.from_json(record["declined"])
-        raise UnknownRatioError(str(reason), reason)
-    return ReadoutRatio(**record)
+        readout = Readout.parse(options.shutter.readout)
+        ratio = readout_ratio_of_clip(clip, readout, options.shutter, part, progress.note if progress else None)
+        put(file, lambda new: new.write_text(json.dumps(ratio.as_json()), encoding="utf-8"))
+    return ReadoutRatio.from_json(json.loads(file.read_text(encoding="utf-8")))
 
 
 def _time_of(clip: Clip, options: RectifyClip, moment: int) -> float:

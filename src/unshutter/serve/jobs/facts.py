@@ -151,6 +151,9 @@ class ReadoutTime:
         ratio, ratio_sd: readout time / time from frame to frame, and its standard deviation.
         ms, ms_sd: readout time [ms], and its standard deviation.
         found_by: where it comes from.
+        cameras: the cameras that a usual or listed time is of; empty: those of no others.
+        plausible_ms: range of a usual time [ms]; None where the time is known.
+        reason: why a usual time is taken; empty where the time is known.
     """
 
     ratio: float
@@ -158,6 +161,9 @@ class ReadoutTime:
     ms: float
     ms_sd: float
     found_by: str
+    cameras: str
+    plausible_ms: tuple[float, float] | None
+    reason: str
 
     def as_json(self) -> dict[str, Any]:
         """Its fields by name."""

@@ -41,7 +41,8 @@ export class ClipControls {
     Object.assign(this.value.field, { max: "", ...LIMITS[unit] });
     if (document.activeElement !== this.value.field) this.value.field.value = options[`readout-${unit}`] ?? "";
     this.readoutSource.textContent = { motion: () => words.readoutEstimated(readout.ms, readout.ms_sd),
-      "table of cameras": () => words.readoutListed(readout.ms) }[readout?.found_by]?.() ?? "";
+      "table of cameras": () => words.readoutListed(readout), "usual value": () => words.readoutListed(readout),
+      "the clip's file": () => words.readoutInFile(readout.ms) }[readout?.found_by]?.() ?? "";
     this.part.forEach(({ field }, k) => {
       if (document.activeElement !== field) field.value = options[["start", "end"][k]] ?? "";
     });

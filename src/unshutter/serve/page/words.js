@@ -25,6 +25,7 @@ export const reasons = {
   "too-small": () => "nothing would move by as much as half a pixel",
   "stood-still": () => "the camera stood still",
   "nothing-moved": () => "nothing moved between the frames",
+  "nothing-to-see": ({ px }) => `nothing to see: at most ${px.toFixed(1)} px at any plausible readout time`,
   "only-others-moved": () => "the camera stood still; what moved in front of it is not straightened",
   "no-neighbour": () => "there is no frame before or after it",
   "shot-too-short": () => "the shot is too short to show how the camera moved",
@@ -186,7 +187,10 @@ export const words = {
   readoutTimeHelp: "How long the camera takes to read out one frame. A clip in which the camera moves unevenly for two "
     + "seconds shows it.",
   readoutValueOf: { find: "", ms: "Milliseconds", ratio: "Share of the time from frame to frame" },
-  readoutListed: (ms) => `The clip does not show it; the table of cameras says ${ms.toFixed(1)} ms.`,
+  readoutListed: ({ ms, plausible_ms: range, cameras }) => range === null
+    ? `${ms.toFixed(1)} ms, from the table of cameras (${cameras}).`
+    : `The clip does not show it. ${ms.toFixed(1)} ms is usual for ${cameras} (${range[0].toFixed(1)} to ${range[1].toFixed(1)} ms).`,
+  readoutInFile: (ms) => `${ms.toFixed(1)} ms, from the clip's file.`,
   readoutEstimated: (ms, sd) => `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms.`,
   clipEdges: "Empty corners",
   clipEdgesOf: { fill: "fill", keep: "keep black", crop: "cut off" },

@@ -1,0 +1,164 @@
+"""A clip whose readout time nobody knows: the usual one is taken, or the clip shows that it does not matter."""
+
+import json
+
+import numpy as np
+import pytest
+
+from support import clips
+from support.hand_held import log_of, pan, shaking
+from unshutter.cli import main
+from unshutter.frames.self_calibration import RatioRange, ReadoutRatio
+from unshutter.reasons import Code, Reason
+from unshutter.video import cameras, readout_choice
+from unshutter.video.cameras import CameraMode
+
+SIZE = (clips.WIDTH, clips.HEIGHT)
+
+
+def slow(px_a_frame):
+    """An even pan by so many px from frame to frame."""
+    return pan(px_a_frame * np.degrees(1 / clips.FOCAL) * clips.FPS)
+
+
+@pytest.fixture
+def run(tmp_path, capsys):
+    """Rectifies a clip; (the log's record, what was printed, the new file)."""
+
+    def rectified(clip, *flags):
+        out, log = clip.with_stem("out"), tmp_path / "log.jsonl"
+        log.unlink(missing_ok=True)
+        assert main(["video", str(clip), "-o", str(out), "--json-log", str(log), *flags]) == 0
+        return json.loads(log.read_text()), capsys.readouterr().err, out
+
+    return rectified
+
+
+def test_what_does_not_show_takes_the_usual_value_and_says_so(tmp_path, run):
+    """An even pan shows no readout time, but leans."""
+    greys = clips.moving(30, slow(3.0), ratio=0.5)[1]
+    clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")
+    record, shown, out = run(clip)
+    assert record["found_by"] == "usual value" and record["rectified"] == 30
+    low, high = record["plausible_ms"]
+    assert 3 < low < 10 < record["readout_ms"] < 20 < high < 34
+    assert "does not show its readout time" in shown and "as usual for cameras and phones" in shown
+    usual = clips.luma(out)
+    _, _, best = run(clip, "--readout-ratio", "0.5", "--overwrite")
+    assert clips.psnr(usual, clips.luma(best)) > clips.psnr(clips.luma(clip), clips.luma(best)) + 10
+
+
+def test_a_make_tells_the_kind_of_camera(tmp_path, run):
+    clip = clips.write(
+        tmp_path / "in.mkv", clips.moving(30, slow(3.0))[1], "ffv1", tags={"make": "Apple", "model": "X"}
+    )
+    record, shown, _ = run(clip)
+    assert record["found_by"] == "usual value" and record["readout_ms"] < 12 and "usual for phones" in shown
+
+
+def test_other_modes_of_a_known_camera_give_a_range(tmp_path, run):
+    """GoPro's firmware names the camera; a clip of this size is in none of its modes."""
+    clip = clips.write(
+        tmp_path / "in.mp4", clips.moving(30, slow(3.0))[1], tags={"firmware": "HD5.02.02.00.00"}, **TAGS
+    )
+    record, shown, _ = run(clip)
+    assert record["found_by"] == "table of cameras" and record["readout_ms"] == pytest.approx(30.03, abs=0.1)
+    assert record["plausible_ms"] == [pytest.approx(8.34), pytest.approx(33.33, abs=0.1)]
+    assert "30.0 ms is taken, as usual for GoPro HERO5 Black, other modes of this camera (8.3 to 33.3 ms)" in shown
+
+
+TAGS = {"container": {"movflags": "use_metadata_tags"}}
+
+
+@pytest.mark.parametrize("px", [0.0, 0.25, 0.5])
+def test_where_there_is_nothing_to_see_the_clip_is_copied(tmp_path, run, px):
+    """Rows lie within half a frame's motion of the middle one; this lens shows corners move a third faster."""
+    clip = clips.write(tmp_path / "in.mp4", clips.moving(30, slow(px))[1], sound=True)
+    record, shown, out = run(clip)
+    assert out.read_bytes() == clip.read_bytes()
+    assert record["rectified"] == 0 and record["frames"] == 30 and record["written"]
+    (reason,) = record["declined"]
+    assert reason["code"] == Code.NOTHING_TO_SEE
+    assert px / 2 - 0.05 <= reason["figures"]["px"] <= 1.33 * px / 2 + 0.15
+    assert "30 left as they are (nothing to see: at most 0." in shown
+    assert "is taken, as usual" not in shown
+
+
+def test_first_row_as_reference_shows_twice_as_much(tmp_path, run):
+    clip = clips.write(tmp_path / "in.mkv", clips.moving(30, slow(0.5))[1], "ffv1")
+    assert run(clip)[0]["rectified"] == 0
+    (tmp_path / "out.mkv").unlink()
+    assert run(clip, "--reference", "first")[0]["rectified"] > 25
+
+
+def test_only_changed_writes_nothing(tmp_path, run):
+    """Neither where nothing is to be seen nor, at a stated readout time, where nothing moved."""
+    clip = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1")
+    for flags in ((), ("--readout-ms", "20"), ("--readout-ms", "20", "-o", str(tmp_path / "pictures"))):
+        record, shown, out = run(clip, "--only-changed", *flags)
+        assert not record["written"] and "in.mkv -> not written: 0 of 30 frames straightened" in shown
+        assert not out.exists() and not (tmp_path / "pictures").exists()
+    moving = clips.write(tmp_path / "in.mkv", clips.moving(16)[1], "ffv1")
+    assert run(moving, "--only-changed", "--readout-ratio", "0.6")[2].exists()
+
+
+@pytest.mark.parametrize("flags", [("--save-motion", "m.json"), ("--end", "0.5"), ("--codec", "libx264")])
+def test_nothing_to_see_but_more_asked_for(tmp_path, run, flags, monkeypatch):
+    """The frames then go through the encoder, unchanged."""
+    monkeypatch.chdir(tmp_path)
+    clip = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1")
+    record, _, out = run(clip, *flags)
+    assert record["rectified"] == 0 and record["declined"][0]["code"] == Code.NOTHING_TO_SEE
+    before, after = clips.luma(clip), clips.luma(out)
+    assert np.abs(after - before[: len(after)]).mean() < 1
+
+
+def test_people_who_walk_by_are_not_straightened_and_do_not_count(tmp_path, run):
+    greys = clips.standing(30)
+    for k, grey in enumerate(greys):
+        greys[k] = grey.copy()
+        greys[k][60:120, 5 * k : 5 * k + 20] = np.random.default_rng(1).integers(0, 255, (60, 20))
+    clip = clips.write(tmp_path / "in.mkv", greys, "ffv1")
+    assert run(clip)[0]["declined"][0]["code"] == Code.NOTHING_TO_SEE
+
+
+def test_a_mode_of_the_table_needs_no_search(tmp_path, run, monkeypatch):
+    one = CameraMode("Nemo", "One", "", *SIZE, 30.0, 20.0, 20.0, 20.0)
+    monkeypatch.setattr(cameras, "table", lambda: (one,))
+    monkeypatch.delattr(readout_choice, "find_ratio")
+    clip = clips.write(tmp_path / "in.mkv", clips.moving(16)[1], "ffv1", tags={"make": "Nemo", "model": "One"})
+    record, shown, _ = run(clip)
+    assert record["readout_ms"] == pytest.approx(20) and "plausible_ms" not in record
+    assert "unshutter: readout time 20.0 ms, from table of cameras (Nemo One)" in shown
+
+
+def hand():
+    return log_of(lambda t: 25 * np.sin(6 * t), lambda t: 8 * np.sin(5 * t + 1), lambda t: 20 * np.sin(8 * t + 2))
+
+
+@pytest.mark.parametrize("camera", range(10))
+def test_ten_clips_of_unknown_cameras(tmp_path, run, camera):
+    """Each comes out corrected or with a bound."""
+    log = [
+        slow(0.0),
+        slow(0.2),
+        slow(0.8),
+        slow(4.0),
+        hand(),
+        shaking(5.0),
+        shaking(14.0),
+        slow(2.0),
+        hand(),
+        slow(1.5),
+    ][camera]
+    tags = {"make": ["", "Kilroy", "Sony", "Apple", "GoPro"][camera % 5], "model": "M 1"}
+    greys = clips.moving(24, log, ratio=[0.2, 0.5, 0.9][camera % 3])[1]
+    record, shown, out = run(clips.write(tmp_path / "in.mkv", greys, "ffv1", tags=tags))
+    bound = [each for each in record["declined"] if each["code"] == Code.NOTHING_TO_SEE]
+    assert out.exists() and (record["rectified"] > 20 or (bound and bound[0]["figures"]["px"] < 0.5)), shown
+
+
+def test_a_ratio_can_be_kept_as_json():
+    ratio = ReadoutRatio(0.5, 0.0, "usual value", "", Reason(Code.STOOD_STILL), RatioRange(0.1, 0.9, "phones"))
+    for each in (ratio, ReadoutRatio(0.6, 0.01, "motion")):
+        assert ReadoutRatio.from_json(json.loads(json.dumps(each.as_json()))) == each
