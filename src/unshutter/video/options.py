@@ -22,8 +22,8 @@ class Shutter:
 
     Attributes:
         readout_ms: time in which a frame is read out [ms].
-        readout_ratio: the same in frame intervals; without either it is found from the clip.
-        camera: name in the table of cameras, for clips that do not tell the readout time.
+        readout_ratio: the same in frame intervals; without either see video/readout_choice.py.
+        camera: name in the table of cameras.
         readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
         focal_px: focal length [px of a frame]; None: found.
 
@@ -32,14 +32,14 @@ class Shutter:
     """
 
     readout_ms: float | None = option(
-        None, "Readout time of a frame, if you know it. Default: found from the clip.", metavar="MS"
+        None, "Readout time of a frame, if you know it. Default: by the clip's file, the table of cameras, or the frames.", metavar="MS"
     )
     readout_ratio: float | None = option(
         None, "The same as a share of the time between two frames, above 0 and at most 1."
     )
     camera: str | None = option(
         None,
-        "Use this camera's readout time if the clip does not show its own; `unshutter cameras` lists them.",
+        "Name of the camera in the table of readout times; `unshutter cameras` lists them. Default: by the clip's tags.",
         names="word",
     )
     readout: str = option(
