@@ -32,14 +32,14 @@ class Shutter:
     """
 
     readout_ms: float | None = option(
-        None, "Readout time of a frame, if you know it. Default: by the clip's file, the table of cameras, or the frames.", metavar="MS"
+        None, "Readout time of a frame, if you know it. Default: from the clip or the table of cameras.", metavar="MS"
     )
     readout_ratio: float | None = option(
         None, "The same as a share of the time between two frames, above 0 and at most 1."
     )
     camera: str | None = option(
         None,
-        "Name of the camera in the table of readout times; `unshutter cameras` lists them. Default: by the clip's tags.",
+        "Name of the camera in the table of readout times; `unshutter cameras` lists them. Default: by its tags.",
         names="word",
     )
     readout: str = option(

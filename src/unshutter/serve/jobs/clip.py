@@ -90,7 +90,7 @@ def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
         clip = Clip.look(open_file.path)
         ratio, interval_ms = _ratio_of(open_file, clip, options), 1000 * clip.interval_s
         times_ms = ratio.value * interval_ms, ratio.error * interval_ms
-        plausible, interval_ms = ratio.plausible, 1000 * clip.interval_s
+        plausible = ratio.plausible
         return ReadoutTime(
             ratio.value,
             ratio.error,
