@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import unshutter
-from support.batches import leftovers, make_photos, rectify, results
+from support.batches import leftovers, make_motion, make_photos, rectify, results
 from unshutter.cli import main
 from unshutter.photo import Photo
 from unshutter.storage.files import written_whole
@@ -210,3 +210,29 @@ def test_leftovers_of_killed_runs_go_and_those_at_work_stay(archive: Path, motio
         assert sorted(leftovers(out)) == sorted([part.name, ".unshutter-mine.part.jpg"])
         part.write_bytes(b"whole")
     assert (out / "trip" / "elsewhere.jpg").read_bytes() == b"whole"
+
+
+def test_the_manifest_may_lie_elsewhere(tmp_path: Path) -> None:
+    make_photos(tmp_path / "in", ["a.jpg", "b.jpg"])
+    words = (tmp_path / "in", "--motion", make_motion(tmp_path / "m.json"), "--manifest", tmp_path / "state")
+    for out in ("one", "two"):  # that share it, with results of the same names
+        assert rectify(*words, "-o", tmp_path / out) == 0
+        assert sorted(path.name for path in (tmp_path / out).iterdir()) == ["a.rectified.jpg", "b.rectified.jpg"]
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*.jpg")}
+    for out in ("one", "two"):
+        assert rectify(*words, "-o", tmp_path / out) == 0  # finished, by what is known there
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.glob("*/*.jpg")} == before
+
+
+def test_a_manifest_makes_results_next_to_their_photos_resumable(tmp_path: Path) -> None:
+    make_photos(tmp_path / "in", ["a.jpg", "b.jpg"])
+    words = (tmp_path / "in", "--motion", make_motion(tmp_path / "m.json"))
+    assert rectify(*words, "--manifest", tmp_path / "state") == 0
+    assert rectify(*words) == 1  # they exist
+    assert rectify(*words, "--manifest", tmp_path / "state") == 0
+
+
+def test_a_manifest_for_one_photo_or_in_a_file_is_refused(tmp_path: Path) -> None:
+    make_photos(tmp_path / "in", ["a.jpg", "b.jpg"])
+    assert rectify(tmp_path / "in" / "a.jpg", "--manifest", tmp_path / "state") == 2
+    assert rectify(tmp_path / "in", "--manifest", tmp_path / "in" / "a.jpg", "-o", tmp_path / "out") == 2

@@ -57,7 +57,7 @@ def _photos(folder: Path) -> Scene:
     inputs = [*sorted((folder / "in").iterdir()), weights]
     words = ["rectify", folder / "in", "--estimator", f"segment-transformer@{weights}", "--keep-names"]
     ends = {"--output": "", "--save-motion": "", "--masks": "", "--json-log": ".jsonl", "--preview": ".png"}
-    return Scene(words, inputs, ends, {"--output": folder / "out"})
+    return Scene(words, inputs, ends | {"--manifest": ""}, {"--output": folder / "out"})
 
 
 def _neighbours(folder: Path) -> Scene:

@@ -21,6 +21,7 @@ from unshutter.batch.plan import (
     check_neighbours,
     digest_of,
     jobs_for,
+    manifest_folder,
     plan_for,
     prepare_folders,
     protection_of,
@@ -66,7 +67,9 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
         check_have_times(jobs)
     protection = protection_of(inputs, jobs, into, request, run)
     # results next to their photos, and that of a single photo, are known by their names alone
-    manifest = Manifest(goal, digest_of(request, motion)) if goal is not None and inputs.many else None
+    home = manifest_folder(inputs, into, run)
+    options = digest_of(request, motion) if home is not None else ""
+    manifest = Manifest(home, options, whole_paths=run.manifest is not None) if home is not None else None
     plan = plan_for(jobs, manifest, run.overwrite)
     if run.dry_run:
         return _report_dry_run(plan, inputs, protection)

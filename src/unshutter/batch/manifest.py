@@ -31,17 +31,20 @@ class Manifest:
     """What is known about the results in a folder; nothing is written before the first record.
 
     Args:
-        folder: that results go to.
+        folder: that it lies in, mostly that of the results.
         options: digest of the options that make a result what it is.
+        whole_paths: whether results are recorded by whole paths; by default as seen from the folder, which may then be
+            moved with its results.
 
     Raises:
         UnshutterError: there is a manifest that cannot be read.
     """
 
-    def __init__(self, folder: Place, options: str):
+    def __init__(self, folder: Place, options: str, whole_paths: bool = False):
         self.run = os.urandom(6).hex()
         self._folder = folder
         self._options = options
+        self._whole_paths = whole_paths
         self._entries: dict[str, dict[str, Any]] = {}
         self._news: set[str] = set()  # results that other runs have had to do with since this one started
         self._journal = open_journal(folder, NAME, self.run)
@@ -166,8 +169,8 @@ class Manifest:
         }
 
     def _key(self, target: Place) -> str:
-        """A result's name: its way from the folder, so that the folder may be moved."""
-        inside = way(self._folder, target)
+        """A result's name in the records."""
+        inside = None if self._whole_paths else way(self._folder, target)
         return str(inside or absolute(target).as_posix())
 
     def _add(self, record: dict[str, Any]) -> None:

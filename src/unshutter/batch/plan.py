@@ -13,6 +13,7 @@ from unshutter.batch.job import Job
 from unshutter.batch.manifest import NAME, Manifest
 from unshutter.batch.preview import SHEET_PX
 from unshutter.batch.targets import (
+    check_is_folder,
     check_named_once,
     is_folder,
     mask_targets,
@@ -128,7 +129,8 @@ def protection_of(inputs: Inputs, jobs: list[Job], into: Outputs, request: Recti
         UsageError: one name stands for two files of the run.
     """
     weights = weights_file(request.find.estimator)
-    manifest = place(into.pictures) / f"{NAME}.jsonl" if into.pictures is not None and inputs.many else None
+    home = manifest_folder(inputs, into, run)
+    manifest = home / f"{NAME}.jsonl" if home is not None else None
     named: list[tuple[str, Place | None]] = [
         *(("the picture", job.target) for job in jobs),
         *(("its motion", job.motion_target) for job in jobs),
@@ -177,6 +179,21 @@ def digest_of(request: Rectify, motion: str | None) -> str:
     for name in ("format", "keep_names"):  # the result's name says them
         facts.pop(name, None)
     return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Place | None:
+    """The folder of the manifest; None for results that no run will look for again.
+
+    Raises:
+        UsageError: a folder is named for a single photo, or the name is that of a file.
+    """
+    if run.manifest is None:
+        return place(into.pictures) if into.pictures is not None and inputs.many else None
+    if not inputs.many:
+        raise UsageError("--manifest is for several photos: leave it out")
+    home = place(run.manifest)
+    check_is_folder(home, run.manifest, "the manifest needs")
+    return home
 
 
 def plan_for(jobs: list[Job], manifest: Manifest | None, overwrite: bool) -> Plan:

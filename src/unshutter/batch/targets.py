@@ -71,7 +71,7 @@ def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[
     goal = place(output)
     if not is_folder(goal, inputs.many):
         return {next(iter(inputs.photos)): goal}
-    _check_is_folder(goal, output, "several photos")
+    check_is_folder(goal, output, "several photos need")
     targets = {photo: goal / (inside / name(photo)) for photo, inside in inputs.photos.items()}
     return _all_different(targets)
 
@@ -83,7 +83,7 @@ def mask_targets(inputs: Inputs, folder: str, pictures: dict[Place, Place]) -> d
         UsageError: there is a file where the folder should be.
     """
     goal = place(folder)
-    _check_is_folder(goal, folder, "masks")
+    check_is_folder(goal, folder, "masks need")
     return {photo: goal / inside / f"{pictures[photo].name}.png" for photo, inside in inputs.photos.items()}
 
 
@@ -97,24 +97,22 @@ def is_folder(goal: Place, many: bool) -> bool:
     return many or not goal.suffix or (isinstance(goal, Path) and goal.is_dir())
 
 
-def _check_is_folder(goal: Place, named: str | os.PathLike[str], what: str) -> None:
+def check_is_folder(goal: Place, named: str | os.PathLike[str], what: str) -> None:
     """Checks that a place is meant as a folder.
 
     Args:
         goal: the place.
         named: as the user wrote it; a slash at its end says that it is a folder.
-        what: goes there.
+        what: goes there, with its verb: ``masks need``.
 
     Raises:
         UsageError: there is a file, or it has the name of one.
     """
     there = isinstance(goal, Path) and goal.is_dir()
     if isinstance(goal, Path) and goal.exists() and not there:
-        raise UsageError(f"{what} need a folder to go to, but {goal} is a file")
+        raise UsageError(f"{what} a folder to go to, but {goal} is a file")
     if goal.suffix.lower() in _FILE_SUFFIXES and not there and not os.fspath(named).endswith(("/", os.sep)):
-        raise UsageError(
-            f"{what} need a folder to go to, but {goal.name} is the name of a file: leave out {goal.suffix}"
-        )
+        raise UsageError(f"{what} a folder to go to, but {goal.name} is the name of a file: leave out {goal.suffix}")
 
 
 def check_named_once(named: Iterable[tuple[str, Place | None]]) -> None:

@@ -120,10 +120,10 @@ def _short_parser(name: str, command: Command) -> argparse.ArgumentParser:
     for each in options:
         if _placed(each) or not command.essentials or each.key in command.essentials:
             names, properties = _argument(each)
-            brief = command.essentials.get(each.key, properties["help"])
+            properties["help"] = command.essentials.get(each.key, properties["help"])
             if each.choices:
                 properties["metavar"] = "CHOICE"
-            parser.add_argument(*reversed(names), **properties | {"help": brief})
+            parser.add_argument(*reversed(names), **properties)
     if command.essentials:
         hidden = sum(each.key not in command.essentials for each in options)
         parser.epilog = f"{hidden} more options: unshutter {name} {HELP_ALL}"

@@ -22,6 +22,7 @@ class Run:
         scheduler: address of a Dask scheduler; None: none.
         dry_run: only say what would be done.
         json_log: file to add what happens to, one JSON object a line.
+        manifest: folder for the manifest; None: that of the results.
         preview: picture to make of all photos, before and after side by side.
         max_pixels: photos with more are refused.
         timeout: time after which a photo is given up [s]; None: half an hour where processes do the work, else no
@@ -41,6 +42,12 @@ class Run:
     )
     dry_run: bool = option(False, "Say what would be done, and write nothing.")
     json_log: Path | None = option(None, "Append what happens to this file, one JSON object a line.", names="output")
+    manifest: str | None = option(
+        None,
+        "Keep the list of finished results (unshutter-manifest.jsonl) in this folder. Default: with the results.",
+        metavar="FOLDER",
+        names="output",
+    )
     preview: Path | None = option(
         None,
         "Also make this picture: before and after, side by side; for a folder, a sheet of all its photos.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -61,7 +62,7 @@ def refusing(what: str, **files: object) -> Iterator[None]:
         yield
     except (vips.Error, UnicodeDecodeError) as error:  # pyvips takes libvips's notes for text
         notes = _take_notes() if isinstance(error, UnicodeDecodeError) else f"{error.detail}\n{error.message}"
-        raise UnshutterError(f"{what}: {_cause(notes)}", **files) from None
+        raise UnshutterError(f"{what}: {_cause(notes)}", **files) from error
 
 
 def _take_notes() -> str:
@@ -78,7 +79,25 @@ def _cause(notes: str) -> str:
     system = [line.removeprefix("system error: ") for line in lines if line.startswith("system error: ")]
     known = [line for line in system if not line.startswith("Unknown error")]
     lines = [line for line in lines if "bad seek" not in line]  # how libheif finds the end of a stream
-    return (known or lines or ["unknown"])[0]
+    return (known or [in_plain_words(line) for line in lines] or ["unknown"])[0]
+
+
+_TOO_SHORT = re.compile(
+    r"premature end|end of (file|data|input|stream)|insufficient|truncated|got \d+ bytes|read error at scanline", re.I
+)
+_SPOILT = re.compile(
+    r"corrupt|decoding error|read error|unable to (read|parse|call|decode)|error during reading|bad huffman|checksum",
+    re.I,
+)
+
+
+def in_plain_words(complaint: str) -> str:
+    """What a decoder complains of, without the names of libraries and of their functions."""
+    if _TOO_SHORT.search(complaint) and "Corrupt" not in complaint:
+        return "it ends too early"
+    if _SPOILT.search(complaint):
+        return "part of its data cannot be decoded"
+    return re.sub(r"^((\w+: )+)(?=\S)", "", complaint)
 
 
 # ---- threads -------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.photo.containers import boxes, items
 from unshutter.photo.format import Coding, Format, Header
-from unshutter.photo.libvips import profile_of
+from unshutter.photo.libvips import in_plain_words, profile_of
 from unshutter.photo.metadata import Metadata
 from unshutter.photo.source import Source
 from unshutter.photo.tags import exif
@@ -126,4 +126,4 @@ def _item_names_are_text(file: BinaryIO) -> bool:
 
 
 def _cause(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    return in_plain_words(" ".join(str(error).split())) or type(error).__name__
