@@ -1,7 +1,11 @@
 """How the camera was held, as phones, level gauges and gimbals wrote it."""
 
 import io
+import json
+import shutil
 import struct
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.camera_files import dng, heic, linear, soft
-from support.drawn_photos import drawn
+from support.drawn_photos import drawn, encoded
 from support.fuzzing import damaged, thorough
 from support.maker_notes import apple, directory, exif_with_note, photo_with_note
 from support.tagged_files import ATTRIBUTES, ELEMENTS, jpeg_of_drone
@@ -149,6 +153,28 @@ def test_level_gauges_are_read(note: bytes, make: str, orientation: int, held: t
     photo = photo_with_note(note, make, orientation)
     told = photo.attitude
     assert (told and (told.roll_deg, told.tilt_deg)) == (held and tuple(a and pytest.approx(a) for a in held))
+
+
+@pytest.mark.skipif(shutil.which("exiftool") is None, reason="exiftool reads the same notes")
+@pytest.mark.parametrize(
+    ("note", "make"),
+    [
+        (_olympus((-35, 1), (52, 1)), "OLYMPUS CORPORATION"),
+        (_panasonic(-21, 48), "Panasonic"),
+        (_pentax(1, -9, 4), "PENTAX"),
+        (_fujifilm(-17), "FUJIFILM"),
+    ],
+)
+def test_gauges_are_read_as_exiftool_reads_them(tmp_path: Path, note: bytes, make: str) -> None:
+    path = tmp_path / "photo.jpg"
+    path.write_bytes(encoded(drawn(), "JPEG", exif=exif_with_note(note, make)))
+    words = ["exiftool", "-j", "-n", "-RollAngle", "-PitchAngle", path]
+    (read,) = json.loads(subprocess.run(words, check=True, capture_output=True).stdout)
+    roll, tilt = (read.get(name) for name in ("RollAngle", "PitchAngle"))
+    roll, tilt = (None if angle is None else float(str(angle).split()[0]) for angle in (roll, tilt))
+    held = Photo.open(path).attitude
+    assert held is not None and roll is not None
+    assert (held.roll_deg, held.tilt_deg) == (pytest.approx(roll), tilt and pytest.approx(tilt))
 
 
 @pytest.mark.parametrize(("roll", "pitch", "held"), [(3575, 3570, (2.5, -3.0)), (12, 40, (-1.2, 4.0)), (0, 0, None)])
