@@ -17,7 +17,8 @@ from support.motion_photos import FILM, item, motion_photo, packet
 from unshutter.cli import main
 from unshutter.estimators.base import View
 from unshutter.geometry.readout import Readout
-from unshutter.motion_photo.motion import film_motion
+from unshutter.motion_photo.film import Film
+from unshutter.motion_photo.motion import film_motion, motion_by
 from unshutter.options import Camera
 from unshutter.photo import Photo
 from unshutter.reasons import Cause, Code
@@ -141,6 +142,32 @@ def test_a_film_that_was_cut_off_says_nothing(hurried):
     cut = film[: len(film) // 20]
     evidence = evidence_of(motion_photo(textured(HEIGHT, WIDTH), _packet(cut), cut))
     assert evidence is None or evidence.motion is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_damaged_film_says_nothing_or_something(hurried, seed):
+    _, data = hurried
+    film, rng = bytearray(data[data.index(b"ftyp") - 4 :]), np.random.default_rng(seed)
+    for at in rng.integers(48, len(film), 30 * seed + 3):
+        film[at] = rng.integers(256)
+    whole = data[: len(data) - len(film)] + bytes(film)
+    evidence = evidence_of(whole)
+    assert evidence is None or evidence.reason is not None or np.isfinite(evidence.motion.rz_rad).all()
+
+
+def test_frames_that_show_nothing_say_nothing(hurried):
+    _, data = hurried
+    dull = Film([np.full((90, 160), 120, np.uint8)] * 12, np.arange(12) / 30)
+    view = View(Photo.from_bytes(data), Camera(focal_px=FOCAL))
+    assert motion_by(dull, view).reason.code is Code.FILM_DIFFERS
+    assert motion_by(replace(dull, frames=dull.frames[:3]), view).reason.code is Code.FILM_TOO_SHORT
+    at_once = replace(filmed_frames(), times_s=np.zeros(18))
+    assert motion_by(at_once, view).reason.code is Code.FILM_TOO_SHORT
+
+
+def filmed_frames():
+    frames = [np.ascontiguousarray(frame) for frame in filmed().film(scene())]
+    return Film(frames, np.arange(len(frames)) / 30, 8 / 30)
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg writes Apple's films")

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from unshutter.errors import UnknownRatioError
@@ -58,7 +59,12 @@ def film_motion(view: View) -> FilmEvidence | None:
     """
     place = view.photo.film()
     film = None if place is None else decoded(place)
-    return None if film is None else motion_by(film, view)
+    if film is None:
+        return None
+    try:
+        return motion_by(film, view)
+    except (cv2.error, np.linalg.LinAlgError):  # frames that show nothing, or noise
+        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
 
 
 def motion_by(film: Film, view: View) -> FilmEvidence:
@@ -153,7 +159,7 @@ class _Still:
                     guess = np.append(np.median(each.frame - each.photo, axis=0), 0.0)
         if len(found) < 2:
             return None
-        return fit_still(frames, found, self.copy.shape[0] * self.placement.scale, np.array([0.0, 1.0]))
+        return fit_still(frames, found, self.copy.shape[0] * self.placement.scale)
 
 
 # ---- the film ------------------------------------------------------------------------------------------------
@@ -184,9 +190,9 @@ class _Run:
             first += 1
         while last > near and all(links[k].joined for k in range(near, last)) is False:
             last -= 1
-        if last - first + 1 < _FEWEST:
-            return None
         times = film.times_s[first : last + 1]
+        if len(times) < _FEWEST or np.diff(times).min() <= 0:
+            return None
         starts = (times - times[0]) / np.median(np.diff(times))
         pairs = [links[k].tracks for k in range(first, last)]
         return cls(first, film.frames[first : last + 1], starts.tolist(), pairs)
@@ -234,6 +240,8 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> F
     if size < _LEAST_PX:
         return FilmEvidence(view.no_motion(NAME, Reason(Code.FILM_STOOD_STILL)))
     motion = view.rotation_motion(turns / frames.fit.focal_px, NAME)
+    if motion.is_zero:  # what fits would fold the picture
+        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
     errors = [*(fit.error[1] * shape), ratio.error * np.linalg.norm(rate), against]  # of the last row
     error = np.hypot(np.linalg.norm(errors) / 2, _SYSTEMATIC_PX)
     right = math.erf(max(_RIGHT_PX, _RIGHT_SHARE * size) / (math.sqrt(2) * float(error)))

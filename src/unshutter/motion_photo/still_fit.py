@@ -83,19 +83,16 @@ class StillFit:
         return moved - first
 
 
-def fit_still(
-    film: Frames, found: Mapping[int, Matches], height: float, rows_along: Float64[np.ndarray, "2"]
-) -> StillFit:
+def fit_still(film: Frames, found: Mapping[int, Matches], height: float) -> StillFit:
     """The turn of a photo's rows.
 
     Args:
         film: what the film says of the camera.
         found: frame -> places of the photo that are found in it.
         height: rows of the photo [px of the film's copies, at its scale].
-        rows_along: unit vector (col, row) in the film along which the photo's rows follow each other.
     """
     unit = ROWS / film.height
-    parts = [_equations(film, k, each, height, rows_along, unit) for k, each in found.items()]
+    parts = [_equations(film, k, each, height, unit) for k, each in found.items()]
     design, moved = zip(*parts, strict=True)
     A, b = np.concatenate(design), np.concatenate(moved)
     prior = np.zeros(A.shape[-1])
@@ -114,9 +111,7 @@ def fit_still(
     return StillFit(unknowns[:_TURNS].reshape(3, 3), error, noise, len(b))
 
 
-def _equations(
-    film: Frames, frame: int, found: Matches, height: float, rows_along: np.ndarray, unit: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _equations(film: Frames, frame: int, found: Matches, height: float, unit: float) -> tuple[np.ndarray, np.ndarray]:
     """[N, 2, unknowns] and [N, 2]: the matches of a frame as equations [px of ROWS rows]."""
     start, end = found.photo * unit, found.frame * unit
     focal, middle = film.fit.focal_px, np.array([film.width * unit, ROWS]) / 2
@@ -124,7 +119,7 @@ def _equations(
     row = np.clip(0.5 + end[:, 1] / ROWS, 0, 1)
     seen = film.path(film.times[frame] + film.ratio * row)
     moved = end - start - np.einsum("nij,nj->ni", J[..., :3], seen)
-    centred = (found.photo @ rows_along) / height  # y - 1/2
+    centred = found.photo[:, 1] / height  # y - 1/2
     shape = np.stack([np.ones_like(centred), centred, centred**2 - 1 / 12], axis=-1)  # [N, 3]
     turns = -(shape[:, None, :, None] * J[:, :, None, :3]).reshape(len(start), 2, _TURNS)
     at = start / (ROWS / 2)
