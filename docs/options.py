@@ -38,8 +38,9 @@ def section(name: str, command: Command) -> Iterator[str]:
     yield command.description
     for group in parser._action_groups:
         if actions := group._group_actions:
-            own = group.title in ("positional arguments", "options", "optional arguments")
-            yield f"| {'' if own else group.title} | |\n|---|---|\n" + "\n".join(map(row, actions))
+            if group.title not in ("positional arguments", "options"):
+                yield f"**{group.title}**"
+            yield "| option | what it does |\n|---|---|\n" + "\n".join(map(row, actions))
 
 
 def row(action: argparse.Action) -> str:

@@ -54,6 +54,11 @@ def estimate(photo: Any, **options: Unpack[EstimateOptions]) -> Motion:
 
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
+
+    Examples:
+        >>> motion = unshutter.estimate("street.jpg")
+        >>> len(motion.tx_px) == motion.height  # a number for each row
+        True
     """
     camera, undoing = from_keywords(Camera, options), from_keywords(Undo, options)
     source = open_photo(photo)
@@ -76,6 +81,10 @@ def candidates(photo: Any, **options: Unpack[EstimateOptions]) -> tuple[Candidat
 
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
+
+    Examples:
+        >>> [candidate.motion.confidence for candidate in unshutter.candidates("house.jpg")][:1]
+        [0.9...]
     """
     camera, undoing = from_keywords(Camera, options), from_keywords(Undo, options)
     source = open_photo(photo)
@@ -116,6 +125,16 @@ def rectify(photo: Any, **options: Unpack[RectifyOptions]) -> Any:
 
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
+
+    Examples:
+        >>> result = unshutter.rectify("street.jpg", edges="crop")
+        >>> result.changed
+        True
+        >>> result.save("straight.jpg")  # returns the names of what could not be kept
+        ()
+        >>> pixels = unshutter.Photo.open("street.jpg").to_array()
+        >>> unshutter.rectify(pixels, edges="keep").shape
+        (490, 490, 3)
     """
     result = rectified(photo, **options)
     if is_file(photo):
@@ -141,6 +160,11 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
 
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
+
+    Examples:
+        >>> result = unshutter.rectified("house.jpg")
+        >>> result.changed, str(result.reason)
+        (False, 'no visible motion, confidence 0.9...')
     """
     camera, undoing = from_keywords(Camera, options), from_keywords(Undo, options)
     if not (is_file(photo) or is_bytes(photo)):  # pixels, of which programs know the coordinates

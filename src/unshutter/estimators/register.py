@@ -63,7 +63,12 @@ METHODS = (
 
 
 def names() -> list[str]:
-    """All methods: the package's, then those of other installed packages."""
+    """All methods: the package's, then those of other installed packages.
+
+    Examples:
+        >>> "segment-manhattan" in names()
+        True
+    """
     built_in = [known.name for known in METHODS]
     return built_in + sorted(installation.plugins(_GROUP).names - {known.name for known in METHODS})
 
@@ -117,6 +122,11 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     Raises:
         UsageError: there is no such method, or it takes no weights.
         UnshutterError: the weights cannot be used, or the package that the method comes from is broken.
+
+    Examples:
+        >>> estimator = unshutter.load("manhattan")  # built once, for many photos
+        >>> unshutter.rectify("street.jpg", estimator=estimator).changed
+        True
     """
     check_name(name)
     own, _, weights = name.partition("@")

@@ -116,6 +116,11 @@ def map_file(
 
     Raises:
         UnshutterError: the photo, motion or target cannot be used; UsageError: an option cannot.
+
+    Examples:
+        >>> motion = map_file(Path("street.jpg"), Path("street.npz"))
+        >>> sorted(np.load("street.npz"))
+        ['map_x', 'map_y']
     """
     find = find or Find()
     check_map_target(target, overwrite, source)
@@ -151,6 +156,11 @@ def check_map_target(target: Path, overwrite: bool, original: Path | None = None
     Raises:
         UsageError: an ending that maps do not have; UnshutterError: as :func:`unshutter.storage.files.check_target`, or
             the package that writes EXR is missing.
+
+    Examples:
+        >>> check_map_target(Path("map.jpg"), overwrite=False)
+        Traceback (most recent call last):
+        unshutter.errors.UsageError: cannot write a map to map.jpg: its ending must be one of .npz, .exr, .tif, .tiff
     """
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:

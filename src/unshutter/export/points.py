@@ -34,6 +34,12 @@ def move_points(
 
     Raises:
         UnshutterError: the motion turns faster than rows are read.
+
+    Examples:
+        >>> motion = unshutter.RowMotion.from_polynomials([0, 60], [0], height=481, width=640)  # sheared by 60 px
+        >>> col, row = move_points(motion, [100.0], [240.0])
+        >>> col.round(), row.round()
+        (array([70.]), array([240.]))
     """
     position = gs_to_rs_map(motion) if inverse else rs_to_gs_map(motion)
     with np.errstate(all="ignore"):  # far outside, Newton's method may run away
@@ -123,6 +129,14 @@ def move_file(
 
     Raises:
         UnshutterError: a file or the motion cannot be used.
+
+    Examples:
+        >>> motion = unshutter.RowMotion.from_polynomials([0, 60], [0], height=481, width=640)
+        >>> _ = Path("points.csv").write_text("100,240")
+        >>> move_file(motion, Path("points.csv"), Path("straight.csv"))
+        (1, 0)
+        >>> Path("straight.csv").read_text().strip()
+        '70.0000,240.0000'
     """
     Protection([source]).check(target)
     check_target(target, overwrite)

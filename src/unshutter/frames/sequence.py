@@ -274,6 +274,11 @@ def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) 
 
     Raises:
         UsageError: a ratio or another option that cannot be. UnshutterError: a frame cannot be read.
+
+    Examples:
+        >>> motions = unshutter.estimate_frames(["a.jpg", "b.jpg", "c.jpg"], readout_ratio=0.7)
+        >>> [motion.height for motion in motions]
+        [360, 360, 360]
     """
     ratio = known_ratio(options.get("readout_ratio"), options.get("readout_ms"), options.get("fps"))
     camera, undo = from_keywords(Camera, options), from_keywords(Undo, options)

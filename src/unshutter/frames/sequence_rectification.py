@@ -58,6 +58,13 @@ def rectify_frames(
         UnshutterError: a frame cannot be read, is too small, or has too little in common with its neighbour; the
             readout ratio was not stated, and the frames do not show it.
         UsageError: fewer than two frames, frames of different sizes, or an option that is none of its choices.
+
+    Examples:
+        >>> for frame in unshutter.rectify_frames(["a.jpg", "b.jpg", "c.jpg"], readout_ratio=0.7):
+        ...     print(frame.changed)
+        True
+        True
+        True
     """
     ratio, milliseconds, fps = options.get("readout_ratio"), options.get("readout_ms"), options.get("fps")
     clock, undoing = Clock(ratio, fps, milliseconds), from_keywords(Undo, options).keeping_coordinates()

@@ -30,7 +30,12 @@ _SMALL = 1e-4  # rad; below it three terms of a series are exact to double preci
 
 
 def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]:
-    """Rodrigues' formula: rotation vectors [..., 3] (axis times angle [rad]) -> matrices [..., 3, 3]."""
+    """Rodrigues' formula: rotation vectors [..., 3] (axis times angle [rad]) -> matrices [..., 3, 3].
+
+    Examples:
+        >>> np.round(rotation_matrix(np.array([0.0, 0.0, np.pi / 2])) @ [1, 0, 0], 3)  # a quarter turn clockwise
+        array([0., 1., 0.])
+    """
     xp = namespace(vectors)
     x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     square = x * x + y * y + z * z
@@ -48,7 +53,12 @@ def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]:
 
 
 def rotation_vector(matrices: Float[Array, "*at 3 3"]) -> Float[Array, "*at 3"]:
-    """Matrices [..., 3, 3] -> rotation vectors [..., 3]: the inverse of :func:`rotation_matrix` below half a turn."""
+    """Matrices [..., 3, 3] -> rotation vectors [..., 3]: the inverse of :func:`rotation_matrix` below half a turn.
+
+    Examples:
+        >>> rotation_vector(rotation_matrix(np.array([0.1, 0.2, 0.3]))).round(3)
+        array([0.1, 0.2, 0.3])
+    """
     xp = namespace(matrices)
     m = matrices
     twice = xp.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], axis=-1)
@@ -78,6 +88,12 @@ def rotate_position(
 
     Returns:
         (col, row) [px]; NaN where the direction turns behind the camera.
+
+    Examples:
+        >>> turn = rotation_matrix(np.array([0.0, np.arctan(0.1), 0.0]))  # about the vertical axis
+        >>> col, row = rotate_position(np.array(0.0), np.array(0.0), turn, focal_px=500.0, center=(0, 0))
+        >>> float(col.round(3)), float(row.round(3))
+        (50.0, 0.0)
     """
     x, y, z = _turned(col, row, rotation, focal_px, center)
     return x / z * focal_px + center[0], y / z * focal_px + center[1]
@@ -96,6 +112,12 @@ def rotated_rs_to_gs(
 
     Returns:
         (col, row) of the GS positions [px]; NaN where the direction lies behind the camera.
+
+    Examples:
+        >>> turns = row_rotation_from_samples(rotation_matrix(np.zeros((480, 3))))  # the camera stood still
+        >>> col, row = rotated_rs_to_gs(np.array([100.0]), np.array([240.0]), turns, focal_px=500.0, center=(320, 240))
+        >>> col, row
+        (array([100.]), array([240.]))
     """
     rotation, _ = row_rotation(row)
     return rotate_position(col, row, _transposed(rotation), focal_px, center)
@@ -124,6 +146,14 @@ def rotated_gs_to_rs(
 
     Returns:
         (col, row) of the RS positions [px]; NaN where the direction turns behind the camera.
+
+    Examples:
+        >>> turns = row_rotation_from_samples(rotation_matrix(np.linspace([0, 0, 0], [0, 0.1, 0], 480)))
+        >>> lens = {"focal_px": 500.0, "center": (320, 240)}
+        >>> seen = rotated_gs_to_rs(np.array([100.0]), np.array([300.0]), turns, **lens)
+        >>> np.round(rotated_rs_to_gs(*seen, turns, **lens), 3)  # there and back
+        array([[100.],
+               [300.]])
     """
     v = constant(row)
     col_const, row_const = constant(col), constant(row)
@@ -163,6 +193,12 @@ def row_rotation_from_samples(rotations: Float[Array, "rows 3 3"]) -> RowRotatio
 
     Args:
         rotations: matrices at rows 0 ... H - 1, shape [H, 3, 3].
+
+    Examples:
+        >>> turns = row_rotation_from_samples(rotation_matrix(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.2]])))
+        >>> matrix, rate = turns(np.array([0.5]))
+        >>> rotation_vector(matrix).round(3)
+        array([[0. , 0. , 0.1]])
     """
     xp = namespace(rotations)
     last = rotations.shape[0] - 1

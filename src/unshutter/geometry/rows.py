@@ -40,6 +40,10 @@ def rs_to_gs(
 
     Returns:
         (col, row) of the GS positions [px].
+
+    Examples:
+        >>> rs_to_gs(np.array([10.0]), np.array([5.0]), tx=np.array([2.0]), rz=np.array([0.0]))
+        (array([8.]), array([5.]))
     """
     xp = namespace(rz)
     cos, sin = xp.cos(rz), xp.sin(rz)
@@ -66,6 +70,10 @@ def gs_to_rs_by_row_map(
 
     Returns:
         (col, row) of the RS positions [px].
+
+    Examples:
+        >>> gs_to_rs_by_row_map(np.array([8.0]), np.array([5.0]), tx=np.array([2.0]), rz=np.array([0.0]))
+        (array([10.]), array([5.]))
     """
     xp = namespace(rz)
     cos, sin = xp.cos(rz), xp.sin(rz)
@@ -97,6 +105,15 @@ def gs_to_rs(
 
     Returns:
         (col, row) of the RS positions [px].
+
+    Examples:
+        >>> rows = np.arange(480.0)
+        >>> motion = row_motion_from_samples(tx=rows / 8, rz=rows / 4000)
+        >>> seen = gs_to_rs(np.array([100.0]), np.array([240.0]), motion)
+        >>> tx, rz, _ = motion(seen[1])
+        >>> np.round(rs_to_gs(*seen, tx, rz), 3)  # there and back
+        array([[100.],
+               [240.]])
     """
     x, y = col - center[0], row - center[1]
     v = constant(row + 0.0 * col)  # broadcast
@@ -120,7 +137,12 @@ def _row_residual(v: Array, x: Array, y: Array, row_motion: MotionAtRow, center_
 
 
 def namespace(a: Array) -> Any:
-    """The array API functions for an array. NumPy 2 speaks it itself; wrapping NumPy would cost 60 ms to import."""
+    """The array API functions for an array. NumPy 2 speaks it itself; wrapping NumPy would cost 60 ms to import.
+
+    Examples:
+        >>> namespace(np.zeros(3)).__name__
+        'numpy'
+    """
     own = getattr(a, "__array_namespace__", None)
     if own is not None:
         return own()
@@ -130,7 +152,12 @@ def namespace(a: Array) -> Any:
 
 
 def constant(a: Array) -> Array:
-    """The array without its gradient (torch); NumPy arrays as they are."""
+    """The array without its gradient (torch); NumPy arrays as they are.
+
+    Examples:
+        >>> constant(np.arange(3))
+        array([0, 1, 2])
+    """
     return a.detach() if hasattr(a, "detach") else a
 
 
@@ -139,6 +166,12 @@ def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) 
 
     Args:
         tx, rz: samples at rows 0 ... H - 1 [px], [rad], shape [H].
+
+    Examples:
+        >>> motion = row_motion_from_samples(tx=np.array([0.0, 4.0]), rz=np.array([0.0, 0.2]))
+        >>> tx, rz, slope = motion(np.array([0.5]))
+        >>> tx, rz, slope
+        (array([2.]), array([0.1]), array([0.2]))
     """
     xp = namespace(tx)
     last = tx.shape[0] - 1
@@ -174,6 +207,12 @@ def row_motion_from_polynomial(
             against the rows that are asked for.
         rz_coefficients: the same of r_z [rad].
         first, last: coordinates of the first and the last row.
+
+    Examples:
+        >>> motion = row_motion_from_polynomial(np.array([0.0, 60.0]), np.array([0.0, 0.1]), first=0, last=479)
+        >>> tx, rz, _ = motion(np.array([479.0]))
+        >>> tx, rz
+        (array([60.]), array([0.1]))
     """
     xp = namespace(tx_coefficients)
 
@@ -191,6 +230,10 @@ def polynomial(coefficients: Float[Array, "*#at terms"], u: Float[Array, "*#at"]
     """Value of the polynomial with coefficients [..., K] (of u^0, u^1, ...) at u, by Horner's rule.
 
     ``coefficients[..., k]`` broadcasts against u.
+
+    Examples:
+        >>> polynomial(np.array([1.0, 0.0, 2.0]), np.array([0.0, 3.0]))  # 1 + 2 u^2
+        array([ 1., 19.])
     """
     value = coefficients[..., -1] + 0.0 * u
     for k in range(coefficients.shape[-1] - 2, -1, -1):
@@ -210,6 +253,11 @@ def polynomial_projection(rows: int, degree: int, like: Float[Array, "..."]) -> 
 
     Returns:
         [rows, degree + 1].
+
+    Examples:
+        >>> values = np.array([1.0, 2.0, 3.0])
+        >>> np.round(values @ polynomial_projection(rows=3, degree=1, like=values), 3)  # 1 + 2 u
+        array([1., 2.])
     """
     xp = namespace(like)
     u = xp.arange(rows, dtype=like.dtype, device=like.device) / max(rows - 1, 1)

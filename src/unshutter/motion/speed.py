@@ -58,11 +58,23 @@ class Speed:
 
 
 def check_readout_ms(readout_ms: float) -> None:
-    """Raises UsageError where this cannot be the time of a readout."""
+    """Raises UsageError where this cannot be the time of a readout.
+
+    Examples:
+        >>> check_readout_ms(-1)
+        Traceback (most recent call last):
+        unshutter.errors.UsageError: the readout must take a positive time, got -1 ms
+    """
     if not (math.isfinite(readout_ms) and readout_ms > 0):
         raise UsageError(f"the readout must take a positive time, got {readout_ms:g} ms")
 
 
 def json_with_speed(motion: Motion, readout_ms: float) -> str:
-    """The motion's file form with the key ``speed`` added; :meth:`Motion.from_json` reads it, too."""
+    """The motion's file form with the key ``speed`` added; :meth:`Motion.from_json` reads it, too.
+
+    Examples:
+        >>> motion = unshutter.RowMotion.from_polynomials([0, 60], [0], height=480, width=640)
+        >>> round(json.loads(json_with_speed(motion, readout_ms=30))["speed"]["velocity_px_s"]["peak"])
+        2000
+    """
     return json.dumps(json.loads(motion.to_json()) | {"speed": Speed.of(motion, readout_ms).summary()})
