@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, BinaryIO, Unpack, overload
 
 from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.find import find_candidates
+from unshutter.estimators.find import chosen, find_candidates
 from unshutter.estimators.methods.none import DoNothing
 from unshutter.estimators.register import load, method
 from unshutter.motion import Motion
@@ -89,11 +89,7 @@ def candidates(photo: Any, **options: Unpack[EstimateOptions]) -> tuple[Candidat
     camera, undoing = from_keywords(Camera, options), from_keywords(Undo, options)
     source = open_photo(photo)
     estimator = _loaded(options.get("estimator", DEFAULT_ESTIMATOR))
-    reference = undoing.reference or "first"
-    return tuple(
-        replace(each, motion=each.motion.rereferenced(reference))
-        for each in photo_candidates(source, estimator, camera)
-    )
+    return photo_candidates(source, estimator, camera, undoing.reference or "first")
 
 
 @overload
@@ -181,7 +177,7 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
         source.start_decoding(grey_px=grey_px)  # while the estimator is loaded
         camera = camera.for_least_confidence(undoing.min_confidence)
         possible = photo_candidates(source, _loaded(estimator), camera)
-        return replace(undo(source, possible[0].motion, undoing, camera.readout), candidates=possible)
+        return replace(undo(source, chosen(possible, camera.candidate), undoing, camera.readout), candidates=possible)
     source.start_decoding()
     return undo(source, motion, undoing, camera.readout)
 
@@ -195,24 +191,33 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
     Raises:
         UnshutterError: the photo is too small, damaged or gone.
     """
-    return photo_candidates(photo, estimator, camera)[0].motion
+    return chosen(photo_candidates(photo, estimator, camera), camera.candidate)
 
 
-def photo_candidates(photo: Photo, estimator: Estimator, camera: Camera) -> tuple[Candidate, ...]:
-    """The motions that fit a photo, first that of :func:`estimate_photo`: what its film says, else the estimator.
+def photo_candidates(
+    photo: Photo, estimator: Estimator, camera: Camera, reference: Reference = "first"
+) -> tuple[Candidate, ...]:
+    """The motions that fit a photo, the one to undo first: what its film says, else what the estimator finds.
 
     Raises:
         UnshutterError: the photo is too small, damaged or gone.
     """
     check_size(photo.height, photo.width)
     view = View(photo, camera)
-    if not camera.no_film and not isinstance(estimator, DoNothing) and photo.film() is not None:
-        from unshutter.motion_photo.motion import film_motion  # here: few photos have one
+    possible = _by_film(view, estimator) or find_candidates(estimator, view)
+    return tuple(replace(each, motion=each.motion.rereferenced(reference)) for each in possible)
 
-        evidence = film_motion(view)
-        if evidence is not None and evidence.motion is not None:
-            return alone(view.noted(evidence.motion), photo.orientation)
-    return find_candidates(estimator, view)
+
+def _by_film(view: View, estimator: Estimator) -> tuple[Candidate, ...]:
+    """What the film inside a photo says; none where there is no film, or it does not say."""
+    if view.camera.no_film or isinstance(estimator, DoNothing) or view.photo.film() is None:
+        return ()
+    from unshutter.motion_photo.motion import film_motion  # here: few photos have one
+
+    evidence = film_motion(view)
+    if evidence is None or evidence.motion is None:
+        return ()
+    return alone(view.noted(evidence.motion), view.photo.orientation)
 
 
 def _loaded(estimator: str | Estimator) -> Estimator:

@@ -40,11 +40,22 @@ def same(one: Path, other: Path) -> bool:
     return one.read_bytes() == other.read_bytes()
 
 
+def test_what_to_do_next_is_said_once_for_each_folder(tmp_path: Path, monkeypatch, capsys) -> None:
+    make_photos(tmp_path / "in", ["slight.jpg", "slighter.jpg"])
+    make_photos(tmp_path / "in" / "more", ["slight.jpg"])
+    monkeypatch.setattr("unshutter.batch.lookahead.load", lambda name: ByName(None))
+    assert rectify(tmp_path / "in", "-o", tmp_path / "out") == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if "left as it is" in line]
+    step = "if the camera moved: --moving; with a neighbour: --after"
+    assert [step in line for line in told] == [True, False, True]
+    assert told[0].endswith(f"left as it is (no visible motion, confidence 0.90: sure; {step})")
+
+
 def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None:
     out, log = folder.parent / "out", folder.parent / "log.jsonl"
     assert found(folder, "-o", out, "--json-log", log, "--edges", "keep") == 0
     told = capsys.readouterr().err.splitlines()
-    assert told[0] == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (up to 9.0 px, confidence 0.90)"
+    assert told[0] == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (up to 9.0 px, confidence 0.90: sure)"
     assert told[1] == f"{folder}/dark.png left as it is (too dark)"
     hint = "--min-confidence 0.3 would move it by up to 9.0 px"
     assert told[3] == f"{folder}/unsure.jpg left as it is (not sure: confidence 0.36; {hint})"

@@ -20,11 +20,11 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
 @pytest.mark.parametrize(
     ("motion", "least", "cause", "told"),
     [
-        (sheared(41.2, 0.936), 0.5, "", "up to 41 px, confidence 0.93"),
-        (sheared(4.2, 0.5), 0.5, "", "up to 4.2 px, confidence 0.50"),
+        (sheared(41.2, 0.936), 0.5, "", "up to 41 px, confidence 0.93: sure"),
+        (sheared(4.2, 0.5), 0.5, "", "up to 4.2 px, confidence 0.50: likely"),
         (sheared(4.2), 1.0, "", "up to 4.2 px"),
-        (sheared(4.2, 0.0), 0.0, "", "up to 4.2 px, confidence 0.00"),
-        (sheared(0.51, 1.0), 0.5, "", "up to 0.5 px, confidence 1.00"),
+        (sheared(4.2, 0.0), 0.0, "", "up to 4.2 px, confidence 0.00: unsure"),
+        (sheared(0.51, 1.0), 0.5, "", "up to 0.5 px, confidence 1.00: sure"),
         (
             sheared(124, 0.36),
             0.5,
@@ -54,7 +54,7 @@ def sheared(px: float, confidence: float | None = None) -> RowMotion:
         (replace(RowMotion.from_polynomials([0, 1.9], [0], 512, 100), confidence=0.9), 0.5, "no motion", None),
         (replace(RowMotion.from_polynomials([0, 2.1], [0], 512, 100), confidence=0.9), 0.5, "", None),
         (RowMotion.from_polynomials([0, 1.9], [0], 512, 100), 0.5, "", None),
-        (sheared(0.0, 0.9), 0.5, "no motion", "no motion, confidence 0.90"),
+        (sheared(0.0, 0.9), 0.5, "no motion", "no motion, confidence 0.90: sure"),
         (replace(sheared(0.0), reason=Reason.stated("too few lines")), 0.5, "nothing to go by", "too few lines"),
     ],
 )
@@ -105,3 +105,16 @@ def test_a_given_motion_is_undone_however_sure() -> None:
 def test_a_confidence_that_cannot_be(wrong: float) -> None:
     with pytest.raises(UsageError, match="between 0 and 1"):
         Undo(min_confidence=wrong)
+
+
+@pytest.mark.parametrize(
+    ("tx_px", "confidence", "certainty", "look"),
+    [(90, 0.8, "sure", False), (90, 0.79, "likely", False), (90, 0.49, "unsure", True), (6, 0.1, "unsure", False)],
+)
+def test_a_large_motion_that_is_unsure_asks_for_a_look(
+    tx_px: float, confidence: float, certainty: str, look: bool
+) -> None:
+    verdict = Verdict.of(sheared(tx_px, confidence), Undo())
+    assert (verdict.certainty, verdict.needs_a_look) == (certainty, look)
+    assert ("please look" in verdict.described()) == look
+    assert (verdict.as_json()["certainty"], verdict.as_json()["please_look"]) == (certainty, look)

@@ -59,7 +59,9 @@ def test_the_file_is_one_that_the_default_method_runs_on(
     file = Calibration.read(calibrated / "calibration.json")
     monkeypatch.setattr(odds, "shipped", lambda: file)
     known = method("segment-manhattan")
-    motion = SegmentManhattan(known, known.weights, file.network_errors).estimate(View(Photo.from_array(facade)))
+    motion = SegmentManhattan(known, known.weights, file.network_errors, file.kinds).estimate(
+        View(Photo.from_array(facade))
+    )
     assert motion.confidence is not None and 0 < motion.confidence < 1
     assert all(fields.slopes for fields in file.confidence.values())
 

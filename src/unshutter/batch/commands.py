@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Sequence
@@ -39,7 +40,7 @@ from unshutter.batch.targets import (
 from unshutter.batch.work import do_job
 from unshutter.batch.workers import workers_for
 from unshutter.errors import UnshutterError, UsageError, visible
-from unshutter.estimators.register import check_name, weights_file
+from unshutter.estimators.register import check_name, load, weights_file
 from unshutter.options import Find, Rectify, Reference, Run, Undo
 from unshutter.storage.files import remove_leftovers
 from unshutter.storage.places import Place, check_place, make_folder, place, write_place
@@ -47,6 +48,7 @@ from unshutter.storage.protection import Protection
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
+    from unshutter.photo import Photo
 
 
 def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, request: Rectify, run: Run) -> int:
@@ -141,11 +143,20 @@ class Estimates:
         find: how its motion is found; where it gives the time of the readout, the speed is added.
         reference: row that counts as not moving.
         plot: file to draw the motion into; None: none.
+        candidates: whether all motions that fit are listed.
+
+    Raises:
+        UsageError: options that do not go together.
     """
 
     find: Find
     reference: Reference = "first"
     plot: Path | None = None
+    candidates: bool = False
+
+    def __post_init__(self) -> None:
+        if self.candidates and (self.plot or self.find.camera.candidate is not None):
+            raise UsageError("--candidates lists all of them: leave out --plot and --candidate")
 
 
 def estimate_files(
@@ -162,7 +173,7 @@ def estimate_files(
     check_named_once([*(("the motion", target) for target in targets.values()), ("--plot", request.plot)])
     protection = Protection([*inputs.photos, weights_file(request.find.estimator)], [output])
     _remove_leftovers([*targets.values(), *([request.plot] if request.plot else [])])
-    lookahead = Lookahead(list(inputs.photos), request.find, max_pixels)
+    lookahead = Lookahead(list(inputs.photos), None if request.candidates else request.find, max_pixels)
     in_folder = output is not None and is_folder(output, inputs.many)
 
     def check(file: Place, photo: Place) -> None:
@@ -176,9 +187,12 @@ def estimate_files(
         for file in filter(None, (target, request.plot)):
             check(file, photo)
         ahead = lookahead.take(photo)
-        motion = ahead.photo and ahead.motion().rereferenced(request.reference)
-        _report_if_left_alone(motion, photo, tell)
-        text = _estimate_as_text(motion, photo, request)
+        if request.candidates:
+            text = _candidates_as_text(ahead.photo, photo, request, tell)
+        else:
+            motion = ahead.photo and ahead.motion().rereferenced(request.reference)
+            _report_if_left_alone(motion, photo, tell)
+            text = _estimate_as_text(motion, photo, request)
         if target:
             write_place(f"{text}\n".encode(), target, overwrite, mode_of=photo)
         else:
@@ -195,6 +209,17 @@ def _report_if_left_alone(motion: Motion, photo: Place, tell: Tell) -> None:
         tell(f"{photo}: no motion ({motion.reason})")
     elif not verdict.changes:
         tell(f"{photo}: rectify leaves it as it is ({about(verdict)})")
+
+
+def _candidates_as_text(photo: Photo, source: Place, request: Estimates, tell: Tell) -> str:
+    """The candidates of a photo as JSON; each is also reported in a line."""
+    from unshutter.rectification import photo_candidates
+
+    listed = photo_candidates(photo, load(request.find.estimator), request.find.camera, request.reference)
+    for number, each in enumerate(listed, 1):
+        tell(f"{source}: {number}  {each.described()}")
+    data = [{"number": number, **each.as_json()} for number, each in enumerate(listed, 1)]
+    return json.dumps({"format": "unshutter-candidates/1", "candidates": data})
 
 
 def _remove_leftovers(targets: list[Place]) -> None:

@@ -23,6 +23,9 @@ from unshutter.storage.protection import Protection
 
 Tell = Callable[[str], None]  # says a line to the user
 
+_NO_VISIBLE_MOTION = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION}
+_BY_ITSELF = {*_NO_VISIBLE_MOTION, Code.NO_RIGHT_ANGLES, Code.TOO_FEW_SEGMENTS, Code.TOO_FAST_FOR_HANDS}
+
 
 class Report:
     """Counts how photos fared and tells of it.
@@ -55,6 +58,7 @@ class Report:
         self._log = JsonLog(log, protection or Protection([])) if log is not None else None
         self._bar = Progress(to_do)
         self.preview: Preview | None = None  # to be made of what is done
+        self._advised: set[Any] = set()  # folders for which the next step was named
 
     def __enter__(self) -> Report:
         self._bar.__enter__()
@@ -88,10 +92,20 @@ class Report:
         else:
             self._left[verdict.cause] += 1
         model = f"model {outcome.model}" if outcome.model and changed else ""
-        details = "; ".join(filter(None, (verdict and about(verdict), model, outcome.note)))
+        details = "; ".join(
+            filter(None, (verdict and about(verdict), self._next_step(job, verdict), model, outcome.note))
+        )
         what = f"{job.source} -> {job.target}" if changed else f"{job.source} left as it is"
         self.tell(f"{what} ({details})" if details else what)
         self._bar.advance()
+
+    def _next_step(self, job: Job, verdict: Verdict | None) -> str:
+        """What may have a declined photo moved; once for each folder."""
+        step = next_step(verdict) if verdict is not None else ""
+        if not step or job.source.parent in self._advised:
+            return ""
+        self._advised.add(job.source.parent)
+        return step
 
     def save_preview(self) -> None:
         """Writes the picture of what was done, if there is to be one, and reports it.
@@ -194,6 +208,14 @@ def advice(verdict: Verdict) -> str:
         limit = _one_digit(verdict.confidence)
         return f"--min-confidence {limit:g} would move it by up to {pixels(verdict.largest_px)}"
     return "--moving says that it did" if verdict.reason.code is Code.UNSURE_WHETHER_MOVED else ""
+
+
+def next_step(verdict: Verdict) -> str:
+    """What to do about a photo that by itself does not show that it moved; empty where there is nothing to do."""
+    if verdict.reason is None or verdict.reason.code not in _BY_ITSELF:
+        return ""
+    moved = "if the camera moved: --moving; " if verdict.reason.code in _NO_VISIBLE_MOTION else ""
+    return f"{moved}with a neighbour: --after"
 
 
 def _one_digit(confidence: float) -> float:

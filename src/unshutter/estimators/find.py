@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from unshutter.errors import UnshutterError
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.flight import flight_motion
 from unshutter.estimators.methods.none import DoNothing
@@ -12,12 +13,30 @@ from unshutter.motion.candidate import Candidate, alone
 
 
 def find_motion(estimator: Estimator, view: View) -> Motion:
-    """The motion of a photo, first row as the reference, with what was known of the photo beside its pixels.
+    """The motion of a photo, first row as the reference, with what was known of the photo besides its pixels.
 
     Raises:
-        UnshutterError: the photo is damaged or gone.
+        UnshutterError: the photo is damaged or gone, or has fewer candidates than the one that is asked for.
     """
-    return find_candidates(estimator, view)[0].motion
+    return chosen(find_candidates(estimator, view), view.camera.candidate)
+
+
+def chosen(candidates: tuple[Candidate, ...], number: int | None) -> Motion:
+    """The motion of a candidate. One that a person has chosen has no confidence: nothing is left to doubt.
+
+    Args:
+        candidates: of a photo.
+        number: counted from 1; None: the first, with its confidence.
+
+    Raises:
+        UnshutterError: there are fewer.
+    """
+    if number is None:
+        return candidates[0].motion
+    if number > len(candidates):
+        listed = ", ".join(each.description for each in candidates)
+        raise UnshutterError(f"there is no candidate {number}: the photo has {len(candidates)} ({listed})")
+    return replace(candidates[number - 1].motion, confidence=None)
 
 
 def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:

@@ -46,6 +46,13 @@ class Candidate:
         name = f"pan {self._direction}" if self.kind == "pan" else _NAMES[self.kind]
         return f"{name}, {pixels(self.motion.largest_px)}"
 
+    def described(self) -> str:
+        """The description with what is stated of it: ``pan to the left, 24 px (probability 0.62, off by 3.1 px)``."""
+        stated = [] if self.probability is None else [f"probability {self.probability:.2f}"]
+        if self.expected_error_px is not None:
+            stated.append(f"off by {pixels(self.expected_error_px)}")
+        return f"{self.description} ({', '.join(stated)})" if stated else self.description
+
     def as_json(self) -> dict[str, Any]:
         """For programs: ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``."""
         return {

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any
 
 from unshutter.motion.motion import Motion
 from unshutter.options import Undo
 from unshutter.reasons import SOURCES, Cause, Code, Reason, Source
 
+SURE, LIKELY = 0.8, 0.5  # confidence from which on a verdict is sure, or likely: calibrated probabilities
+_LARGE = 1 / 12  # of the rows: an unsure motion that moves anything farther is worth a look
 _SMALLEST = 256  # motions that were found and move nothing by a row in so many are no larger than their errors
 _PROBABLY = 0.5  # confidence that nothing moved
 LEAST_PX = 0.5  # below, a photo loses more by being resampled than it gains
@@ -28,6 +31,19 @@ _CAUSES = {
 _WITH_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}  # whose sentence does not state it
 
 
+class Certainty(StrEnum):
+    """A confidence in a word."""
+
+    SURE = "sure"
+    LIKELY = "likely"
+    UNSURE = "unsure"
+
+    @classmethod
+    def of(cls, confidence: float) -> Certainty:
+        """The word for a confidence."""
+        return cls.SURE if confidence >= SURE else cls.LIKELY if confidence >= LIKELY else cls.UNSURE
+
+
 @dataclass(frozen=True)
 class Verdict:
     """Whether a motion is undone.
@@ -37,12 +53,14 @@ class Verdict:
         confidence: the motion's.
         reason: why the photo is left unchanged; None where the motion is undone.
         source: where the motion comes from; None: the photo's pixels, or whoever gave it.
+        rows: of the picture; 0 where it is not known.
     """
 
     largest_px: float
     confidence: float | None = None
     reason: Reason | None = None
     source: Source | None = None
+    rows: int = 0
 
     @classmethod
     def of(cls, motion: Motion, undo: Undo) -> Verdict:
@@ -54,12 +72,22 @@ class Verdict:
         """
         largest, sure = motion.largest_px, motion.confidence
         source = Source(motion.estimator) if motion.estimator in set(Source) else None
-        return cls(largest, sure, _reason_against(motion, largest, sure, undo), source)
+        return cls(largest, sure, _reason_against(motion, largest, sure, undo), source, motion.height)
 
     @property
     def changes(self) -> bool:
         """Whether the motion is undone."""
         return self.reason is None
+
+    @property
+    def certainty(self) -> Certainty | None:
+        """The confidence in a word; None where there is none."""
+        return None if self.confidence is None else Certainty.of(self.confidence)
+
+    @property
+    def needs_a_look(self) -> bool:
+        """Whether a large motion is undone that is unsure, so that a person should compare both pictures."""
+        return self.changes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self.rows > 0
 
     @property
     def cause(self) -> Cause | None:
@@ -78,13 +106,15 @@ class Verdict:
         return replace(motion.scaled(0), reason=self.reason)
 
     def described(self) -> str:
-        """The verdict in words: ``up to 41 px, confidence 0.93``, or why the photo is left unchanged; its source."""
-        words = f"up to {pixels(self.largest_px)}{self._at_confidence}" if self.changes else self.sentence
+        """``up to 41 px, confidence 0.93: sure``, or why the photo is left unchanged; where the motion comes from."""
+        look = ", please look" if self.needs_a_look else ""
+        words = f"up to {pixels(self.largest_px)}{self._at_confidence}{look}" if self.changes else self.sentence
         return words if self.source is None else f"{words} ({SOURCES[self.source]})"
 
     def as_json(self) -> dict[str, Any]:
         """The verdict for programs, as logs, manifests and the page's API have it."""
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
+        data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
         if self.source is not None:
             data["source"] = self.source
         if self.reason is None:
@@ -100,7 +130,9 @@ class Verdict:
 
     @property
     def _at_confidence(self) -> str:
-        return "" if self.confidence is None else f", confidence {_two_decimals(self.confidence):.2f}"
+        if self.confidence is None:
+            return ""
+        return f", confidence {_two_decimals(self.confidence):.2f}: {self.certainty}"
 
 
 def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Undo) -> Reason | None:

@@ -59,10 +59,17 @@ class Camera:
     )
     moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
     no_film: bool = option(False, "Do not use the film that belongs to a motion photo or Live Photo.")
+    candidate: int | None = option(
+        None,
+        "Take this motion of those that `unshutter estimate --candidates` lists, however unsure, instead of the first.",
+        metavar="N",
+    )
     at_any_odds: bool = False
 
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
+        if self.candidate is not None and self.candidate < 1:
+            raise UsageError(f"candidates are counted from 1, got {self.candidate}")
         check_focal(self.focal_px)
         for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
             check_time(name, time, unit)
@@ -77,14 +84,14 @@ class Camera:
 
     def for_least_confidence(self, least: float) -> Camera:
         """This camera for motions of at least this confidence; 0 asks for the likeliest motion, however unsure."""
-        return replace(self, at_any_odds=least == 0)
+        return replace(self, at_any_odds=least == 0 and self.candidate is None)
 
     def check_unused(self) -> None:
         """Raises UsageError where more than the readout direction is given although no motion is to be found."""
         if self != Camera(self.readout):
             raise UsageError(
-                "focal length, roll, tilt, exposure, readout time, --moving and --no-film are for finding a motion: "
-                "leave them out when you give one"
+                "focal length, roll, tilt, exposure, readout time, --moving, --no-film and --candidate are for finding "
+                "a motion: leave them out when you give one"
             )
 
 
@@ -99,6 +106,7 @@ class CameraKeywords(TypedDict, total=False):
     readout_ms: float | None
     moving: bool
     no_film: bool
+    candidate: int | None
 
 
 @dataclass(frozen=True)

@@ -22,27 +22,32 @@ from unshutter.storage.protection import Protection
 from unshutter_lab.calibration.cases import (
     CROP,
     CROPS,
+    FRAME,
     MOVED,
     STILL,
     WHOLE,
+    FrameSearchCase,
     NetworkCase,
     OrdinarySearchCase,
     SearchCase,
     SyntheticSearchCase,
 )
 from unshutter_lab.calibration.distributions import fit_motion_kinds, fit_network_errors, scales_and_correlations
-from unshutter_lab.evaluation.cases.folders import logs_in, photos_in
+from unshutter_lab.evaluation.cases.folders import logs_in, photos_in, pictures_in
 from unshutter_lab.evaluation.cases.synthetic import SyntheticCase
 from unshutter_lab.evaluation.run import check_jobs, measure
 from unshutter_lab.evaluation.store import Store, code_digest
 
 FILE, REPORT = "calibration.json", "report.txt"
 # folders of the data
-NETWORK, ODDS, ORDINARY, LOGS = "val", "train", "ordinary", "trajectories"
+NETWORK, ODDS, ORDINARY, LOGS, CLIPS = "val", "train", "ordinary", "trajectories", "clips"
+_RATIO = "readout_ratio.txt"  # of a clip: readout time in frame intervals
 _FEWEST_ERRORS = 12  # answers of the network: twice its coefficients
 _LIBRARIES = ("numpy", "opencv-python-headless", "pyvips", "scikit-learn", "scipy")
 _NAME = "calibration"  # of what the store takes for an estimator
 _PX = 256.0
+
+Clip = tuple[tuple[Path, ...], float]  # frames and readout ratio
 
 
 def calibrate(
@@ -52,7 +57,8 @@ def calibrate(
 
     Args:
         data: folder with undistorted photos in ``val`` (for the network's errors) and ``train`` (for the odds), photos
-            that people took in ``ordinary``, and recorded motions in ``trajectories``.
+            that people took in ``ordinary``, and recorded motions in ``trajectories``. Frames of clips in folders of
+            ``clips``, each with a ``readout_ratio.txt``, may be there too.
         output: folder; a run in it that was stopped goes on.
         photos: at most so many of each folder, chosen by the seed.
         seed: of the motions.
@@ -70,19 +76,21 @@ def calibrate(
     _check_libraries()
     folders = {name: photos_in(data / name, photos, seed) for name in (NETWORK, ODDS, ORDINARY)}
     logs = logs_in(data / LOGS)
-    Protection([*chain.from_iterable(folders.values()), *logs]).check_all_in(output)
-    digests = {name: _digest(paths) for name, paths in (*folders.items(), (LOGS, logs))}
+    clips = _clips(data / CLIPS)
+    inputs = {**folders, LOGS: logs, CLIPS: [*chain.from_iterable(frames for frames, _ in clips)]}
+    Protection([*chain.from_iterable(inputs.values())]).check_all_in(output)
+    digests = {name: _digest(paths) for name, paths in inputs.items()}
     store = Store(output, {"data": digests, "photos": photos, "seed": seed}, overwrite, calibrated=False)
 
     known = {
         "kinds": {kind.name: _as_fields(kind) for kind in fit_motion_kinds(logs, seed)},
         "network_errors": _network_errors(_synthetic(NETWORK, folders[NETWORK], MOVED, seed, logs), store, jobs),
     }
-    cases = _search_cases(folders, seed, logs, json.dumps(known))
+    cases = _search_cases(folders, clips, seed, logs, json.dumps(known))
     usable = measure(cases, [_NAME], store, jobs)
     sections, report = _fits(store.records([case.key for case in usable], [_NAME]))
     counts = {name: {"photos": len(paths), "sha256": digests[name]} for name, paths in folders.items()}
-    counts[LOGS] = {"files": len(logs), "sha256": digests[LOGS]}
+    counts |= {name: {"files": len(inputs[name]), "sha256": digests[name]} for name in (LOGS, CLIPS) if inputs[name]}
     fields = {"provenance": _provenance(counts, len(usable), photos, seed), **known, **sections}
     write_place(as_text(fields).encode(), output / FILE)
     write_place(report.encode(), output / REPORT)
@@ -119,7 +127,9 @@ def _network_errors(photos: list[SyntheticCase], store: Store, jobs: int | None)
     }
 
 
-def _search_cases(folders: dict[str, list[Path]], seed: int, logs: tuple[Path, ...], known: str) -> list[SearchCase]:
+def _search_cases(
+    folders: dict[str, list[Path]], clips: list[Clip], seed: int, logs: tuple[Path, ...], known: str
+) -> list[SearchCase]:
     made: list[SearchCase] = [
         SyntheticSearchCase(case.suite.name, case.photo, known, case)
         for case in _synthetic(ODDS, folders[ODDS], (*MOVED, *STILL), seed, logs)
@@ -129,7 +139,27 @@ def _search_cases(folders: dict[str, list[Path]], seed: int, logs: tuple[Path, .
         for path in folders[ORDINARY]
         for crop in (None, *range(CROPS))
     ]
-    return made + ordinary
+    frames = [
+        FrameSearchCase(FRAME, clip[0].parent.name, known, clip, ratio, k)
+        for clip, ratio in clips
+        for k in range(len(clip))
+    ]
+    return made + ordinary + frames
+
+
+def _clips(folder: Path) -> list[Clip]:
+    """The clips of a folder, where there is one.
+
+    Raises:
+        UnshutterError: a clip does not say its readout ratio.
+    """
+    clips = []
+    for file in sorted(folder.glob(f"*/{_RATIO}")):
+        try:
+            clips.append((tuple(pictures_in(file.parent)), float(file.read_text(encoding="utf-8"))))
+        except (OSError, ValueError) as error:
+            raise UnshutterError(f"cannot read the readout ratio in {file}: {error}") from None
+    return clips
 
 
 def _synthetic(

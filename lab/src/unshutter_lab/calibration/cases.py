@@ -22,6 +22,7 @@ from unshutter.estimators.right_angles.odds import confidence_figures, figures
 from unshutter.estimators.right_angles.search import Posterior, displacement, explore
 from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
+from unshutter.frames.sequence import estimate_frames
 from unshutter.motion import Motion, RowMotion
 from unshutter.options import DEFAULT_ESTIMATOR
 from unshutter.photo import Photo
@@ -36,14 +37,16 @@ MOVED = (
     Suite("portrait", turned=1, orientation=6, of_pictures=False),
     Suite("50 ms", readout_s=0.05, of_pictures=False),
     Suite("20 ms", readout_s=0.02, of_pictures=False),
+    Suite("100 ms", readout_s=0.1, of_pictures=False),
 )
 STILL = (
     Suite("still 256 px", still=True),
     Suite("still native size", rows=None, still=True),
     Suite("still portrait", still=True, turned=1, orientation=6),
 )
-WHOLE, CROP = "whole", "crop"  # suites of photos that are taken as they are
-CROPS = 8  # of each of these
+WHOLE, CROP, FRAME = "whole", "crop", "frame"  # suites of real photos, and of frames of clips
+CROPS = 8  # of each photo
+_ALONE = ("256 px", "still 256 px", WHOLE, CROP)  # suites that are also searched without the network
 _LONGEST_SIDE = 900  # of a crop [px]
 
 
@@ -102,21 +105,23 @@ class SearchCase(Trial):
         """The photo and its true motion."""
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """What the search found with the network's answer and without; no record where neither is asked for odds."""
+        """What the search found with the network's answer and without; no record where neither would be asked."""
         view, truth = self.picture()
         segments, size = segments_of(view)
         if unusable(segments, view.height, view.width) or view.attitude_deg()[0] is not None:
             return []
         estimator = _estimator(self.known)
         posterior, answer = estimator.weigh(view, segments, size)
-        alone = explore(likelihood_of(view, segments, size, kinds=estimator.kinds), STARTS)
         record = {
             "suite": self.suite,
             "photo": self.photo,
             "nothing": motion_error(RowMotion.zero(view.height, view.width), truth).epe,
             "with_network": _found(posterior, view, truth, answer),
-            "without_network": _found(alone, view, truth, None),
+            "without_network": None,
         }
+        if self.suite in _ALONE:
+            alone = explore(likelihood_of(view, segments, size, kinds=estimator.kinds), STARTS)
+            record["without_network"] = _found(alone, view, truth, None)
         return [{"estimator": name, **record} for name in names]
 
 
@@ -165,6 +170,30 @@ class OrdinarySearchCase(SearchCase):
         return view, RowMotion.zero(view.height, view.width)
 
 
+@dataclass(frozen=True)
+class FrameSearchCase(SearchCase):
+    """A frame of a clip. Its motion is what the frames before and after it show.
+
+    Attributes:
+        clip: all frames, in order.
+        ratio: readout time in frame intervals.
+        number: of the frame in the clip.
+    """
+
+    clip: tuple[Path, ...]
+    ratio: float
+    number: int
+
+    @property
+    def key(self) -> str:
+        """The clip and the frame's number."""
+        return f"{self.suite}|{self.photo}|{self.number}"
+
+    def picture(self) -> tuple[View, Motion]:
+        """The frame and its motion."""
+        return View(Photo.open(self.clip[self.number])), _frame_motions(self.clip, self.ratio)[self.number]
+
+
 def crop_of(photo: Photo, name: str, number: int) -> Photo:
     """A part of a photo as another camera may have seen it, held a little askew.
 
@@ -187,6 +216,11 @@ def crop_of(photo: Photo, name: str, number: int) -> Photo:
     crop = cv2.warpAffine(small, matrix, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     crop = crop[:, ::-1] if rng.random() < 0.5 else crop
     return replace(Photo.from_array(np.ascontiguousarray(crop)), orientation=photo.orientation)
+
+
+@cache
+def _frame_motions(clip: tuple[Path, ...], ratio: float) -> list[Motion]:
+    return list(estimate_frames(clip, readout_ratio=ratio))
 
 
 @cache

@@ -19,13 +19,14 @@ from threadpoolctl import threadpool_limits
 
 from unshutter.errors import UnshutterError
 from unshutter.estimators.right_angles.odds import CAUTION
-from unshutter_lab.calibration.cases import CROP, WHOLE
+from unshutter_lab.calibration.cases import CROP, FRAME, WHOLE
 from unshutter_lab.evaluation.cases.case import Record
 
-WEIGHT_OF_ORDINARY = 4  # photos that people took are few: each counts as much as so many others
+WEIGHT_OF_ORDINARY = 8  # photos that people took are few: each counts as much as so many others
 MOST_AT_STAKE = 8.0  # px of 256 rows: a case counts by what undoing its motion gains or loses, up to this
 FOLDS = 4  # of the photos: each is judged by what was fitted to the others
-RIGHT_PX = 1.0  # error of an answer that is right [px of 256 rows]
+RIGHT_PX, RIGHT_SHARE = 1.0, 0.1  # error of an answer that is right: px of 256 rows, or share of the true displacement
+_STILL_PX = 0.5  # a photo that is displaced by less stood still
 # figures of odds.confidence_figures on which the confidence depends
 RECTIFIED, LEFT = ("apart", "size", "lines_gain", "weight", "odds"), ("odds", "answer", "error")
 RECTIFIED_ALONE, LEFT_ALONE = ("error", "odds"), ("error", "odds")
@@ -89,12 +90,12 @@ class Cases:
     def at_stake(self) -> np.ndarray:
         """[N] how much each counts for the odds: what undoing its motion gains or loses."""
         stake = np.minimum(np.abs(self.error - self.nothing), MOST_AT_STAKE) + _FAINT
-        return stake * np.where(np.isin(self.suite, (WHOLE, CROP)), WEIGHT_OF_ORDINARY, 1)
+        return stake * np.where(np.isin(self.suite, (WHOLE, CROP, FRAME)), WEIGHT_OF_ORDINARY, 1)
 
     @property
     def share(self) -> np.ndarray:
         """[N] how much each counts for the confidence: photos with and without motion half each."""
-        still = np.char.startswith(self.suite, "still") | np.isin(self.suite, (WHOLE, CROP))
+        still = self.nothing < _STILL_PX
         return np.where(still, 0.5 / max(still.sum(), 1), 0.5 / max((~still).sum(), 1)) * len(still)
 
     @property
@@ -208,7 +209,7 @@ def _confidence(
 ) -> tuple[dict[str, Any], dict[str, Any], str]:
     """The regressions, and how often answers are right on photos that they have not seen."""
     figures = cases.confidence_figures | {"odds": np.clip(odds, *_ODDS)}
-    right = np.where(odds > 0, cases.error, cases.nothing) < RIGHT_PX
+    right = np.where(odds > 0, cases.error, cases.nothing) < np.maximum(RIGHT_PX, RIGHT_SHARE * cases.nothing)
     stated, fits = np.zeros(len(odds)), []
     for names, of in ((rectified, odds > 0), (left, odds <= 0)):
         for fold in range(FOLDS):
@@ -216,13 +217,20 @@ def _confidence(
             fitted = _regression(figures, names, right, cases.share, of & (cases.folds != fold))
             stated[asked] = 1 / (1 + np.exp(-_log_odds(fitted, figures)[asked]))
         fits.append(_regression(figures, names, right, cases.share, of))
-    lines = []
-    for low in range(10):
-        of = (stated * 10).astype(int) == low
-        if of.any():
-            mean, true = (np.average(each[of], weights=cases.share[of]) for each in (stated, right))
-            lines.append(f"confidence {mean:.2f}: right {true:.2f} ({of.sum()} cases)")
-    return fits[0], fits[1], "\n".join(lines)
+    return fits[0], fits[1], "\n".join(_reliability(cases, stated, right))
+
+
+def _reliability(cases: Cases, stated: np.ndarray, right: np.ndarray) -> list[str]:
+    """A line for each tenth of the confidence and for each suite: what is stated, and the share that is right."""
+    tenths = (stated * 10).astype(int)
+    groups = [(f"confidence .{low}", tenths == low, cases.share) for low in range(10)]
+    groups += [(suite, cases.suite == suite, np.ones(len(stated))) for suite in sorted(set(cases.suite))]
+    return [
+        f"{name:22} {of.sum():5d} cases: confidence {np.average(stated[of], weights=weight[of]):.2f}, "
+        f"right {np.average(right[of], weights=weight[of]):.2f}"
+        for name, of, weight in groups
+        if of.any()
+    ]
 
 
 def _table(cases: Cases, odds: np.ndarray) -> str:

@@ -15,7 +15,8 @@ class Arguments:
 
     data: Path = positional(
         "Folder with undistorted photos in val and train, photos that people took in ordinary, and NPZ files of "
-        "recorded motions in trajectories.",
+        "recorded motions in trajectories; if you like, also folders of frames in clips, each with the readout time in "
+        "frame intervals in readout_ratio.txt.",
         "input",
     )
     output: Path = option(

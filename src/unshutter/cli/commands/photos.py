@@ -91,6 +91,11 @@ class Estimate:
         names="output",
     )
     reference: Reference = option("first", "Row that counts as not moving. Default: first.")
+    candidates: bool = option(
+        False,
+        "List the few motions that fit each photo, with kind, probability and expected error, instead of the first "
+        "alone. rectify --candidate N undoes one of them.",
+    )
     plot: Path | None = option(
         None,
         "Also draw the motion of one photo into this PNG file (needs the extra `plot`).",
@@ -106,7 +111,7 @@ def _estimate(arguments: Estimate) -> int:
     """Estimates the motions; returns the exit code."""
     from unshutter.batch.commands import Estimates, estimate_files
 
-    request = Estimates(arguments.find, arguments.reference, arguments.plot)
+    request = Estimates(arguments.find, arguments.reference, arguments.plot, arguments.candidates)
     return estimate_files(arguments.photos, arguments.output, request, arguments.overwrite, arguments.max_pixels)
 
 

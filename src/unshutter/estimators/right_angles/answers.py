@@ -8,13 +8,14 @@ from typing import cast
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.estimators.right_angles.odds import CAUTION, MOVING, Judgement, judge
+from unshutter.estimators.right_angles.odds import BOUNDED, CAUTION, MOVING, Judgement, judge
 from unshutter.estimators.right_angles.search import Posterior, displacement, expected_error
 from unshutter.motion.candidate import Candidate, KindOfMotion
 from unshutter.reasons import Code, Reason
 
 LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
 LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring
+_TIGHT = 10 / 256  # rows of t_x over a readout: a speed limit below it leaves little harm to be done
 _MOST_MODES = 3
 _LEAST_SHARE = 0.05  # of a mode that is worth a look
 _ALIKE = 1.5 / 256  # rows, or
@@ -94,10 +95,17 @@ def modes_of(posterior: Posterior) -> list[Mode]:
 
 
 def _judgement(posterior: Posterior, view: View, opinion: np.ndarray | None) -> Judgement:
-    limit = view.speed_limit
-    moving = view.camera.moving or (limit is not None and limit.smeared)
     roll_known = view.attitude_deg()[0] is not None
-    return judge(posterior, opinion, roll_known, MOVING if moving else CAUTION, view.camera.at_any_odds)
+    return judge(posterior, opinion, roll_known, _caution(view), view.camera.at_any_odds)
+
+
+def _caution(view: View) -> float:
+    """Logarithm of the odds from which on a photo is moved; one rule for single photos and for folders."""
+    limit = view.speed_limit
+    if view.camera.moving or (limit is not None and limit.smeared):
+        return MOVING
+    bounded = limit is not None and np.median(limit.tx_px) < _TIGHT * view.height
+    return BOUNDED if bounded else CAUTION
 
 
 def _reason_against(posterior: Posterior, judgement: Judgement) -> Reason | None:

@@ -18,7 +18,8 @@ from unshutter.estimators.right_angles.search import Posterior, bend, displaceme
 
 _STEEPNESS = 8.0  # of the way from no motion to all of it
 CAUTION = math.log(0.8)  # odds at which half of a motion is undone; those of photos in general count losses in full
-MOVING = math.log(0.2)  # and where the camera is known to have moved
+BOUNDED = math.log(0.35)  # where the photo's exposure and sharpness rule out all but small motions
+MOVING = math.log(0.2)  # where the camera is known to have moved
 _EVEN = 1e-9  # odds at which a motion is just as likely as none
 _PX = 256.0  # rows of the picture in which displacements are weighed
 
@@ -91,6 +92,8 @@ def figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
         "tilt_at_rest": math.degrees(posterior.pose_at_rest.tilt),
         "focal": posterior.pose.log_focal,
         "focal_at_rest": posterior.pose_at_rest.log_focal,
+        **{f"evidence for {kind}": evidence for kind, evidence in posterior.evidence_of.items()},
+        **{f"share of {kind}": share for kind, share in posterior.kinds.items()},
     }
 
 
