@@ -23,9 +23,12 @@ if TYPE_CHECKING:
     from unshutter.photo import Photo
     from unshutter.rectification import candidates, estimate, rectified, rectify
     from unshutter.result import Rectified
+    from unshutter.video.clip_functions import rectify_clip, rectify_clip_frames
+    from unshutter.video.outcome import ClipOutcome
 
 __all__ = [
     "Candidate",
+    "ClipOutcome",
     "Estimator",
     "Method",
     "MissingFileError",
@@ -47,10 +50,13 @@ __all__ = [
     "load",
     "rectified",
     "rectify",
+    "rectify_clip",
+    "rectify_clip_frames",
     "rectify_frames",
 ]
 
 _HOMES = {
+    "ClipOutcome": "video.outcome",
     "Candidate": "motion.candidate",
     "Estimator": "estimators.base",
     "Method": "estimators.method",
@@ -69,6 +75,8 @@ _HOMES = {
     "load": "estimators.register",
     "rectified": "rectification",
     "rectify": "rectification",
+    "rectify_clip": "video.clip_functions",
+    "rectify_clip_frames": "video.clip_functions",
     "rectify_frames": "frames.sequence_rectification",
 }
 

@@ -13,7 +13,7 @@ from unshutter.cli import main
 from unshutter.reasons import Code
 from unshutter.video import cameras
 from unshutter.video.cameras import CameraMode
-from unshutter.video.clip_rectification import rectify_clip
+from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.options import Encode, RectifyClip, Shutter
 
 FRAMES = 16
@@ -240,7 +240,7 @@ def test_the_library_is_silent_and_returns_what_it_did(tmp_path, capfd):
     with pytest.MonkeyPatch.context() as patch:
         one = CameraMode("Nemo", "One", "", clips.WIDTH, clips.HEIGHT, 30.0, 20.0, 20.0, 20.0)
         patch.setattr(cameras, "table", lambda: (one,))
-        outcome = rectify_clip(
+        outcome = rectify_clip_file(
             str(still),
             str(tmp_path / "out.mkv"),
             listed,

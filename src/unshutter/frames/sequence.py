@@ -141,6 +141,8 @@ class CameraMotion:
                 yield from self._ready(shot, ended=True)
                 shot = Shot(number=shot.number + 1)
                 continue
+            if self._focal is None and self.focal_px:
+                self._focal = self.focal_px * ROWS / frame.height
             if not shot.joins(frame, self.ratio):
                 yield from self._ready(shot, ended=True)
                 shot = Shot(broken_by=shot.broken_by, number=shot.number + 1)
@@ -156,7 +158,7 @@ class CameraMotion:
         """
         photo = open_photo(frame)
         height, width = self.readout.frame_size(photo.height, photo.width)
-        if self._focal is None and (focal_px := self.focal_px or photo.focal_px()):
+        if self._focal is None and self.focal_px is None and (focal_px := photo.focal_px()):
             self._focal = focal_px * ROWS / height
         for_angles = self.ratio is None and self._photos % self.every_angle == 0
         self._photos += 1

@@ -123,6 +123,13 @@ class Clip:
         """Whether it is a sequence of pictures."""
         return self.pictures is not None
 
+    def expected_frames(self, start: float | None = None, end: float | None = None) -> int:
+        """How many frames there should be between these moments [s], as far as the file says; at least 2."""
+        if start is None and end is None and self.frames:
+            return self.frames
+        last = min(end or self.duration_s, self.duration_s or math.inf)
+        return max(round((last - (start or 0.0)) / self.interval_s), 2)
+
     def opened(self) -> AbstractContextManager[Any]:
         """The file as PyAV reads it; UnshutterError where it cannot be read any more."""
         return opened(self.path, self.pictures, 1 / self.interval_s if self.pictures else None)

@@ -38,7 +38,7 @@ _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 ReadoutCallback: TypeAlias = Callable[[ReadoutRatio, float], None]  # called with a ratio and the frame interval [s]
 
 
-def rectify_clip(
+def rectify_clip_file(
     source: str,
     output: str,
     options: RectifyClip,
@@ -129,9 +129,11 @@ def _check_size(motion: ClipMotion, clip: Clip) -> None:
         )
 
 
-def _watched(items: Generator[MovingFrame | SidePacket], clip: Clip, watch: Watch | None) -> Iterator[MovingFrame]:
+def _watched(
+    items: Generator[MovingFrame | SidePacket], clip: Clip, options: RectifyClip, watch: Watch | None
+) -> Iterator[MovingFrame]:
     """The frames among the items, each of them reported as one that was looked at."""
-    steps = Steps("looking", clip.frames or 2, watch)
+    steps = Steps("looking", clip.expected_frames(options.start, options.end), watch)
     for item in items:
         if not isinstance(item, SidePacket):
             steps.advance()
@@ -149,7 +151,7 @@ def _write(
     warper = Warper(clip, options.undo)
     if options.undo.edges == "crop":
         with closing(pipeline.moving()) as items:
-            warper = Warper(clip, options.undo, common_window(warper, _watched(items, clip, watch)))
+            warper = Warper(clip, options.undo, common_window(warper, _watched(items, clip, options, watch)))
     try:
         if encoder is None:
             _write_pictures(pipeline, warper, target, outcome, watch)
@@ -227,7 +229,7 @@ def _counted(
         UnshutterError: there is not a single frame; or the motion file cannot be written.
     """
     clip, options = pipeline.clip, pipeline.options
-    steps = Steps("frames", clip.frames or 2, watch)
+    steps = Steps("frames", clip.expected_frames(options.start, options.end), watch)
 
     def counted() -> Iterator[NewFrame | SidePacket]:
         for item in items:

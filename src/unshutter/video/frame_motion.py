@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
 ROWS = 65  # of the small pictures that motions of clips are of
-_SIDE = 270  # px, short side of the copies in which corners are followed
+COPY_SIDE = 270  # px, short side of the copies in which corners are followed
 FEWEST = 8  # frames of a shot: what is shorter is more often a mistake than a cut
 _MARGIN = 4  # frames on both sides that only steady a window
 _CORE = (6, 24)  # fewest and most frames of a window
@@ -43,13 +43,18 @@ class MovingFrame:
 
 
 def window(clip: Clip) -> tuple[int, int]:
-    """How many frames' motion is found together, and how many more steady it: as memory allows."""
+    """How many frames' motion is found together, and how many more steady it: see :func:`window_for`."""
     size = sum(plane.bands / plane.across / plane.down for plane in clip.pixels.planes)
     size *= clip.height * clip.width * (1 if clip.pixels.depth == 8 else 2)
-    return int(min(max(_IN_MEMORY / size, _CORE[0]), _CORE[1])), _MARGIN
+    return window_for(size)
 
 
-def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side: int = _SIDE) -> GreyFrame:
+def window_for(frame_bytes: float) -> tuple[int, int]:
+    """How many frames' motion is found together, and how many more steady it: as memory allows for frames so large."""
+    return int(min(max(_IN_MEMORY / frame_bytes, _CORE[0]), _CORE[1])), _MARGIN
+
+
+def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side: int = COPY_SIDE) -> GreyFrame:
     """The grey copy of a frame, from which its motion is found.
 
     Args:

@@ -127,7 +127,10 @@ def too_little_to_see(
     Raises:
         UnshutterError: the clip cannot be read.
     """
-    camera, steps = CameraMotion(readout=readout), Steps("looking", clip.frames or 2, watch)
+    camera, steps = (
+        CameraMotion(readout=readout),
+        Steps("looking", clip.expected_frames(options.start, options.end), watch),
+    )
     reach = longest_ratio * options.undo.strength * (0.5 if options.undo.reference == "middle" else 1.0)
     largest, frames, lost = 0.0, 0, 0
     before = grey_before = None

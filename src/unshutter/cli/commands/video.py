@@ -30,14 +30,14 @@ class Arguments:
 def run(arguments: Arguments) -> int:
     """Rectifies the clip; returns the exit code."""
     from unshutter.progress import Bars
-    from unshutter.video.clip_rectification import rectify_clip
+    from unshutter.video.clip_rectification import rectify_clip_file
 
     with Bars() as bars:
 
         def tell(ratio: ReadoutRatio, interval_s: float) -> None:
             bars.tell(_line_of(ratio, 1000 * interval_s))
 
-        outcome = rectify_clip(arguments.clip, arguments.output, arguments.options, watch=bars, on_readout=tell)
+        outcome = rectify_clip_file(arguments.clip, arguments.output, arguments.options, watch=bars, on_readout=tell)
     for line in _lines_of(outcome):
         print(visible(line), file=sys.stderr)
     return 0

@@ -112,15 +112,15 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
         progress: where to note progress.
 
     Raises:
-        UsageError, UnshutterError: see :func:`unshutter.video.clip_rectification.rectify_clip`.
+        UsageError, UnshutterError: see :func:`unshutter.video.clip_rectification.rectify_clip_file`.
     """
     from unshutter.video.clip import Clip
-    from unshutter.video.clip_rectification import rectify_clip
+    from unshutter.video.clip_rectification import rectify_clip_file
 
     progress.note("frames", 0, 0)
     with errors_of(open_file, {target: target.name, target.parent: "the folder"}):
         ratio = _ratio_of(open_file, Clip.look(open_file.path), options, progress)
-        return SavedClip(rectify_clip(str(open_file.path), str(target), options, ratio, progress.note)).as_json()
+        return SavedClip(rectify_clip_file(str(open_file.path), str(target), options, ratio, progress.note)).as_json()
 
 
 def _ratio_of(

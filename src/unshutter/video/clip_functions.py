@@ -1,0 +1,197 @@
+"""Python's functions for clips: a whole file, or frames of a decoder of one's own."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+import cv2
+import numpy as np
+
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
+from unshutter.frames.self_calibration import ReadoutRatio
+from unshutter.frames.sequence import CameraMotion, known_ratio
+from unshutter.frames.shots import GreyFrame
+from unshutter.geometry.readout import Readout
+from unshutter.motion import Motion
+from unshutter.options import Camera, Clock, ClockKeywords, FrameModel, Reference
+from unshutter.options.description import from_keywords, takes_options, with_values
+from unshutter.photo.argument import check_size
+from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.frame_map import FrameMap, Scratch, warp_plane
+from unshutter.video.frame_motion import COPY_SIDE, FEWEST, small_motion, window_for
+from unshutter.video.options import ClipEdges, ClipUndo, RectifyClip
+from unshutter.video.outcome import ClipOutcome
+
+_MOST_BANDS = 4
+
+
+class RectifyClipOptions(TypedDict, total=False):
+    """Keywords of :func:`rectify_clip`."""
+
+    readout_ms: float | None
+    readout_ratio: float | None
+    camera: str | None
+    readout: str
+    focal_px: float | None
+    reference: Reference
+    strength: float
+    edges: ClipEdges
+    model: FrameModel
+    codec: str | None
+    crf: float | None
+    preset: str | None
+    fps: float | None
+    start: float | None
+    end: float | None
+    motion: str | Path | None
+    save_motion: str | Path | None
+    preview: str | Path | None
+    plot: str | Path | None
+    only_changed: bool
+    overwrite: bool
+    json_log: str | Path | None
+    max_pixels: int
+
+
+@takes_options(RectifyClipOptions, RectifyClip)
+def rectify_clip(
+    source: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    progress: Callable[[str, int, int], None] | None = None,
+    on_readout: Callable[[ReadoutRatio, float], None] | None = None,
+    **options: Unpack[RectifyClipOptions],
+) -> ClipOutcome:
+    """Writes a clip without its rolling-shutter distortion; prints nothing.
+
+    Args:
+        source: a film, a folder of numbered pictures, or a pattern of their names (``frames/%05d.png``).
+        output: the file to write; for pictures a new folder, or a pattern.
+        progress: called with the name of a step, how many of its parts are done, and how many there are, as far as the
+            clip says.
+        on_readout: called with the readout ratio and the time from frame to frame [s] once the ratio is found; not
+            where it is stated.
+        **options: as those of ``unshutter video``.
+
+    Returns:
+        How many frames were rectified, why others were not, and the readout ratio with its source.
+
+    Raises:
+        UsageError: options that do not go together, or do not fit the clip.
+        UnshutterError: the clip cannot be read, or the output not be written.
+    """
+    values: dict[str, Any] = dict(options)
+    values |= {name: Path(values[name]) for name in _PATHS if values.get(name) is not None}
+    chosen = with_values(RectifyClip, lambda option: values.get(option.key, option.default))
+    return rectify_clip_file(os.fspath(source), os.fspath(output), chosen, watch=progress, on_readout=on_readout)
+
+
+_PATHS = ("motion", "save_motion", "preview", "plot", "json_log")
+
+
+# ---- frames of another decoder --------------------------------------------------------------------------------
+
+
+class ClipFramesOptions(ClockKeywords, total=False):
+    """Keywords of :func:`rectify_clip_frames`."""
+
+    readout_ms: float | None
+    focal_px: float | None
+    readout: str
+    reference: Reference
+    strength: float
+    edges: ClipEdges
+
+
+@takes_options(ClipFramesOptions, Clock, Camera, ClipUndo)
+def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFramesOptions]) -> Iterator[np.ndarray]:
+    """Rectifies the frames of a clip that you decode yourself, by one motion of the camera for each whole frame.
+
+    Frames come out in order, some 30 frames after they were taken from ``frames``, and so many are held in memory;
+    up to 240 while the readout ratio is searched.
+
+    Args:
+        frames: uint8 or uint16 arrays [H, W] or [H, W, bands] of one size, in the order in which they were taken, at
+            even intervals.
+        readout_ratio: time in which a frame is read out, in frame intervals (above 0, at most 1). Without it, and
+            without ``readout_ms`` and ``fps``, it is found from the frames, if they show it.
+        focal_px: focal length [px of the frames]; by default it is found from the frames.
+        edges: ``fill`` repeats the nearest pixel in places that a frame did not see, ``keep`` leaves them black.
+        **options: the readout ratio in other words, and how motion is undone.
+
+    Yields:
+        Each frame as a new array, or the frame itself where it does not change.
+
+    Raises:
+        UsageError: an option that cannot be, or arrays of another kind.
+        UnknownRatioError: the readout ratio was not stated, and the frames do not show it.
+    """
+    ratio = known_ratio(options.get("readout_ratio"), options.get("readout_ms"), options.get("fps"))
+    undo, readout = from_keywords(ClipUndo, options), Readout.parse(options.get("readout", "auto"))
+    if undo.edges not in ("fill", "keep"):
+        raise UsageError(f"frames of an iterator take edges fill or keep, not {undo.edges}")
+    focal_px = from_keywords(Camera, {"focal_px": options.get("focal_px")}).focal_px
+    return _rectified(iter(frames), ratio, focal_px, readout, undo)
+
+
+def _rectified(
+    frames: Iterator[np.ndarray], ratio: ReadoutRatio | None, focal_px: float | None, readout: Readout, undo: ClipUndo
+) -> Iterator[np.ndarray]:
+    first = next(frames, None)
+    if first is None:
+        return
+    _check(first, first)
+    camera = CameraMotion(ratio, focal_px, readout, window=window_for(first.nbytes), fewest=FEWEST)
+    waiting: deque[np.ndarray] = deque()
+
+    def grey_frames() -> Iterator[GreyFrame]:
+        for frame in chain([first], frames):
+            _check(frame, first)
+            waiting.append(frame)
+            yield _grey_frame(frame, readout)
+
+    scratch = Scratch()
+    for motion in camera.motions(grey_frames()):
+        if motion.ratio_unknown and motion.reason is not None and ratio is None:
+            error = UnknownRatioError(str(motion.reason), motion.reason)
+            raise error.with_advice("give readout_ratio, or readout_ms and fps")
+        yield _undone(waiting.popleft(), small_motion(motion), undo, scratch)
+
+
+def _check(frame: np.ndarray, first: np.ndarray) -> None:
+    """Raises UsageError for what is not a frame, or not one like the first."""
+    if not isinstance(frame, np.ndarray) or frame.dtype not in (np.uint8, np.uint16) or frame.ndim not in (2, 3):
+        raise UsageError("frames must be uint8 or uint16 arrays [H, W] or [H, W, bands]")
+    if frame.ndim == 3 and not 1 <= frame.shape[2] <= _MOST_BANDS:
+        raise UsageError(f"frames must have 1 to {_MOST_BANDS} bands, got {frame.shape[2]}")
+    if (frame.shape, frame.dtype) != (first.shape, first.dtype):
+        shapes = [f"{each.dtype} {'x'.join(map(str, each.shape))}" for each in (first, frame)]
+        raise UnshutterError(f"frames must be of one size and type: the first is {shapes[0]}, another {shapes[1]}")
+    check_size(frame.shape[0], frame.shape[1], "a frame")
+
+
+def _grey_frame(frame: np.ndarray, readout: Readout) -> GreyFrame:
+    height, width = frame.shape[:2]
+    luma = frame if frame.ndim == 2 else frame[..., 1] if frame.shape[2] > 2 else frame[..., 0]
+    scale = min(1.0, COPY_SIDE / min(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    small = np.asarray(cv2.resize(np.ascontiguousarray(luma), size, interpolation=cv2.INTER_AREA))
+    grey = small if small.dtype == np.uint8 else np.right_shift(small, 8).astype(np.uint8)
+    height, width = readout.frame_size(height, width)
+    return GreyFrame(height, width, np.ascontiguousarray(readout.turn(grey)))
+
+
+def _undone(frame: np.ndarray, motion: Motion, undo: ClipUndo, scratch: Scratch) -> np.ndarray:
+    motion = motion.rereferenced(undo.reference).scaled(undo.strength)
+    if motion.is_zero:
+        return frame
+    pixels, out = np.ascontiguousarray(frame), np.empty(frame.shape, frame.dtype)
+    limit = int(np.iinfo(frame.dtype).max)
+    for rows, positions in FrameMap.of(motion, *frame.shape[:2]).positions(1, 1, scratch):
+        warp_plane(pixels, positions, out[rows], 0 if undo.edges == "keep" else None, limit)
+    return out

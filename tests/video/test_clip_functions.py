@@ -1,0 +1,114 @@
+"""Clips from Python: a whole file with its progress, and frames of another decoder."""
+
+import inspect
+import typing
+
+import numpy as np
+import pytest
+
+import unshutter
+from support import clips
+from support.hand_held import pan
+from unshutter.errors import UnknownRatioError
+from unshutter.options.description import options_of
+from unshutter.video import clip_functions
+from unshutter.video.options import RectifyClip
+
+CAMERA, GREYS = clips.moving(24)
+TRUTH = np.stack(clips.truth(CAMERA)).astype(float)
+
+
+def test_a_whole_clip(tmp_path, capfd):
+    clip = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
+    steps: list[tuple[str, int, int]] = []
+    outcome = unshutter.rectify_clip(
+        clip,
+        tmp_path / "out.mkv",
+        readout_ratio=0.6,
+        save_motion=tmp_path / "motion.json",
+        progress=lambda *step: steps.append(step),
+    )
+    assert isinstance(outcome, unshutter.ClipOutcome) and outcome.frames == outcome.rectified == 24
+    assert (tmp_path / "motion.json").exists() and capfd.readouterr() == ("", "")
+    assert steps == [("frames", k + 1, 24) for k in range(24)]
+    assert clips.psnr(clips.luma(tmp_path / "out.mkv"), TRUTH) > clips.psnr(np.stack(GREYS).astype(float), TRUTH) + 5
+
+
+def test_keywords_are_the_options_of_the_command():
+    options = {each.key: each for each in options_of(RectifyClip)}
+    assert clip_functions.RectifyClipOptions.__annotations__.keys() == options.keys()
+    parameters = inspect.signature(unshutter.rectify_clip).parameters
+    assert {name: parameters[name].default for name in options} == {
+        name: each.default for name, each in options.items()
+    }
+    for function in (unshutter.rectify_clip, unshutter.rectify_clip_frames):
+        assert "**options" not in (function.__doc__ or "") and " strength: How much of the motion" in function.__doc__
+        with pytest.raises(TypeError, match="unexpected keyword argument 'strenght'"):
+            typing.cast(typing.Any, function)("a.mp4", "b.mp4", strenght=1)
+
+
+def test_options_are_checked(tmp_path):
+    for options, complaint in (({"crf": 80}, "between 0 and 63"), ({"edges": "borrow"}, "needs --model dense")):
+        with pytest.raises(unshutter.UsageError, match=complaint):
+            unshutter.rectify_clip("in.mp4", tmp_path / "out.mp4", **options)
+
+
+@pytest.mark.parametrize("kind", ["grey", "rgb", "16 bits"])
+def test_frames_of_another_decoder(kind):
+    frames = {
+        "grey": GREYS,
+        "rgb": [np.stack([grey, grey, 255 - grey], axis=-1) for grey in GREYS],
+        "16 bits": [grey.astype(np.uint16) * 257 for grey in GREYS],
+    }[kind]
+    before = [frame.copy() for frame in frames]
+    results = list(unshutter.rectify_clip_frames(iter(frames), readout_ms=20, fps=30))
+    assert [(each.shape, each.dtype) for each in results] == [(each.shape, each.dtype) for each in frames]
+    assert all(np.array_equal(*pair) for pair in zip(frames, before, strict=True))
+    grey = [
+        {"grey": each, "rgb": each[..., 0] if each.ndim == 3 else each, "16 bits": each / 257}[kind] for each in results
+    ]
+    now = np.stack(grey).astype(float)
+    assert clips.psnr(now, TRUTH) > clips.psnr(np.stack(GREYS).astype(float), TRUTH) + 5
+
+
+def test_frames_come_while_others_are_still_to_be_decoded():
+    taken = []
+
+    def decoder():
+        for k in range(200):
+            taken.append(k)
+            yield GREYS[k % 24 if k // 24 % 2 == 0 else 23 - k % 24]
+
+    results = unshutter.rectify_clip_frames(decoder(), readout_ratio=0.6)
+    next(results)
+    assert len(taken) < 60
+
+
+def test_the_focal_length_counts():
+    right, wrong = (
+        np.stack(list(unshutter.rectify_clip_frames(GREYS, readout_ratio=0.6, focal_px=focal))).astype(float)
+        for focal in (clips.FOCAL, 20.0)
+    )
+    assert clips.psnr(right, TRUTH) > clips.psnr(wrong, TRUTH) + 1
+
+
+@pytest.mark.parametrize(
+    ("frames", "options", "error", "complaint"),
+    [
+        ([np.zeros((144, 192))], {"readout_ratio": 0.5}, unshutter.UsageError, "uint8 or uint16"),
+        ([np.zeros((144, 192, 5), np.uint8)], {"readout_ratio": 0.5}, unshutter.UsageError, "1 to 4 bands"),
+        ([GREYS[0], GREYS[0][1:]], {"readout_ratio": 0.5}, unshutter.UnshutterError, "of one size and type"),
+        ([GREYS[0][:20]], {"readout_ratio": 0.5}, unshutter.UnshutterError, "192x20"),
+        (GREYS, {"readout_ratio": 1.5}, unshutter.UsageError, "at most 1"),
+        (GREYS, {"readout_ms": 20}, unshutter.UsageError, "go together"),
+        (GREYS, {"readout_ratio": 0.5, "edges": "crop"}, unshutter.UsageError, "fill or keep"),
+        (clips.moving(24, pan())[1], {}, UnknownRatioError, "give readout_ratio, or readout_ms and fps"),
+    ],
+)
+def test_what_cannot_be_is_refused(frames, options, error, complaint):
+    with pytest.raises(error, match=complaint):
+        list(unshutter.rectify_clip_frames(frames, **options))
+
+
+def test_no_frames_give_none():
+    assert list(unshutter.rectify_clip_frames([], readout_ratio=0.5)) == []
