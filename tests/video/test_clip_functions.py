@@ -19,7 +19,7 @@ TRUTH = np.stack(clips.truth(CAMERA)).astype(float)
 
 
 def test_a_whole_clip(tmp_path, capfd):
-    clip = clips.write(tmp_path / "in.mkv", GREYS, "ffv1")
+    clip = clips.write(tmp_path / "in.mkv", GREYS, "ffv1", "gray")
     steps: list[tuple[str, int, int]] = []
     outcome = unshutter.rectify_clip(
         clip,
