@@ -288,7 +288,7 @@ def test_a_film_is_pointed_to_the_command_for_films(
 ) -> None:
     (tmp_path / "walk.MP4").touch()
     assert main([command, str(tmp_path / "walk.MP4")]) == 2
-    assert f"unshutter video {tmp_path}/walk.MP4 -o {tmp_path}/walk.rectified.MP4" in one_line(capsys)
+    assert one_line(capsys).endswith(f"unshutter video {tmp_path}/walk.MP4")
 
 
 @pytest.mark.parametrize("name", ["one.png", "one.gif"])

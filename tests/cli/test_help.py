@@ -12,7 +12,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
 
 
-@pytest.mark.parametrize("command", ["rectify", "estimate", "map", "points", "serve"])
+@pytest.mark.parametrize("command", ["rectify", "estimate", "map", "points", "serve", "video"])
 def test_help_fits_a_screen(command: str, terminal: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([command, "--help"]) == 0
     lines = capsys.readouterr().out.splitlines()

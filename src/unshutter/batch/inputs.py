@@ -78,8 +78,7 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
     inputs = Inputs()
     for source in map(place, sources):
         if source.suffix.lower() in FILM_SUFFIXES and not places.is_folder(source):
-            target = source.with_name(f"{source.stem}{RECTIFIED}{source.suffix}")
-            raise UsageError(f"{source} is a film, not a photo: unshutter video {source} -o {target}")
+            raise UsageError(f"{source} is a film, not a photo: unshutter video {source}")
         may_be_folder = isinstance(source, Path) or not source.suffix  # asking a store takes a while
         if not (may_be_folder and places.is_folder(source)):
             inputs.photos.setdefault(source, PurePosixPath())

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import dataclass, field
 
 from unshutter.cli import command_named, summaries
-from unshutter.cli.arguments import Command, add_arguments
+from unshutter.cli.arguments import HELP_ALL, Command, add_arguments
 from unshutter.errors import UnshutterError
 
 SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # that shtab knows
@@ -55,6 +55,7 @@ def _whole_parser(files: object) -> argparse.ArgumentParser:
         command = command_named(name)
         parser = commands.add_parser(name, help=what)
         add_arguments(parser, command.arguments)
+        parser.add_argument(HELP_ALL, action="store_true", help="show all options")
         for action in parser._actions:  # argparse has no other way to them, and shtab takes the same
             _complete(action, files)
     return whole

@@ -5,11 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.cli.arguments import Command, positional, required
-from unshutter.errors import visible
+from unshutter.batch.inputs import RECTIFIED
+from unshutter.cli.arguments import Command, positional
+from unshutter.errors import UsageError, visible
+from unshutter.options import option
 from unshutter.video.options import RectifyClip
+from unshutter.video.pictures import is_pattern
 
 if TYPE_CHECKING:
     from unshutter.frames.self_calibration import ReadoutRatio
@@ -21,8 +25,13 @@ class Arguments:
     """What the command takes."""
 
     clip: str = positional("A film (.mp4, .mov, .mkv ...), a folder of numbered pictures, or frames/%05d.png.", "input")
-    output: str = required(
-        "File to write; for pictures a new folder, or a pattern such as out/%05d.png.", "output", short="-o"
+    output: str | None = option(
+        None,
+        "File to write; for pictures a new folder, or a pattern such as out/%05d.png. Default: NAME.rectified.EXT next "
+        "to the clip, or the folder NAME-rectified.",
+        short="-o",
+        metavar="PATH",
+        names="output",
     )
     options: RectifyClip = field(default_factory=RectifyClip)
 
@@ -37,10 +46,23 @@ def run(arguments: Arguments) -> int:
         def tell(ratio: ReadoutRatio, interval_s: float) -> None:
             bars.tell(_line_of(ratio, 1000 * interval_s))
 
-        outcome = rectify_clip_file(arguments.clip, arguments.output, arguments.options, watch=bars, on_readout=tell)
+        output = arguments.output or _output_for(arguments.clip)
+        outcome = rectify_clip_file(arguments.clip, output, arguments.options, watch=bars, on_readout=tell)
     for line in _lines_of(outcome):
         print(visible(line), file=sys.stderr)
     return 0
+
+
+def _output_for(clip: str) -> str:
+    """Where the result goes by default: ``walk.mp4`` -> ``walk.rectified.mp4``, ``frames`` -> ``frames-rectified``.
+
+    Raises:
+        UsageError: the clip is a pattern of names.
+    """
+    if is_pattern(clip):
+        raise UsageError("pictures named by a pattern need --output: a film, a new folder, or a pattern")
+    path = Path(clip)
+    return str(path.with_name(f"{path.name}-rectified" if path.is_dir() else f"{path.stem}{RECTIFIED}{path.suffix}"))
 
 
 def _line_of(ratio: ReadoutRatio, interval_ms: float) -> str:
@@ -85,4 +107,17 @@ timestamps stay as they are. Needs the extra `video`.""",
     Arguments,
     run,
     when_stopped="no half-written file is left",
+    essentials={
+        "clip": "a film, a folder of numbered pictures, or frames/%%05d.png",
+        "output": "where to; default: NAME.rectified.EXT",
+        "readout_ms": "readout time of a frame, if you know it",
+        "camera": "take its readout time (unshutter cameras lists them)",
+        "model": "camera, or dense: near and far move differently",
+        "edges": "keep, crop, fill or borrow",
+        "strength": "how much to undo, 0 to 1",
+        "start": "from this second",
+        "end": "up to this second",
+        "preview": "before and after: a picture, or a short film (.mp4)",
+        "overwrite": "replace a result that exists already",
+    },
 )
