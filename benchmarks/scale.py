@@ -80,7 +80,7 @@ def took(words: list[str], one_core: bool = False) -> Took:
     if process.returncode:
         sys.exit(f"{words} failed: {''.join(line for _, line in lines)}")
     seconds = time.perf_counter() - start
-    at = [when for when, line in lines if " -> " in line or " left as it is" in line] or [start]
+    at = [when for when, line in lines if " -> " in line or " left unchanged" in line] or [start]
     return Took(seconds, at[-1] - at[0], len(at), usage.ru_maxrss / 1000)
 
 
@@ -100,7 +100,7 @@ def photos(folder: Path) -> Iterator[Row]:
     """Photos on one core."""
     for megapixels, count, original, fate in (
         (12, 16, ROLLING, "straightened"),
-        (12, 16, STILL, "left as it is"),
+        (12, 16, STILL, "left unchanged"),
         (48, 6, ROLLING, "straightened"),
     ):
         given = make_photos(folder / f"{megapixels} {fate}", count, megapixels, original)

@@ -12,7 +12,7 @@ Watch: TypeAlias = Callable[[str, int, int], None]  # called with what is counte
 
 
 class Progress:
-    """A progress bar on standard error; nothing when that is no terminal or there is but one photo.
+    """A progress bar on standard error; nothing when that is not a terminal or there is only one photo.
 
     Args:
         total: how many there are.

@@ -119,7 +119,7 @@ SENTENCES = {
     Code.SHOOK_TOO_FAST: "the camera shook faster than frames were taken",
     Code.TOO_EVEN: "the camera moved too evenly, or too little could be followed",
     Code.IMPRECISE: "{evidence} give {value:.2f} ± {error:.2f}",
-    Code.NO_ANGLES_OR_MOTION: "they show no right angles, or hardly move from side to side",
+    Code.NO_ANGLES_OR_MOTION: "they show no right angles, or barely move from side to side",
     Code.PARTS_DISAGREE: "parts of the clip disagree: {ratios}",
     Code.NO_CLEAR_PART: "no {frames} frames in a row show one scene clearly",
 }

@@ -104,7 +104,7 @@ def rectify(photo: Image, **options: Unpack[RectifyOptions]) -> Image: ...
 def rectify(photo: Any, **options: Unpack[RectifyOptions]) -> Any:
     """Removes rolling-shutter distortion from a photo.
 
-    A photo is left as it is, to the byte, where its motion is not sure enough, or would move nothing by half a pixel.
+    A photo is left unchanged, to the byte, where its motion is not sure enough, or would move nothing by half a pixel.
 
     Args:
         photo: path, encoded file as bytes or open in binary mode, pixels [H, W] or [H, W, 1..4] (uint8, uint16, or

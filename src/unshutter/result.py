@@ -26,7 +26,7 @@ class Result:
     """What became of a photo, by itself or with the help of its neighbours.
 
     Attributes:
-        photo: the new pixels with the metadata of the original; the original itself where it was left as it is.
+        photo: the new pixels with the metadata of the original; the original itself where it was left unchanged.
         original: the photo as it was read.
         verdict: whether anything was undone, and why not.
     """
@@ -42,7 +42,7 @@ class Result:
 
     @property
     def reason(self) -> str:
-        """Why the photo was left as it is, ``not sure: confidence 0.01``; empty where it was changed."""
+        """Why the photo was left unchanged, ``not sure: confidence 0.01``; empty where it was changed."""
         return self.verdict.sentence
 
     @property
@@ -65,7 +65,7 @@ class Result:
     ) -> tuple[str, ...]:
         """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
 
-        A photo that was left as it is is copied byte for byte, unless it is to be another format, or coded otherwise.
+        A photo that was left unchanged is copied byte for byte, unless it is to be another format, or coded otherwise.
 
         Returns:
             The metadata that such files have no place for, in words, as in ``("IPTC",)``.
@@ -102,11 +102,11 @@ class Result:
 
 @dataclass(frozen=True, repr=False)
 class Rectified(Result):
-    """A rectified photo, or one that was left as it is, since nothing sure was found that would be worth undoing.
+    """A rectified photo, or one that was left unchanged, since nothing sure was found that would be worth undoing.
 
     Attributes:
-        photo: the new pixels with the metadata of the original; the original itself where it was left as it is.
-        motion: what was undone, in the readout frame: none at all where the photo was left as it is.
+        photo: the new pixels with the metadata of the original; the original itself where it was left unchanged.
+        motion: what was undone, in the readout frame: none at all where the photo was left unchanged.
         original: the photo as it was read.
         found: the motion that was found or given, undone or not.
         verdict: whether it was undone, and why not.
@@ -127,7 +127,7 @@ class Rectified(Result):
 
     def __repr__(self) -> str:
         size = f"{self.photo.width}x{self.photo.height} {self.photo.format}"
-        return f"Rectified({size}, {self.verdict.described() if self.changed else f'left as it is: {self.reason}'})"
+        return f"Rectified({size}, {self.verdict.described() if self.changed else f'left unchanged: {self.reason}'})"
 
     @property
     def valid(self) -> np.ndarray:
@@ -141,7 +141,7 @@ class Rectified(Result):
 
 
 def undo(photo: Photo, motion: Motion, options: Undo, readout: str = "auto") -> Rectified:
-    """The photo with a motion undone, where :func:`judged` says so; else as it is, and its pixels are not looked at.
+    """The photo with a motion undone, where :func:`judged` allows it; else unchanged, and its pixels are not looked at.
 
     Args:
         photo: the photo.

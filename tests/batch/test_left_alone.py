@@ -1,4 +1,4 @@
-"""Photos that are left as they are: said, counted, copied or not written."""
+"""Photos that are left unchanged: said, counted, copied or not written."""
 
 import json
 import re
@@ -45,10 +45,10 @@ def test_what_to_do_next_is_said_once_for_each_folder(tmp_path: Path, monkeypatc
     make_photos(tmp_path / "in" / "more", ["slight.jpg"])
     monkeypatch.setattr("unshutter.batch.lookahead.load", lambda name: ByName(None))
     assert rectify(tmp_path / "in", "-o", tmp_path / "out") == 0
-    told = [line for line in capsys.readouterr().err.splitlines() if "left as it is" in line]
+    told = [line for line in capsys.readouterr().err.splitlines() if ".jpg left unchanged" in line]
     step = "if the camera moved: --moving; with a neighbour: --after"
     assert [step in line for line in told] == [True, False, True]
-    assert told[0].endswith(f"left as it is (no visible motion, confidence 0.90: sure; {step})")
+    assert told[0].endswith(f"left unchanged (no visible motion, confidence 0.90: sure; {step})")
 
 
 def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None:
@@ -56,10 +56,10 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
     assert found(folder, "-o", out, "--json-log", log, "--edges", "keep") == 0
     told = capsys.readouterr().err.splitlines()
     assert told[0] == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (up to 9.0 px, confidence 0.90: sure)"
-    assert told[1] == f"{folder}/dark.png left as it is (too dark)"
+    assert told[1] == f"{folder}/dark.png left unchanged (too dark)"
     hint = "--min-confidence 0.3 would move it by up to 9.0 px"
-    assert told[3] == f"{folder}/unsure.jpg left as it is (not sure: confidence 0.36; {hint})"
-    counted = "1 changed, 3 left as they are (1 nothing to go by, 1 no motion, 1 not sure)"
+    assert told[3] == f"{folder}/unsure.jpg left unchanged (not sure: confidence 0.36; {hint})"
+    counted = "1 changed, 3 left unchanged (1 nothing to go by, 1 no motion, 1 not sure)"
     assert told[-1] == f"unshutter: {counted}"
     for name in PHOTOS:
         copied = out / f"{Path(name).stem}.rectified{Path(name).suffix}"
@@ -79,7 +79,7 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
 
 def test_zero_confidence_moves_all_that_moves(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert found(folder, "-o", folder.parent / "out", "--min-confidence", 0) == 0
-    assert "2 changed, 2 left as they are" in capsys.readouterr().err
+    assert "2 changed, 2 left unchanged" in capsys.readouterr().err
 
 
 def test_only_changed_photos_are_written_and_none_is_done_twice(folder: Path, capsys) -> None:

@@ -316,7 +316,7 @@ def test_records_that_are_none_are_kept(tmp_path: Path, capsys) -> None:
     theirs.write_text("somebody's\n")
     words = ["evaluate", "--data", tmp_path / "in", "--estimators", "none", "--jobs", 1, "-o", tmp_path / "out"]
     assert main(list(map(str, words))) == 2
-    assert "no record of a run" in capsys.readouterr().err
+    assert "not the record of a run" in capsys.readouterr().err
     assert theirs.read_text() == "somebody's\n"
 
 

@@ -59,9 +59,9 @@ def test_an_installed_package_adds_a_method(tmp_path: Path, rolling_facade: np.n
     [
         ("no_such_module:METHOD", "ModuleNotFoundError"),
         ("unshutter.options:NOTHING", "AttributeError"),
-        ("unshutter.estimators.register:METHODS", "is no Method of that name"),
-        ("unshutter.estimators.register:method", "is no Method of that name"),
-        ("elsewhere_home:ELSEWHERE", "unshutter.errors:UsageError is no Estimator"),
+        ("unshutter.estimators.register:METHODS", "is not a Method of that name"),
+        ("unshutter.estimators.register:method", "is not a Method of that name"),
+        ("elsewhere_home:ELSEWHERE", "unshutter.errors:UsageError is not an Estimator"),
     ],
 )
 def test_a_broken_package_is_told_in_one_line(

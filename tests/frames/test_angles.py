@@ -34,7 +34,7 @@ def test_one_frame_might_be_held_askew():
 
 @pytest.mark.parametrize("photos", [[], [facade(0.001)]])
 def test_nothing_that_leans_says_nothing(photos):
-    with pytest.raises(UnknownRatioError, match="no right angles, or hardly move"):
+    with pytest.raises(UnknownRatioError, match="no right angles, or barely move"):
         ratio_from_angles(photos)
 
 

@@ -50,7 +50,7 @@ def test_a_reason_in_the_words_of_the_page(page: Page, tmp_path: Path) -> None:
     Photo.from_array(np.full((420, 560, 3), 128, np.uint8)).save(tmp_path / "grey.png")
     drop(page, tmp_path / "grey.png")
     wait_for(page, "alone")
-    expect(page.locator("#panel .said")).to_contain_text("Left as it is: only 0 straight lines were found.")
+    expect(page.locator("#panel .said")).to_contain_text("Left unchanged: only 0 straight lines were found.")
     about = {"code": "no-visible-motion", "figures": {}, "reason": "no visible motion", "confidence": 0.96}
     line = page.evaluate("async about => (await import('/page/words.js')).words.why(about)", about)
     assert line == "no motion can be seen (confidence 96 %)"
@@ -108,8 +108,8 @@ def test_controls_and_saving_to_the_byte(page: Page, photo: Path, tmp_path: Path
         page.get_by_role("button", name="Save motion").click()
     assert json.loads(Path(download.value.path()).read_text())["format"] == "unshutter-motion/1"
     page.get_by_label("Leave this photo alone").check()
-    expect(page.locator("#panel .said")).to_contain_text("Left as it is, as you asked.")
-    expect(page.locator(".thumbnail .state")).to_have_text("left as it is")
+    expect(page.locator("#panel .said")).to_contain_text("Left unchanged, as you asked.")
+    expect(page.locator(".thumbnail .state")).to_have_text("left unchanged")
 
 
 def test_the_level_line_tells_the_roll(page: Page, photo: Path) -> None:

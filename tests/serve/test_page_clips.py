@@ -71,7 +71,7 @@ def test_the_usual_readout_time_is_taken_where_a_clip_does_not_show_its_own(page
     expect(page.get_by_role("button", name="Save this clip")).to_be_disabled()
     _give_readout(page, "20")
     wait_for(page, "done")
-    expect(page.locator("#clip-panel .said")).to_contain_text("left as it is: the camera stood still")
+    expect(page.locator("#clip-panel .said")).to_contain_text("left unchanged: the camera stood still")
 
 
 def test_the_readout_time_is_found(page: Page, tmp_path: Path) -> None:

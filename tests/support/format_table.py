@@ -159,7 +159,7 @@ def size_tags(column: str) -> str:
     width, height = stored_size(picture)
     assert width < WIDTH
     told = (tags.get(0xA002), tags.get(0xA003), b'tiff:ImageWidth="%d"' % width in xmp_of(picture))
-    return "set anew" if told == (width, height, True) else f"wrong: {told}"
+    return "rewritten" if told == (width, height, True) else f"wrong: {told}"
 
 
 def stored_size(picture: Image.Image) -> tuple[int, int]:
@@ -173,7 +173,7 @@ def thumbnail(column: str) -> str:
     if new is None:
         return "dropped"
     like = np.abs(np.asarray(new).astype(int) - np.asarray(full.resize(new.size))).mean()
-    return "made anew" if like < 8 else "kept"
+    return "regenerated" if like < 8 else "kept"
 
 
 def jpeg_of_exif(data: bytes) -> Image.Image | None:

@@ -68,7 +68,7 @@ def test_one_frame_has_no_motion(tmp_path, capsys):
     path = clips.write(tmp_path / "in.mkv", GREYS[:1], "ffv1")
     for flags in ([], ["--readout-ratio", "0.6", "--overwrite"]):
         assert main(["video", str(path), "-o", str(tmp_path / "out.mkv"), *flags]) == 0
-        assert "1 left as they are (there is no frame before or after it)" in capsys.readouterr().err
+        assert "1 left unchanged (there is no frame before or after it)" in capsys.readouterr().err
         assert np.array_equal(clips.luma(tmp_path / "out.mkv"), clips.luma(path))
 
 
@@ -125,7 +125,7 @@ def test_a_clip_that_is_too_short_does_not_say_that_the_camera_stood_still(tmp_p
     ("flags", "code", "message"),
     [
         (["--codec", "libnothing"], 1, "no encoder 'libnothing'"),
-        (["--codec", "aac"], 2, "no encoder of films"),
+        (["--codec", "aac"], 2, "not an encoder of films"),
         (["--preset", "quick"], 2, "veryfast"),
         (["--crf", "80"], 2, "between 0 and 63"),
         (["--readout-ms", "40"], 2, "33.33 ms apart"),

@@ -132,7 +132,7 @@ def test_a_frame_without_neighbours_falls_back(tmp_path, capsys):
     assert (
         main(["video", str(before), "-o", str(tmp_path / "o.mkv"), "--readout-ratio", "0.6", "--model", "dense"]) == 0
     )
-    assert "15 of 16 frames straightened, 1 left as they are" in capsys.readouterr().err
+    assert "15 of 16 frames straightened, 1 left unchanged" in capsys.readouterr().err
     assert np.array_equal(clips.luma(tmp_path / "o.mkv")[15], clips.luma(before)[15])
 
 

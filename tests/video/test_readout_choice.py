@@ -80,7 +80,7 @@ def test_where_there_is_nothing_to_see_the_clip_is_copied(tmp_path, run, px):
     (reason,) = record["declined"]
     assert reason["code"] == Code.NOTHING_TO_SEE
     assert px / 2 - 0.05 <= reason["figures"]["px"] <= 1.33 * px / 2 + 0.15
-    assert "30 left as they are (nothing to see: at most 0." in shown
+    assert "30 left unchanged (nothing to see: at most 0." in shown
     assert "is taken, as usual" not in shown
 
 

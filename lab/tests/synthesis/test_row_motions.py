@@ -176,7 +176,7 @@ def test_a_few_late_samples_are_put_in_order(tmp_path):
         ({"t_s": np.arange(9.0), "gyro_rad_s": np.zeros((9, 2))}, "has shape"),
         ({"t_s": np.arange(1.0), "gyro_rad_s": np.zeros((1, 3))}, "has shape"),
         ({"t_s": np.arange(9.0), "gyro_rad_s": np.full((9, 3), np.nan)}, "not finite"),
-        ({"t_s": np.arange(9.0), "quaternion_wxyz": np.zeros((9, 4))}, "no rotation"),
+        ({"t_s": np.arange(9.0), "quaternion_wxyz": np.zeros((9, 4))}, "not rotations"),
         ({"t_s": np.array(["a", "b"]), "gyro_rad_s": np.zeros((2, 3))}, "not an NPZ file of numbers"),
         ({"t_s": np.array([{}, {}], dtype=object), "gyro_rad_s": np.zeros((2, 3))}, "not an NPZ file of numbers"),
     ],

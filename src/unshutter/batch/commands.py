@@ -208,7 +208,7 @@ def _report_if_left_alone(motion: Motion, photo: Place, tell: Tell) -> None:
     if motion.reason:
         tell(f"{photo}: no motion ({motion.reason})")
     elif not verdict.changes:
-        tell(f"{photo}: rectify leaves it as it is ({about(verdict)})")
+        tell(f"{photo}: rectify leaves it unchanged ({about(verdict)})")
 
 
 def _candidates_as_text(photo: Photo, source: Place, request: Estimates, tell: Tell) -> str:

@@ -92,5 +92,5 @@ class Outcome:
 
     @property
     def is_written(self) -> bool:
-        """Whether there is a picture: of a photo that was left as it is, there may be none."""
+        """Whether there is a picture: of a photo left unchanged, there may be none."""
         return self.outputs_are[:1] != (None,)

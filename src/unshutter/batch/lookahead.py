@@ -93,7 +93,7 @@ class PhotoAhead:
 
         Args:
             thread: where to.
-            whole: decode all pixels meanwhile; else once the motion is known to change them.
+            whole: decode all pixels at the same time; else once the motion is known to change them.
         """
         if self._options.estimator is not None:
             self._looking = thread.submit(self._estimate, whole)

@@ -105,7 +105,7 @@ class Batch:
         return self._manifest.begun_by_another(job)
 
     def _may_start(self, job: Job) -> bool:
-        """Whether there is anything to do that may be done; says so if not."""
+        """Whether there is anything to do that may be done; reports it if not."""
         if self._manifest is not None and self._manifest.finished_by_another(job):
             self._report.skipped(job.source, job.target)
             return False

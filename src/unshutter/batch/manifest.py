@@ -1,7 +1,7 @@
 """The manifest in an output folder: which results are finished, from what, and how; so that a run can go on.
 
-It is a journal, one JSON record a line, only ever added to. Before work on a result begins, a record says so; when
-the result lies there under its name, a second one says what it is. Whatever happens in between, the next run finds
+It is a journal, one JSON record a line, only ever added to. Before work on a result begins, a record announces it; when
+the result exists under its name, a second one describes it. Whatever happens in between, the next run finds
 a result that was begun and not finished, and does it again. A record that was cut short counts for nothing.
 
 A result counts as finished by its size and time, which are quick to look up. It is only replaced if it still has the

@@ -116,7 +116,7 @@ def jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list[
 
 
 def check_have_times(jobs: list[Job]) -> None:
-    """Raises UsageError where a photo or its result is no file: objects have times that only their store sets."""
+    """Raises UsageError where a photo or its result is not a file: objects have times that only their store sets."""
     for where in (file for job in jobs for file in (job.source, job.target)):
         if not isinstance(where, Path):
             raise UsageError(f"--keep-times is for files, and {where} is behind a URL: leave it out")

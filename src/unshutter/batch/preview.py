@@ -43,7 +43,11 @@ class Preview:
             return
         verdict = outcome.verdict
         summary = (
-            "" if verdict is None else verdict.described() if verdict.changes else f"left as it is ({verdict.sentence})"
+            ""
+            if verdict is None
+            else verdict.described()
+            if verdict.changes
+            else f"left unchanged ({verdict.sentence})"
         )
         self._pairs.append((f"{job.source.name}: {summary}", outcome.preview))
 

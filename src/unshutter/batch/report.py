@@ -38,7 +38,7 @@ class Report:
         protection: of the files that the run reads.
 
     Raises:
-        UnshutterError: the log cannot be written, or there is a file that is no such log.
+        UnshutterError: the log cannot be written, or there is a file that is not such a log.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Report:
         self._note("end", **summary, seconds=round(time.monotonic() - self._start, 3))
 
     def done(self, job: Job, outcome: Outcome) -> None:
-        """A photo was changed, or is left as it is."""
+        """A photo was changed, or is left unchanged."""
         verdict = outcome.verdict
         extras = {name: value for name in ("model", "note") if (value := getattr(outcome, name))}
         self._count(
@@ -95,7 +95,7 @@ class Report:
         details = "; ".join(
             filter(None, (verdict and about(verdict), self._next_step(job, verdict), model, outcome.note))
         )
-        what = f"{job.source} -> {job.target}" if changed else f"{job.source} left as it is"
+        what = f"{job.source} -> {job.target}" if changed else f"{job.source} left unchanged"
         self.tell(f"{what} ({details})" if details else what)
         self._bar.advance()
 
@@ -144,7 +144,7 @@ class Report:
     def _fates(self) -> str:
         """How many photos were changed, and why not: ``3 changed, 2 left as they are (2 not sure)``."""
         causes = self._left.most_common()
-        line = f"{self._changed} changed, {self._left.total()} left as they are"
+        line = f"{self._changed} changed, {self._left.total()} left unchanged"
         return f"{line} ({', '.join(f'{count} {cause}' for cause, count in causes)})" if causes else line
 
     def exit_code(self) -> int:

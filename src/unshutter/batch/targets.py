@@ -119,7 +119,7 @@ def check_named_once(named: Iterable[tuple[str, Place | None]]) -> None:
     """Checks that no place was named for two things, one of which would replace the other.
 
     Args:
-        named: what a place is for, and the place: outputs, and the inputs that are no photos.
+        named: what a place is for, and the place: outputs, and the inputs that are not photos.
 
     Raises:
         UsageError: one was.

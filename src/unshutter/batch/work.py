@@ -141,7 +141,7 @@ def _about_edges(result: Rectified | RectifiedFrame) -> str:
 
 
 def _may_replace(job: Job, target: Place | None, left: str | None) -> bool:
-    """Whether an output may replace what is there: the user says so, or an earlier run left it just like that.
+    """Whether an output may replace what is there: the user allows it, or an earlier run wrote it.
 
     Raises:
         UnshutterError: something is in the way.

@@ -109,7 +109,7 @@ def _keep_tracker_from_hanging_up() -> None:
 def settle_worker() -> None:
     """Makes a worker process use one processor, leave Ctrl-C to its parent, and end when its parent does.
 
-    Told to end, it takes what it has half written along.
+    When terminated, it removes what it has half written.
     """
     for name in ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
@@ -135,7 +135,7 @@ def _end(number: int, _frame: object) -> None:
 
 
 def _end_with_parent() -> None:
-    """A killed parent cannot tell its workers, and they would wait for work for ever."""
+    """A killed parent cannot notify its workers, and they would wait for work indefinitely."""
     from multiprocessing import parent_process
     from multiprocessing.connection import wait
 
@@ -148,7 +148,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _quiet_loggers() -> Iterator[None]:
-    """Keeps Dask from writing tracebacks to the terminal when its scheduler goes: a line of ours says so."""
+    """Keeps Dask from writing tracebacks to the terminal when its scheduler goes: a line of ours reports it."""
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
     before = [logger.level for logger in loggers]
     for logger in loggers:

@@ -6,7 +6,7 @@ import signal
 
 
 class Stopped(KeyboardInterrupt):
-    """The program was told to end.
+    """The program was asked to end.
 
     Attributes:
         exit_code: of a program that a signal ended, as shells count.

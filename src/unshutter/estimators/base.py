@@ -115,7 +115,7 @@ class View:
         return self.readout.turn(self.photo.pixels)
 
     def noted(self, motion: Motion) -> Motion:
-        """The motion with what was known of the photo beside its pixels."""
+        """The motion with what was known of the photo apart from its pixels."""
         held = self.attitude()
         roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
         return replace(
@@ -213,7 +213,7 @@ class Estimator(ABC):
     def estimate(self, view: View) -> Motion:
         """The motion of the full-size photo in its readout frame, first row as the reference.
 
-        Where the photo does not show enough, the motion is zero and carries a reason; that is no error.
+        Where the photo does not show enough, the motion is zero and carries a reason; that is not an error.
         """
 
     def candidates(self, view: View) -> tuple[Candidate, ...]:

@@ -82,7 +82,7 @@ class Network:
         if got != list(shapes[: max(len(got), 1)]):
             raise self._refusal(f"they are not of {self._name}")
         if not all(np.isfinite(output).all() for output in outputs):
-            raise self._refusal("its answer is no number")
+            raise self._refusal("its answer is not a number")
         return [output.astype(np.float64) for output in outputs]
 
     def _opened(self) -> Runner:

@@ -55,7 +55,7 @@ METHODS = (
     ),
     Method(
         "none",
-        "leaves photos as they are: the baseline of every table",
+        "leaves photos unchanged: the baseline of every table",
         "unshutter.estimators.methods.none:DoNothing",
         scores=_SCORES,
     ),
@@ -145,7 +145,7 @@ def _class_of(entry: Method) -> type[Estimator]:
     module, _, name = entry.home.partition(":")
     kind = getattr(import_module(module), name, None)
     if not (isinstance(kind, type) and issubclass(kind, Estimator)):
-        raise UnshutterError(f"cannot load estimator '{entry.name}': {entry.home} is no Estimator")
+        raise UnshutterError(f"cannot load estimator '{entry.name}': {entry.home} is not an Estimator")
     return kind
 
 
@@ -157,5 +157,5 @@ def _loaded(point: EntryPoint) -> Method:
     except Exception as error:  # another package's import may raise anything
         raise UnshutterError(" ".join(f"{failure}: {type(error).__name__}: {error}".split())) from None
     if not isinstance(entry, Method) or entry.name != point.name:
-        raise UnshutterError(f"{failure}: {point.value} is no Method of that name")
+        raise UnshutterError(f"{failure}: {point.value} is not a Method of that name")
     return entry

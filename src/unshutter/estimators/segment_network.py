@@ -1,6 +1,6 @@
 """The small transformer that turns line segments into a row motion, from either kind of file; several methods ask it.
 
-Trained by ``unshutter_lab.training`` on drawn scenes; the card beside the weights says how.
+Trained by ``unshutter_lab.training`` on drawn scenes; the card next to the weights describes how.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How fast the camera can have moved: a photo that was exposed for long and is sharp nevertheless says so.
+"""How fast the camera can have moved: a photo that was exposed for long and is sharp limits its speed.
 
 A scene that moves s px/s over the sensor smears every edge across its way by s times the exposure. So the sharpest
 edges of a photo bound the speed, whatever it shows: s <= width / exposure, and the motion over a whole readout is at

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", readout_ms: float | None = None) -> None:
     """Draws t_x [px] and r_z [deg] over the rows, first row on top, into a PNG, SVG or PDF file.
 
-    Above stands how far it moves the photo, or why the photo would be left as it is.
+    Above stands how far it moves the photo, or why the photo would be left unchanged.
     With the time of the readout, the speed, too: across and along the rows [px/s], and angular [deg/s].
 
     Raises:
@@ -50,7 +50,7 @@ def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", r
     axes[0].invert_yaxis()
     name = f"{title} ({motion.estimator})" if title else motion.estimator
     verdict = Verdict.of(motion, Undo())
-    about = verdict.described() if verdict.changes else f"left as it is ({verdict.described()})"
+    about = verdict.described() if verdict.changes else f"left unchanged ({verdict.described()})"
     figure.suptitle(f"{name}\n{about}", fontsize=10)
     _save(figure, Path(path))
 

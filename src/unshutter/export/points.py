@@ -67,7 +67,7 @@ class PointTable:
         """Reads a table, with a header that names columns x and y, or without one: then x and y come first.
 
         Raises:
-            UnshutterError: it cannot be read, or a line that is no point (which is named).
+            UnshutterError: it cannot be read, or a line is not a point (which is named).
         """
         lines = _filled_lines(path)
         if not lines:

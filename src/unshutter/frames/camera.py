@@ -12,7 +12,7 @@ to about 1e-4 of the square of their size.) Directions need a focal length; a lo
 translations t_x, t_y and a rotation r_z do, for cameras of which no focal length fits.
 
 A fourth unknown is the growth of the picture, x1 - x0 = x D_4, y1 - y0 = y D_4: a camera that drives ahead would
-otherwise be taken for one that turns. It is found and left as it is.
+otherwise be taken for one that turns. It is found and left unchanged.
 
 Errors of tracks are taken as Student's t, so that outliers do not pull; the spline's second derivative is taken as
 white noise. How strong both are is found with the rest, as what makes the tracks most probable (the evidence).

@@ -102,7 +102,7 @@ class SequenceOptions:
         undo: reference row, strength and edges.
         readout: direction in which the stored pixels were read.
         at: moment of the picture, in frame intervals from the frame's first row; None: that of the reference row.
-        model: how motion is to be described; None: as other options need it, else as the frames bear out.
+        model: how motion is to be described; None: as other options need it, else the one that fits the frames.
         focal_px: focal length of the camera [px of the photo]; None: EXIF's, else found.
         alone: how motion is found from a photo alone where its neighbours say nothing; None: it is not.
 
@@ -125,7 +125,7 @@ class SequenceOptions:
 
     @property
     def needed_model(self) -> FrameModel | None:
-        """How motion has to be described; None: as the frames bear out."""
+        """How motion has to be described; None: the one that fits the frames."""
         return model_for(self.model, self.at, self.undo)
 
     def timing(self, height: int) -> Timing:

@@ -51,7 +51,7 @@ def fuse(
         others: its neighbours.
         timing: the clock of the frames.
         moment: of the picture.
-        borrow: whether what ``own`` did not see is taken from the others; else it stays as it is.
+        borrow: whether what ``own`` did not see is taken from the others; else it is left unchanged.
 
     Returns:
         The pixels, and which of them some frame saw (``borrow``) or ``own`` did.

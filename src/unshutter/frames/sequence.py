@@ -110,7 +110,7 @@ class CameraMotion:
         focal_px: focal length [px of the frames]; None: EXIF's, else found from the frames.
         readout: direction in which stored pixels were read.
         every_angle: of so many photos, right angles are looked for in one where motion does not say the ratio.
-        fewest: frames without which a shot is left as it is.
+        fewest: frames without which a shot is left unchanged.
         window: frames whose motion is found together, and more on both sides that only steady it.
     """
 

@@ -78,7 +78,7 @@ def check_known(**numbers: float | None) -> None:
     """Raises UnshutterError where what is said to be known of the photo is neither None nor a finite number."""
     for name, number in numbers.items():
         if number is not None and not math.isfinite(number):
-            raise UnshutterError(f"the motion's {name} is no finite number: {number}")
+            raise UnshutterError(f"the motion's {name} is not a finite number: {number}")
 
 
 def check_strength(strength: float) -> None:

@@ -43,7 +43,7 @@ class Motion(ABC):
         reason: why there is no motion, when an estimator declined; else None.
         roll_deg, tilt_deg: how the camera was held (see :class:`~unshutter.options.Camera`), where that was known when
             the motion was found [degrees]; else None.
-        attitude_from: who said so; empty otherwise.
+        attitude_from: where the attitude comes from; empty otherwise.
         exposure_s: how long the photo was exposed, where that was known [s]; else None.
         kind_shares: how likely each kind of motion (pan, hand, quadratic) is, if the camera moved: names and shares;
             empty where the estimator does not tell.
@@ -128,11 +128,11 @@ class Motion(ABC):
 
     @abstractmethod
     def rereferenced(self, reference: Reference) -> Self:
-        """The same camera motion, with the picture taken at another row's moment."""
+        """This camera motion, with the picture taken at another row's moment."""
 
     @abstractmethod
     def resized(self, height: int, width: int) -> Self:
-        """The same motion for the picture scaled to another size.
+        """This motion for the picture scaled to another size.
 
         Rows are matched at their centres; the first and last slope carry on to the new borders.
 
@@ -154,7 +154,7 @@ class Motion(ABC):
 
     @abstractmethod
     def _own_data(self) -> dict[str, Any]:
-        """What the motion file keeps of this kind beside the common keys, as JSON takes it."""
+        """What the motion file keeps of this kind in addition to the common keys, as JSON takes it."""
 
     @classmethod
     @abstractmethod
@@ -227,7 +227,7 @@ class Motion(ABC):
         """Reads what :meth:`to_json` wrote; the motion is of the kind that was written.
 
         Raises:
-            UnshutterError: the text is no motion of this format, or its numbers do not fit together.
+            UnshutterError: the text is not a motion of this format, or its numbers do not fit together.
         """
         with motion_file.reading():
             data = motion_file.parsed(text)
@@ -253,7 +253,7 @@ class Motion(ABC):
         """Reads a motion file; the motion is of the kind that was saved.
 
         Raises:
-            MissingFileError: there is no such file; UnshutterError: it cannot be read or is no motion.
+            MissingFileError: there is no such file; UnshutterError: it cannot be read or is not a motion.
         """
         try:
             text = Path(path).read_text(encoding="utf-8")

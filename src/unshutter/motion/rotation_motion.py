@@ -127,7 +127,7 @@ class RotationMotion(Motion, kind="rotations"):
     # ---- changed into ----------------------------------------------------------------------------------
 
     def rereferenced(self, reference: Reference) -> RotationMotion:
-        """The same camera motion, with the picture taken at another row's moment.
+        """This camera motion, with the picture taken at another row's moment.
 
         Exact: the new GS picture is the old one turned by R of the new reference row m, so R(row) R(m)^T remains.
         """
@@ -139,7 +139,7 @@ class RotationMotion(Motion, kind="rotations"):
         return replace(self, reference=reference, rotations=rotations)
 
     def resized(self, height: int, width: int) -> RotationMotion:
-        """The same motion for the picture scaled to another size: the focal length scales with the width.
+        """This motion for the picture scaled to another size: the focal length scales with the width.
 
         Rows are matched at their centres; the first and last turn carry on to the new borders.
 

@@ -73,11 +73,11 @@ class RowMap:
         return row + _bilinear(self.residual_px, np.nan_to_num(x), np.nan_to_num(y))
 
     def moved(self, tx_px: float, rz_rad: float) -> RowMap:
-        """The same for a GS picture that is moved and turned by so much more, about its own moved centre."""
+        """This row map for a GS picture that is moved and turned by so much more, about its own moved centre."""
         return replace(self, pose=(self.pose[0] + tx_px, self.pose[1] + rz_rad))
 
     def resized(self, across: float, down: float) -> RowMap:
-        """The same for the picture scaled by these factors along columns and rows."""
+        """This row map for the picture scaled by these factors along columns and rows."""
         return RowMap(
             residual_px=self.residual_px * np.float32(down),
             corner=(self.corner[0] * across, self.corner[1] * down),

@@ -46,7 +46,7 @@ class RowMapMotion(Motion, kind="row-map"):
 
     @cached_property
     def row_motion(self) -> RowMotion:
-        """The same motion without its row map."""
+        """This motion without its row map."""
         return RowMotion(tx_px=self.tx_px, rz_rad=self.rz_rad, center_shift_px=self.center_shift_px, **self.common)
 
     # ---- what it says ----------------------------------------------------------------------------------
@@ -82,13 +82,13 @@ class RowMapMotion(Motion, kind="row-map"):
     # ---- changed into ----------------------------------------------------------------------------------
 
     def rereferenced(self, reference: Reference) -> RowMapMotion:
-        """The same camera motion, with the picture taken at another row's moment; exact."""
+        """This camera motion, with the picture taken at another row's moment; exact."""
         row = row_index(reference, self.height)
         row_map = self.row_map.moved(float(self.tx_px[row]), float(self.rz_rad[row]))
         return self._with(self.row_motion.rereferenced(reference), row_map)
 
     def resized(self, height: int, width: int) -> RowMapMotion:
-        """The same motion for the picture scaled to another size: the row map scales with it.
+        """This motion for the picture scaled to another size: the row map scales with it.
 
         Raises:
             UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not stay one).

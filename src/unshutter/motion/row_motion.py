@@ -131,7 +131,7 @@ class RowMotion(Motion, kind="rows"):
 
         With F(x, v) the GS position of RS column x, row v, the slope of F along a row says how far the picture was
         turned at that moment, and its slope over the rows, turned into the RS picture, falls short of one row by what
-        the scene moved meanwhile.
+        the scene moved during that time.
         """
         rows = np.arange(self.height, dtype=np.float64)
         middle_col, middle_row = (self.width - 1) / 2, (self.height - 1) / 2
@@ -157,7 +157,7 @@ class RowMotion(Motion, kind="rows"):
     # ---- changed into ----------------------------------------------------------------------------------
 
     def rereferenced(self, reference: Reference) -> RowMotion:
-        """The same camera motion, with the picture taken at another row's moment.
+        """This camera motion, with the picture taken at another row's moment.
 
         Exact: the new GS picture is the old one turned by r_z and moved by t_x of the new reference row m.
         Substituting p_m = R(r_m) p + t_m in Eq. 1 gives t - t_m, r - r_m and a rotation centre moved by t_m.
@@ -170,7 +170,7 @@ class RowMotion(Motion, kind="rows"):
         return replace(self, reference=reference, tx_px=self.tx_px - tx, rz_rad=self.rz_rad - rz, center_shift_px=shift)
 
     def resized(self, height: int, width: int) -> RowMotion:
-        """The same motion for the picture scaled to another size: t_x scales with the width, r_z stays.
+        """This motion for the picture scaled to another size: t_x scales with the width, r_z stays.
 
         Rows are matched at their centres; the first and last slope carry on to the new borders.
 

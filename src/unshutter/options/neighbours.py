@@ -129,7 +129,7 @@ class Neighbours:
         "the frames.",
     )
     fallback: bool = option(
-        False, "If the neighbours show no motion, use the photo alone. Default: leave the photo as it is."
+        False, "If the neighbours show no motion, use the photo alone. Default: leave the photo unchanged."
     )
 
     def __post_init__(self) -> None:

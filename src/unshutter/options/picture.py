@@ -56,7 +56,7 @@ class Undo:
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
-        "Leave a photo as it is if its motion is less sure than this; 0 undoes the likeliest motion, however unsure. "
+        "Leave a photo unchanged if its motion is less sure than this; 0 undoes the likeliest motion, however unsure. "
         "A motion that you give is undone whatever its confidence. "
         f"Default: {MIN_CONFIDENCE:g}.",
     )
@@ -98,7 +98,7 @@ class Save:
         quality: of JPEG, WebP and AVIF, 1 to 100; None: like the original.
         subsampling: of the chroma of JPEG and AVIF; None: like the original.
         keep_times: whether the file gets the access and modification time of the original.
-        only_changed: photos that are left as they are are not written.
+        only_changed: photos that are left unchanged are not written.
         keep_names: results get the names of their photos; only into another folder.
 
     Raises:

@@ -143,7 +143,7 @@ def encode(picture: Picture, operation: str, path: Path | None, **options: Any) 
     """A file of a picture, or its bytes without ``path``; ``pyvips.Error`` on failure.
 
     Args:
-        picture: pixels, and the metadata that libvips is to write. In the place of EXIF it writes a placeholder.
+        picture: pixels, and the metadata that libvips is to write. Instead of EXIF it writes a placeholder.
         operation: libvips's.
         path: the file.
         options: of the operation.

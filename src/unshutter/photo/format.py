@@ -107,7 +107,7 @@ class Format(ABC):
 
     @abstractmethod
     def recognises(self, source: Source, head: bytes) -> bool:
-        """Whether a file is of this format, unless one that was asked before says so, too.
+        """Whether a file is of this format, unless one that was asked before claims it, too.
 
         Args:
             source: the file.
@@ -150,7 +150,7 @@ class WrittenFormat(Format):
         longest_side: [px] that it can hold.
         deep: whether it holds more than 8 bits.
         grey, alpha: whether it holds pictures of one channel, and transparency.
-        masks: whether it holds a further channel that is no transparency.
+        masks: whether it holds a further channel that is not transparency.
         holds: attributes of ``Metadata`` that its files have a place for.
     """
 

@@ -35,7 +35,7 @@ def read_header(source: Source, max_pixels: int) -> Header:
             f"{{photo}} has {size}, more than the limit of {max_pixels / 1e6:g} megapixels", photo=source
         )
     if pixels >= _MANY_PIXELS and 8 * length < _LEAST_BITS * pixels:
-        raise UnshutterError(f"{{photo}} is no photo: {size} cannot come from {length} bytes", photo=source)
+        raise UnshutterError(f"{{photo}} is not a photo: {size} cannot come from {length} bytes", photo=source)
     return header
 
 

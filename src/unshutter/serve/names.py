@@ -30,7 +30,7 @@ _FILM = re.compile(
 
 
 def clean_name(name: str, otherwise: str = "photo") -> str:
-    """The last part of a file's name, without what could lead elsewhere or is no text.
+    """The last part of a file's name, without what could lead elsewhere or is not text.
 
     Args:
         name: any text.

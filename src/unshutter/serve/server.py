@@ -22,7 +22,7 @@ _WAIT_S = 2  # for answers that are on their way when it ends
 
 
 def serve(settings: Settings) -> int:
-    """Serves the page until it is told to end; returns the exit code.
+    """Serves the page until it is asked to end; returns the exit code.
 
     Raises:
         UnshutterError: the extra is missing, or the port cannot be listened on.

@@ -23,7 +23,7 @@ class Settings:
     Attributes:
         port: to listen on; 0: any that is free.
         open: whether to open the page in the browser.
-        folder: where the page may save to, beside downloads; None: nowhere.
+        folder: where the page may save to, besides downloads; None: nowhere.
         max_mb: largest photo or clip [MB]; None: what is usual for each.
         max_pixels: photos with more are refused.
         token: who knows it may use the page; None: a random one.

@@ -109,7 +109,7 @@ class FileJournal(Journal):
 
 
 class ObjectJournal(Journal):
-    """Objects, one for all lines between two calls of :meth:`flush`; what other runs add meanwhile is not seen."""
+    """Objects, one for all lines between two calls of :meth:`flush`; later additions of other runs are not seen."""
 
     def __init__(self, folder: UPath, name: str, run: str):
         self._folder, self._name, self._run = folder, name, run
@@ -166,7 +166,7 @@ class JsonLog:
         descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         try:
             if os.read(descriptor, len(_FIRST_WORDS)) not in (b"", _FIRST_WORDS):
-                raise UnshutterError(f"{path} is no log of unshutter's: choose another name for --json-log")
+                raise UnshutterError(f"{path} is not a log of unshutter: choose another name for --json-log")
             if is_torn(descriptor):
                 add_bytes(descriptor, b"\n")
         except OSError as error:

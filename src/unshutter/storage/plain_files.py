@@ -66,7 +66,7 @@ def add_text(path: Path, text: str) -> None:
     """Adds text to a file, which is made where there is none.
 
     Raises:
-        UnshutterError: it is no plain file, or the system refuses.
+        UnshutterError: it is not a plain file, or the system refuses.
     """
     descriptor = open_plain(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     try:
@@ -78,7 +78,7 @@ def add_text(path: Path, text: str) -> None:
 
 
 def check_plain(path: Path) -> None:
-    """Checks that reading a file would come to an end: a pipe may wait for ever, and so may a device.
+    """Checks that reading a file would come to an end: a pipe may wait indefinitely, and so may a device.
 
     Raises:
         UnshutterError: it is a pipe, a socket or a device. (What is missing, says who opens it.)

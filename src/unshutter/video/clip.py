@@ -83,7 +83,7 @@ class Clip:
             max_pixels: of a frame; clips of larger ones are refused.
 
         Raises:
-            UnshutterError: it is no film, or one that nothing can be done to.
+            UnshutterError: it is not a film, or one that cannot be used.
         """
         place, pictures = os.fspath(path), PictureSequence.at(path)
         with opened(place, pictures, fps) as container:
@@ -112,7 +112,7 @@ class Clip:
         )
         beside, delay = _first_frame(place, pictures, fps)
         if "SPHERICAL" in beside:
-            raise UnshutterError("{clip} is a 360-degree clip: its rows are no rows of the sensor", clip=place)
+            raise UnshutterError("{clip} is a 360-degree clip: its rows are not rows of the sensor", clip=place)
         step = max(1, round(interval / base))
         clock = Clock((first or 0) - before * step if first is not None else 0, step, delay if kind == "avi" else None)
         lead_s = math.inf if first is None else _LEAD_S if kind in _NO_TABLES else 0.0
@@ -195,7 +195,7 @@ class Clip:
             ending.check(None, end)
 
     def since(self, before: VideoFrame | None, frame: VideoFrame) -> float | None:
-        """Time from one frame to the next in usual frame intervals; None where they are no neighbours."""
+        """Time from one frame to the next in usual frame intervals; None where they are not neighbours."""
         if before is None or before.time is None or frame.time is None:
             return 1.0
         tick = float(frame.time_base or 0) / self.interval_s

@@ -158,7 +158,7 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
         motions.append(RotationMotion(small, rotations, float(frame["focal"]) * ROWS, readout=readout))
     times = np.array([float(frame["time_s"]) for frame in data["frames"]])
     if not len(times) or not np.isfinite(times).all():
-        raise ValueError("no frames, or times that are no numbers")
+        raise ValueError("no frames, or times that are not numbers")
     return ClipMotion(ratio, readout, height, width, times, motions, [bool(frame["cut"]) for frame in data["frames"]])
 
 

@@ -58,7 +58,7 @@ def opened(place: str, pictures: PictureSequence | None = None, fps: float | Non
         fps: of pictures.
 
     Raises:
-        UnshutterError: there is none, or it is no film.
+        UnshutterError: there is none, or it is not a film.
     """
     if pictures is None:
         check_plain(Path(place))

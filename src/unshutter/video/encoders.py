@@ -124,7 +124,7 @@ def _checked(name: str, clip: Clip) -> str:
     except ValueError:
         raise UnshutterError(f"this FFmpeg has no encoder '{name}': choose another with --codec") from None
     if codec.type != "video":
-        raise UsageError(f"'{name}' is no encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
+        raise UsageError(f"'{name}' is not an encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
     takes = [each.name for each in codec.video_formats or []]
     if not takes or clip.pixels.name in takes:
         return clip.pixels.name

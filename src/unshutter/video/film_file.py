@@ -143,7 +143,9 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
         if isinstance(place, Path):
             options["movflags"] = "use_metadata_tags+faststart"
     if ending.lower() in pictures.ENDINGS:
-        raise UnshutterError(f"'{ending}' is no film: name a new folder for pictures, or a pattern: out/%05d{ending}")
+        raise UnshutterError(
+            f"'{ending}' is not a film: name a new folder for pictures, or a pattern: out/%05d{ending}"
+        )
     try:
         if isinstance(place, Path):
             container = av().open(str(place), "w", container_options=options)
@@ -160,7 +162,7 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
 
 
 def _takes(container: Any, stream: Any) -> bool:
-    """Whether a container has a place for a stream: muxers only say so when a header is written."""
+    """Whether a container has a place for a stream: muxers only report it when a header is written."""
     trial = av().open(io.BytesIO(), "w", format=container.format.name)
     try:
         trial.add_stream_from_template(stream)

@@ -161,7 +161,7 @@ def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
     """The largest rectangle of a clip's shape that all its frames show after rectifying; None: they show everything.
 
     Raises:
-        CropTooSmallError: hardly anything would be left.
+        CropTooSmallError: almost nothing would be left.
     """
     clip = warper.clip
     mask = np.ones((clip.height // _COARSE, clip.width // _COARSE), bool)

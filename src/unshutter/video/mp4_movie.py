@@ -29,7 +29,7 @@ class Movie:
 
     Attributes:
         stream: the open file.
-        others: (type, content) of the boxes in ``moov`` that are no tracks.
+        others: (type, content) of the boxes in ``moov`` that are not tracks.
         tracks: the others.
         early: whether ``moov`` comes before the samples, as players on the network like it.
         brands: content of ``ftyp``; empty: none.
@@ -156,7 +156,7 @@ def write_with_film(original: BinaryIO, film: BinaryIO, out: BinaryIO) -> None:
 
 
 def _moov(movie: Movie, tracks: list, starts: list[list[int]]) -> bytes:
-    """The tables, in their order: what is no track stays in front or behind as it was."""
+    """The tables, in their order: what is not a track keeps its place before or after them."""
     others = [box(name, content) for name, content in movie.others]
     inner = [box(b"trak", track.moved(each)) for track, each in zip(tracks, starts, strict=True)]
     return box(b"moov", b"".join([others[0], *inner, *others[1:]]))

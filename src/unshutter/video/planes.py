@@ -53,7 +53,7 @@ class PixelFormat:
         """The planes of an FFmpeg pixel format.
 
         Raises:
-            UnshutterError: its values are no whole bytes side by side.
+            UnshutterError: its values are not whole bytes side by side.
         """
         if pixel_format is None:
             raise UnshutterError("the clip does not say how its pixels are stored")

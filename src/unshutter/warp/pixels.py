@@ -71,7 +71,7 @@ def straighten(
             alpha 0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
             repeats the nearest border pixel; ``auto`` crops where that leaves at least 80 % of the area, else keeps.
             Less than a pixel outside, the border is repeated: no edge gets a black hairline.
-        masked: the last of 2 or 4 bands is no alpha but a mask: it is interpolated like a colour, apart from them.
+        masked: the last of 2 or 4 bands is a mask rather than alpha: it is interpolated like a colour, apart from them.
 
     Raises:
         UnshutterError: the motion is of another size, or turns faster than rows are read.

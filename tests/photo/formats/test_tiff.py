@@ -172,7 +172,7 @@ def test_grey_with_several_channels_is_no_rgb():
     data = bytearray(encoded(drawn(), "TIFF"))
     at = data.index(struct.pack("<HHIH", 262, 3, 1, 2))
     struct.pack_into("<H", data, at + 8, 1)
-    with pytest.raises(UnshutterError, match="2 channels beside grey"):
+    with pytest.raises(UnshutterError, match="2 channels in addition to grey"):
         Photo.from_bytes(bytes(data))
 
 

@@ -32,7 +32,7 @@ _ARRIVED = 1e-10  # relative change of a step
 def fit_motion_kinds(logs: Sequence[Path], seed: int) -> tuple[MotionKind, ...]:
     """How likely motions are beforehand: benchmarks' quadratics, and what recorded hands do.
 
-    Hands shake: all windows of the logs. Hands pan: windows that are hardly more than a shear; the shape of their
+    Hands shake: all windows of the logs. Hands pan: windows that are barely more than a shear; the shape of their
     distribution is that of all such windows together, its size that of the median one.
 
     Args:

@@ -137,7 +137,7 @@ def _judged(tasks: list[_Task[AnyTrial]], jobs: int) -> Iterator[tuple[_Task[Any
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Processes that start meanwhile use one thread: libraries read these variables when they are loaded."""
+    """Processes that start inside use one thread: libraries read these variables when they are loaded."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:

@@ -74,7 +74,7 @@ class Store:
         lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
         if (head_of_file := _parsed(lines[0]) if lines else None) != head:
             if head_of_file is None and lines and not overwrite:
-                raise UsageError(f"{self._path} is no record of a run: choose another --output, or --overwrite it")
+                raise UsageError(f"{self._path} is not the record of a run: choose another --output, or --overwrite it")
             if head_of_file is not None and not overwrite:
                 other = "settings" if head_of_file.get("settings") != head["settings"] else "code"
                 raise UsageError(

@@ -117,7 +117,7 @@ def link(segments: Float[np.ndarray, "segments 4"]) -> list[list[int]]:
     """Chains of segments that continue each other end to end, each segment in one chain.
 
     Two are linked where each is the best continuation of the other: bright side on the same side (LSD orders end
-    points by it), hardly turned, hardly aside, close. The nearest win.
+    points by it), barely turned, barely aside, close. The nearest win.
 
     Args:
         segments: [N, 4] end points (col1, row1, col2, row2) [px].

@@ -1,6 +1,6 @@
 """Motion blur: a rolling-shutter picture whose lines were exposed for a while, as those of a camera are.
 
-A line is exposed from half the time before the moment that its motion is known for to half the time after. Meanwhile
+A line is exposed from half the time before the moment that its motion is known for to half the time after. In this time
 the picture moves on with the velocity that its motion has at that line. The picture is distorted once for each of
 several moments of the exposure, and these are averaged in linear light (sRGB, IEC 61966-2-1), as a sensor does.
 """

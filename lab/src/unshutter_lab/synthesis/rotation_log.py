@@ -186,7 +186,7 @@ def _rates(times: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.n
     """Angular rates [N - 1, 3] about the device's own axes, midway between orientations [N, 4] (wxyz)."""
     norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
     if (norms < 0.5).any():
-        raise UnshutterError("quaternion_wxyz contains rows that are no rotation")
+        raise UnshutterError("quaternion_wxyz contains rows that are not rotations")
     q = quaternions / norms
     w, v = q[:, :1], q[:, 1:]
     # conj(q0) q1: the turn from one sample to the next, seen from the device

@@ -40,7 +40,7 @@ def epe(col: Tensor, row: Tensor, samples: Samples) -> Tensor:
 
 
 def epe_of_nothing(samples: Samples) -> Tensor:
-    """[B] EPE [px] of leaving the pictures as they are."""
+    """[B] EPE [px] of leaving the pictures unchanged."""
     col, row = pixel_grid(samples.size, samples.rs)
     return epe(col, row, samples)
 
@@ -50,7 +50,7 @@ def validation_figures(error: Tensor, nothing: Tensor) -> dict[str, float]:
 
     Args:
         error: [N] EPE of the network.
-        nothing: [N] EPE of leaving the pictures as they are.
+        nothing: [N] EPE of leaving the pictures unchanged.
     """
     return {
         "val_epe_median": error.median().item(),

@@ -66,7 +66,7 @@ def run(
 
     Raises:
         UsageError: bad configuration, or the folder holds a run of another one.
-        UnshutterError: the gradient is no number any more.
+        UnshutterError: the gradient is no longer a number.
     """
     settings = load_config(config, base)
     if photos is not None:
@@ -204,7 +204,7 @@ class Trainer:
             log.add({"step": self.step, "seconds": round(self.seconds, 1), **figures})
 
     def _any_process(self, flag: bool) -> bool:
-        """Whether any of the processes says so: they must all stop at the same step."""
+        """Whether any of the processes wants to stop: they must all stop at the same step."""
         if self.world == 1:
             return flag
         flags = torch.tensor(float(flag), device=self.device)

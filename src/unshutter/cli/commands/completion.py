@@ -46,7 +46,7 @@ def _whole_parser(files: object) -> argparse.ArgumentParser:
     """A parser of all commands, which is never asked to parse.
 
     Args:
-        files: what shtab is told where an argument is a file or folder.
+        files: what shtab is given where an argument is a file or folder.
     """
     whole = argparse.ArgumentParser("unshutter")
     whole.add_argument("--version", action="store_true", help="print the version")

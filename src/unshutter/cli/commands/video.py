@@ -87,7 +87,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     if unchanged := outcome.frames - outcome.rectified:
         reason, count = outcome.reasons.most_common(1)[0]
         others = f"; {unchanged - count} for other reasons" if unchanged > count else ""
-        note += f", {unchanged} left as they are ({reason}{others})"
+        note += f", {unchanged} left unchanged ({reason}{others})"
     frames = f"{outcome.rectified} of {outcome.frames} frames straightened"
     result = outcome.output if outcome.written else "not written"
     yield f"{outcome.source} -> {result}: {frames}{note}"
@@ -103,7 +103,7 @@ COMMAND = Command(
     """Straighten a clip: every frame as a global shutter would have seen it.
 
 The frames show how the camera moved, and usually how long it takes to read one out. Sound, other tracks, tags and
-timestamps stay as they are. Needs the extra `video`.""",
+timestamps are kept. Needs the extra `video`.""",
     Arguments,
     run,
     when_stopped="no half-written file is left",

@@ -1,4 +1,4 @@
-"""none: leaves photos as they are, the baseline of every table."""
+"""none: leaves photos unchanged, the baseline of every table."""
 
 from unshutter.estimators.base import Estimator, View
 from unshutter.motion import Motion

@@ -43,7 +43,7 @@ class Mode:
 def candidates_of(
     posterior: Posterior, view: View, estimator: str, opinion: np.ndarray | None = None
 ) -> tuple[Candidate, ...]:
-    """The motions that fit a photo, first the one to undo: none, with the reason, where none is to be believed.
+    """The motions that fit a photo, first the one to undo: none, with the reason, where none is accepted.
 
     Args:
         posterior: of the photo's segments.
@@ -109,7 +109,7 @@ def _caution(view: View) -> float:
 
 
 def _reason_against(posterior: Posterior, judgement: Judgement) -> Reason | None:
-    """Why no motion is to be believed."""
+    """Why no motion is accepted."""
     if posterior.lines_gain < LEAST_GAIN:
         return Reason(Code.NO_RIGHT_ANGLES)
     return Reason(Code.TOO_FAST_FOR_HANDS) if displacement(judgement.motion) > LARGEST else None

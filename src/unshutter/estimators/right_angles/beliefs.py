@@ -1,4 +1,4 @@
-"""What is believed of a photo before its segments are looked at: of photos in general, of this one, of its motion."""
+"""What is assumed of a photo before its segments are looked at: of photos in general, of this one, of its motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the camera moved at all, and how far an answer is to be believed.
+"""Whether the camera moved at all, and how far an answer can be trusted.
 
 Segments of one desk or facade repeat each other's errors, so that the evidence of the likelihood is overstated: where
 the optimum lies is right more often than whether there is one. How much such evidence is worth was learned from photos
@@ -29,7 +29,7 @@ class Judgement:
     """What is made of a posterior.
 
     Attributes:
-        motion: [6] coefficients to undo; next to nothing where the camera hardly moved.
+        motion: [6] coefficients to undo; almost none where the camera barely moved.
         confidence: probability that it is right (docs/own-model.md).
         moved: probability that there was motion worth undoing.
     """
@@ -126,7 +126,7 @@ def _odds(posterior: Posterior, opinion: np.ndarray | None) -> float:
 
 
 def _odds_upright(posterior: Posterior) -> float:
-    """Where the camera's roll is known: the evidence of photos without motion hardly ever exceeds 8 nats."""
+    """Where the camera's roll is known: the evidence of photos without motion rarely exceeds 8 nats."""
     return 0.12 * posterior.evidence - 0.7 + CAUTION
 
 

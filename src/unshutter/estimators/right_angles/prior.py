@@ -1,4 +1,4 @@
-"""The prior of a photo's unknowns: what is believed of photos, known of this one's camera, guessed of its motion."""
+"""The prior of a photo's unknowns: what is assumed of photos, known of this one's camera, guessed of its motion."""
 
 from __future__ import annotations
 

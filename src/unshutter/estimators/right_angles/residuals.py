@@ -9,7 +9,7 @@ For one hypothesis, an end point p of a segment, and u = row of p + 1/2:
     a = arg(e) - arg(d)                             the angle between what is expected and what is seen
     sin a = (d x e) / (|d| |e|)                     the residual: a point and its antipode are the same
 
-``J_x`` is the derivative with respect to x of the value that it stands beside. Shapes are [S, 3, N]: hypotheses,
+``J_x`` is the derivative with respect to x of the value that it stands next to. Shapes are [S, 3, N]: hypotheses,
 vanishing points (of the vertical, and of both horizontals), segments.
 """
 

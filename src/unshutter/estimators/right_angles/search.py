@@ -277,7 +277,7 @@ def expected_error(covariance: np.ndarray) -> float:
 
 
 def bend(motion: np.ndarray) -> float:
-    """The same of what is left of a motion [6] without its best shear: shear and a camera held askew look alike."""
+    """RMS displacement of what remains of a motion [6] without its best shear, which looks like a camera held askew."""
     motion = motion.copy()
     motion[0] -= _SQUARED_DISPLACEMENT[0] @ motion / _SQUARED_DISPLACEMENT[0, 0]
     return displacement(motion)

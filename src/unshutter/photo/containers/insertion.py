@@ -9,7 +9,7 @@ _PIECE = 1 << 24  # bytes
 
 
 def replace(file: BinaryIO, start: int, end: int, data: bytes) -> None:
-    """Puts bytes in the place of others. What is behind moves in pieces: pictures may be larger than memory."""
+    """Replaces bytes by others. What is behind moves in pieces: pictures may be larger than memory."""
     if len(data) >= end - start:
         file.seek(start)
         file.write(data[: end - start])

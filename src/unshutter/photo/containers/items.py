@@ -92,7 +92,7 @@ def _is_metadata(item: _Item) -> bool:
 
 
 def _item_in_words(item: _Item) -> Iterator[str]:
-    """What an item is that is no part of the primary picture, nor a thumbnail; nothing for hidden pictures."""
+    """What an item is that is not part of the primary picture, nor a thumbnail; nothing for hidden pictures."""
     if item.kind == b"tmap":
         yield "gain map"
     elif item.kind == b"iptc":

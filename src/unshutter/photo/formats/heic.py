@@ -98,7 +98,7 @@ def _primary(source: Source) -> Any:
     try:
         with source.stream() as stream:
             if not _item_names_are_text(stream):
-                raise ValueError("names of its parts are no text")
+                raise ValueError("names of its parts are not text")
             file = pi_heif.open_heif(stream, convert_hdr_to_8bit=False)
             if not len(file):
                 raise ValueError("it holds no picture")

@@ -200,7 +200,7 @@ def read_coding(file: BinaryIO) -> Coding:
 
     The quality is the one of libjpeg's scale whose luminance table is nearest in sum to the file's: cameras and Adobe
     programs use tables of their own. Chroma at half the resolution in both directions (4:2:0), or less, counts as
-    subsampled; libvips says so of 4:2:2, too.
+    subsampled; libvips also reports that for 4:2:2.
     """
     total, factors = None, b""
     for marker, content in before_the_scan(file, (_TABLES, *_FRAMES)):

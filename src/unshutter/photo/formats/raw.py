@@ -252,7 +252,7 @@ _turn = Lock()  # there is but one standard error
 
 @contextmanager
 def kept_back(pattern: bytes) -> Iterator[None]:
-    """Keeps whole lines that match a pattern from standard error; what others write meanwhile comes afterwards.
+    """Keeps whole lines that match a pattern from standard error; what others write at the same time comes afterwards.
 
     For libraries whose printing nothing turns off. Threads wait for each other here.
     """

@@ -112,11 +112,11 @@ def _check_kind(source: Source, numbers: dict[int, int]) -> None:
     """
     if numbers.get(_COMPRESSION) == _OLD_JPEG:
         raise UnshutterError(
-            "{photo} holds a JPEG in the old style of TIFF: save it anew with another program first", photo=source
+            "{photo} holds a JPEG in the old style of TIFF: save it again with another program first", photo=source
         )
     if _COLOURS.get(numbers.get(_PHOTOMETRIC, -1)) == 1 and _extra_samples(numbers) > 1:
         raise UnshutterError(
-            f"{{photo}} has {_extra_samples(numbers)} channels beside grey: convert it to grey or RGB first",
+            f"{{photo}} has {_extra_samples(numbers)} channels in addition to grey: convert it to grey or RGB first",
             photo=source,
         )
 

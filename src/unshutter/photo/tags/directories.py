@@ -125,7 +125,7 @@ class Tree:
 
 
 def numbers(entry: Entry, order: str) -> tuple[float, ...]:
-    """The values of an entry, fractions divided; empty where they are no numbers, NaN for a fraction over zero."""
+    """The values of an entry, fractions divided; empty where they are not numbers, NaN for a fraction over zero."""
     if entry.kind not in _NUMBER or not 0 < entry.count <= _MOST_NUMBERS:
         return ()
     count = entry.count * (2 if entry.kind in _FRACTIONS else 1)

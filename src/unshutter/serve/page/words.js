@@ -4,7 +4,7 @@ const percent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
 const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
 const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
 
-// Code of a reason -> why a photo, moment or clip is left as it is, with the reason's figures.
+// Code of a reason -> why a photo, moment or clip is left unchanged, with the reason's figures.
 export const reasons = {
   "stated": ({ sentence }) => sentence,
   "too-long": ({ aspect }) => `one side is more than ${aspect} times as long as the other`,
@@ -51,7 +51,7 @@ export const words = {
   cancel: "Cancel",
   emptyTitle: "Drop photos or clips here",
   emptyWords: "or paste them, or choose them with “Add photos or clips…”. Buildings that lean and poles that bend because "
-    + "the camera moved are straightened; a photo that gives no clear answer stays as it is.",
+    + "the camera moved are straightened; a photo that gives no clear answer is left unchanged.",
   emptyPrivate: "Nothing leaves this computer: the page talks to a program that runs on it.",
   viewer: "Before and after",
   photos: "Photos and clips",
@@ -75,7 +75,7 @@ export const words = {
   drawing: "drawing at full size…",
   failed: "cannot be used",
   changed: (sure) => (sure === null ? "straightened" : `straightened, confidence ${percent(sure)}`),
-  alone: "left as it is",
+  alone: "left unchanged",
 
   clipState: { finding: "looking at the motion…", opened: "ready", asking: "needs its readout time", done: "ready to save" },
 
@@ -90,8 +90,8 @@ export const words = {
     const bare = ["no-motion", "no-visible-motion", "too-small"].includes(code); // whose figures lack the confidence
     return bare && typeof confidence === "number" ? `${line} (confidence ${percent(confidence)})` : line;
   },
-  leftAlone: (reason) => `Left as it is: ${reason}.`,
-  youLeftAlone: "Left as it is, as you asked.",
+  leftAlone: (reason) => `Left unchanged: ${reason}.`,
+  youLeftAlone: "Left unchanged, as you asked.",
   notSureHint: "If you see that the camera moved, tick “The camera was moving”, or show what is level below.",
   edgesCrop: (whole) => `Cut down to ${percent(whole)} of its area, so that no empty corners are left.`,
   edgesKeep: (whole) => "Corners that the photo did not see stay empty"
@@ -177,8 +177,8 @@ export const words = {
   time: (s) => `${Math.floor(s / 60)}:${(s % 60).toFixed(1).padStart(4, "0")}`,
   saveClip: "Save this clip",
   clipMoved: (px) => `At this moment, some places moved by up to ${pixels(px)}.`,
-  clipAlone: (reason) => `This moment is left as it is${reason ? `: ${reason}` : ""}.`,
-  clipStrength0: "The clip is left as it is, as you asked.",
+  clipAlone: (reason) => `This moment is left unchanged${reason ? `: ${reason}` : ""}.`,
+  clipStrength0: "The clip is left unchanged, as you asked.",
   clipCrop: "When the clip is saved, all frames are cut down to what every one of them saw.",
   clipIs: (time, width, height, fps) => `The clip: ${time} long, ${width} × ${height} px, ${Number(fps.toFixed(2))} frames a second.`,
   sayReadout: "If you know how long your camera takes to read out a frame, type it in below.",
@@ -205,7 +205,7 @@ export const words = {
   },
   clipSaved: ({ name, frames, rectified, left_out: lost }, folder) =>
     `${name}: saved${folder ? ` to ${folder}` : ""}, ${rectified} of ${count(frames, "frame", "frames")} straightened`
-    + `${rectified < frames ? ", the others left as they are" : ""}.${lost.length ? ` Such a file has no place for ${lost.join(", ")}.` : ""}`,
+    + `${rectified < frames ? ", the others left unchanged" : ""}.${lost.length ? ` Such a file has no place for ${lost.join(", ")}.` : ""}`,
   clipKeyList: [
     ["← →", "move the divider, if it is selected"],
     ["J, K", "next, previous"],

@@ -87,7 +87,7 @@ class Answer:
         """The figures that records of all protocols have.
 
         ``confidence`` is that of the motion: None where the estimator states none, or declined. ``left_alone`` is why
-        ``unshutter rectify`` with default options would leave the photo as it is; empty where it would change it.
+        ``unshutter rectify`` with default options would leave the photo unchanged; empty where it would change it.
         """
         scale = 256 / self.motion.height
         farthest = self.motion.largest_px * scale
@@ -115,7 +115,7 @@ def ask(estimator: Estimator, view: View) -> Answer:
 def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """(uint8 [H, W, 1 or 3], bool mask [H, W] of what the photo saw), as ``unshutter rectify`` makes them.
 
-    A motion that cannot be undone leaves the photo as it is.
+    A motion that cannot be undone leaves the photo unchanged.
     """
     from unshutter.warp.pixels import rectify_pixels, validity_mask
 

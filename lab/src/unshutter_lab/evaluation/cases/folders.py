@@ -18,7 +18,7 @@ _RS = re.compile(r"rs_(\d+)")
 
 @dataclass(frozen=True)
 class Frame:
-    """A rolling-shutter frame and what a global shutter saw meanwhile.
+    """A rolling-shutter frame and what a global shutter saw during its readout.
 
     Attributes:
         sequence: name of its sequence in the folder.

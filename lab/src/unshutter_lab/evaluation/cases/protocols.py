@@ -219,7 +219,7 @@ PROTOCOLS = {
         "Rolling-shutter frames and what a global shutter saw at the moment of their first or middle row, from two "
         "cameras or from `unshutter synthesize`. The ceiling is the best cubic t_x and r_z, fitted to both pictures. "
         "With `--readout-ratio`, the rows frames see the frames before and after, too: with one motion of the camera, "
-        "with dense motion, and with the one that the frames bear out. Columns `above NAME` say how much better "
+        "with dense motion, and with the one that fits the frames. Columns `above NAME` say how much better "
         "they are than the published output of NAME for the same frames, on the pixels that the frame saw.",
         _pairs,
     ),

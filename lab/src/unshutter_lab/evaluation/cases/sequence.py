@@ -35,7 +35,7 @@ def by_neighbours(
 
     Returns:
         uint8 [H, W, 1 or 3]; bool [H, W], which of it the frame saw; and the figures that all records have. A frame
-        whose neighbours cannot be used stays as it is.
+        whose neighbours cannot be used is left unchanged.
     """
     photo = Photo.open(frame.rs)
     before, after = (path and Photo.open(path) for path in neighbours_of(frame))

@@ -53,9 +53,9 @@ class Suite:
         turned: counter-clockwise quarter turns of the scene before the motion is put in.
         orientation: of the picture, in EXIF.
         of_pictures: whether PSNR and SSIM are computed.
-        exposure_s: how long each row is exposed [s]: it is blurred by the motion, and estimators are told the exposure
-            and a readout of 30 ms; None: sharp, and nothing told.
-        attitude_deg: estimators are told how the camera was held, and so far off at most, evenly [degrees]; None: not.
+        exposure_s: how long each row is exposed [s]: it is blurred by the motion, and estimators are given the exposure
+            and a readout of 30 ms; None: sharp, and neither is given.
+        attitude_deg: the largest error of the attitude that estimators are given, uniform [degrees]; None: not given.
     """
 
     name: str
@@ -192,7 +192,7 @@ class SyntheticCase(Case):
         return Exam(View(photo, camera, None if known else focal), gs, truth)
 
     def _attitude(self) -> tuple[float | None, float | None]:
-        """What estimators are told of how the camera was held [degrees]."""
+        """How the camera was held, as estimators are given it [degrees]."""
         most_off = self.suite.attitude_deg
         attitude = None if most_off is None else _true_attitude(self.path)
         if attitude is None or most_off is None:

@@ -1,6 +1,6 @@
-"""How the camera of an undistorted photo was held: what estimators can be told, as an accelerometer would tell it.
+"""How the camera of an undistorted photo was held: what estimators can be given, as by an accelerometer.
 
-No set of photos at hand says so itself. Where there is no rolling shutter, right angles alone tell it well: the camera
+No set of photos at hand states it. Where there is no rolling shutter, right angles alone show it well: the camera
 is fitted to the photo's line segments, its motion held at none.
 """
 

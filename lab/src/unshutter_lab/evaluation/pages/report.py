@@ -41,7 +41,7 @@ def page(
     Args:
         results: of the run.
         plots, sheets: (file, caption) of the pictures that the page shows.
-        figures: what stands in the place of all tables.
+        figures: Markdown that replaces the tables.
     """
     protocol = PROTOCOLS[results.request.protocol]
     parts = [f"# {protocol.title}", protocol.description, _counts(results), f"```sh\n{results.command}\n```"]

@@ -101,7 +101,7 @@ def _plain(text: str) -> str:
 
 
 def _number(cell: str) -> str:
-    """The number of a cell; nothing where it is unknown, the text where it is no number."""
+    """The number of a cell; nothing where it is unknown, the text where it is not a number."""
     cell = _plain(cell)
     figure = _FIGURE.fullmatch(cell)
     return figure["number"] if figure else cell.replace(_UNKNOWN, "")

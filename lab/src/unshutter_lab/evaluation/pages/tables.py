@@ -67,7 +67,7 @@ def _gain(key: str) -> Callable[[list[Record]], float]:
 
 
 def _better(key: str) -> Callable[[list[Record]], float]:
-    """Share of pictures that are better than the input, which excludes those left as they are."""
+    """Share of pictures that are better than the input, which excludes those left unchanged."""
 
     def better(records: list[Record]) -> float:
         both = [r for r in records if r.get(key) is not None and r.get(f"{key}_input") is not None]

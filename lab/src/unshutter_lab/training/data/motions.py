@@ -71,7 +71,7 @@ def draw_kind(kind: str, batch: int, generator: torch.Generator) -> tuple[Tensor
 def draw_motions(
     batch: int, generator: torch.Generator, still: float = 0.0, small: float = 0.0
 ) -> tuple[Tensor, Tensor]:
-    """The quadratics of Rengarajan et al. 2017 on their canvas, expanded anew from the picture's first row.
+    """The quadratics of Rengarajan et al. 2017 on their canvas, expanded again from the picture's first row.
 
     A sixth of the motions only turn, another sixth only translate.
 

@@ -1,7 +1,7 @@
 """Training data for networks that read pixels: photos kept on the device, distorted there in batches.
 
 A square window of a photo is the predecessor's canvas (356 px). A random motion (motions.py) distorts it about the
-centre of its middle 256 px, which are what the networks see. Every batch is made anew, so that no two samples are
+centre of its middle 256 px, which are what the networks see. Every batch is newly made, so that no two samples are
 alike. Needs torch, NumPy and OpenCV only.
 
 Training windows may be seen by another camera (views.py), under other light (light.py), and moved as people move

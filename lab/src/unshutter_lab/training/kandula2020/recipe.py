@@ -71,7 +71,7 @@ class KandulaRecipe(Recipe):
     def validate(self, network: nn.Module) -> dict[str, float]:
         """EPE on held-out photos: of the system as it is, and of its motion with the exact inverse.
 
-        Beside it the system's EPE for other kinds of motion, and for training photos, unchanged and as training
+        Also the system's EPE for other kinds of motion, and for training photos, unchanged and as training
         sees them.
         """
         rows = not self.weights.regress_only

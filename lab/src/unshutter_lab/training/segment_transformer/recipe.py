@@ -65,7 +65,7 @@ class SegmentRecipe(Recipe):
     def export(self, network: nn.Module, path: Path) -> None:
         """ONNX: tokens [batch, segments, 6], mask [batch, segments] -> coefficients [batch, 2, 3].
 
-        Beside it an .npz with the same weights, which unshutter runs without onnxruntime.
+        Along with it an .npz with the same weights, which unshutter runs without onnxruntime.
         """
         write_weights(path.with_suffix(".npz"), weights_of(network))  # type: ignore[arg-type]
         step = MirroredStep(network).eval().cpu()
