@@ -36,6 +36,15 @@ def test_a_folder_on_one_sheet_whoever_does_the_work(archive: Path, motion: Path
     assert sheets[0][0] > 2 * HEIGHT and sheets[0][1] > 3 * 2 * WIDTH  # four photos, three beside each other
 
 
+def test_a_sheet_shows_what_an_earlier_run_finished(archive: Path, motion: Path, tmp_path: Path) -> None:
+    words = (archive, "-o", tmp_path / "out", "--motion", motion)
+    assert rectify(*words, "--preview", tmp_path / "first.png") == 0
+    (tmp_path / "out" / "b.rectified.png").unlink()  # to be made again
+    for sheet in ("second.png", "third.png"):
+        assert rectify(*words, "--preview", tmp_path / sheet) == 0
+        assert Photo.open(tmp_path / sheet).pixels.shape == Photo.open(tmp_path / "first.png").pixels.shape
+
+
 def test_a_photo_that_is_left_alone_is_shown_twice(archive: Path, tmp_path: Path) -> None:
     preview = tmp_path / "preview.png"
     assert rectify(archive / "b.png", "-o", tmp_path / "o.png", "--estimator", "none", "--preview", preview) == 0

@@ -130,7 +130,7 @@ def _report_before_work(plan: Plan, inputs: Inputs, report: Report) -> None:
     for folder, reason in inputs.unreadable:
         report.failed(folder, f"cannot read folder {folder}: {reason}")
     for job in plan.finished:
-        report.skipped(job.source, job.target)
+        report.skipped(job)
     for job, reason in plan.refused:
         report.failed(job.source, reason)
 

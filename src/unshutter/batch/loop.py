@@ -107,7 +107,7 @@ class Batch:
     def _may_start(self, job: Job) -> bool:
         """Whether there is anything to do that may be done; reports it if not."""
         if self._manifest is not None and self._manifest.finished_by_another(job):
-            self._report.skipped(job.source, job.target)
+            self._report.skipped(job)
             return False
         try:
             with errors_in_one_line(job.source):

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.batch.job import Job, Outcome
+from unshutter.batch.lookahead import open_photo
 from unshutter.photo import Photo
+from unshutter.storage.places import fingerprint
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,11 +37,8 @@ class Preview:
         self._left_out = 0
 
     def add(self, job: Job, outcome: Outcome) -> None:
-        """A photo that was done."""
+        """Adds a photo that was done."""
         if outcome.preview is None:
-            return
-        if len(self._pairs) == MOST_PHOTOS:
-            self._left_out += 1
             return
         verdict = outcome.verdict
         summary = (
@@ -49,7 +48,26 @@ class Preview:
             if verdict.changes
             else f"left unchanged ({verdict.sentence})"
         )
-        self._pairs.append((f"{job.source.name}: {summary}", outcome.preview))
+        self._add(f"{job.source.name}: {summary}", outcome.preview)
+
+    def add_finished(self, job: Job) -> None:
+        """Adds a photo whose result an earlier run left.
+
+        Raises:
+            UnshutterError: the photo or its result cannot be read.
+        """
+        if job.preview_px is None:
+            return
+        before = open_photo(job.source, job.max_pixels).upright(job.preview_px)
+        is_written = fingerprint(job.target) is not None  # of an unchanged photo, there may be no result
+        after = open_photo(job.target, job.max_pixels).upright(job.preview_px) if is_written else before
+        self._add(f"{job.source.name}: finished already", (before, after))
+
+    def _add(self, caption: str, pair: tuple[np.ndarray, np.ndarray]) -> None:
+        if len(self._pairs) == MOST_PHOTOS:
+            self._left_out += 1
+        else:
+            self._pairs.append((caption, pair))
 
     def save(self) -> str:
         """Writes the picture; gives a line about it.

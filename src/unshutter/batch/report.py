@@ -7,6 +7,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -116,9 +117,12 @@ class Report:
         if self.preview is not None:
             self.tell(self.preview.save())
 
-    def skipped(self, photo: Place, target: Place) -> None:
+    def skipped(self, job: Job) -> None:
         """A photo's result was there when the batch began, or another run was faster."""
-        self._count("skipped", photo, target=str(target))
+        self._count("skipped", job.source, target=str(job.target))
+        if self.preview is not None:
+            with suppress(UnshutterError):  # the sheet does without
+                self.preview.add_finished(job)
 
     def failed(self, photo: str | Place, error: str, seconds: float = 0.0) -> None:
         """A photo came to nothing."""
