@@ -32,7 +32,7 @@ COMMANDS = {
     ),
 }
 _GROUP = "unshutter.commands"
-_ABOUT = "Undoes rolling-shutter distortion (skew, wobble) in a single photo. Originals are never touched."
+_ABOUT = "Removes rolling-shutter distortion from photos and video. Originals are never changed."
 
 
 def run() -> NoReturn:
