@@ -17,6 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 MOST_WORDS = 1500
+PAGE = "src/unshutter/serve/page"  # of `unshutter serve`: its words are in two files
 REFERENCE = ("docs/reference/", "docs/architecture.md")  # pages to look things up in may be long
 _FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 _GENERATED = re.compile(r"^<!-- (?:modules|measured):.*?^<!-- end.*?-->$", re.MULTILINE | re.DOTALL)
@@ -33,6 +34,11 @@ NO_TEXT = "*.json,*.svg,*.csv,*.jpg,*.png,*.npz,*.onnx,*.js.map"
 def pages() -> list[Path]:
     """What is read as documentation."""
     return [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def words_of_the_page() -> list[Path]:
+    """Files with what users of ``unshutter serve`` read."""
+    return [ROOT / PAGE / "words.js", ROOT / PAGE / "index.html"]
 
 
 def words(text: str) -> int:
@@ -92,6 +98,9 @@ def main() -> None:
         if too_long(path):
             complaints.append(f"{name}: {words(text)} words, at most {MOST_WORDS}: split it where its subject changes")
         complaints += [f"{name}:{line}: '{hit}': write: {instead}" for line, hit, instead in phrases_of_page(text)]
+    for path in words_of_the_page():
+        hits = _found(path.read_text(encoding="utf-8"), 1)
+        complaints += [f"{path.relative_to(ROOT)}:{line}: '{hit}': write: {instead}" for line, hit, instead in hits]
     for folder, most in REMAINING.items():
         hits = [(path, *hit) for path in source_files(folder) for hit in phrases_of_source(path)]
         if len(hits) > most or "--source" in sys.argv:

@@ -39,7 +39,7 @@ export const reasons = {
   "shook-too-fast": () => "the camera shook faster than frames were taken",
   "too-even": () => "the camera moved too evenly, or there was too little to follow",
   "imprecise": ({ evidence, value, error }) => `${evidence} give ${value.toFixed(2)} ± ${error.toFixed(2)}`,
-  "no-angles-or-motion": () => "the frames show no right angles, or hardly move from side to side",
+  "no-angles-or-motion": () => "the frames show no right angles, or barely move from side to side",
   "parts-disagree": ({ ratios }) => `parts of the clip disagree: ${ratios}`,
   "no-clear-part": ({ frames }) => `no ${frames} frames in a row show one scene clearly`,
 };
@@ -58,7 +58,7 @@ export const words = {
   previous: "Previous",
   next: "Next",
   lines: "Lines",
-  linesHelp: "Show the straight lines that the program goes by",
+  linesHelp: "Show the straight lines that the program measures",
   zoom: "100 %",
   zoomHelp: "One pixel of the photo for each pixel of the screen",
   slider: "Divider between before and after",
