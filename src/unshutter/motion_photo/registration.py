@@ -13,7 +13,8 @@ from unshutter.frames.tracks import follow
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64, UInt8
 
-_FEATURES, _RATIO = 1200, 0.75  # of each picture; how much nearer the best partner is than the second
+_FEATURES, _CONTRAST = 1200, 0.015  # of each picture; below SIFT's usual 0.04, for scenes that show little
+_RATIO = 0.75  # how much nearer the best partner is than the second
 _NEAR, _FEWEST = 4.0, 25  # px, and features within them, that make a match
 _LEAST_SHARE = 0.3  # of the partners that have to agree
 _SCALES = (0.25, 4.0)  # of the photo's copy in the film
@@ -57,7 +58,7 @@ def placement(photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray,
         photo: grey copy of the stored photo.
         frame: grey copy of a frame.
     """
-    sift: Any = cv2.SIFT.create(_FEATURES)
+    sift: Any = cv2.SIFT.create(_FEATURES, contrastThreshold=_CONTRAST)
     in_photo, of_photo = sift.detectAndCompute(photo, None)
     in_frame, of_frame = sift.detectAndCompute(frame, None)
     if of_photo is None or of_frame is None or min(len(of_photo), len(of_frame)) < _FEWEST:

@@ -17,6 +17,7 @@ from unshutter.estimators.right_angles.answers import candidates_of
 from unshutter.estimators.right_angles.beliefs import MotionKind, SecondOpinion
 from unshutter.estimators.right_angles.calibration import NetworkErrors, shipped
 from unshutter.estimators.right_angles.search import Posterior, displacement, explore
+from unshutter.estimators.right_angles.smear_answer import candidates_by_smear
 from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
 from unshutter.motion import Motion
@@ -66,7 +67,8 @@ class SegmentManhattan(Estimator):
             likelihood = likelihood_of(view, segments, size, kinds=self.kinds)
             return candidates_of(explore(likelihood, STARTS), view, self.name)
         posterior, answer = self.weigh(view, segments, size)
-        return candidates_of(posterior, view, self.name, answer)
+        by_smear = candidates_by_smear(posterior, view, self.name)
+        return by_smear or candidates_of(posterior, view, self.name, answer)
 
     def weigh(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Posterior, np.ndarray]:
         """The posterior with the network's answer weighed in, and that answer: [6] coefficients.
