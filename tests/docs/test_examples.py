@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import unshutter
-from support.clips import shaken
+from support.clips import moving, shaken, write
 from unshutter.photo import Photo
 from unshutter_lab.synthesis.sequences import TurningCamera
 
@@ -31,13 +31,14 @@ def function(path: str) -> Any:
 
 @pytest.fixture(scope="module")
 def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What examples may name: a distorted photo, one that is not, and three frames."""
+    """What examples may name: a distorted photo, one that is not, three frames, and a clip."""
     folder = tmp_path_factory.mktemp("material")
     shutil.copy(ROOT / "examples" / "demo.jpg", folder / "street.jpg")
     Photo.open(ORIGINAL).save(folder / "house.jpg")
     camera = TurningCamera(shaken(), 0.05, 3, 30.0, 0.7, 360, 480, 420.0)
     for name, frame in zip("abc", camera.rendered(Photo.open(ORIGINAL).to_array(), noise=2.0), strict=True):
         Photo.from_array(frame).save(folder / f"{name}.jpg", quality=92)
+    write(folder / "walk.mp4", moving(16)[1])
     return folder
 
 

@@ -84,6 +84,11 @@ def rectify_clip(
     Raises:
         UsageError: options that do not go together, or do not fit the clip.
         UnshutterError: the clip cannot be read, or the output not be written.
+
+    Examples:
+        >>> outcome = unshutter.rectify_clip("walk.mp4", "straight.mp4", readout_ratio=0.6)
+        >>> outcome.frames
+        16
     """
     values: dict[str, Any] = dict(options)
     values |= {name: Path(values[name]) for name in _PATHS if values.get(name) is not None}
@@ -130,6 +135,11 @@ def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFram
     Raises:
         UsageError: an option that cannot be, or arrays of another kind.
         UnknownRatioError: the readout ratio was not stated, and the frames do not show it.
+
+    Examples:
+        >>> frames = (np.zeros((120, 160, 3), np.uint8) for _ in range(10))  # from any decoder
+        >>> sum(1 for frame in unshutter.rectify_clip_frames(frames, readout_ratio=0.6))
+        10
     """
     ratio = known_ratio(options.get("readout_ratio"), options.get("readout_ms"), options.get("fps"))
     undo, readout = from_keywords(ClipUndo, options), Readout.parse(options.get("readout", "auto"))
