@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Self
@@ -19,6 +19,18 @@ _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F,
 def visible(text: str) -> str:
     """The text as one line: what would break it, or change a terminal, is spelled out."""
     return text.translate(_VISIBLE)
+
+
+def suggestion(word: str, choices: Iterable[str]) -> str:
+    """``did you mean rectify?`` for the choice most like a word; empty where none is like it."""
+    import difflib  # not above: few words are wrong
+
+    known = list(choices)
+    close = [
+        *difflib.get_close_matches(word, known, n=1, cutoff=0.7),
+        *(each for each in known if each.startswith(word)),
+    ]
+    return f"did you mean {close[0]}?" if close else ""
 
 
 class UnshutterError(Exception):

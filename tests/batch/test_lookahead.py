@@ -16,6 +16,7 @@ from unshutter.estimators.methods.manhattan import Manhattan
 from unshutter.estimators.methods.segment_manhattan import SegmentManhattan
 from unshutter.estimators.segment_transformer import weights
 from unshutter.motion import Motion
+from unshutter.motion.candidate import Candidate
 from unshutter.options import Camera, Find
 from unshutter.photo import Photo
 
@@ -145,13 +146,13 @@ def test_one_estimate_is_made_beside_the_rest(
     options: tuple[str, ...], rolling_facade: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kind = Manhattan if "manhattan" in options else SegmentManhattan
-    original, threads = kind.estimate, []
+    original, threads = kind.candidates, []
 
-    def noting(self, view: View) -> Motion:
+    def noting(self, view: View) -> tuple[Candidate, ...]:
         threads.append(threading.current_thread())
         return original(self, view)
 
-    monkeypatch.setattr(kind, "estimate", noting)
+    monkeypatch.setattr(kind, "candidates", noting)
     photo = tmp_path / "photo.png"
     Photo.from_array(rolling_facade).save(photo)
     assert rectify(photo, "-o", tmp_path / "out.png", *options) == 0

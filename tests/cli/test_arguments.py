@@ -59,8 +59,8 @@ def test_photos_may_stand_before_between_and_after_options() -> None:
     [
         (("-o", "out"), "required: PHOTOS"),
         (("a",), "required: --output"),
-        (("a", "-o", "out", "--jobs", "many"), "--jobs: invalid int value: 'many'"),
-        (("a", "-o", "out", "--edges", "round"), "choose from 'keep', 'crop'"),
+        (("a", "-o", "out", "--jobs", "many"), "--jobs takes a whole number, not 'many'"),
+        (("a", "-o", "out", "--edges", "round"), "--edges takes keep, crop, not 'round'"),
         (("a", "-o", "out", "--job", "2"), "--job"),  # no abbreviations: they would change their meaning one day
         (("a", "-o"), "expected one argument"),
         (("a", "-o", "out", "--tilt-deg", "91"), "too steep"),

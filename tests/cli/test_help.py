@@ -3,7 +3,7 @@
 import pytest
 
 from unshutter.cli import main
-from unshutter.cli.arguments import suggestion
+from unshutter.errors import suggestion
 
 
 @pytest.fixture
@@ -33,6 +33,12 @@ def test_the_rest_is_in_help_all(terminal: None, capsys: pytest.CaptureFixture[s
     [
         (["rectfy", "a.jpg"], "unknown command 'rectfy': did you mean rectify?"),
         (["modls"], "did you mean models?"),
+        (
+            ["rectify", "a.jpg", "--edges", "crp"],
+            "fill, borrow, not 'crp': did you mean crop?",
+        ),
+        (["rectify", "a.jpg", "--strength", "half"], "--strength takes a number, not 'half'"),
+        (["rectify", "a.jpg", "--estimator", "segment-manhatan"], "did you mean segment-manhattan?"),
         (["rectify", "a.jpg", "--stregth", "0.5"], "unknown option --stregth: did you mean --strength?"),
         (["rectify", "a.jpg", "--min-conf=0"], "unknown option --min-conf: did you mean --min-confidence?"),
         (["--strength", "0.5", "a.jpg"], "options come after the command: unshutter rectify PHOTO --strength"),
@@ -45,4 +51,5 @@ def test_did_you_mean(words: list[str], hint: str, capsys: pytest.CaptureFixture
 
 
 def test_nothing_is_suggested_that_is_not_alike() -> None:
+    assert suggestion("straighten", ["rectify", "train"]) == ""
     assert suggestion("xyzzy", ["rectify", "video"]) == ""

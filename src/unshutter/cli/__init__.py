@@ -11,9 +11,9 @@ from pathlib import PurePath
 from typing import NoReturn
 
 from unshutter import installation
-from unshutter.cli.arguments import Command, parse, suggestion
+from unshutter.cli.arguments import Command, parse
 from unshutter.cli.signals import Stopped, stop_on_signals
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError, UsageError, suggestion
 from unshutter.version import __version__
 
 # name -> where it is in commands/, and what it does. Other packages add commands by entry points.
@@ -80,7 +80,7 @@ def _run_command(words: list[str]) -> int:
     name = words[0] if words else "--help"
     if default := command_for_file(name):
         name, words = default, [default, *words]
-    if name in ("-h", "--help", "--help-all"):
+    if name in ("-h", "--help", "--help-all", "help"):
         print(_help())
     elif name == "--version":
         print(__version__)

@@ -11,17 +11,18 @@ import argparse
 import dataclasses
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
-from unshutter.errors import UsageError
+from unshutter.errors import UsageError, suggestion
 from unshutter.options.description import Group, Names, Option, describe, options_of, with_values
 from unshutter.storage.places import local_file
 
 HELP_ALL = "--help-all"
 _HELP = frozenset(("-h", "--help", HELP_ALL))
+_KINDS = {int: "a whole number", float: "a number"}
 _METAVAR = {int: "N", float: "NUMBER", Path: "PATH", str: "TEXT"}
 
 
@@ -77,15 +78,6 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
     return with_values(command.arguments, lambda option: values[option.key])
 
 
-def suggestion(word: str, choices: Iterable[str]) -> str:
-    """``did you mean 'rectify'?`` for the choice most like a word; empty where none is like it."""
-    import difflib  # not above: few words are wrong
-
-    known = list(choices)
-    close = [*difflib.get_close_matches(word, known, n=1), *(each for each in known if each.startswith(word))]
-    return f"did you mean {close[0]}?" if close else ""
-
-
 class _Parser(argparse.ArgumentParser):
     """argparse's, whose complaints are UsageErrors of one line."""
 
@@ -109,8 +101,25 @@ class _Parser(argparse.ArgumentParser):
             if len(flag) > 2 and flag.startswith("--") and " " not in word and flag not in known:
                 self.error(f"unknown option {flag}: {suggestion(flag, known) or 'leave it out'}")
 
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:  # argparse calls it for every value
+        try:
+            return super()._get_value(action, arg_string)
+        except argparse.ArgumentError:
+            self.error(f"{_name(action)} takes {_KINDS.get(action.type, 'another value')}, not '{arg_string}'")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:  # and this
+        if action.choices is not None and value not in action.choices:
+            choices = ", ".join(action.choices)
+            guess = f": {suggestion(value, action.choices)}" if suggestion(value, action.choices) else ""
+            self.error(f"{_name(action)} takes {choices}, not '{value}'{guess}")
+
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{' '.join(message.split())} (see {self.prog} --help)")
+
+
+def _name(action: argparse.Action) -> str:
+    """What a message calls an argument: its long flag, or its name where it has none."""
+    return action.option_strings[0] if action.option_strings else str(action.metavar)
 
 
 def _short_parser(name: str, command: Command) -> argparse.ArgumentParser:

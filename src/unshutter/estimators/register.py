@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter import installation
-from unshutter.errors import MissingFileError, UnshutterError, UsageError
+from unshutter.errors import MissingFileError, UnshutterError, UsageError, suggestion
 from unshutter.estimators.method import Method
 from unshutter.options import DEFAULT_ESTIMATOR
 
@@ -88,7 +88,8 @@ def method(name: str) -> Method:
     if entry is None:
         if name in installation.LAB_METHODS:
             raise UsageError(f"estimator '{name}' comes with unshutter-lab: {installation.lab()}")
-        raise UsageError(f"unknown estimator '{name}': choose one of {', '.join(names())}")
+        guess = suggestion(name, names()) or f"choose one of {', '.join(names())}"
+        raise UsageError(f"unknown estimator '{name}': {guess}")
     return _loaded(entry)
 
 
