@@ -121,4 +121,6 @@ def test_the_summary_is_that_of_the_files_beside_it(monkeypatch: pytest.MonkeyPa
     from summary_page import questions_table
 
     docs = ROOT / "docs" / "results"
+    if not docs.exists():
+        pytest.skip("the source distribution of unshutter-lab has no docs")
     assert questions_table(docs) in (docs / "index.md").read_text(encoding="utf-8")
