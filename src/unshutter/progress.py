@@ -33,10 +33,10 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
 
-    def advance(self) -> None:
-        """One more is done."""
+    def advance(self, count: int = 1) -> None:
+        """So many more are done."""
         if self._bar is not None:
-            self._bar.advance(self._task)
+            self._bar.advance(self._task, count)
             self._bar.update(self._task, rate=rate(self._bar.tasks[self._task].speed))
 
     def tell(self, line: str) -> None:
@@ -60,18 +60,23 @@ class Steps:
     def __init__(self, what: str, total: int, watch: Watch | None):
         self._what, self._total, self._watch, self._done = what, total, watch, 0
 
-    def advance(self) -> None:
-        """One more step is done."""
-        self._done += 1
+    def advance(self, count: int = 1) -> None:
+        """So many more steps are done."""
+        self._done += count
         if self._watch is not None:
             self._watch(self._what, self._done, self._total)
+
+    def advance_to(self, done: int) -> None:
+        """So many steps are done in all."""
+        if done > self._done:
+            self.advance(done - self._done)
 
 
 class Bars:
     """Progress bars for the terminal, one after the other: a callback for work that counts several kinds of steps."""
 
     def __init__(self) -> None:
-        self._what = ""
+        self._what, self._done = "", 0
         self._bar: Progress | None = None
 
     def __enter__(self) -> Bars:
@@ -83,11 +88,12 @@ class Bars:
         self._bar = None
 
     def __call__(self, what: str, done: int, total: int) -> None:
-        """One more step is done, of the kind ``what``."""
+        """So many steps are done, of the kind ``what``."""
         if self._bar is None or what != self._what:
             self.__exit__()
-            self._what, self._bar = what, Progress(total, what)
-        self._bar.advance()
+            self._what, self._done, self._bar = what, 0, Progress(total, what)
+        self._bar.advance(done - self._done)
+        self._done = done
 
     def tell(self, line: str) -> None:
         """Shows one line above the bar."""

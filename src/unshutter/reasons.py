@@ -62,7 +62,9 @@ class Code(StrEnum):
     STOOD_STILL = "stood-still"
     NOTHING_MOVED = "nothing-moved"
     NOTHING_TO_SEE = "nothing-to-see"
+    HARDLY_MOVED = "hardly-moved"
     ONLY_OTHERS_MOVED = "only-others-moved"
+    NO_COMMON_MOTION = "no-common-motion"
     NO_NEIGHBOUR = "no-neighbour"
     SHOT_TOO_SHORT = "shot-too-short"
     OTHER_SIZE = "other-size"
@@ -106,6 +108,8 @@ SENTENCES = {
     Code.STOOD_STILL: "the camera stood still",
     Code.NOTHING_MOVED: "nothing moved between the frames",
     Code.NOTHING_TO_SEE: "nothing to see: at most {px:.1f} px at any plausible readout time",
+    Code.HARDLY_MOVED: "the camera hardly moved",
+    Code.NO_COMMON_MOTION: "near and far move too differently for one motion of the camera",
     Code.ONLY_OTHERS_MOVED: "the camera stood still; what moved in front of it is not straightened",
     Code.NO_NEIGHBOUR: "there is no frame before or after it",
     Code.SHOT_TOO_SHORT: "the shot is too short to show how the camera moved",
@@ -116,7 +120,7 @@ SENTENCES = {
     Code.RATIO_UNKNOWN: "the readout ratio cannot be found from these frames ({why})",
     Code.READOUT_TIME_UNKNOWN: "this clip does not show its readout time ({why})",
     Code.TOO_FEW_FRAMES: "{frames} frames are too few to show it",
-    Code.SHOOK_TOO_FAST: "the camera shook faster than frames were taken",
+    Code.SHOOK_TOO_FAST: "the motion changes too abruptly from frame to frame: fast shaking, or missing frames",
     Code.TOO_EVEN: "the camera moved too evenly, or too little could be followed",
     Code.IMPRECISE: "{evidence} give {value:.2f} ± {error:.2f}",
     Code.NO_ANGLES_OR_MOTION: "they show no right angles, or barely move from side to side",

@@ -37,6 +37,7 @@ _LARGEST = 1.03  # no readout takes longer than a frame; what is found above thi
 _COMMON = 4.0  # tracks err together: a probability of n tracks is worth one of n / _COMMON
 _FLOOR = 0.01  # error that is there even where all parts agree: the spline is no hand
 _TOO_UNSURE = 0.08
+REST_PX = 0.06  # px of ROWS rows a frame: the whole picture of a camera that stands still moves by less
 STILL_PX = 0.25  # px of ROWS rows a frame: what a readout shears by less is left as it is
 _FASTEST = 0.4  # cycles a frame: what is faster is hidden between the frames
 _EVEN_PX = 0.1  # px of ROWS rows a frame: a speed that varies by less is even
@@ -105,20 +106,28 @@ class ReadoutRatio:
         return f"{self.value:.3f} +- {self.error:.3f} (from {self.source})"
 
 
-def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float) -> ReadoutRatio:
+def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None) -> ReadoutRatio:
     """The readout ratio of a sequence, from how smoothly its camera moved.
 
     Args:
         pairs: tracks of the background from each frame to the next; two seconds of them are enough as a rule.
         focal_px: focal length [px of ROWS rows].
+        starts: when each frame was taken [usual frame intervals], one more than pairs; None: at even intervals.
 
     Raises:
         UnknownRatioError: the camera stood still, moved evenly, or shook faster than frames were taken.
     """
+    taken = range(len(pairs) + 1) if starts is None else starts
+    times = [taken[k] for k, pair in enumerate(pairs) if len(pair)]
+    times.append(taken[-1])
     pairs = [fewer(pair) for pair in pairs if len(pair)]
     if not pairs or max(flow(pair) for pair in pairs) < STILL_PX:
-        raise UnknownRatioError.because(Reason(Code.STOOD_STILL))
-    parts = [Problem(pairs[k : k + _PART], focal_px) for k in range(0, max(len(pairs) - _PART // 2, 1), _PART)]
+        at_rest = not pairs or max(drift(pair) for pair in pairs) < REST_PX
+        raise UnknownRatioError.because(Reason(Code.STOOD_STILL if at_rest else Code.HARDLY_MOVED))
+    parts = []
+    for k in range(0, max(len(pairs) - _PART // 2, 1), _PART):
+        part, since = pairs[k : k + _PART], np.array(times[k : k + _PART + 1]) - np.floor(times[k])
+        parts.append(Problem(part, focal_px, None if starts is None else since))
     profiles = [_Profile(part) for part in parts]
     coarse = np.sum([[profile.at(ratio) for ratio in _COARSE] for profile in profiles], axis=0)
     best = float(_COARSE[coarse.argmax()])
@@ -185,6 +194,11 @@ def _cycles(fit: Fit) -> float:
 def flow(pair: Tracks) -> float:
     """By how much tracks move, their median [px of ROWS rows]."""
     return float(np.median(np.hypot(*(pair.end - pair.start).T))) * ROWS / pair.height
+
+
+def drift(pair: Tracks) -> float:
+    """By how much the picture moves as a whole, without the errors of single tracks [px of ROWS rows]."""
+    return float(np.hypot(*np.median(pair.end - pair.start, axis=0))) * ROWS / pair.height
 
 
 def fewer(pair: Tracks) -> Tracks:

@@ -51,7 +51,8 @@ class FrameMotion:
         at: time of the frame in that fit [frame intervals].
         ratio: readout time in frame intervals.
         reason: why there is no motion; None where there is one.
-        shot: number of the shot that it belongs to.
+        shot: number of the shot that it belongs to: of frames that are joined by motion.
+        scene: number of the scene that it shows.
     """
 
     height: int
@@ -62,11 +63,12 @@ class FrameMotion:
     ratio: float = 0.0
     reason: Reason | None = None
     shot: int = 0
+    scene: int = 0
 
     @property
     def stood_still(self) -> bool:
-        """Whether the camera did, and nothing moved in front of it."""
-        return self.reason is not None and self.reason.code is Code.STOOD_STILL
+        """Whether the camera did, or nearly so, and nothing moved in front of it."""
+        return self.reason is not None and self.reason.code in (Code.STOOD_STILL, Code.HARDLY_MOVED)
 
     @property
     def ratio_unknown(self) -> bool:
@@ -82,7 +84,7 @@ class FrameMotion:
         rotations = turn - turn[0]
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
         if reach.max() < _NOTHING_PX:
-            return self._none(Reason(Code.STOOD_STILL))
+            return self._none(Reason(Code.HARDLY_MOVED))
         common = {"readout": self.readout, "estimator": NAME}
         focal = self.fit.focal_px * self.height / ROWS
         try:
@@ -139,13 +141,13 @@ class CameraMotion:
         for frame in frames:
             if frame is None:
                 yield from self._ready(shot, ended=True)
-                shot = Shot(number=shot.number + 1)
+                shot = Shot(number=shot.number + 1, scene=shot.scene + 1)
                 continue
             if self._focal is None and self.focal_px:
                 self._focal = self.focal_px * ROWS / frame.height
             if not shot.joins(frame, self.ratio):
                 yield from self._ready(shot, ended=True)
-                shot = Shot(broken_by=shot.broken_by, number=shot.number + 1)
+                shot = shot.next_shot()
             shot.add(frame)
             yield from self._ready(shot, ended=False)
         yield from self._ready(shot, ended=True)
@@ -180,7 +182,8 @@ class CameraMotion:
             for frame in shot.waiting[:many]:
                 index = frame.at - start
                 ratio = self.ratio.value if self.ratio else 0.0
-                yield FrameMotion(frame.height, frame.width, self.readout, fit, index, ratio, reason, shot.number)
+                size = frame.height, frame.width
+                yield FrameMotion(*size, self.readout, fit, index, ratio, reason, shot.number, shot.scene)
             shot.drop(many, margin)
 
     def _find_ratio(self, shot: Shot) -> None:
@@ -219,7 +222,8 @@ class CameraMotion:
         if shot.before + len(shot.waiting) < self.fewest:
             return None, Reason(Code.SHOT_TOO_SHORT)
         if shot.still:
-            return None, Reason(Code.ONLY_OTHERS_MOVED if shot.passed else Code.STOOD_STILL)
+            still = Code.STOOD_STILL if shot.at_rest else Code.HARDLY_MOVED
+            return None, Reason(Code.ONLY_OTHERS_MOVED if shot.passed else still)
         if self.ratio is None:
             return None, shot.why_unknown
         if self._focal is None:
@@ -232,7 +236,7 @@ class CameraMotion:
         fit = steady(Problem(pairs, focal, starts), self.ratio.value, self._stiffness_for(len(pairs)))
         self._stiffness, self._windows = fit.stiffness, self._windows + 1
         if fit.noise_px > _TOO_NOISY_PX:
-            return None, Reason(Code.SCENES_DIFFER)
+            return None, Reason(Code.NO_COMMON_MOTION)
         return fit, None
 
     def _stiffness_for(self, pairs: int) -> float | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from unshutter.frames.self_calibration import STILL_PX, ReadoutRatio, flow
+from unshutter.frames.self_calibration import REST_PX, STILL_PX, ReadoutRatio, drift, flow
 from unshutter.frames.tracks import Background, Tracks, background, follow
 from unshutter.reasons import Code, Reason
 
@@ -43,6 +43,7 @@ class Shot:
     Attributes:
         broken_by: why the shot began here; None for the first one, and after a gap.
         number: of the shot in its sequence.
+        scene: number of the scene that it shows; several shots may show one.
         pairs: tracks of the background from each kept frame to the next.
         times: when the frames of ``pairs`` were taken, one more than those [frame intervals].
         waiting: frames that wait.
@@ -53,6 +54,7 @@ class Shot:
 
     broken_by: Reason | None = None
     number: int = 0
+    scene: int = 0
     pairs: list[Tracks] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     waiting: list[GreyFrame] = field(default_factory=list)
@@ -68,6 +70,11 @@ class Shot:
     def still(self) -> bool:
         """Whether nothing says that the camera moved."""
         return not any(self._moving)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the camera did not even move too little to count."""
+        return all(drift(pair) < REST_PX for pair in self.pairs if len(pair))
 
     @property
     def passed(self) -> bool:
@@ -86,8 +93,14 @@ class Shot:
         self._next = background(tracks, ratio.value if ratio else None)
         if not self._next.joined:
             few = tracks.looked_for < _LEAST_CORNERS
-            self.broken_by = Reason(Code.TOO_LITTLE_TO_FOLLOW if few else Code.SCENES_DIFFER)
+            near_and_far = Code.SCENES_DIFFER if self._next.cut else Code.NO_COMMON_MOTION
+            self.broken_by = Reason(Code.TOO_LITTLE_TO_FOLLOW if few else near_and_far)
         return self._next.joined
+
+    def next_shot(self) -> Shot:
+        """The shot that begins with a frame that does not join this one."""
+        cut = self.broken_by is not None and self.broken_by.code in (Code.SCENES_DIFFER, Code.OTHER_SIZE)
+        return Shot(broken_by=self.broken_by, number=self.number + 1, scene=self.scene + cut)
 
     def add(self, frame: GreyFrame) -> None:
         """The next frame, after :meth:`joins`."""

@@ -18,6 +18,7 @@ _WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade
 _RETURNS = 0.3  # px; a corner followed there and back must end this close to where it began
 _COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is found
 _FEWEST = 12  # tracks; fewer show nothing
+_LEAST_OF_SCENE = 0.4  # share of corners found again: strangers have 0 to 0.02, a street from a car 0.88
 _LEAST_TRACKED, _LEAST_AGREEING = (
     0.15,
     0.35,
@@ -104,13 +105,15 @@ class Background:
 
     Attributes:
         tracks: those of the background.
-        joined: whether both are frames of one scene; else there is a cut between them.
+        joined: whether one motion of the camera explains both frames; else a new shot begins.
+        cut: whether hardly a corner of the one is found in the other: they show different scenes.
         still: whether the camera stood still, whatever moved before it.
         passing: whether something did, though the camera stood still.
     """
 
     tracks: Tracks
     joined: bool
+    cut: bool = False
     still: bool = False
     passing: bool = False
 
@@ -129,7 +132,8 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
         readout_ratio: of the camera; None: half a frame's time, which is near enough for this.
     """
     if len(tracks) < max(_FEWEST, _LEAST_TRACKED * tracks.looked_for):
-        return Background(tracks.only(np.zeros(len(tracks), bool)), joined=False)
+        cut = len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
+        return Background(tracks.only(np.zeros(len(tracks), bool)), joined=False, cut=cut)
     ratio = _GUESSED_RATIO if readout_ratio is None else readout_ratio
     diagonal = float(np.hypot(tracks.height, tracks.width))
     moved = tracks.end - tracks.start
@@ -142,7 +146,8 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
         return Background(tracks.only(still), joined=True, still=True, passing=True)
     joined = plane.sum() >= max(_FEWEST, _LEAST_AGREEING * len(tracks))
     passing = np.hypot(*moved.T) > _PASSES * diagonal
-    return Background(tracks.only(plane), joined=bool(joined), passing=passing.sum() > _FEW_PASS * len(tracks))
+    cut = not joined and len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
+    return Background(tracks.only(plane), bool(joined), cut, passing=passing.sum() > _FEW_PASS * len(tracks))
 
 
 def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.ndarray:

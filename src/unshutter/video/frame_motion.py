@@ -96,7 +96,7 @@ def with_motion(
     for motion in camera.motions(small_copies()):
         while isinstance(item := waiting.popleft(), SidePacket):
             yield item
-        yield MovingFrame(item, small_motion(motion), cut=last is not None and motion.shot != last.shot)
+        yield MovingFrame(item, small_motion(motion), cut=last is not None and motion.scene != last.scene)
         last = motion
     for item in waiting:
         assert isinstance(item, SidePacket)  # each frame has its motion by now

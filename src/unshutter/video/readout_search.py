@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -44,15 +45,18 @@ def find_ratio(
     """
     ratios: list[ReadoutRatio] = []
     unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_FEWEST))
-    steps = Steps("readout time", _MOST_PARTS, watch)
-    for pairs in _parts(clip, readout, span):
-        focal = None if focal_px is None else focal_px * ROWS / pairs[0].height
-        try:
-            focal = focal or focal_from_motion(pairs[: _PART // 2], _GUESSED_RATIO)
-            ratios.append(ratio_from_motion(pairs, focal))
-        except UnknownRatioError as error:
-            unknown = error
-        steps.advance()
+    starts, length_s = _parts(clip, span)
+    steps = Steps("readout time", 2 * _PART * len(starts), watch)  # half of the time goes into looking at frames
+    for number, start in enumerate(starts):
+        run = _tracked(clip, readout, start, start + 1.001 * length_s, steps)
+        if len(run.pairs) >= _FEWEST:
+            focal = None if focal_px is None else focal_px * ROWS / run.pairs[0].height
+            try:
+                focal = focal or focal_from_motion(run.pairs[: _PART // 2], _GUESSED_RATIO)
+                ratios.append(ratio_from_motion(run.pairs, focal, run.starts if run.is_uneven else None))
+            except UnknownRatioError as error:
+                unknown = error
+        steps.advance_to(2 * _PART * (number + 1))
     if not ratios:
         raise unknown.of_clip()
     return agreed(ratios)
@@ -78,31 +82,48 @@ def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:
     return ReadoutRatio(value, error, "motion")
 
 
-def _parts(clip: Clip, readout: Readout, span: tuple[float, float]) -> Iterator[list[Tracks]]:
-    """Parts of the clip, evenly over it: the tracks between consecutive frames of one shot."""
+def _parts(clip: Clip, span: tuple[float, float]) -> tuple[list[float], float]:
+    """Starts of parts, evenly over what is kept of a clip, and their length [s]."""
     length = _PART * clip.interval_s
     starts = np.linspace(span[0], max(span[1] - 1.1 * length, span[0]), _MOST_PARTS)
     if (span[1] - span[0]) < _MOST_PARTS * length:
         starts = span[0] + length * np.arange(max(1, int((span[1] - span[0]) / length)))
-    for start in starts:
-        pairs = _tracked(clip, readout, float(start), float(start) + length * 1.001)
-        if len(pairs) >= _FEWEST:
-            yield pairs
+    return [float(start) for start in starts], length
 
 
-def _tracked(clip: Clip, readout: Readout, start: float, end: float) -> list[Tracks]:
-    """The longest run of neighbours between two moments, as tracks."""
+@dataclass(eq=False)
+class _Run:
+    """Consecutive frames of one shot.
+
+    Attributes:
+        pairs: tracks of the background from each frame to the next.
+        starts: when the frames were taken [usual frame intervals], one more than pairs.
+    """
+
+    pairs: list[Tracks] = field(default_factory=list)
+    starts: list[float] = field(default_factory=lambda: [0.0])
+
+    @property
+    def is_uneven(self) -> bool:
+        return any(after - before != 1.0 for before, after in pairwise(self.starts))
+
+
+def _tracked(clip: Clip, readout: Readout, start: float, end: float, steps: Steps) -> _Run:
+    """The longest run of neighbours between two moments."""
     camera = CameraMotion(readout=readout)
-    runs: list[list[Tracks]] = [[]]
+    runs, frames = [_Run()], 0
     before = copy = None
     with suppress(StopIteration):
         for frame in ahead(clip.iter_frames(start, end), 3):
             since = clip.since(before, frame)
             next_copy = look(clip, frame, camera, 1.0, TRACKED_SIDE)
             pair = background(follow(copy.grey, next_copy.grey)) if copy is not None else None
-            if since != 1.0 or (pair is not None and not pair.joined):
-                runs.append([])
+            if since is None or (pair is not None and not pair.joined):
+                runs.append(_Run())
             elif pair is not None:
-                runs[-1].append(pair.tracks)
-            before, copy = frame, next_copy
-    return max(runs, key=len)
+                runs[-1].pairs.append(pair.tracks)
+                runs[-1].starts.append(runs[-1].starts[-1] + since)
+            before, copy, frames = frame, next_copy, frames + 1
+            if frames <= _PART:
+                steps.advance()
+    return max(runs, key=lambda run: len(run.pairs))

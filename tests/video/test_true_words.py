@@ -1,0 +1,79 @@
+"""What is said of a clip is true: hardly moved, missing frames, cuts, and how far the search is."""
+
+import json
+
+import numpy as np
+import pytest
+
+from support import clips
+from support.hand_held import log_of, pan
+from unshutter.cli import main
+from unshutter.frames.shots import Shot
+from unshutter.frames.tracks import Tracks, background
+from unshutter.reasons import Code, Reason
+from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.options import RectifyClip
+
+
+@pytest.fixture
+def run(tmp_path, capsys):
+    """Rectifies a clip; (the log's record, what was printed)."""
+
+    def rectified(clip, *flags):
+        log = tmp_path / "log.jsonl"
+        assert main(["video", str(clip), "-o", str(tmp_path / "out.mkv"), "--json-log", str(log), *flags]) == 0
+        return json.loads(log.read_text()), capsys.readouterr().err
+
+    return rectified
+
+
+def test_a_camera_that_moves_gently_does_not_stand_still(tmp_path, run):
+    gentle = log_of(lambda t: 0.9 * np.sin(6 * t), lambda t: 0 * t, lambda t: 0.7 * np.sin(8 * t))
+    clip = clips.write(tmp_path / "in.mkv", clips.moving(30, gentle)[1], "ffv1", "gray")
+    record, shown = run(clip, "--readout-ms", "5")
+    assert [reason["code"] for reason in record["declined"]] == [Code.HARDLY_MOVED]
+    assert "stood still" not in shown
+
+
+def test_a_short_readout_is_not_a_camera_that_stands_still(tmp_path, run):
+    """From frame to frame the camera moves by a pixel, while one is read out by a hundredth of that."""
+    clip = clips.write(tmp_path / "in.mkv", clips.moving(30, pan(9.0))[1], "ffv1", "gray")
+    record, _ = run(clip, "--readout-ratio", "0.01")
+    assert [reason["code"] for reason in record["declined"]] == [Code.HARDLY_MOVED]
+
+
+def test_the_readout_time_is_found_although_frames_are_missing(tmp_path, run):
+    """Every seventh; the file says when the others are shown."""
+    times = [k for k in range(90) if k % 7]
+    greys = clips.moving(90)[1]
+    clip = clips.write(tmp_path / "in.mkv", [greys[k] for k in times], "ffv1", "gray", times=[k / 30 for k in times])
+    record, _ = run(clip)
+    assert record["found_by"] == "motion" and record["readout_ms"] == pytest.approx(20, abs=1.2)
+
+
+def test_missing_frames_are_not_called_a_shaking_camera(tmp_path, run):
+    """Every seventh is missing, and the file does not say where."""
+    clip = clips.write(tmp_path / "in.mkv", [g for k, g in enumerate(clips.moving(60)[1]) if k % 7], "ffv1", "gray")
+    _, shown = run(clip)
+    assert "does not show its readout time" not in shown or "or missing frames" in shown
+
+
+def test_near_and_far_are_no_cut():
+    """Nearly all corners are found again, but no motion of a camera explains them; across a cut, hardly any are."""
+    rng = np.random.default_rng(0)
+    start = rng.uniform((0, 0), (480, 270), (180, 2))
+    apart = background(Tracks(start, start + rng.normal(0, 12, start.shape), 270, 480, 200))
+    assert not apart.joined and not apart.cut
+    few = start[:14]
+    assert background(Tracks(few, few + rng.normal(0, 40, few.shape), 270, 480, 200)).cut
+    shots = [Shot(Reason(code), number=3, scene=1).next_shot() for code in (Code.NO_COMMON_MOTION, Code.SCENES_DIFFER)]
+    assert [(shot.number, shot.scene) for shot in shots] == [(4, 1), (4, 2)]
+
+
+def test_the_search_reports_its_progress_frame_by_frame(tmp_path):
+    steps = []
+    clip = clips.write(tmp_path / "in.mkv", clips.moving(60)[1], "ffv1", "gray")
+    rectify_clip_file(str(clip), str(tmp_path / "out.mkv"), RectifyClip(), watch=lambda *step: steps.append(step))
+    search = [(done, total) for what, done, total in steps if what == "readout time"]
+    assert search[0] == (1, 120) and search[-1] == (120, 120)  # frames looked at, and as many for the analysis
+    assert [done for done, _ in search[:60]] == list(range(1, 61))
