@@ -70,7 +70,7 @@ def test_other_modes_of_a_known_camera_give_a_range(tmp_path, run):
 TAGS = {"container": {"movflags": "use_metadata_tags"}}
 
 
-@pytest.mark.parametrize("px", [0.0, 0.25, 0.5])
+@pytest.mark.parametrize("px", [0.0, 0.25, 0.4])
 def test_where_there_is_nothing_to_see_the_clip_is_copied(tmp_path, run, px):
     """Rows lie within half a frame's motion of the middle one; this lens shows corners move a third faster."""
     clip = clips.write(tmp_path / "in.mp4", clips.moving(30, slow(px))[1], sound=True)
@@ -85,7 +85,7 @@ def test_where_there_is_nothing_to_see_the_clip_is_copied(tmp_path, run, px):
 
 
 def test_first_row_as_reference_shows_twice_as_much(tmp_path, run):
-    clip = clips.write(tmp_path / "in.mkv", clips.moving(30, slow(0.5))[1], "ffv1")
+    clip = clips.write(tmp_path / "in.mkv", clips.moving(30, slow(0.45))[1], "ffv1")
     assert run(clip)[0]["rectified"] == 0
     (tmp_path / "out.mkv").unlink()
     assert run(clip, "--reference", "first")[0]["rectified"] > 25
