@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator, View
     from unshutter.estimators.method import Method
     from unshutter.estimators.register import load
+    from unshutter.estimators.right_angles.drawn_lines import DrawnLine
     from unshutter.frames.frame import RectifiedFrame
     from unshutter.frames.sequence import estimate_frames
     from unshutter.frames.sequence_rectification import rectify_frames
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Candidate",
     "ClipOutcome",
+    "DrawnLine",
     "Estimator",
     "Method",
     "MissingFileError",
@@ -58,6 +60,7 @@ __all__ = [
 _HOMES = {
     "ClipOutcome": "video.outcome",
     "Candidate": "motion.candidate",
+    "DrawnLine": "estimators.right_angles.drawn_lines",
     "Estimator": "estimators.base",
     "Method": "estimators.method",
     "Motion": "motion",

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Unpack, overload
 
 from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.find import chosen, find_candidates
 from unshutter.estimators.methods.none import DoNothing
 from unshutter.estimators.register import load, method
+from unshutter.estimators.right_angles.drawn_lines import DrawnLine, read_lines
 from unshutter.motion import Motion
 from unshutter.motion.candidate import Candidate, alone
 from unshutter.options import DEFAULT_ESTIMATOR, Camera, CameraKeywords, Find, Reference, Undo, UndoKeywords
@@ -27,10 +30,16 @@ if TYPE_CHECKING:
 
 
 class EstimateOptions(CameraKeywords, total=False):
-    """Keywords of :func:`estimate`."""
+    """Keywords of :func:`candidates`."""
 
     estimator: str | Estimator
     reference: Reference | None
+
+
+class LinesOptions(EstimateOptions, total=False):
+    """Keywords of :func:`estimate`."""
+
+    lines: Sequence[DrawnLine] | str | os.PathLike[str] | None
 
 
 class RectifyOptions(CameraKeywords, UndoKeywords, total=False):
@@ -40,13 +49,15 @@ class RectifyOptions(CameraKeywords, UndoKeywords, total=False):
     motion: Motion | str | os.PathLike[str] | None
 
 
-@takes_options(EstimateOptions, Camera, Undo, Find)
-def estimate(photo: Any, **options: Unpack[EstimateOptions]) -> Motion:
+@takes_options(LinesOptions, Camera, Undo, Find)
+def estimate(photo: Any, **options: Unpack[LinesOptions]) -> Motion:
     """Finds how the camera moved while the photo was read out.
 
     Args:
         photo: what :func:`rectify` takes.
-        estimator: name (``unshutter models`` lists them) or one made by :func:`unshutter.load`.
+        estimator: name (``unshutter models`` lists them) or one made by :func:`unshutter.load`; not used with lines.
+        lines: that a person drew along things in the photo, or a file of them: the motion is found from them, and has
+            no confidence.
         **options: what is known of the camera, and the reference row of the motion.
 
     Returns:
@@ -63,8 +74,12 @@ def estimate(photo: Any, **options: Unpack[EstimateOptions]) -> Motion:
     camera, undoing = from_keywords(Camera, options), from_keywords(Undo, options)
     source = open_photo(photo)
     check_size(source.height, source.width)
+    lines, reference = options.get("lines"), undoing.reference or "first"
+    if lines is not None:
+        drawn = read_lines(Path(lines)) if isinstance(lines, str | os.PathLike) else lines
+        return motion_of_lines(source, drawn, camera).rereferenced(reference)
     estimator = _loaded(options.get("estimator", DEFAULT_ESTIMATOR))
-    return estimate_photo(source, estimator, camera).rereferenced(undoing.reference or "first")
+    return estimate_photo(source, estimator, camera).rereferenced(reference)
 
 
 @takes_options(EstimateOptions, Camera, Undo, Find)
@@ -192,6 +207,19 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
         UnshutterError: the photo is too small, damaged or gone.
     """
     return chosen(photo_candidates(photo, estimator, camera), camera.candidate)
+
+
+def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) -> Motion:
+    """The motion that lines show which a person drew along things in a photo, first row as the reference.
+
+    Raises:
+        UsageError: no lines.
+    """
+    from unshutter.estimators.right_angles.drawn_lines import motion_from_lines
+    from unshutter.estimators.segment_network import SegmentNetwork
+
+    network = SegmentNetwork(method(DEFAULT_ESTIMATOR).weights)
+    return motion_from_lines(View(photo, camera), lines, network)
 
 
 def photo_candidates(

@@ -168,7 +168,7 @@ def test_unwritable_outputs(photo: Path, capsys: pytest.CaptureFixture[str]) -> 
     "arguments",
     [
         ["rectify"],
-        ["rectify", "x.jpg", "--strength", "2"],
+        ["rectify", "x.jpg", "--strength", "3"],
         ["rectify", "x.jpg", "--strength", "much"],
         ["rectify", "x.jpg", "--edges", "round"],
         ["rectify", "x.jpg", "--estimator", "magic"],

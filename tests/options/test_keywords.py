@@ -27,7 +27,8 @@ from unshutter.options.description import Option, describe, options_of
 KEYWORDS = {
     "rectify": rectification.RectifyOptions,
     "rectified": rectification.RectifyOptions,
-    "estimate": rectification.EstimateOptions,
+    "candidates": rectification.EstimateOptions,
+    "estimate": rectification.LinesOptions,
     "rectify_frames": sequence_rectification.RectifyFramesOptions,
     "estimate_frames": sequence.FramesOptions,
 }

@@ -7,7 +7,8 @@ import pytest
 from unshutter.cli.arguments import parse
 from unshutter.cli.commands.photos import RECTIFY
 from unshutter.errors import UsageError
-from unshutter.serve.fields import fields, read
+from unshutter.options.description import options_of
+from unshutter.serve.fields import ByHand, fields, read
 
 
 def test_the_same_as_on_the_command_line() -> None:
@@ -19,7 +20,10 @@ def test_the_same_as_on_the_command_line() -> None:
 
 
 def test_every_field_is_a_flag() -> None:
+    by_hand = {option.name for option in options_of(ByHand)}  # which nobody does in a terminal
     for field in fields():
+        if field.name in by_hand:
+            continue
         value = [] if field.type is bool else [field.choices[0] if field.choices else "1"]
         try:
             parse("rectify", RECTIFY, ["photo.jpg", f"--{field.name}", *value])
@@ -38,8 +42,8 @@ def test_nothing_given_is_the_default() -> None:
     [
         ({"strenght": "1"}, "unknown field 'strenght'"),
         ({"strength": "much"}, "field 'strength' takes a number"),
-        ({"strength": "2"}, "strength must lie between 0 and 1"),
-        ({"strength": "nan"}, "strength must lie between 0 and 1"),
+        ({"strength": "2.1"}, "strength must lie between 0 and 2"),
+        ({"strength": "nan"}, "strength must lie between 0 and 2"),
         ({"moving": "perhaps"}, "field 'moving' takes true or false"),
         ({"edges": "round"}, "field 'edges' takes one of auto"),
         ({"readout": "inwards"}, "field 'readout' takes one of"),

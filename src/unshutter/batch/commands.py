@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from unshutter.batch.inputs import Inputs, find_photos
-from unshutter.batch.lookahead import Lookahead
+from unshutter.batch.lookahead import Lookahead, PhotoAhead
 from unshutter.batch.loop import Batch, check_outputs
 from unshutter.batch.manifest import Manifest
 from unshutter.batch.plan import (
@@ -144,6 +144,7 @@ class Estimates:
         reference: row that counts as not moving.
         plot: file to draw the motion into; None: none.
         candidates: whether all motions that fit are listed.
+        lines: file of lines that were drawn along things in the photo; None: none.
 
     Raises:
         UsageError: options that do not go together.
@@ -153,10 +154,13 @@ class Estimates:
     reference: Reference = "first"
     plot: Path | None = None
     candidates: bool = False
+    lines: Path | None = None
 
     def __post_init__(self) -> None:
         if self.candidates and (self.plot or self.find.camera.candidate is not None):
             raise UsageError("--candidates lists all of them: leave out --plot and --candidate")
+        if self.candidates and self.lines:
+            raise UsageError("lines show one motion: leave out --candidates or --lines")
 
 
 def estimate_files(
@@ -168,10 +172,12 @@ def estimate_files(
         raise UsageError("several photos need --output FOLDER for their motions")
     if inputs.many and request.plot:
         raise UsageError("--plot draws the motion of one photo only")
+    if inputs.many and request.lines:
+        raise UsageError("--lines are those of one photo only")
     check_name(request.find.estimator)
     targets = plan_targets(inputs, output, motion_names(inputs)) if output else {}
     check_named_once([*(("the motion", target) for target in targets.values()), ("--plot", request.plot)])
-    protection = Protection([*inputs.photos, weights_file(request.find.estimator)], [output])
+    protection = Protection([*inputs.photos, weights_file(request.find.estimator), request.lines], [output])
     _remove_leftovers([*targets.values(), *([request.plot] if request.plot else [])])
     lookahead = Lookahead(list(inputs.photos), None if request.candidates else request.find, max_pixels)
     in_folder = output is not None and is_folder(output, inputs.many)
@@ -190,7 +196,7 @@ def estimate_files(
         if request.candidates:
             text = _candidates_as_text(ahead.photo, photo, request, tell)
         else:
-            motion = ahead.photo and ahead.motion().rereferenced(request.reference)
+            motion = ahead.photo and _estimated(ahead, request).rereferenced(request.reference)
             _report_if_left_alone(motion, photo, tell)
             text = _estimate_as_text(motion, photo, request)
         if target:
@@ -199,6 +205,16 @@ def estimate_files(
             print(text)
 
     return each_photo(inputs, one)
+
+
+def _estimated(ahead: PhotoAhead, request: Estimates) -> Motion:
+    """The photo's motion: of the lines that were drawn, if any were."""
+    if request.lines is None:
+        return ahead.motion()
+    from unshutter.estimators.right_angles.drawn_lines import read_lines
+    from unshutter.rectification import motion_of_lines
+
+    return motion_of_lines(ahead.photo, read_lines(request.lines), request.find.camera)
 
 
 def _report_if_left_alone(motion: Motion, photo: Place, tell: Tell) -> None:

@@ -164,6 +164,12 @@ class Orientation(IntEnum):
             across, down = 1 - down, across
         return across, down
 
+    def stored_point(self, across, down):
+        """A place in the upright picture, as shares of its width and height -> its shares of the stored picture's."""
+        for _ in range(self.quarter_turns):
+            across, down = down, 1 - across
+        return 1 - across if self.mirrored else across, down
+
     def upright_direction(self, right: int, down: int) -> tuple[int, int]:
         """A direction in the stored picture -> the same direction in the upright one, both as (right, down)."""
         right = -right if self.mirrored else right

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from unshutter.errors import UnshutterError, UsageError
+from unshutter.errors import UnshutterError
 
 # Far beyond every photo, so that nobody meets them but by mistake, and far below what floating point cannot hold.
 MOST_SIDE = 1_000_000  # px
@@ -79,12 +79,6 @@ def check_known(**numbers: float | None) -> None:
     for name, number in numbers.items():
         if number is not None and not math.isfinite(number):
             raise UnshutterError(f"the motion's {name} is not a finite number: {number}")
-
-
-def check_strength(strength: float) -> None:
-    """Raises UsageError where a motion cannot be scaled by this."""
-    if not 0 <= strength <= 1:
-        raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
 
 
 def check_aspect(height: int, width: int, new_height: int, new_width: int) -> None:

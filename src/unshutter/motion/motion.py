@@ -145,7 +145,7 @@ class Motion(ABC):
         """The whole motion times ``strength``: 0 does nothing, 1 is this motion.
 
         Raises:
-            UsageError: a strength outside 0 ... 1.
+            UsageError: a strength below 0 or above 2.
         """
 
     @abstractmethod

@@ -14,7 +14,7 @@ from unshutter.motion import checks
 from unshutter.motion.motion import Motion
 from unshutter.motion.motion_file import numbers
 from unshutter.motion.sampling import BEYOND, matching_rows, positions, row_index, slope
-from unshutter.options import Reference
+from unshutter.options import Reference, check_strength
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64, Numbers
@@ -155,7 +155,7 @@ class RotationMotion(Motion, kind="rotations"):
 
     def scaled(self, strength: float) -> RotationMotion:
         """All rotation angles times ``strength``: 0 does nothing, 1 is this motion."""
-        checks.check_strength(strength)
+        check_strength(strength)
         return replace(self, rotations=self.rotations * strength)
 
     # ---- file form -------------------------------------------------------------------------------------

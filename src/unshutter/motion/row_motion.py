@@ -15,7 +15,7 @@ from unshutter.motion import checks
 from unshutter.motion.motion import Motion
 from unshutter.motion.motion_file import numbers
 from unshutter.motion.sampling import BEYOND, interpolated, matching_rows, row_index, slope
-from unshutter.options import Reference
+from unshutter.options import Reference, check_strength
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64, Numbers
@@ -191,7 +191,7 @@ class RowMotion(Motion, kind="rows"):
 
     def scaled(self, strength: float) -> RowMotion:
         """Both motions times ``strength``: 0 does nothing, 1 is this motion."""
-        checks.check_strength(strength)
+        check_strength(strength)
         return replace(
             self,
             tx_px=self.tx_px * strength,

@@ -20,6 +20,7 @@ from unshutter.options.description import Names, check_time, option
 from unshutter.options.neighbours import Clock, ClockKeywords, FrameModel, Neighbours, check_ratio, model_for
 from unshutter.options.picture import (
     MIN_CONFIDENCE,
+    MOST_STRENGTH,
     Edges,
     PictureFormat,
     Reference,
@@ -38,6 +39,7 @@ __all__ = [
     "MAX_PIXELS",
     "MIN_CONFIDENCE",
     "MOST_ROLL_DEG",
+    "MOST_STRENGTH",
     "MOST_TILT_DEG",
     "Camera",
     "CameraKeywords",

@@ -9,6 +9,7 @@ from unshutter.errors import UsageError
 from unshutter.options.description import option
 
 MIN_CONFIDENCE = 0.02  # of a motion that is undone, unless a user says otherwise
+MOST_STRENGTH = 2.0
 
 Reference = Literal["first", "middle", "last"]
 Edges = Literal["auto", "keep", "crop", "fill", "borrow"]
@@ -21,9 +22,9 @@ def check_edges(edges: str) -> None:
 
 
 def check_strength(strength: float) -> None:
-    """Raises UsageError for a share of the motion that is not between 0 and 1."""
-    if not 0 <= strength <= 1:
-        raise UsageError(f"strength must lie between 0 and 1, got {strength:g}")
+    """Raises UsageError for a share of the motion that is negative or above :data:`MOST_STRENGTH`."""
+    if not 0 <= strength <= MOST_STRENGTH:
+        raise UsageError(f"strength must lie between 0 and {MOST_STRENGTH:g}, got {strength:g}")
 
 
 class UndoKeywords(TypedDict, total=False):
@@ -46,7 +47,7 @@ class Undo:
     reference: Reference | None = option(
         None, "Row at whose moment the picture is taken. Default: that of a given motion, else first."
     )
-    strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
+    strength: float = option(1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.")
     edges: Edges = option(
         "auto",
         "Places the photo did not see: keep them empty (black, transparent with alpha), crop them away, or fill them "

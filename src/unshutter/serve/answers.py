@@ -18,7 +18,7 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, visible
 from unshutter.options import Rectify
 from unshutter.serve.desk import Desk
-from unshutter.serve.fields import PhotoOptions
+from unshutter.serve.fields import ByHand, PhotoOptions
 from unshutter.serve.jobs import photo as photo_jobs
 from unshutter.serve.lanes import Busy, Urgency
 from unshutter.serve.names import motion_name, photo_result
@@ -40,7 +40,7 @@ def jpeg_answer(jpeg: bytes, facts: dict[str, Any]) -> Response:
 
 
 async def picture_answer(
-    desk: Desk, open_file: OpenFile, options: Rectify, closing: Sequence[OpenFile] = ()
+    desk: Desk, open_file: OpenFile, options: Rectify, hand: ByHand, closing: Sequence[OpenFile] = ()
 ) -> Response:
     """The rectified photo as a file, exactly as the command line would write it.
 
@@ -48,6 +48,7 @@ async def picture_answer(
         desk: the server's.
         open_file: the photo.
         options: what to do with it.
+        hand: what was drawn and set by hand.
         closing: photos that are closed once the answer has been sent.
     """
     name = photo_result(open_file.name, options.save.format)
@@ -58,7 +59,7 @@ async def picture_answer(
         for each in closing:
             desk.store.remove(each)
 
-    facts = await desk.lanes.do(Urgency.NOW, photo_jobs.saved, open_file, target, options)
+    facts = await desk.lanes.do(Urgency.NOW, photo_jobs.saved, open_file, target, options, hand)
     headers = {"unshutter-result": header_text(facts), "unshutter-name": header_text(name)}
     return FileResponse(target, filename=name, headers=headers, background=BackgroundTask(clean_up))
 
@@ -71,8 +72,7 @@ async def motion_answer(desk: Desk, open_file: OpenFile, options: PhotoOptions) 
     """
     if options.rectify.neighbours:
         raise UsageError("neighbours show more than the motion of the camera: leave them out to get a motion")
-    reference = options.undo.reference or "first"
-    text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, open_file, options.find, reference)
+    text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, open_file, options.rectify, options.hand)
     headers = {"unshutter-name": header_text(motion_name(open_file.name))}
     return Response(text, media_type="application/json", headers=headers)
 

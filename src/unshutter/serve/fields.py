@@ -8,21 +8,68 @@ from pathlib import Path
 from typing import Any
 
 from unshutter.errors import UsageError
-from unshutter.options import Find, Neighbours, Rectify, Save, Undo
+from unshutter.options import Find, Neighbours, Rectify, Save, Undo, option
 from unshutter.options.description import Option, options_of, with_values
 from unshutter.video.options import RectifyClip
 
+MOST_LEAN_DEG, MOST_BEND_PERCENT, MOST_TURN_DEG = 30, 20, 20
 _YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
 
 
 @dataclass(frozen=True)
+class ByHand:
+    """What a person draws and sets instead of trusting the estimate; the page and its API alone offer it.
+
+    Raises:
+        UsageError: a number out of range.
+    """
+
+    lines: str = option(
+        "",
+        "Lines drawn along things, as JSON: [[kind, x, y, x, y, ...], ...]. The kind is upright, level or straight; "
+        "positions are shares of the upright photo's width and height.",
+        names="word",
+    )
+    lean_deg: float | None = option(
+        None, "How far sideways motion slants upright things, in degrees. Default: as estimated."
+    )
+    bend_percent: float | None = option(
+        None, "How far it bends them, in percent of the lines that were read. Default: as estimated."
+    )
+    turn_deg: float | None = option(
+        None, "How far the camera turned during readout, in degrees. Default: as estimated."
+    )
+
+    def __post_init__(self) -> None:
+        for name, value, most in (
+            ("lean", self.lean_deg, MOST_LEAN_DEG),
+            ("bend", self.bend_percent, MOST_BEND_PERCENT),
+            ("turn", self.turn_deg, MOST_TURN_DEG),
+        ):
+            if value is not None and not abs(value) <= most:
+                raise UsageError(f"the {name} must lie between -{most} and {most}, got {value:g}")
+
+    def __bool__(self) -> bool:
+        return self != ByHand()
+
+
+@dataclass(frozen=True)
 class PhotoOptions:
-    """The options of a photo that the page and its API offer."""
+    """The options of a photo that the page and its API offer.
+
+    Raises:
+        UsageError: lines or numbers by hand for a photo with neighbours.
+    """
 
     find: Find = field(default_factory=Find)
     neighbours: Neighbours = field(default_factory=Neighbours)
     undo: Undo = field(default_factory=Undo)
     save: Save = field(default_factory=Save)
+    hand: ByHand = field(default_factory=ByHand)
+
+    def __post_init__(self) -> None:
+        if self.hand and self.neighbours:
+            raise UsageError("lines and numbers by hand are for a photo without neighbours: leave one or the other out")
 
     @property
     def rectify(self) -> Rectify:

@@ -20,7 +20,7 @@ from unshutter.serve.store import OpenFile
 
 SCREEN_SIDES = (320, 1000, 1600, 2400)  # longer sides of copies for screens [px]
 _FULL = "full"
-_NOT_OPTIONS = ("token", "longest", "later")  # parameters of queries
+_NOT_OPTIONS = ("token", "longest", "later", "draft")  # parameters of queries
 _MOST_FILES, _MOST_FIELDS, _MOST_TEXT = 4, 40, 10_000
 _PIECE = 1 << 18
 
@@ -45,6 +45,11 @@ def options_of(request: Request, *others: str) -> dict[str, str]:
 def urgency_of(request: Request) -> Urgency:
     """Whether somebody waits for the answer."""
     return Urgency.LATER if request.query_params.get("later") == "1" else Urgency.NOW
+
+
+def is_draft(request: Request) -> bool:
+    """Whether the answer should be quick rather than complete."""
+    return request.query_params.get("draft") == "1"
 
 
 def longest_of(request: Request) -> int | None:

@@ -143,7 +143,7 @@ class Saving:
                 report = await self._clip(desk, open_file, target, options)
             else:
                 target = self._free_name(photo_result(open_file.name, options.save.format))
-                job = open_file, target, options.rectify
+                job = open_file, target, options.rectify, options.hand
                 report = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, *job)
         except UnshutterError as error:
             return SavedItem(open_file, error=str(error))

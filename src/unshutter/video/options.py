@@ -9,7 +9,16 @@ from typing import Literal, get_args
 
 from unshutter.errors import UsageError
 from unshutter.geometry.readout import Readout
-from unshutter.options import FrameModel, Reference, check_focal, check_ratio, check_strength, check_time, option
+from unshutter.options import (
+    MOST_STRENGTH,
+    FrameModel,
+    Reference,
+    check_focal,
+    check_ratio,
+    check_strength,
+    check_time,
+    option,
+)
 
 ClipEdges = Literal["keep", "crop", "fill", "borrow"]
 MAX_CLIP_PIXELS = 38_000_000  # of a frame, unless a user allows more: 8K
@@ -86,7 +95,7 @@ class ClipUndo:
 
     Attributes:
         reference: row at whose moment each frame is taken.
-        strength: 0 (nothing) to 1 (the whole motion).
+        strength: 0 (nothing), 1 (the whole motion), at most 2.
         edges: ``keep`` leaves places that a frame did not see black, ``crop`` cuts all frames to the largest rectangle
             of the clip's shape without them, ``fill`` repeats the edge, ``borrow`` takes them from the frames before
             and after, and fills what these did not see either.
@@ -97,7 +106,7 @@ class ClipUndo:
     """
 
     reference: Reference = option("middle", "Row whose moment each frame shall show. Default: middle.")
-    strength: float = option(1.0, "How much of the motion to undo, 0 to 1.")
+    strength: float = option(1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.")
     edges: ClipEdges = option(
         "fill",
         "Pixels outside the original frame: fill them with the nearest colour, keep them black, crop all frames "

@@ -102,6 +102,12 @@ class Estimate:
         metavar="FILE",
         names="output",
     )
+    lines: Path | None = option(
+        None,
+        "Lines that you drew along things in one photo (JSON, docs/by-hand.md): its motion is found from them.",
+        metavar="FILE",
+        names="input",
+    )
     overwrite: bool = option(False, "Replace outputs that exist already.")
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     find: Find = field(default_factory=Find)
@@ -111,7 +117,7 @@ def _estimate(arguments: Estimate) -> int:
     """Estimates the motions; returns the exit code."""
     from unshutter.batch.commands import Estimates, estimate_files
 
-    request = Estimates(arguments.find, arguments.reference, arguments.plot, arguments.candidates)
+    request = Estimates(arguments.find, arguments.reference, arguments.plot, arguments.candidates, arguments.lines)
     return estimate_files(arguments.photos, arguments.output, request, arguments.overwrite, arguments.max_pixels)
 
 

@@ -17,6 +17,7 @@ from unshutter.serve.requests import (
     body_opened,
     files_of,
     form_of,
+    is_draft,
     item_of,
     longest_of,
     options_of,
@@ -30,13 +31,14 @@ async def rectify(request: Request) -> Response:
     """``POST /api/rectify``: multipart form -> the picture."""
     desk = desk_of(request)
     async with form_of(request) as form, files_of(desk, form, "photo", "before", "after", keep=True) as files:
-        options = read(_fields(form, files), desk.photo_path).rectify
+        fields = read(_fields(form, files), desk.photo_path)
+        options = fields.rectify
         motion = form.get("motion")
         if isinstance(motion, UploadFile):
             file = files["photo"].path.with_name("motion.json")
             file.write_bytes(await motion.read())
             options = Rectify.of(options.find, file, options.undo, options.save, options.neighbours)
-        return await picture_answer(desk, files["photo"], options, tuple(files.values()))
+        return await picture_answer(desk, files["photo"], options, fields.hand, tuple(files.values()))
 
 
 async def estimate(request: Request) -> Response:
@@ -67,21 +69,21 @@ async def after(request: Request) -> Response:
     """``GET /api/photos/{id}/after``: the rectified photo as a JPEG for the screen, with the result in a header."""
     desk = desk_of(request)
     open_file, options = item_of(request), _options(request)
-    return jpeg_answer(
-        *await desk.lanes.do(urgency_of(request), jobs.after, open_file, options.rectify, longest_of(request))
-    )
+    job = open_file, options.rectify, longest_of(request), options.hand, is_draft(request)
+    return jpeg_answer(*await desk.lanes.do(urgency_of(request), jobs.after, *job))
 
 
 async def segments(request: Request) -> Response:
     """``GET /api/photos/{id}/segments``: the lines that estimators look at."""
     desk = desk_of(request)
     open_file, options = item_of(request), _options(request)
-    return JSONResponse(await desk.lanes.do(Urgency.NOW, jobs.segments, open_file, options.rectify))
+    return JSONResponse(await desk.lanes.do(Urgency.NOW, jobs.segments, open_file, options.rectify, options.hand))
 
 
 async def picture(request: Request) -> Response:
     """``GET /api/photos/{id}/picture``: the rectified photo as a file, in full size."""
-    return await picture_answer(desk_of(request), item_of(request), _options(request).rectify)
+    options = _options(request)
+    return await picture_answer(desk_of(request), item_of(request), options.rectify, options.hand)
 
 
 async def motion(request: Request) -> Response:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from unshutter.motion.verdict import Verdict
     from unshutter.photo.tags.attitude import Attitude
     from unshutter.reasons import Reason
+    from unshutter.serve.jobs.by_hand import Shape
     from unshutter.video.outcome import ClipOutcome
 
 _CURVE_POINTS = 41
@@ -50,6 +51,7 @@ class PhotoResult:
     Attributes:
         verdict: whether it is changed, and why not.
         motion: the motion of the camera alone, as it would be undone.
+        shape: the motion that the page's sliders start at.
         readout: direction in which the sensor was read.
         neighbours: whether its neighbours say how things moved, in which case there is no ``motion``.
         edges: what happens to places that the photo did not see; None where it is not changed.
@@ -59,6 +61,7 @@ class PhotoResult:
 
     verdict: Verdict
     motion: Motion | None
+    shape: Shape | None
     readout: str
     neighbours: bool = False
     edges: str | None = None
@@ -69,7 +72,8 @@ class PhotoResult:
         """The verdict, the motion's curves at a few rows, and what happens to edges."""
         about = _motion_json(self.motion) if self.motion is not None else {"neighbours": self.neighbours}
         edges = {"edges": self.edges, "whole": self.whole, "crop": self.crop}
-        return {**self.verdict.as_json(), **about, "readout": self.readout, **edges}
+        shape = {name: round(value, 3) for name, value in vars(self.shape).items()} if self.shape else None
+        return {**self.verdict.as_json(), **about, "shape": shape, "readout": self.readout, **edges}
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unshutter.batch.job import Job
-from unshutter.options import Find, Rectify, Reference
-from unshutter.serve.jobs.cache import OpenFile, errors_of, motion_file, motion_of, neighbour_names, opened
+from unshutter.options import Rectify
+from unshutter.serve.fields import ByHand
+from unshutter.serve.jobs.by_hand import Shape, motion_to_undo, undo_by_hand, with_motion_file
+from unshutter.serve.jobs.cache import OpenFile, errors_of, motion_file, neighbour_names, opened
 from unshutter.serve.jobs.facts import PhotoFacts, PhotoResult, SavedPhoto
 from unshutter.serve.jobs.screen import arrows, as_jpeg, corners_of, shares, small_copy
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from unshutter.motion import Motion
+    from unshutter.options import Undo
     from unshutter.photo import Photo
     from unshutter.warp.edges import EdgeDecision
+
+
+_NOT_BY_HAND = ByHand()
 
 
 def warm() -> int:
@@ -32,17 +39,18 @@ def warm() -> int:
     return os.getpid()
 
 
-def estimated(open_file: OpenFile, find: Find, reference: Reference) -> str:
+def estimated(open_file: OpenFile, options: Rectify, hand: ByHand = _NOT_BY_HAND) -> str:
     """The photo's motion as JSON, as `unshutter estimate` writes it.
 
     Raises:
         UnshutterError: the photo cannot be read.
     """
     with errors_of(open_file):
-        return motion_of(open_file, opened(open_file), find).rereferenced(reference).to_json() + "\n"
+        motion = motion_to_undo(open_file, opened(open_file), options, hand)
+        return motion.rereferenced(options.undo.reference or "first").to_json() + "\n"
 
 
-def saved(open_file: OpenFile, target: Path, options: Rectify) -> dict[str, Any]:
+def saved(open_file: OpenFile, target: Path, options: Rectify, hand: ByHand = _NOT_BY_HAND) -> dict[str, Any]:
     """Writes the rectified photo exactly as `unshutter rectify` does; returns :class:`SavedPhoto` as JSON.
 
     Raises:
@@ -54,6 +62,7 @@ def saved(open_file: OpenFile, target: Path, options: Rectify) -> dict[str, Any]
     if options.motion is not None:
         names[options.motion] = "the motion"
     with errors_of(open_file, names):
+        options = with_motion_file(open_file, options, hand)
         job = Job(open_file.path, target, None, overwrite=False, max_pixels=open_file.max_pixels)
         outcome = finish_job(job, options, _known_motion(open_file, options))
     return SavedPhoto(outcome.verdict, outcome.note).as_json()
@@ -85,24 +94,41 @@ def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, A
         return _before(open_file, longest)
 
 
-def after(open_file: OpenFile, options: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+def after(
+    open_file: OpenFile, options: Rectify, longest: int | None, hand: ByHand = _NOT_BY_HAND, draft: bool = False
+) -> tuple[bytes, dict[str, Any]]:
     """The rectified photo as a JPEG for the screen, upright and not cropped, and :class:`PhotoResult` as JSON.
+
+    Args:
+        open_file: the photo.
+        options: what is done.
+        longest: longer side [px]; None: full size.
+        hand: what was drawn and set by hand.
+        draft: whether to save time, for a slider that is being dragged: nothing is decided at full size, so that it is
+            not known how a crop would be.
 
     Raises:
         UnshutterError, UsageError: see :func:`unshutter.result.undo`.
     """
     with errors_of(open_file, neighbour_names(options.neighbours)):
-        return _after(open_file, options, longest)
+        photo = opened(open_file)
+        if options.neighbours:
+            pixels, result = _rectified_between(open_file, photo, options, longest)
+        else:
+            motion, undo = motion_to_undo(open_file, photo, options, hand), undo_by_hand(options, hand)
+            rectified = _drafted if draft else _rectified_alone
+            pixels, result = rectified(photo, small_copy(open_file, photo, longest), motion, undo)
+        return as_jpeg(pixels, photo.orientation), result.as_json()
 
 
-def segments(open_file: OpenFile, options: Rectify) -> dict[str, Any]:
+def segments(open_file: OpenFile, options: Rectify, hand: ByHand = _NOT_BY_HAND) -> dict[str, Any]:
     """The line segments that methods look at: shares of width and height of the upright photo, before and after.
 
     Raises:
         UnshutterError: the photo cannot be read.
     """
     with errors_of(open_file, neighbour_names(options.neighbours)):
-        return _segments(open_file, options)
+        return _segments(open_file, options, hand)
 
 
 def _before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, Any]]:
@@ -117,29 +143,33 @@ def _before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, 
     return as_jpeg(pixels, photo.orientation), facts.as_json()
 
 
-def _after(open_file: OpenFile, options: Rectify, longest: int | None) -> tuple[bytes, dict[str, Any]]:
-    photo = opened(open_file)
-    rectified = _rectified_between if options.neighbours else _rectified_alone
-    pixels, result = rectified(open_file, photo, options, longest)
-    return as_jpeg(pixels, photo.orientation), result.as_json()
-
-
-def _rectified_alone(
-    open_file: OpenFile, photo: Photo, options: Rectify, longest: int | None
-) -> tuple[np.ndarray, PhotoResult]:
-    """The photo rectified by its own motion: decided at full size as for saving, and drawn small."""
+def _rectified_alone(photo: Photo, pixels: np.ndarray, motion: Motion, undo: Undo) -> tuple[np.ndarray, PhotoResult]:
+    """A small copy with a motion undone: decided at full size as for saving."""
     from unshutter.result import judged
     from unshutter.warp.pixels import edge_decision, straighten
 
-    estimate = motion_of(open_file, photo, options.find)
-    motion, verdict = judged(estimate, options.undo, photo.height, photo.width, options.find.camera.readout)
-    pixels, result = small_copy(open_file, photo, longest), PhotoResult(verdict, motion, str(motion.readout))
+    shape = Shape.of(motion)
+    motion, verdict = judged(motion, undo, photo.height, photo.width)
+    result = PhotoResult(verdict, motion, shape, str(motion.readout))
     if not verdict.changes:
         return pixels, result
-    decision = edge_decision(motion, options.undo.edges)
+    decision = edge_decision(motion, undo.edges)
     small = motion.resized(*motion.readout.frame_size(*pixels.shape[:2]))
     pixels = straighten(pixels, small, "fill" if decision.edges == "fill" else "keep").pixels
     return pixels, _with_edges(result, decision, (photo.height, photo.width), photo.orientation)
+
+
+def _drafted(photo: Photo, pixels: np.ndarray, motion: Motion, undo: Undo) -> tuple[np.ndarray, PhotoResult]:
+    """A small copy with a motion undone: decided at its own size."""
+    from unshutter.result import judged
+    from unshutter.warp.pixels import straighten
+
+    shape, (height, width) = Shape.of(motion), pixels.shape[:2]
+    small, verdict = judged(motion, undo, height, width)
+    verdict = replace(verdict, largest_px=verdict.largest_px * photo.height / height)
+    if verdict.changes:
+        pixels = straighten(pixels, small, "fill" if undo.edges == "fill" else "keep").pixels
+    return pixels, PhotoResult(verdict, small, shape, str(motion.readout))
 
 
 def _rectified_between(
@@ -162,7 +192,7 @@ def _rectified_between(
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
     frame = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], sequence)
     verdict = replace(frame.verdict, largest_px=frame.verdict.largest_px * scale)
-    result = PhotoResult(verdict, None, str(sequence.readout), neighbours=True)
+    result = PhotoResult(verdict, None, None, str(sequence.readout), neighbours=True)
     if not frame.changed:
         return frame.pixels, result
     rows, cols = frame.valid.shape
@@ -178,7 +208,7 @@ def _with_edges(result: PhotoResult, decision: EdgeDecision, size: tuple[int, in
     return replace(result, edges=decision.edges, whole=decision.whole, crop=crop)
 
 
-def _segments(open_file: OpenFile, options: Rectify) -> dict[str, Any]:
+def _segments(open_file: OpenFile, options: Rectify, hand: ByHand) -> dict[str, Any]:
     import numpy as np
 
     from unshutter.estimators.lines.segments import find_segments
@@ -193,7 +223,8 @@ def _segments(open_file: OpenFile, options: Rectify) -> dict[str, Any]:
     col, row = ((ends + 0.5) * scale - 0.5).T
     ends_at = {"before": (col, row)}
     if not options.neighbours:  # what they say holds for places, not for lines
-        motion, verdict = judged(motion_of(open_file, photo, options.find), options.undo, photo.height, photo.width)
+        estimate = motion_to_undo(open_file, photo, options, hand)
+        motion, verdict = judged(estimate, undo_by_hand(options, hand), photo.height, photo.width)
         ends_at["after"] = rs_to_gs_map(motion)(col, row) if verdict.changes else (col, row)
     size = photo.width, photo.height
     return {name: shares(*at, size, photo.orientation).reshape(-1, 4).round(4).tolist() for name, at in ends_at.items()}

@@ -76,6 +76,20 @@ def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.nd
     return np.stack(Orientation(orientation).upright_point(across, down), axis=-1)
 
 
+def pixels_of(across: Any, down: Any, size: tuple[int, int], orientation: int) -> np.ndarray:
+    """[N, 2] stored pixel positions (col, row), of shares of the upright picture: the inverse of :func:`shares`.
+
+    Args:
+        across, down: [N] shares.
+        size: width and height of the stored pixels.
+        orientation: EXIF orientation.
+    """
+    import numpy as np
+
+    across, down = Orientation(orientation).stored_point(np.asarray(across), np.asarray(down))
+    return np.stack([across * size[0] - 0.5, down * size[1] - 0.5], axis=-1)
+
+
 def corners_of(window: tuple[float, float, float, float], orientation: int) -> list[float]:
     """(left, top, right, bottom) as shares of the upright picture, of a window in shares of the stored one."""
     import numpy as np
