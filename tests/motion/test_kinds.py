@@ -198,7 +198,7 @@ def test_scaled(make) -> None:
     assert motion.scaled(0).is_zero and not motion.is_zero
     np.testing.assert_allclose(motion.scaled(0).gs_to_rs(*grid()), grid(), atol=1e-9)
     np.testing.assert_allclose(motion.scaled(0.5).rz_rad, motion.rz_rad / 2, atol=2e-4)
-    for wrong in (-0.1, 1.5, float("nan")):
+    for wrong in (-0.1, 2.5, float("nan")):
         with pytest.raises(UsageError, match="strength"):
             motion.scaled(wrong)
 

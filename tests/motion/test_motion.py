@@ -94,7 +94,7 @@ def test_strength_scales_both_motions() -> None:
     np.testing.assert_allclose(half.rz_rad * 2, wavy().rz_rad)
     assert wavy().scaled(0).is_zero
     with pytest.raises(UsageError, match="strength"):
-        wavy().scaled(1.5)
+        wavy().scaled(2.5)
 
 
 def test_the_json_contract() -> None:

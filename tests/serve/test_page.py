@@ -1,13 +1,11 @@
 """The page in a real browser."""
 
 import json
-import math
 import zipfile
 from pathlib import Path
 from string import Formatter
 
 import numpy as np
-import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from support.batches import rectify
@@ -94,6 +92,7 @@ def test_controls_and_saving_to_the_byte(page: Page, photo: Path, tmp_path: Path
     whole = _image(page, "after")
     page.locator("#strength").fill("50")
     page.locator("#edges").select_option("keep")
+    page.locator("#advanced summary").click()
     page.locator("#panel").get_by_label("last", exact=True).check()
     expect(page.locator("#panel .said")).to_contain_text("stay empty")
     wait_for(page)
@@ -112,29 +111,6 @@ def test_controls_and_saving_to_the_byte(page: Page, photo: Path, tmp_path: Path
     expect(page.locator(".thumbnail .state")).to_have_text("left unchanged")
 
 
-def test_the_level_line_tells_the_roll(page: Page, photo: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    page.get_by_role("button", name="Show what is level").click()
-    end = page.get_by_role("button", name="Right end of the level line")
-    frame, at = page.locator(".compare").bounding_box(), end.bounding_box()
-    assert frame is not None and at is not None
-    x, y = at["x"] + at["width"] / 2, at["y"] + at["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x, y + 30, steps=3)
-    page.mouse.up()
-    # the line falls to the right: the camera was turned the other way, anticlockwise
-    expected = -math.degrees(math.atan2(30, 0.6 * frame["width"]))
-    roll = page.locator("#roll-deg")
-    expect(roll).not_to_have_value("")
-    assert float(roll.input_value()) == pytest.approx(expected, abs=0.2)
-    expect(page.locator("#panel .said")).to_contain_text("anticlockwise (as you say)")
-    page.get_by_label("It is the real horizon").check()
-    expect(page.locator("#tilt-deg")).not_to_have_value("")
-    assert 0 < float(page.locator("#tilt-deg").input_value()) < 5  # it lies a little below the middle
-
-
 def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:
     """A file that is no picture, one of 100 MB, and good ones, saved together and cancelled once."""
     bad, large, other = tmp_path / "bad.jpg", tmp_path / "large.jpg", tmp_path / "other.jpg"
@@ -144,7 +120,7 @@ def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:
     page.set_input_files("#choose", [bad, photo, large, other])
     for number, state in enumerate(("failed", "changed", "changed", "changed"), start=1):
         wait_for(page, state, number)
-    expect(page.locator("#working")).to_contain_text("is not a JPEG")
+    expect(page.locator("#stage .message")).to_contain_text("is not a JPEG")
     page.get_by_title("other.jpg").click()
     page.get_by_label("Leave this photo alone").check()
     expect(page.locator("#thumbnails li:nth-child(4) .thumbnail")).to_have_attribute("data-state", "alone")

@@ -13,7 +13,8 @@ export class ClipControls {
     this.clip = null;
     this.said = make("div", { class: "said", role: "status" });
     this.save = button("saveClip", () => on.save(), "main");
-    this.strength = strength("clip-strength", (value) => this.#set("strength", value));
+    this.toAll = button("clipToAll", () => on.toAll());
+    this.strength = strength("clip-strength", (value, dragged) => !dragged && this.#set("strength", value));
     this.edges = select("clip-edges", words.clipEdges, words.clipEdgesOf, (value) => this.#set("edges", value === "fill" ? "" : value));
     this.reference = reference("clip-reference", "middle", (value) => this.#set("reference", value));
     this.part = ["start", "end"].map((name) =>
@@ -22,7 +23,7 @@ export class ClipControls {
       make("h2", {}, words.done), this.said, make("div", { class: "row" }, this.save),
       make("h2", {}, words.settings), ...this.strength.nodes, this.#readout(), this.edges.node, this.reference.node,
       make("fieldset", {}, make("legend", {}, words.partOf), ...this.part.map(({ node }) => node)),
-      make("div", { class: "row" }, button("clipToAll", () => on.toAll()), button("reset", () => this.#reset(), "", "clip")),
+      make("div", { class: "row" }, this.toAll, button("reset", () => this.#reset(), "", "clip")),
       keys(words.clipKeyList),
     );
   }
@@ -46,7 +47,7 @@ export class ClipControls {
     this.part.forEach(({ field }, k) => {
       if (document.activeElement !== field) field.value = options[["start", "end"][k]] ?? "";
     });
-    this.save.disabled = asking || state === "failed";
+    this.save.disabled = asking || state === "failed" || !clip.facts;
     this.said.replaceChildren(...sentences(clip).map((line) => make("p", {}, line)));
   }
 

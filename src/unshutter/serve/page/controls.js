@@ -1,33 +1,42 @@
 // The panel beside a photo: what was done, in words; what the user can say; saving.
 
 import { curves } from "./curves.js";
+import { ByHand } from "./hand.js";
 import { Neighbours } from "./neighbours.js";
 import { make } from "./nodes.js";
+import { sureness } from "./strip.js";
 import { button, check, keys, number, reference, select, strength } from "./widgets.js";
 import { words } from "./words.js";
 
-const ALONE = ["strength", "moving", "anyway", "horizonTrue", "roll-deg", "tilt-deg"]; // controls of a photo without neighbours
+const ALONE = ["strength", "moving", "anyway", "roll-deg", "tilt-deg"]; // controls of a photo without neighbours
 const ARROWS = { down: "↓", up: "↑", right: "→", left: "←" };
 const ABOUT_CAMERA = ["roll-deg", "tilt-deg"];
 const OWN = [...ABOUT_CAMERA, "start", "end"]; // true of one photo or clip alone
 
 export class Controls {
-  // panel: where to; on: {change, horizon, horizonTrue, save, saveMotion, toAll} called when the user wants that.
-  constructor(panel, on) {
+  // panel: where to; lines: the editor on the stage; on: {change, draft, tool, lines, save, saveMotion, toAll} called when
+  // the user wants that.
+  constructor(panel, lines, on) {
     this.on = on;
     this.photo = null;
     this.said = make("div", { class: "said", role: "status" });
     this.motion = make("div", {});
     this.fields = {};
+    this.hand = new ByHand(lines, on);
     this.neighbours = new Neighbours(() => on.change());
+    this.save = button("saveOne", () => on.save(), "main");
     this.saveMotion = button("saveMotion", () => on.saveMotion());
+    this.toAll = button("toAll", () => on.toAll());
+    this.linesShown = button("linesFound", () => on.lines());
     panel.replaceChildren(
       make("h2", {}, words.done), this.said,
-      make("div", { class: "row" }, button("saveOne", () => on.save(), "main"), this.saveMotion),
-      make("h2", {}, words.settings), ...this.#undoing(), ...this.#camera(), ...this.#attitude(), this.neighbours.node,
-      this.#select("format", words.formatOf, ""),
-      make("div", { class: "row" }, button("toAll", () => on.toAll()), button("reset", () => this.#reset())),
-      make("h2", {}, words.curves), this.motion, keys(words.keyList),
+      make("div", { class: "row actions" }, this.save),
+      make("h2", {}, words.settings), ...this.#undoing(), this.#select("edges", words.edgesOf, "auto"), this.#select("format", words.formatOf, ""),
+      this.hand.node, this.neighbours.node,
+      make("details", { class: "section", id: "advanced" }, make("summary", {}, words.advanced), this.reference.node, ...this.#camera(), ...this.#attitude(),
+        make("h3", {}, words.curves), this.motion, make("div", { class: "row" }, this.saveMotion, this.linesShown)),
+      make("div", { class: "row" }, this.toAll, button("reset", () => this.#reset())),
+      keys(words.keyList),
     );
   }
 
@@ -48,30 +57,23 @@ export class Controls {
       radio.checked = radio.value === (readout === "auto" ? "auto" : facts?.arrows[readout]);
     }
     for (const name of ABOUT_CAMERA) if (document.activeElement !== this.fields[name]) this.fields[name].value = options[name] ?? "";
-    for (const name of ALONE) if (this.fields[name]) this.fields[name].disabled = photo.between;
-    this.horizon.disabled = !facts || photo.between;
-    this.saveMotion.disabled = photo.between; // no motion of the camera alone
+    for (const name of ALONE) this.fields[name].disabled = photo.between;
+    this.save.disabled = photo.state === "failed" || !result || !(result.changed || options.format);
+    this.save.title = this.save.disabled ? words.nothingChanged : "";
+    this.saveMotion.disabled = photo.between || !result; // no motion of the camera alone
     this.fields.edges.querySelector("[value=borrow]").hidden = !photo.between;
+    this.hand.show(photo);
     this.neighbours.show(photo);
-    this.said.replaceChildren(...(result ? sentences(photo) : []).map((line) => make("p", {}, line)));
+    this.said.replaceChildren(...(result && photo.state !== "failed" ? sentences(photo) : []));
     this.motion.replaceChildren(...(result?.tx_px ? [curves(result)] : []));
   }
 
-  set horizonShown(shown) {
-    this.horizon.setAttribute("aria-pressed", shown);
-    this.horizonMore.hidden = !shown;
-  }
-
-  set horizonSteep(steep) {
-    this.steep.hidden = !steep;
-  }
-
-  get isTrueHorizon() {
-    return this.fields.horizonTrue.checked;
-  }
-
   #undoing() {
-    this.strength = strength("strength", (value) => this.#set("strength", value));
+    this.strength = strength("strength", (value, dragged) => {
+      this.photo.set("strength", value);
+      if (dragged) this.on.draft();
+      else this.on.change();
+    });
     this.fields.strength = this.strength.field;
     this.reference = reference("reference", "first", (value) => this.#set("reference", value));
     return [
@@ -79,8 +81,6 @@ export class Controls {
       this.#check("leave", (on) => this.#set("strength", on ? "0" : "")),
       this.#check("moving", (on) => this.#set("moving", on ? "true" : ""), words.movingHelp),
       this.#check("anyway", (on) => this.#set("min-confidence", on ? "0" : "")),
-      this.#select("edges", words.edgesOf, "auto"),
-      this.reference.node,
     ];
   }
 
@@ -104,17 +104,8 @@ export class Controls {
       this.fields[name] = field;
       return node;
     };
-    this.horizon = button("horizon", () => this.on.horizon());
-    this.steep = make("p", { class: "wrong", role: "alert", hidden: true }, words.horizonSteep);
-    this.horizonMore = make("div", { hidden: true }, make("p", { class: "quiet" }, words.horizonHelp), this.steep,
-      this.#check("horizonTrue", () => this.on.horizonTrue()));
     return [make("fieldset", {}, make("legend", {}, words.attitude),
-      make("p", { class: "quiet" }, words.attitudeHelp),
-      make("div", { class: "row" }, this.horizon, button("forget", () => {
-        this.photo.level = null;
-        for (const name of ABOUT_CAMERA) this.photo.set(name, "");
-        this.on.change();
-      })), this.horizonMore, angle("roll-deg", 45, words.roll), angle("tilt-deg", 90, words.tilt))];
+      make("p", { class: "quiet" }, words.attitudeHelp), angle("roll-deg", 45, words.roll), angle("tilt-deg", 90, words.tilt))];
   }
 
   #select(name, said, usual) {
@@ -139,7 +130,7 @@ export class Controls {
     for (const each of Object.values(this.photo.neighbours)) each.forget();
     this.photo.neighbours = {};
     this.photo.beside = {};
-    this.photo.level = null;
+    this.photo.resetHand();
     this.on.change();
   }
 }
@@ -150,22 +141,23 @@ export function shared(options, others) {
   return Object.fromEntries([...some(options, false), ...some(others, true)]);
 }
 
-// What was done to a photo, a sentence each.
-function sentences({ result, options }) {
+// What was done to a photo: how sure that is, and a sentence each.
+function sentences(photo) {
+  const { result, options } = photo;
   const said = [];
   if (result.changed) {
-    said.push(result.neighbours ? words.moment(result.largest_px) : words.moved(result.largest_px, result.confidence));
+    said.push(result.neighbours ? words.moment(result.largest_px) : photo.byHand ? words.movedByHand(result.largest_px) : words.moved(result.largest_px));
     if (result.edges === "crop" && result.whole < 1) said.push(words.edgesCrop(result.whole));
     if (result.edges === "keep") said.push(words.edgesKeep(result.whole));
     if (result.edges === "borrow") said.push(words.edgesBorrow);
     if (result.edges === "fill") said.push(words.edgesFill);
   } else if (options.strength === "0") said.push(words.youLeftAlone);
-  else {
-    said.push(words.leftAlone(words.why(result)));
-    if (result.cause === "not sure") said.push(words.notSureHint);
-  }
+  else said.push(words.leftAlone(words.why(result)));
   const { roll_deg: roll, tilt_deg: tilt, from } = result.attitude ?? { roll_deg: null, tilt_deg: null };
   if (roll !== null || tilt !== null) said.push(words.heldSo(roll, tilt, from));
   if (result.exposure_s) said.push(words.exposed(result.exposure_s));
-  return said;
+  const nodes = said.map((line) => make("p", {}, line));
+  const sure = result.changed && !photo.byHand ? sureness(result.confidence) : "";
+  if (sure) nodes.unshift(make("p", { class: "sureness", "data-sure": sure, title: words.confidence(result.confidence) }, words.sure[sure]));
+  return nodes;
 }

@@ -16,14 +16,29 @@ export class Neighbours {
     this.fallback = check("fallback", words.fallback, (on) => this.#set("fallback", on ? "true" : ""));
     this.more = make("details", {}, make("summary", {}, words.more), this.model.node, this.fallback.node);
     this.timing = make("div", {}, this.ratio.node, make("p", { class: "quiet" }, words.ratioHelp), ...this.#moment(), this.more);
-    this.node = make("fieldset", {}, make("legend", {}, words.neighbours),
+    this.node = make("details", { class: "section", id: "neighbours" }, make("summary", {}, words.neighbours),
       make("p", { class: "quiet" }, words.neighboursHelp), this.places, this.timing);
   }
 
+  // Shows where neighbours are chosen.
+  open() {
+    this.node.open = true;
+    this.node.scrollIntoView({ block: "nearest" });
+    this.places.querySelector("input, button")?.focus();
+  }
+
+  // Leaves all neighbours out.
+  clear() {
+    for (const which of Object.keys(this.photo.neighbours)) this.#forget(which);
+    this.show(this.photo);
+    this.changed();
+  }
+
   show(photo) {
+    if (photo !== this.photo) this.node.open = Object.keys(photo.neighbours).length > 0;
     this.photo = photo;
     this.places.replaceChildren(...["before", "after"].map((which) => this.#place(which)));
-    this.timing.hidden = !photo.between;
+    this.timing.hidden = !Object.keys(photo.neighbours).length;
     const { beside, neighbours } = photo;
     if (document.activeElement !== this.ratio.field) this.ratio.field.value = beside["readout-ratio"] ?? "";
     this.model.field.value = beside.model ?? "";
@@ -72,11 +87,17 @@ export class Neighbours {
     } }, words.neighbourOf[which], choose);
   }
 
-  #put(which, file) {
+  #forget(which) {
     this.photo.neighbours[which]?.forget();
-    if (file) this.photo.neighbours[which] = new Photo(file);
-    else delete this.photo.neighbours[which];
+    delete this.photo.neighbours[which];
     delete this.photo.beside.at; // which may lie on the other side now
+    this.photo.neighbourError = "";
+  }
+
+  #put(which, file) {
+    this.#forget(which);
+    if (file) this.photo.neighbours[which] = new Photo(file);
+    this.node.open = true;
     this.show(this.photo);
     this.changed();
   }

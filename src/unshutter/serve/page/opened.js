@@ -13,6 +13,7 @@ export class Opened extends EventTarget {
   facts = null; // what its file says
   result = null; // what was found and done
   pictures = {}; // before, after -> {blob, longest}
+  saved = ""; // the wishes with which it was saved last
   #sending = null;
 
   // address: of its kind in the program's API.
@@ -27,6 +28,16 @@ export class Opened extends EventTarget {
   set(name, value) {
     if (value === "" || value === null) delete this.options[name];
     else this.options[name] = String(value);
+  }
+
+  // All that was asked for, as text: whether it was saved is known by it.
+  get wishes() {
+    return JSON.stringify(this.options);
+  }
+
+  // Whether something was done to it that has not been saved.
+  get unsaved() {
+    return this.state === "done" && Boolean(this.result?.changed) && this.saved !== this.wishes;
   }
 
   // Its id, once the program has it.

@@ -1,14 +1,18 @@
 // A photo on the page: its file, what the user said of it, and what the program made of it.
 
-import { factsIn } from "./api.js";
+import { factsIn, Refused } from "./api.js";
 import { Opened } from "./opened.js";
+import { words } from "./words.js";
 
 const SMALL = 320;
+const NEIGHBOURS_FAIL = ["other-size", "scenes-differ", "too-little-to-follow", "frames-disagree", "no-neighbour"];
 const WITH_NEIGHBOURS = ["edges", "reference", "format", "readout"]; // options that go with them
 
 export class Photo extends Opened {
   kind = "photo";
-  level = null; // the level line: [[x, y], [x, y]], shares of width and height
+  lines = []; // drawn by hand: {kind, points: [[x, y], ...]}, shares of width and height
+  hand = {}; // numbers set by hand: name of the field -> text
+  neighbourError = ""; // why the neighbours cannot be used: the photo alone counts then
   neighbours = {}; // before, after -> another Photo, taken just then
   beside = {}; // options that are for a photo with neighbours alone: name of the field -> text
 
@@ -24,7 +28,7 @@ export class Photo extends Opened {
       if (part === "both") this.become("finding");
       await Promise.all([
         part === "both" ? this.#fetch("before", asked) : null,
-        this.#fetch("after", asked),
+        this.#fetchAfter(asked),
       ]);
       this.become("done");
     } catch (error) {
@@ -32,16 +36,37 @@ export class Photo extends Opened {
     }
   }
 
-  // Whether the neighbours say how the camera moved.
+  // Whether lines or numbers by hand say how the camera moved.
+  get byHand() {
+    return this.lines.length > 0 || Object.keys(this.hand).length > 0;
+  }
+
+  // Whether the neighbours do.
   get between() {
-    return Object.keys(this.neighbours).length > 0 && this.options.strength !== "0";
+    return Object.keys(this.neighbours).length > 0 && !this.neighbourError && !this.byHand && this.options.strength !== "0";
+  }
+
+  // All that was asked for, as text: whether it was saved is known by it.
+  get wishes() {
+    const neighbours = Object.entries(this.neighbours).map(([which, { name }]) => [which, name]);
+    return JSON.stringify([this.options, this.lines, this.hand, this.beside, neighbours]);
+  }
+
+  setHand(name, value) {
+    this.hand[name] = value;
+  }
+
+  resetHand() {
+    this.lines = [];
+    this.hand = {};
   }
 
   // The options as they are asked for: what does not go with neighbours is left out where they count, and the reverse.
   async asked() {
     if (!this.between) {
       const { edges, ...others } = this.options;
-      return edges === undefined || edges === "borrow" ? others : { ...others, edges };
+      const own = edges === undefined || edges === "borrow" ? others : { ...others, edges };
+      return { ...own, ...this.hand, ...(this.lines.length ? { lines: this.#linesAsText() } : {}) };
     }
     const kept = Object.entries(this.options).filter(([name]) =>
       WITH_NEIGHBOURS.includes(name) && !(name === "reference" && "at" in this.beside)); // both say the moment
@@ -51,9 +76,33 @@ export class Photo extends Opened {
 
   small = (later) => this.show(SMALL, later);
 
+  // A quick picture of what a slider that is being dragged does.
+  async draft(longest) {
+    return (await this.ask("after", { longest, draft: 1 })).blob();
+  }
+
   // The answer to a question about this photo.
   ask(what, more = {}) {
     return this.askFor(what, async () => ({ ...(what === "before" ? {} : await this.asked()), ...more }));
+  }
+
+  #linesAsText() {
+    return JSON.stringify(this.lines.map(({ kind, points }) => [kind, ...points.flat().map((share) => Number(share.toFixed(5)))]));
+  }
+
+  // The rectified photo: without its neighbours where they cannot be used.
+  async #fetchAfter(asked) {
+    this.neighbourError = "";
+    try {
+      await this.#fetch("after", asked);
+      if (!this.between || this.result.changed || !NEIGHBOURS_FAIL.includes(this.result.code)) return;
+      this.neighbourError = words.why(this.result);
+      await this.#fetch("after", asked);
+    } catch (error) {
+      if (!(error instanceof Refused) || error.status === 404 || !this.between) throw error;
+      this.neighbourError = error.message;
+      await this.#fetch("after", asked);
+    }
   }
 
   async #fetch(which, asked) {

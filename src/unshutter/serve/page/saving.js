@@ -7,7 +7,9 @@ import { words } from "./words.js";
 export async function saveOne(photo, notice) {
   if (photo.kind === "clip") return saveMany([photo], "file", "", notice); // that takes long
   try {
+    const wishes = photo.wishes;
     await download(await photo.ask("picture"));
+    photo.saved = wishes;
   } catch (error) {
     notice(words.error(photo.name, error.message));
   }
@@ -30,6 +32,7 @@ export async function saveMany(photos, to, folder, notice) {
   const leave = () => saving && to !== "folder" && close("/api/saves", saving.id); // nobody will fetch it
   addEventListener("pagehide", leave);
   try {
+    const wishes = savable.map((photo) => photo.wishes);
     const asked = await Promise.all(savable.map(async (photo) => ({ id: photo.id, options: await photo.asked() })));
     const body = JSON.stringify({ to, photos: asked });
     saving = await (await ask("/api/saves", { method: "POST", body })).json();
@@ -39,6 +42,7 @@ export async function saveMany(photos, to, folder, notice) {
       showHowFar(saving);
     }
     await ended(saving, to === "folder" ? folder : "", notice);
+    savable.forEach((photo, k) => saving.done[k]?.result && (photo.saved = wishes[k]));
   } catch (error) {
     notice(error.message);
   } finally {

@@ -3,6 +3,8 @@
 import { make } from "./nodes.js";
 import { words } from "./words.js";
 
+const MOST_STRENGTH = 200; // per cent
+
 export const button = (word, clicked, kind = "", prefix = "do") =>
   make("button", { type: "button", id: `${prefix}-${word}`, class: kind, onclick: clicked }, words[word]);
 
@@ -24,20 +26,27 @@ export function number(id, label, limits, changed) {
   return { node: make("label", { class: "field", for: id }, label, field), field };
 }
 
-// How much of the motion to undo; changed hears the option's text.
+// How much of the motion to undo; changed hears the option's text, and whether the slider is being dragged.
 export function strength(id, changed) {
-  const field = make("input", { type: "range", id, min: "0", max: "100", step: "5" });
-  const said = make("output", { for: id });
-  const say = () => (said.textContent = `${field.value} %`);
+  const field = make("input", { type: "range", id, min: "0", max: String(MOST_STRENGTH), step: "5" });
+  const number = make("input", { type: "number", id: `${id}-number`, min: "0", max: String(MOST_STRENGTH), step: "1", "aria-label": words.strengthNumber });
+  const say = (value, dragged) => changed(Number(value) === 100 ? "" : String(value / 100), dragged);
   field.addEventListener("input", () => {
-    say();
-    changed(field.value === "100" ? "" : String(field.value / 100));
+    number.value = field.value;
+    say(field.value, true);
+  });
+  field.addEventListener("change", () => say(field.value, false));
+  number.addEventListener("change", () => {
+    if (number.value === "" || !number.checkValidity()) return;
+    field.value = number.value;
+    say(number.value, false);
   });
   const show = (options) => {
-    field.value = Math.round(100 * (options.strength ?? 1));
-    say();
+    const value = Math.round(100 * (options.strength ?? 1));
+    if (document.activeElement !== field) field.value = value;
+    if (document.activeElement !== number) number.value = value;
   };
-  return { nodes: [make("label", { class: "field", for: id }, words.strength, said), field], field, show };
+  return { nodes: [make("label", { class: "field", for: id }, words.strength, number), field], field, show };
 }
 
 // The row at whose moment the picture is taken; usual: the default.

@@ -43,6 +43,9 @@ export const reasons = {
   "imprecise": ({ evidence, value, error }) => `${evidence} give ${value.toFixed(2)} ± ${error.toFixed(2)}`,
   "no-angles-or-motion": () => "the frames show no right angles, or barely move from side to side",
   "parts-disagree": ({ ratios }) => `parts of the clip disagree: ${ratios}`,
+  "film-too-short": () => "the film inside it is too short",
+  "film-differs": () => "the film inside it shows something else",
+  "film-stabilised": () => "the film inside it was stabilised",
   "no-clear-part": ({ frames }) => `no ${frames} frames in a row show one scene clearly`,
 };
 
@@ -52,17 +55,24 @@ export const words = {
   saveFolder: "Save all to the folder",
   cancel: "Cancel",
   emptyTitle: "Drop photos or clips here",
-  emptyWords: "or paste them, or choose them with “Add photos or clips…”. Buildings that lean and poles that bend because "
-    + "the camera moved are straightened; a photo that gives no clear answer is left unchanged.",
+  emptyWords: "Photos taken from a train, a car or a moving hand lean and bend, since a camera reads its picture row by "
+    + "row. unshutter straightens them. A photo that gives no clear answer is left unchanged, and you can help by hand.",
+  choose: "Choose files…",
+  sample: "Try a sample photo",
   emptyPrivate: "Nothing leaves this computer: the page talks to a program that runs on it.",
   viewer: "Before and after",
   photos: "Photos and clips",
   previous: "Previous",
   next: "Next",
-  lines: "Lines",
-  linesHelp: "Show the straight lines that the program measures",
+  closeThis: "Close this photo or clip",
+  original: "Hold for original",
+  originalHelp: "Hold it down to see the photo as it was taken (key O)",
+  linesFound: "Show lines",
   zoom: "100 %",
-  zoomHelp: "One pixel of the photo for each pixel of the screen",
+  zoomHelp: "One pixel of the photo for each pixel of the screen, and back (key Z)",
+  zoomIn: "Zoom in (key +)",
+  zoomOut: "Zoom out (key −)",
+  fullScreen: "Full screen (key F)",
   slider: "Divider between before and after",
   before: "before",
   after: "after",
@@ -76,16 +86,18 @@ export const words = {
   finding: "finding the motion…",
   drawing: "drawing at full size…",
   failed: "cannot be used",
-  changed: (sure) => (sure === null ? "straightened" : `straightened, confidence ${percent(sure)}`),
+  changed: (sure) => (sure ? `straightened, ${sure}` : "straightened"),
+  changedByHand: "straightened by hand",
+  sure: { sure: "confident", likely: "fairly sure", doubtful: "unsure, please check" },
+  confidence: (sure) => `Confidence ${percent(sure)}`,
   alone: "left unchanged",
 
   clipState: { finding: "looking at the motion…", opened: "ready", asking: "needs its readout time", done: "ready to save" },
 
   // what was done
   done: "What was done",
-  moved: (px, sure) =>
-    `Straightened: some places moved by up to ${pixels(px)}.`
-    + (sure === null ? "" : ` Confidence ${percent(sure)}.`),
+  moved: (px) => `Straightened: some places moved by up to ${pixels(px)}.`,
+  movedByHand: (px) => `Straightened by hand: some places moved by up to ${pixels(px)}.`,
   // of a result with code and figures; a code of a later program keeps the program's sentence
   why: ({ code, figures, reason, confidence }) => {
     const line = reasons[code]?.(figures) ?? reason;
@@ -94,7 +106,35 @@ export const words = {
   },
   leftAlone: (reason) => `Left unchanged: ${reason}.`,
   youLeftAlone: "Left unchanged, as you asked.",
-  notSureHint: "If you see that the camera moved, tick “The camera was moving”, or show what is level below.",
+  nothingChanged: "There is nothing to save: the photo is unchanged.",
+
+  sentence: (line) => `${line[0].toUpperCase()}${line.slice(1)}.`,
+
+  // a photo that was left unchanged, and what may help
+  declined: (reason) => `Left unchanged: ${reason}.`,
+  adviceMoving: "Was the camera moving? Try",
+  adviceAnyway: "Straighten it even if that is not sure",
+  adviceNeighbour: "Add a neighbour frame…",
+  adviceByHand: "By hand…",
+  neighbourRefused: (reason) => `The neighbour frame cannot be used: ${reason}. The photo was looked at alone.`,
+  adviceNeighbours: "Change the neighbour frames…",
+  adviceLeaveNeighbours: "Leave them out",
+
+  // by hand
+  byHand: "By hand",
+  byHandHelp: "Draw lines along things in the photo, or set the numbers.",
+  drawLine: { upright: "Upright line", level: "Level line", straight: "Bent edge" },
+  drawHelp: {
+    upright: "Drag along something that stands upright: a corner of a house, a lamp post. Two or more are best.",
+    level: "Drag along something level: a sill, a row of windows, a kerb. What faces you tells most.",
+    straight: "Drag from end to end of something straight that looks bent, then pull the middle onto it.",
+  },
+  drawDone: "Press the button again, or Escape, to see what came out.",
+  lineOf: { upright: "upright line", level: "level line", straight: "bent edge" },
+  lineEnd: (line, number, end) => `Point ${end} of line ${number}, ${line}`,
+  lineRemove: (line, number) => `Remove ${line} ${number}`,
+  slider_: { lean: "Lean [°]", bend: "Bend [% of height]", turn: "Turn [°]" },
+  resetHand: "Undo what I did by hand",
   edgesCrop: (whole) => `Cut down to ${percent(whole)} of its area, so that no empty corners are left.`,
   edgesKeep: (whole) => "Corners that the photo did not see stay empty"
     + (whole === null ? "." : `: cutting them off would leave ${percent(whole)} of it.`),
@@ -110,7 +150,9 @@ export const words = {
 
   // controls
   settings: "Corrections",
-  strength: "Strength",
+  strength: "Strength [%]",
+  strengthNumber: "Strength in per cent",
+  advanced: "Advanced",
   edges: "Empty corners",
   edgesOf: { auto: "automatic", keep: "keep", crop: "cut off", fill: "fill", borrow: "borrow from neighbours" },
   reference: "As it was when this row was read",
@@ -126,13 +168,6 @@ export const words = {
   attitudeHelp: "The surest way to tell a leaning building from a tilted camera.",
   roll: "Turned clockwise [°]",
   tilt: "Tilted up [°]",
-  horizon: "Show what is level",
-  horizonHelp: "Lay the line along something level: a sill, a kerb, the horizon. Drag its ends, or move them with the "
-    + "arrow keys.",
-  horizonTrue: "It is the real horizon",
-  horizonEnd: (which) => `${which === 0 ? "Left" : "Right"} end of the level line`,
-  horizonSteep: "This line is too steep to be level.",
-  forget: "Forget",
   neighbours: "Taken just before or after",
   neighboursHelp: "A frame of the same burst or clip shows more than the photo alone: near and far may move differently.",
   neighbourOf: { before: "Taken before…", after: "Taken after…" },
@@ -163,13 +198,16 @@ export const words = {
   formatOf: { "": "like the original", jpeg: "JPEG", png: "PNG", webp: "WebP", tiff: "TIFF", avif: "AVIF" },
   toAll: "Use these settings for all photos",
   toAllDone: "All photos have these settings now, except how the camera was held.",
-  reset: "Back to the start",
+  reset: "Reset",
   keys: "Keys",
   keyList: [
     ["← →", "move the divider, if it is selected"],
     ["J, K", "next, previous photo"],
-    ["Z", "100 %"],
-    ["L", "lines"],
+    ["+ −, wheel, pinch", "zoom"],
+    ["Z", "100 %, and back"],
+    ["O", "hold: the original"],
+    ["L", "lines that the program measures"],
+    ["F", "full screen"],
     ["S", "save this photo"],
   ],
 

@@ -1,0 +1,182 @@
+// Lines that the user draws along things in the photo before it is straightened: upright, level, or bent though straight.
+
+import { draw, make } from "./nodes.js";
+import { overlay } from "./stage.js";
+import { words } from "./words.js";
+
+export const KINDS = ["upright", "level", "straight"];
+const STEP = 0.002; // share of the picture for a press of an arrow key
+const SHORTEST = 0.03; // share of the picture: shorter drags draw nothing
+const REACH = 10; // CSS px within which an end snaps to a segment
+const SLOPE = Math.sin((6 * Math.PI) / 180); // between a line and a segment that it snaps to
+
+export class Lines {
+  #kind = null;
+  #list = [];
+  #segments = [];
+
+  // stage: on which they are drawn; changed: called when a line was drawn, moved or removed.
+  constructor(stage, changed) {
+    this.stage = stage;
+    this.changed = changed;
+    this.svg = overlay("drawn");
+    this.handles = make("div", { class: "ends" });
+    stage.frame.append(this.svg, this.handles);
+  }
+
+  // Shows a photo's lines: [{kind, points: [[x, y], ...]}, ...], which it changes.
+  show(list) {
+    this.#list = list;
+    this.#draw();
+  }
+
+  // What the next drag on the picture draws; null: nothing, and no line can be changed.
+  get kind() {
+    return this.#kind;
+  }
+
+  set kind(kind) {
+    this.#kind = kind;
+    this.stage.original = kind !== null;
+    this.stage.tool = kind === null ? null : (event) => this.#begin(event);
+    this.stage.frame.classList.toggle("drawing", kind !== null);
+    this.#draw();
+  }
+
+  // Segments that ends snap to: [[x, y, x, y], ...], shares.
+  set segments(segments) {
+    this.#segments = segments;
+  }
+
+  // A line in the middle, to be moved by its ends: for those who use the keyboard.
+  add(kind) {
+    const points = { upright: [[0.5, 0.25], [0.5, 0.75]], level: [[0.25, 0.5], [0.75, 0.5]], straight: [[0.5, 0.25], [0.5, 0.5], [0.5, 0.75]] };
+    this.#list.push({ kind, points: points[kind] });
+    this.#draw();
+    this.handles.querySelector(`[data-line="${this.#list.length - 1}"]`).focus();
+    this.changed();
+  }
+
+  remove(number) {
+    this.#list.splice(number, 1);
+    this.#draw();
+    this.changed();
+  }
+
+  #begin(event) {
+    const start = this.stage.shares(event);
+    if (start.some((share) => share < 0 || share > 1)) return false;
+    const line = { kind: this.#kind, points: [start, start] };
+    const target = this.stage.stage;
+    target.setPointerCapture(event.pointerId);
+    const go = (at) => {
+      line.points = [start, this.stage.shares(at).map(clipped)];
+      this.#draw(line);
+    };
+    const stop = (at) => {
+      target.removeEventListener("pointermove", go);
+      target.removeEventListener("pointerup", stop);
+      target.removeEventListener("pointercancel", stop);
+      const [[x1, y1], [x2, y2]] = line.points;
+      if (at.type === "pointerup" && Math.hypot(x2 - x1, y2 - y1) > SHORTEST) {
+        line.points = this.#snapped(line.points);
+        if (line.kind === "straight") line.points.splice(1, 0, middle(line.points));
+        this.#list.push(line);
+        this.changed();
+      }
+      this.#draw();
+    };
+    target.addEventListener("pointermove", go);
+    target.addEventListener("pointerup", stop);
+    target.addEventListener("pointercancel", stop);
+    return true;
+  }
+
+  // Both ends put onto the segments that they are close to, where those run the same way.
+  #snapped(points) {
+    const [one, other] = [points[0], points[points.length - 1]].map((point) => this.#px(point));
+    const way = unit(one, other);
+    return points.map((point) => {
+      const at = this.#px(point);
+      let [best, nearest] = [REACH, null];
+      for (const [x1, y1, x2, y2] of this.#segments) {
+        const [a, b] = [this.#px([x1, y1]), this.#px([x2, y2])];
+        const [dx, dy] = unit(a, b);
+        if (Math.abs(dx * way[1] - dy * way[0]) > SLOPE) continue;
+        const along = (at[0] - a[0]) * dx + (at[1] - a[1]) * dy;
+        const length = Math.hypot(b[0] - a[0], b[1] - a[1]);
+        const off = Math.abs((at[0] - a[0]) * dy - (at[1] - a[1]) * dx) + 0.2 * Math.max(-along, along - length, 0);
+        if (off < best) [best, nearest] = [off, [a[0] + along * dx, a[1] + along * dy]];
+      }
+      return nearest ? this.#shares(nearest) : point;
+    });
+  }
+
+  #px([x, y]) {
+    return [x * this.stage.frame.offsetWidth, y * this.stage.frame.offsetHeight];
+  }
+
+  #shares([x, y]) {
+    return [clipped(x / this.stage.frame.offsetWidth), clipped(y / this.stage.frame.offsetHeight)];
+  }
+
+  // All lines, and the one that is being drawn.
+  #draw(another = null) {
+    const lines = another ? [...this.#list, another] : this.#list;
+    this.svg.replaceChildren(...lines.flatMap(({ kind, points }) => {
+      const at = points.map((point) => point.join(",")).join(" ");
+      return [draw("polyline", { class: "edge", points: at }), draw("polyline", { class: kind, points: at })];
+    }));
+    const ends = this.#kind === null ? [] : this.#list.flatMap((line, number) => line.points.map((_, end) => this.#handle(number, end)));
+    const focused = this.handles.contains(document.activeElement) ? document.activeElement.id : null;
+    this.handles.replaceChildren(...ends);
+    if (focused) document.getElementById(focused)?.focus({ focusVisible: true });
+  }
+
+  #handle(number, end) {
+    const line = this.#list[number];
+    const handle = make("button", { type: "button", class: `end ${line.kind}`, id: `end-${number}-${end}`, "data-line": number,
+      "aria-label": words.lineEnd(words.lineOf[line.kind], number + 1, end + 1) });
+    const place = () => {
+      handle.style.left = `${100 * line.points[end][0]}%`;
+      handle.style.top = `${100 * line.points[end][1]}%`;
+    };
+    const move = (point) => {
+      line.points[end] = point.map(clipped);
+      place();
+    };
+    handle.addEventListener("keydown", (event) => {
+      if (event.key === "Delete" || event.key === "Backspace") return this.remove(number);
+      const moves = { ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP] };
+      if (!(event.key in moves)) return;
+      event.preventDefault();
+      move(line.points[end].map((share, k) => share + moves[event.key][k]));
+      this.#draw();
+      this.changed();
+    });
+    handle.addEventListener("pointerdown", (event) => {
+      event.preventDefault();
+      event.stopPropagation();
+      handle.setPointerCapture(event.pointerId);
+    });
+    handle.addEventListener("pointermove", (event) => {
+      if (!handle.hasPointerCapture(event.pointerId)) return;
+      move(this.stage.shares(event));
+      this.svg.querySelectorAll("polyline").forEach((node, k) => k >> 1 === number && node.setAttribute("points", line.points.map((point) => point.join(",")).join(" ")));
+    });
+    handle.addEventListener("pointerup", () => {
+      if (line.kind !== "straight") line.points = this.#snapped(line.points);
+      this.#draw();
+      this.changed();
+    });
+    place();
+    return handle;
+  }
+}
+
+const clipped = (share) => Math.min(Math.max(share, 0), 1);
+const middle = ([[x1, y1], [x2, y2]]) => [(x1 + x2) / 2, (y1 + y2) / 2];
+const unit = ([x1, y1], [x2, y2]) => {
+  const length = Math.hypot(x2 - x1, y2 - y1) || 1;
+  return [(x2 - x1) / length, (y2 - y1) / length];
+};

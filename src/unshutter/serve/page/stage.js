@@ -1,0 +1,246 @@
+// Before and after, one over the other, with a divider to drag; zoom by wheel, pinch and keys; lines over both.
+
+import { draw, make } from "./nodes.js";
+import { words } from "./words.js";
+
+const STEP = 2; // of the divider, per cent
+const MOST_ZOOM = 16; // times the size that fits
+const ZOOM_STEP = 1.25; // for a press of a key
+const WHEEL = 0.0015; // of the zoom's logarithm for each pixel of the wheel
+const PINCHED_WHEEL = 0.01; // as touch pads send a pinch
+
+export class Stage {
+  #position = 50;
+  #size = null; // of the photo [px]
+  #zoom = 1; // times the size that fits
+  #shift = [0, 0]; // of the frame's middle from the stage's [CSS px]
+  #addresses = {};
+  #pointers = new Map();
+
+  // stage: where to; on: {zoom} called when another size of the pictures may be needed.
+  constructor(stage, on) {
+    this.stage = stage;
+    this.on = on;
+    this.tool = null; // that takes a press on the picture: function of the event, returns whether it did
+    this.images = { before: make("img", { draggable: "false" }), after: make("img", { draggable: "false" }) };
+    this.lines = { before: overlay("lines before"), after: overlay("lines after") };
+    this.handle = make("div", { class: "handle", role: "slider", tabindex: "0", "aria-label": words.slider,
+      "aria-valuemin": "0", "aria-valuemax": "100", "aria-orientation": "horizontal" }, make("span", { "aria-hidden": "true" }, "‹ ›"));
+    const tags = ["before", "after"].map((side) => make("span", { class: `tag ${side}`, "aria-hidden": "true" }, words[side]));
+    this.frame = make("div", { class: "compare" },
+      make("div", { class: "layer after" }, this.images.after, this.lines.after),
+      make("div", { class: "layer before" }, this.images.before, this.lines.before), ...tags, this.handle);
+    this.message = make("div", { class: "message", role: "alert", hidden: true });
+    stage.replaceChildren(this.frame, this.message);
+    this.handle.addEventListener("keydown", (event) => this.#key(event));
+    stage.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
+    stage.addEventListener("pointerdown", (event) => this.#press(event));
+    stage.addEventListener("pointermove", (event) => this.#pinch(event));
+    for (const name of ["pointerup", "pointercancel"]) stage.addEventListener(name, (event) => this.#pointers.delete(event.pointerId));
+    stage.addEventListener("dblclick", (event) => !this.tool && !event.target.closest("button, .handle") && this.toggleZoom());
+    new ResizeObserver(() => this.#fit()).observe(stage);
+    this.move(50);
+  }
+
+  // ---- what is shown ----
+
+  // Shows one of the pictures, of a photo of that size [px].
+  picture(which, blob, size, alt) {
+    this.#size = size;
+    this.frame.hidden = false;
+    this.say("");
+    const old = this.#addresses[which];
+    this.#addresses[which] = URL.createObjectURL(blob);
+    this.images[which].src = this.#addresses[which];
+    this.images[which].alt = alt;
+    if (old) URL.revokeObjectURL(old);
+    this.#fit();
+  }
+
+  clear() {
+    this.frame.hidden = true;
+    for (const image of Object.values(this.images)) image.removeAttribute("src");
+    this.say("");
+    this.crop(null);
+    this.segments(null);
+    this.whole();
+  }
+
+  // Words where the picture would be; "": none.
+  say(line) {
+    this.message.textContent = line;
+    this.message.hidden = !line;
+    if (line) this.frame.hidden = true;
+  }
+
+  // Whether there is but one picture to show: then there is nothing to divide.
+  set single(single) {
+    this.frame.classList.toggle("single", single);
+  }
+
+  // Whether the picture before covers the one after.
+  set original(shown) {
+    this.frame.classList.toggle("original", shown);
+  }
+
+  // What is left of the picture after: [left, top, right, bottom], shares; null: all.
+  crop(window) {
+    const [left, top, right, bottom] = window ?? [0, 0, 1, 1];
+    const inset = [top, 1 - right, 1 - bottom, left].map((share) => `${100 * share}%`).join(" ");
+    this.images.after.style.clipPath = `inset(${inset})`;
+  }
+
+  // Lines over both pictures: {before: [[x, y, x, y]...], after}, shares; null: none.
+  segments(both) {
+    for (const [which, svg] of Object.entries(this.lines)) {
+      const drawn = (both?.[which] ?? []).map(([x1, y1, x2, y2]) => draw("line", { x1, y1, x2, y2 }));
+      svg.replaceChildren(...drawn);
+    }
+  }
+
+  move(position) {
+    this.#position = Math.min(Math.max(position, 0), 100);
+    this.frame.style.setProperty("--position", `${this.#position}%`);
+    this.handle.setAttribute("aria-valuenow", Math.round(this.#position));
+  }
+
+  // Of an event: shares of the picture's width and height.
+  shares(event) {
+    const box = this.frame.getBoundingClientRect();
+    return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+  }
+
+  // ---- zoom ----
+
+  get zoomed() {
+    return Math.abs(this.#zoom - 1) > 0.001;
+  }
+
+  // One pixel of the photo for each pixel of the screen; again: all of it.
+  toggleZoom() {
+    if (this.zoomed) this.whole();
+    else if (this.#size) this.zoomBy(1 / (devicePixelRatio * this.#fitting() * this.#zoom));
+  }
+
+  whole() {
+    this.#zoom = 1;
+    this.#shift = [0, 0];
+    this.#fit();
+    this.on.zoom();
+  }
+
+  // Zooms about a point of the screen; by default the middle of the stage.
+  zoomBy(factor, at = null) {
+    if (!this.#size) return;
+    const least = Math.min(1, 1 / (devicePixelRatio * this.#fitting())); // small photos are enlarged where they fit
+    const zoom = Math.min(Math.max(this.#zoom * factor, least), MOST_ZOOM / Math.min(this.#fitting(), 1));
+    const box = this.stage.getBoundingClientRect();
+    const from = at ? [at[0] - box.left - box.width / 2, at[1] - box.top - box.height / 2] : [0, 0];
+    this.#shift = this.#shift.map((shift, k) => from[k] - ((from[k] - shift) * zoom) / this.#zoom);
+    this.#zoom = zoom;
+    this.#fit();
+    this.on.zoom();
+  }
+
+  zoomIn = () => this.zoomBy(ZOOM_STEP);
+  zoomOut = () => this.zoomBy(1 / ZOOM_STEP);
+
+  // Longer side that a picture takes on the screen [device px].
+  get longest() {
+    const [width, height] = this.#size
+      ? [this.#size.width, this.#size.height].map((side) => side * this.#fitting() * this.#zoom)
+      : [this.stage.clientWidth, this.stage.clientHeight];
+    return Math.max(width, height) * devicePixelRatio;
+  }
+
+  // CSS px for each pixel of the photo where all of it is shown.
+  #fitting() {
+    const { width, height } = this.#size;
+    return Math.min(this.stage.clientWidth / width, this.stage.clientHeight / height);
+  }
+
+  #fit() {
+    if (!this.#size || !this.stage.clientWidth) return;
+    const sides = [this.#size.width, this.#size.height].map((side) => side * this.#fitting() * this.#zoom);
+    const room = [this.stage.clientWidth, this.stage.clientHeight];
+    this.#shift = this.#shift.map((shift, k) => {
+      const most = Math.max((sides[k] - room[k]) / 2, 0);
+      return Math.min(Math.max(shift, -most), most);
+    });
+    const [left, top] = room.map((side, k) => (side - sides[k]) / 2 + this.#shift[k]);
+    Object.assign(this.frame.style, { width: `${sides[0]}px`, height: `${sides[1]}px`, left: `${left}px`, top: `${top}px` });
+    this.stage.classList.toggle("zoomed", this.zoomed);
+  }
+
+  // ---- what the user does ----
+
+  #key(event) {
+    const moves = { ArrowLeft: -STEP, ArrowRight: STEP, PageDown: -5 * STEP, PageUp: 5 * STEP, Home: -100, End: 100 };
+    if (!(event.key in moves)) return;
+    event.preventDefault();
+    this.move(this.#position + moves[event.key]);
+  }
+
+  #wheel(event) {
+    if (this.frame.hidden) return;
+    event.preventDefault();
+    this.zoomBy(Math.exp(-event.deltaY * (event.ctrlKey ? PINCHED_WHEEL : WHEEL)), [event.clientX, event.clientY]);
+  }
+
+  #press(event) {
+    if (event.button !== 0 || this.frame.hidden || event.target.closest("button")) return;
+    this.#pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (this.#pointers.size > 1) return;
+    event.preventDefault();
+    const grabbed = event.target.closest(".handle");
+    if (grabbed) this.handle.focus({ focusVisible: false });
+    else if (this.tool?.(event)) return;
+    if (this.zoomed && !grabbed) return this.#drag(event, (dx, dy) => {
+      this.#shift = [this.#shift[0] + dx, this.#shift[1] + dy];
+      this.#fit();
+    });
+    if (!event.target.closest(".compare") || this.frame.classList.contains("single")) return;
+    const follow = (at) => this.move(100 * this.shares(at)[0]);
+    if (!grabbed) follow(event);
+    this.#drag(event, (dx, dy, at) => follow(at));
+  }
+
+  // Two fingers: zooms by how their distance changes, and goes with their middle.
+  #pinch(event) {
+    if (!this.#pointers.has(event.pointerId)) return;
+    if (this.#pointers.size === 2) {
+      const apart = ([[x1, y1], [x2, y2]]) => Math.hypot(x1 - x2, y1 - y2);
+      const middle = ([[x1, y1], [x2, y2]]) => [(x1 + x2) / 2, (y1 + y2) / 2];
+      const before = [...this.#pointers.values()];
+      this.#pointers.set(event.pointerId, [event.clientX, event.clientY]);
+      const now = [...this.#pointers.values()];
+      const [from, to] = [middle(before), middle(now)];
+      this.#shift = this.#shift.map((shift, k) => shift + to[k] - from[k]);
+      this.zoomBy(apart(now) / Math.max(apart(before), 1), to);
+    } else this.#pointers.set(event.pointerId, [event.clientX, event.clientY]);
+  }
+
+  #drag(start, moved) {
+    let { clientX: x, clientY: y } = start;
+    const target = this.stage;
+    target.setPointerCapture(start.pointerId);
+    const go = (event) => {
+      if (event.pointerId !== start.pointerId || this.#pointers.size > 1) return;
+      moved(event.clientX - x, event.clientY - y, event);
+      ({ clientX: x, clientY: y } = event);
+    };
+    const stop = (event) => {
+      if (event.pointerId !== start.pointerId) return;
+      target.removeEventListener("pointermove", go);
+      target.removeEventListener("pointerup", stop);
+      target.removeEventListener("pointercancel", stop);
+    };
+    target.addEventListener("pointermove", go);
+    target.addEventListener("pointerup", stop);
+    target.addEventListener("pointercancel", stop);
+  }
+}
+
+export function overlay(kind) {
+  return draw("svg", { class: kind, viewBox: "0 0 1 1", preserveAspectRatio: "none", "aria-hidden": "true" });
+}

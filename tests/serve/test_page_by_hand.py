@@ -1,0 +1,210 @@
+"""By hand, on the page in a real browser: lines that are drawn, sliders, and what a declined photo offers."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+
+from support.batches import rectify
+from support.browser import drop, wait_for
+from support.frame_pairs import Scene
+from unshutter.photo import Photo
+
+SAID = "#panel .said"
+
+
+@pytest.fixture
+def grey(tmp_path: Path) -> Path:
+    """A photo that shows nothing."""
+    Photo.from_array(np.full((420, 560, 3), 128, np.uint8)).save(tmp_path / "grey.png")
+    return tmp_path / "grey.png"
+
+
+def _drag(page: Page, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """With the mouse, between two places of the picture, as shares of its sides."""
+    box = page.locator(".compare").bounding_box()
+    assert box is not None
+    at = [(box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in (start, end)]
+    page.mouse.move(*at[0])
+    page.mouse.down()
+    page.mouse.move(*at[1], steps=3)
+    page.mouse.up()
+
+
+def _draw(page: Page, kind: str) -> None:
+    if not page.locator("#by-hand").evaluate("node => node.open"):
+        page.locator("#by-hand summary").click()
+    with page.expect_response("**/segments*"):
+        page.locator(f"#draw-{kind}").click()
+
+
+def _lines(page: Page) -> list[list[float]]:
+    """The points of the lines that are drawn."""
+    texts = page.locator(".drawn polyline:not(.edge)").evaluate_all(
+        "nodes => nodes.map(node => node.getAttribute('points'))"
+    )
+    return [[float(value) for value in text.replace(" ", ",").split(",")] for text in texts]
+
+
+# ---- a declined photo ------------------------------------------------------------------------------------
+
+
+def test_a_declined_photo_says_why_and_offers_next_steps(page: Page, grey: Path) -> None:
+    drop(page, grey)
+    wait_for(page, "alone")
+    expect(page.locator("#advice")).to_contain_text("Left unchanged: only 0 straight lines were found.")
+    expect(page.locator(".handle")).to_be_hidden()  # there are no two halves
+    expect(page.get_by_role("button", name="Save this photo")).to_be_disabled()
+    with page.expect_response("**/after?*moving=true*"):
+        page.get_by_role("button", name="Was the camera moving? Try").click()
+    wait_for(page, "alone")
+    expect(page.get_by_role("button", name="Was the camera moving? Try")).to_have_count(0)
+    page.get_by_role("button", name="Add a neighbour frame").click()
+    expect(page.get_by_text("Taken before…")).to_be_visible()
+    page.get_by_role("button", name="By hand…").click()
+    expect(page.locator("#draw-upright")).to_be_focused()
+
+
+def test_a_wrong_neighbour_leaves_the_photo_usable(page: Page, photo: Path, tmp_path: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    Photo.from_array(Scene().frame(0, 0.8)).save(tmp_path / "other.png")  # of another size
+    page.set_input_files("#choose-after", tmp_path / "other.png")
+    expect(page.locator("#advice")).to_contain_text("The neighbour frame cannot be used")
+    wait_for(page, "changed")
+    expect(page.locator(SAID)).to_contain_text("Straightened: some places moved by up to")
+    page.get_by_role("button", name="Leave them out").click()
+    expect(page.locator("#advice")).to_be_hidden()
+    wait_for(page, "changed")
+
+
+# ---- lines -----------------------------------------------------------------------------------------------
+
+
+def test_upright_lines_straighten_what_the_program_declines(page: Page, grey: Path) -> None:
+    drop(page, grey)
+    wait_for(page, "alone")
+    _draw(page, "upright")
+    for x in (0.2, 0.7):
+        with page.expect_response("**/after?*lines=*"):
+            _drag(page, (x, 0.1), (x + 0.06, 0.9))
+    assert np.allclose(_lines(page), [[0.2, 0.1, 0.26, 0.9], [0.7, 0.1, 0.76, 0.9]], atol=0.01)
+    wait_for(page, "changed")
+    expect(page.locator(SAID)).to_contain_text("Straightened by hand")
+    expect(page.locator(".thumbnail .state")).to_have_text("straightened by hand")
+    assert float(page.locator("#lean-number").input_value()) > 2
+    page.keyboard.press("Escape")
+    expect(page.locator(".handle")).to_be_visible()  # before and after, side by side again
+    page.get_by_role("button", name="Remove upright line 1").click()
+    page.get_by_role("button", name="Remove upright line 1").click()
+    wait_for(page, "alone")
+
+
+def test_a_line_is_moved_by_its_ends_with_mouse_and_keys(page: Page, grey: Path) -> None:
+    drop(page, grey)
+    wait_for(page, "alone")
+    _draw(page, "level")
+    _drag(page, (0.1, 0.5), (0.9, 0.5))
+    expect(page.locator(".end")).to_have_count(2)
+    end = page.get_by_role("button", name="Point 2 of line 1, level line")
+    box = end.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 + 40, steps=3)
+    page.mouse.up()
+    dragged = _lines(page)[0][3]
+    assert dragged > 0.53
+    end.press("ArrowUp")
+    assert _lines(page)[0][3] == pytest.approx(dragged - 0.002, abs=1e-6)
+    expect(end).to_be_focused()
+    end.press("Delete")
+    expect(page.locator(".end")).to_have_count(0)
+    page.locator("#draw-straight").focus()
+    page.keyboard.press("Enter")  # without a mouse, a line is put in the middle
+    expect(page.locator(".end")).to_have_count(3)
+
+
+def test_ends_snap_to_segments(page: Page, photo: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    with page.expect_response("**/segments*") as response:
+        page.locator("#by-hand summary").click()
+        page.locator("#draw-upright").click()
+    segments = response.value.json()["before"]
+    x1, y1, x2, y2 = max(segments, key=lambda s: abs(s[3] - s[1]) - abs(s[2] - s[0]))  # the longest upright one
+    page.wait_for_timeout(100)  # until the answer has been read
+    x, y, slope = (x1 + x2) / 2, (y1 + y2) / 2, (x2 - x1) / (y2 - y1)
+    _drag(page, (x - 0.03 * slope + 0.004, y - 0.03), (x + 0.03 * slope + 0.004, y + 0.03))
+    drawn = _lines(page)[0]
+    off = [at[0] - (x + slope * (at[1] - y)) for at in (drawn[:2], drawn[2:])]
+    assert off == pytest.approx([0, 0], abs=5e-4)
+
+
+def test_by_touch(page: Page, grey: Path) -> None:
+    drop(page, grey)
+    wait_for(page, "alone")
+    _draw(page, "upright")
+    box = page.locator(".compare").bounding_box()
+    assert box is not None
+    touch = page.context.new_cdp_session(page)
+    for kind, points in (
+        ("touchStart", [(0.3, 0.2)]),
+        ("touchMove", [(0.32, 0.5)]),
+        ("touchMove", [(0.34, 0.8)]),
+        ("touchEnd", []),
+    ):
+        at = [{"x": box["x"] + x * box["width"], "y": box["y"] + y * box["height"]} for x, y in points]
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
+    expect(page.locator(".end")).to_have_count(2)
+    assert np.allclose(_lines(page)[0], [0.3, 0.2, 0.34, 0.8], atol=0.02)
+
+
+# ---- sliders ---------------------------------------------------------------------------------------------
+
+
+def test_sliders_start_at_what_was_found_and_are_saved_as_a_motion(page: Page, photo: Path, tmp_path: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    page.locator("#by-hand summary").click()
+    lean = page.locator("#lean-number")
+    found = float(lean.input_value())
+    assert found != 0 and float(page.locator("#lean").input_value()) == found
+    with page.expect_response("**/after?*draft=1*"):
+        page.locator("#lean").evaluate("node => { node.value = 3; node.dispatchEvent(new Event('input')) }")
+    page.locator("#lean").evaluate("node => node.dispatchEvent(new Event('change'))")
+    expect(page.locator(SAID)).to_contain_text("Straightened by hand")
+    expect(lean).to_have_value("3.0")
+    page.locator("#turn-number").fill("1.5")
+    page.locator("#turn-number").press("Enter")
+    page.locator("#strength-number").fill("150")
+    page.locator("#strength-number").press("Enter")
+    page.locator("#edges").select_option("keep")
+    wait_for(page)
+    page.locator("#advanced summary").click()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save motion").click()
+    motion = Path(download.value.path())
+    assert json.loads(motion.read_text())["estimator"] == "by-hand"
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    (tmp_path / "motion.json").write_bytes(motion.read_bytes())
+    flags = ["--motion", tmp_path / "motion.json", "--edges", "keep", "--strength", "1.5"]
+    assert rectify(photo, "-o", tmp_path / "expected.jpg", *flags) == 0
+    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.jpg").read_bytes()
+    page.get_by_role("button", name="Undo what I did by hand").click()
+    expect(lean).to_have_value(f"{found:.1f}")
+    expect(page.locator(SAID)).to_contain_text("Straightened: some places")
+
+
+def test_straighten_it_even_if_that_is_not_sure(page: Page, server, tmp_path: Path, basilica) -> None:
+    """What the tick box asks for is done, and the sliders show it."""
+    Photo.from_array(basilica[0]).save(tmp_path / "basilica.png")
+    drop(page, tmp_path / "basilica.png")
+    wait_for(page, "changed|alone")
+    with page.expect_response("**/after?*min-confidence=0*") as response:
+        page.get_by_label("Straighten it even if that is not sure").check()
+    assert json.loads(response.value.headers["unshutter-result"])["changed"]
+    wait_for(page, "changed")

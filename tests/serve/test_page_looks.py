@@ -1,0 +1,145 @@
+"""The page as people look at it, in a real browser: empty, zoomed, on a phone, and when it is left."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from support.browser import SLOW_MS, drop, wait_for
+from support.page_server import Server
+
+
+def _width(page: Page) -> float:
+    return page.locator(".compare").evaluate("node => node.offsetWidth")
+
+
+def test_the_empty_page_is_one_large_button(page: Page, photo: Path) -> None:
+    box = page.locator("#drop-area").bounding_box()
+    assert box is not None and box["width"] > 1200 and box["height"] > 650
+    with page.expect_file_chooser() as chooser:
+        page.locator("#drop-area").click(position={"x": 40, "y": 40})
+    chooser.value.set_files(photo)
+    wait_for(page)
+
+
+def test_the_sample_photo(page: Page) -> None:
+    page.get_by_role("button", name="Try a sample photo").click()
+    wait_for(page, "changed")
+    expect(page.locator("#name")).to_have_text("sample.jpg")
+    expect(page.locator(".sureness")).to_be_visible()  # in words, not per cent
+    expect(page.locator("#panel .said")).not_to_contain_text("%.")
+
+
+def test_thumbnails_from_two_photos_on(page: Page, photo: Path, tmp_path: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    expect(page.locator("#strip")).to_be_hidden()
+    expect(page.get_by_role("button", name="Use these settings for all photos")).to_be_hidden()
+    (tmp_path / "other.jpg").write_bytes(photo.read_bytes())
+    drop(page, tmp_path / "other.jpg")
+    expect(page.locator("#strip")).to_be_visible()
+    wait_for(page, number=2)
+    page.get_by_role("button", name="Close this photo or clip").click()
+    page.get_by_role("button", name="Close this photo or clip").click()
+    expect(page.locator("#empty")).to_be_visible()
+
+
+def test_zoom_by_wheel_keys_and_pinch(page: Page, photo: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    fitting = _width(page)
+    box = page.locator(".compare").bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 4, box["y"] + box["height"] / 4
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, -400)
+    page.wait_for_function("width => document.querySelector('.compare').offsetWidth > width * 1.5", arg=fitting)
+    zoomed = page.locator(".compare").bounding_box()
+    assert zoomed is not None
+    place = (x - zoomed["x"]) / zoomed["width"], (y - zoomed["y"]) / zoomed["height"]
+    assert place == pytest.approx((0.25, 0.25), abs=0.01)  # what was under the pointer has stayed there
+    page.mouse.down()
+    page.mouse.move(x + 30, y + 20, steps=3)
+    page.mouse.up()
+    moved = page.locator(".compare").bounding_box()
+    assert moved is not None and (moved["x"] - zoomed["x"], moved["y"] - zoomed["y"]) == pytest.approx((30, 20), abs=1)
+    page.keyboard.press("0")
+    assert _width(page) == pytest.approx(fitting, abs=1)
+    page.keyboard.press("+")
+    assert _width(page) == pytest.approx(1.25 * fitting, abs=2)
+    page.keyboard.press("-")
+    assert _width(page) == pytest.approx(fitting, abs=1)
+    touch = page.context.new_cdp_session(page)
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    for kind, apart in (("touchStart", 50), ("touchMove", 75), ("touchMove", 100), ("touchEnd", 0)):
+        points = [{"x": middle[0] + side * apart, "y": middle[1], "id": side} for side in (-1, 1)] if apart else []
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    assert _width(page) == pytest.approx(2 * fitting, rel=0.05)
+
+
+def test_hold_to_see_the_original(page: Page, photo: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    after = page.locator(".layer.after")
+    page.keyboard.down("o")
+    expect(after).to_be_hidden()
+    page.keyboard.up("o")
+    expect(after).to_be_visible()
+    box = page.locator("#original").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 5, box["y"] + 5)
+    page.mouse.down()
+    expect(after).to_be_hidden()
+    page.mouse.up()
+    expect(after).to_be_visible()
+
+
+def test_no_focus_box_after_a_drag_with_the_mouse(page: Page, photo: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    box = page.locator(".handle").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 90, box["y"] + 60, steps=3)
+    page.mouse.up()
+    outline = "node => [node, node.firstElementChild].map(each => getComputedStyle(each).outlineStyle)"
+    assert page.locator(".handle").evaluate(outline) == ["none", "none"]
+    page.keyboard.press("ArrowRight")
+    expect(page.locator(".handle")).to_be_focused()
+
+
+def test_leaving_asks_when_something_is_unsaved(page: Page, photo: Path) -> None:
+    asked: list[str] = []
+    page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.dismiss()))
+    drop(page, photo)
+    wait_for(page)
+    page.locator("#name").click()  # browsers ask only those who have touched the page
+    page.close(run_before_unload=True)
+    page.wait_for_timeout(300)
+    assert asked == ["beforeunload"]
+    with page.expect_download():
+        page.get_by_role("button", name="Save this photo").click()
+    expect(page.locator("#working")).to_be_empty()
+    assert not page.evaluate("() => !dispatchEvent(new Event('beforeunload', { cancelable: true }))")
+
+
+def test_a_phone_shows_the_picture_first_and_has_large_targets(chromium: Browser, server: Server, photo: Path) -> None:
+    context = chromium.new_context(viewport={"width": 390, "height": 844}, has_touch=True)
+    context.set_default_timeout(SLOW_MS)
+    page = context.new_page()
+    page.goto(server.link)
+    drop(page, photo)
+    wait_for(page)
+    stage, panel, save = (page.locator(each).bounding_box() for each in ("#stage", "#panel", "#do-saveOne"))
+    assert stage is not None and panel is not None and save is not None
+    assert stage["y"] < 150 and stage["height"] > 400 and panel["y"] >= stage["y"] + stage["height"]
+    page.locator("#by-hand summary").click()
+    sizes = page.evaluate(
+        """() => [...document.querySelectorAll("button, select, summary, input:not([type=checkbox]), label.check")]
+            .filter(node => node.checkVisibility() && !node.closest(".compare, .away, label.arrow"))
+            .map(node => [node.id || node.textContent, node.getBoundingClientRect().height])"""
+    )
+    assert len(sizes) > 12 and [each for each in sizes if each[1] < 43.9] == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    context.close()
