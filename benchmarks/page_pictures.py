@@ -47,6 +47,22 @@ def opened_clip(browser: Browser, link: str, clip: Path, width: int, height: int
     return page
 
 
+def draw_uprights(page: Page) -> None:
+    """Two lines along edges of the tower."""
+    page.click("#by-hand summary")
+    with page.expect_response("**/segments*"):
+        page.click("#draw-upright")
+    box = page.locator(".compare").bounding_box()
+    assert box is not None
+    for begin, end in (((0.59, 0.1), (0.7, 0.98)), ((0.71, 0.17), (0.83, 0.98))):
+        (x1, y1), (x2, y2) = ((box["x"] + x * box["width"], box["y"] + y * box["height"]) for x, y in (begin, end))
+        page.mouse.move(x1, y1)
+        page.mouse.down()
+        page.mouse.move(x2, y2, steps=4)
+        with page.expect_response("**/after*"):
+            page.mouse.up()
+
+
 def save(page: Page, name: str) -> None:
     page.mouse.move(0, 0)
     page.wait_for_timeout(500)
@@ -66,11 +82,8 @@ def main() -> None:
         browser = playwright.chromium.launch(executable_path=given.browser, args=["--no-sandbox"])
         save(opened(browser, link, 1440, 900, "light"), "page")
         tablet = opened(browser, link, 1024, 768, "dark")
-        tablet.click("#do-horizon")
-        tablet.click("#lines")
-        tablet.wait_for_selector(".lines line", state="attached")
-        tablet.locator("#do-horizon").scroll_into_view_if_needed()
-        save(tablet, "page_level")
+        draw_uprights(tablet)
+        save(tablet, "page_by_hand")
         save(opened(browser, link, 390, 844, "light"), "page_phone")
         if given.clip is not None:
             save(opened_clip(browser, link, given.clip, 1280, 860), "page_clip")

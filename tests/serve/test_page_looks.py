@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Dialog, Page, expect
 
 from support.browser import SLOW_MS, drop, wait_for
 from support.page_server import Server
@@ -111,7 +111,12 @@ def test_no_focus_box_after_a_drag_with_the_mouse(page: Page, photo: Path) -> No
 
 def test_leaving_asks_when_something_is_unsaved(page: Page, photo: Path) -> None:
     asked: list[str] = []
-    page.on("dialog", lambda dialog: (asked.append(dialog.type), dialog.dismiss()))
+
+    def stay(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.dismiss()
+
+    page.on("dialog", stay)
     drop(page, photo)
     wait_for(page)
     page.locator("#name").click()  # browsers ask only those who have touched the page

@@ -104,7 +104,7 @@ class Estimate:
     )
     lines: Path | None = option(
         None,
-        "Lines that you drew along things in one photo (JSON, docs/by-hand.md): its motion is found from them.",
+        "Lines that you drew along things in one photo (JSON, docs/guide/by-hand.md): its motion is found from them.",
         metavar="FILE",
         names="input",
     )

@@ -37,7 +37,7 @@ LineKind: TypeAlias = Literal["upright", "level", "straight"]
 NAME = "drawn-lines"  # which motions carry as their estimator
 FORMAT = "unshutter-lines/1"
 MOST_LINES, MOST_POINTS = 100, 100
-# Measured on photos set aside for that (val/), as docs/by-hand.md says.
+# Measured on photos set aside for that (val/), as docs/guide/by-hand.md shows.
 _SIGMA_ANGLE = 0.0025  # of a drawn direction [rad],
 _SIGMA_END = 0.001  # of its ends [rows],
 _SIGMA_BEND = 0.002  # and of the points of a straight line [rows]

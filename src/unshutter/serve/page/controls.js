@@ -158,6 +158,6 @@ function sentences(photo) {
   if (result.exposure_s) said.push(words.exposed(result.exposure_s));
   const nodes = said.map((line) => make("p", {}, line));
   const sure = result.changed && !photo.byHand ? sureness(result.confidence) : "";
-  if (sure) nodes.unshift(make("p", { class: "sureness", "data-sure": sure, title: words.confidence(result.confidence) }, words.sure[sure]));
+  if (sure) nodes.unshift(make("p", { class: "sureness", "data-sure": sure, title: words.confidence(result.confidence) }, words.sureAtLength[sure]));
   return nodes;
 }

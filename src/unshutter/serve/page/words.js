@@ -88,7 +88,8 @@ export const words = {
   failed: "cannot be used",
   changed: (sure) => (sure ? `straightened, ${sure}` : "straightened"),
   changedByHand: "straightened by hand",
-  sure: { sure: "confident", likely: "fairly sure", doubtful: "unsure, please check" },
+  sure: { sure: "confident", likely: "fairly sure", doubtful: "unsure" },
+  sureAtLength: { sure: "confident", likely: "fairly sure", doubtful: "unsure, please check" },
   confidence: (sure) => `Confidence ${percent(sure)}`,
   alone: "left unchanged",
 
