@@ -70,7 +70,7 @@ class Option:
     @property
     def name(self) -> str:
         """Its name in forms and, after two dashes, on the command line: ``roll-deg``."""
-        return self.key.replace("_", "-")
+        return self.key.rstrip("_").replace("_", "-")
 
     @property
     def on_page(self) -> bool:

@@ -63,14 +63,19 @@ def write_preview(path: Path, before: Clip, after: str, start_s: float, frames: 
 def _pairs(before: Clip, after: Clip, start_s: float) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
     """Frames of both clips, side by side."""
     for one, other in zip(before.iter_frames(start_s or None), after.iter_frames(), strict=False):
-        yield np.concatenate([_small(one), _small(other)], axis=1)
+        yield np.concatenate([small_picture(one), small_picture(other)], axis=1)
 
 
-def _small(frame: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
-    """A frame as it is looked at, RGB."""
+def small_picture(frame: VideoFrame, turned_as: VideoFrame | None = None) -> UInt8[np.ndarray, "height width 3"]:
+    """A frame upright and small, RGB.
+
+    Args:
+        frame: as it is stored.
+        turned_as: the frame that says how it is turned, where this one does not.
+    """
     height = 2 * round(_WIDTH * frame.height / frame.width / 2)
     pixels = frame.reformat(width=_WIDTH, height=height, format="rgb24").to_ndarray()
-    return np.ascontiguousarray(np.rot90(pixels, round(frame.rotation / 90)))
+    return np.ascontiguousarray(np.rot90(pixels, round((turned_as or frame).rotation / 90)))
 
 
 def _film(part: Path, ending: str, pairs: Iterator[np.ndarray], interval_s: float) -> None:

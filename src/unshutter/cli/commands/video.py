@@ -33,11 +33,20 @@ class Arguments:
         metavar="PATH",
         names="output",
     )
+    try_: str | None = option(
+        None,
+        "Compare readout times, such as 8,12,16,20: writes one picture (.jpg, .png) of the frame at which they differ "
+        "most, rectified with each, instead of the clip.",
+        metavar="MS,MS",
+        names="word",
+    )
     options: RectifyClip = field(default_factory=RectifyClip)
 
 
 def run(arguments: Arguments) -> int:
     """Rectifies the clip; returns the exit code."""
+    if arguments.try_ is not None:
+        return _compare(arguments, arguments.try_)
     from unshutter.progress import Bars
     from unshutter.video.clip_rectification import rectify_clip_file
 
@@ -65,13 +74,28 @@ def _output_for(clip: str) -> str:
     return str(path.with_name(f"{path.name}-rectified" if path.is_dir() else f"{path.stem}{RECTIFIED}{path.suffix}"))
 
 
+def _compare(arguments: Arguments, times: str) -> int:
+    """Writes the sheet of several readout times; returns the exit code."""
+    from unshutter.progress import Bars
+    from unshutter.video.readout_trial import parsed_times, write_trial
+
+    if arguments.output is None:
+        raise UsageError("--try writes a picture: name it with -o, such as -o sheet.jpg")
+    with Bars() as bars:
+        time_s = write_trial(arguments.clip, arguments.output, arguments.options, parsed_times(times), bars)
+    where = f"the frame at {time_s:.2f} s, where they differ most"
+    print(visible(f"{arguments.clip} -> {arguments.output}: readout times {times} ms at {where}"), file=sys.stderr)
+    return 0
+
+
 def _line_of(ratio: ReadoutRatio, interval_ms: float) -> str:
     """The readout time and where it comes from, in a form that can be used again."""
     ms, error = interval_ms * ratio.value, interval_ms * ratio.error
     if ratio.plausible is not None:
         low, high = interval_ms * ratio.plausible.lowest, interval_ms * ratio.plausible.highest
         usual = f"{ms:.1f} ms is taken, as usual for {ratio.plausible.cameras} ({low:.1f} to {high:.1f} ms)"
-        return f"unshutter: {ratio.instead_of}: {usual}; if you know better, say it with --readout-ms"
+        advice = f"--try {low:.0f},{ms:.0f},{int(high)} shows the difference, --readout-ms sets it"
+        return f"unshutter: {ratio.instead_of}: {usual}; {advice}"
     if ratio.source == "motion":
         return f"unshutter: readout time {ms:.1f} +- {error:.1f} ms (--readout-ms {ms:.1f})"
     return f"unshutter: readout time {ms:.1f} ms, from {ratio.source} ({ratio.camera})"
