@@ -30,7 +30,7 @@ class Judgement:
 
     Attributes:
         motion: [6] coefficients to undo; almost none where the camera barely moved.
-        confidence: probability that it is right (docs/own-model.md).
+        confidence: probability that it is right (docs/research).
         moved: probability that there was motion worth undoing.
     """
 
