@@ -34,7 +34,7 @@ class Arguments:
         "input",
     )
     estimators: str = option("all", "Names with commas between them, or all. Default: all.", names="word")
-    protocol: ProtocolName = option("synthetic", "What is measured; docs/research/evaluate.md describes it. Default: synthetic.")
+    protocol: ProtocolName = option("synthetic", "What is measured (docs/research/evaluate.md). Default: synthetic.")
     output: Path = option(
         Path("evaluation"),
         "Folder for tables, figures of every picture, plots and contact sheets. A run that was stopped there goes on. "
