@@ -73,6 +73,9 @@ class Code(StrEnum):
     FRAMES_DISAGREE = "frames-disagree"
     RATIO_UNKNOWN = "ratio-unknown"  # of frames
     READOUT_TIME_UNKNOWN = "readout-time-unknown"  # of a clip
+    GYRO_TOO_CALM = "gyro-too-calm"
+    GYRO_TOO_SHORT = "gyro-too-short"
+    GYRO_DISAGREES = "gyro-disagrees"
     # frames and clips: why the readout ratio is unknown
     TOO_FEW_FRAMES = "too-few-frames"
     SHOOK_TOO_FAST = "shook-too-fast"
@@ -125,6 +128,10 @@ SENTENCES = {
     Code.IMPRECISE: "{evidence} give {value:.2f} ± {error:.2f}",
     Code.NO_ANGLES_OR_MOTION: "they show no right angles, or barely move from side to side",
     Code.PARTS_DISAGREE: "parts of the clip disagree: {ratios}",
+    Code.GYRO_TOO_CALM: "the camera hardly turned: the clip does not show which moment of its gyro log is which",
+    Code.GYRO_TOO_SHORT: "the gyro log ends before the clip, or has gaps",
+    Code.GYRO_DISAGREES: "the picture does not follow the gyro log (correlation {correlation:.2f}): "
+    "the clip was stabilised, or the log is of another clip",
     Code.NO_CLEAR_PART: "no {frames} frames in a row show one scene clearly",
 }
 

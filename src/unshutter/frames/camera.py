@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.frames.splines import basis, roughness, solve_banded
+from unshutter.frames.splines import ORDER, basis, roughness, solve_banded
 from unshutter.frames.tracks import Tracks
 
 if TYPE_CHECKING:
@@ -62,6 +62,11 @@ class Fit:
     noise_px: float
     stiffness: float
     log_evidence: float
+
+    @classmethod
+    def none(cls, focal_px: float) -> Fit:
+        """A camera that does not move."""
+        return cls(np.zeros((ORDER, _UNKNOWNS)), focal_px, 0.0, _STIFFNESS[-1], 0.0)
 
     @property
     def knots_per_frame(self) -> int:

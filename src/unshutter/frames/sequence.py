@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Unpack
+from itertools import pairwise
+from typing import TYPE_CHECKING, Protocol, Unpack
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from unshutter.frames.angles import SURE_ENOUGH, PhotoSpeed, combined, ratio_fro
 from unshutter.frames.camera import ROWS, Fit, Problem, steady
 from unshutter.frames.self_calibration import ReadoutRatio, fewer, focal_from_motion, ratio_from_motion
 from unshutter.frames.shots import GreyFrame, Shot
-from unshutter.frames.tracks import TRACKED_SIDE
+from unshutter.frames.tracks import TRACKED_SIDE, Tracks
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.options import Camera, Clock, ClockKeywords, Reference, Undo
@@ -40,6 +41,18 @@ _GUESSED_RATIO = 0.5  # to look for a focal length with
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 
 
+class KnownTurns(Protocol):
+    """How the camera turned, known from elsewhere than the frames: from a gyro. Times are those of the clip's clock."""
+
+    def within_frame(self, begin_s: float, rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
+        """Rotation vectors [rad] of a frame's rows, given as shares of its height, since the first of them."""
+        ...
+
+    def without(self, tracks: Tracks, begin_s: float, end_s: float) -> Tracks:
+        """Tracks between two frames as a camera would have seen them that did not turn."""
+        ...
+
+
 @dataclass(frozen=True)
 class FrameMotion:
     """The motion of one frame, or why it has none; a small value until every row's motion is asked for.
@@ -53,6 +66,8 @@ class FrameMotion:
         reason: why there is no motion; None where there is one.
         shot: number of the shot that it belongs to: of frames that are joined by motion.
         scene: number of the scene that it shows.
+        turns: how the camera turned, where a gyro tells it; ``fit`` is what it did besides.
+        time_s: time of the frame on the clip's clock [s].
     """
 
     height: int
@@ -64,6 +79,8 @@ class FrameMotion:
     reason: Reason | None = None
     shot: int = 0
     scene: int = 0
+    turns: KnownTurns | None = None
+    time_s: float = 0.0
 
     @property
     def stood_still(self) -> bool:
@@ -79,9 +96,11 @@ class FrameMotion:
         """The frame's motion; zero, with the reason, where none was found."""
         if self.fit is None:
             return self._none(self.reason)
-        times = self.at + self.ratio * (np.arange(self.height) + 0.5) / self.height
-        turn = self.fit.turn(times)
+        rows = (np.arange(self.height) + 0.5) / self.height
+        turn = self.fit.turn(self.at + self.ratio * rows)
         rotations = turn - turn[0]
+        if self.turns is not None:  # within a frame, both are so small that they add
+            rotations = rotations + self.turns.within_frame(self.time_s, rows)
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
         if reach.max() < _NOTHING_PX:
             return self._none(Reason(Code.HARDLY_MOVED))
@@ -114,6 +133,7 @@ class CameraMotion:
         every_angle: of so many photos, right angles are looked for in one where motion does not say the ratio.
         fewest: frames without which a shot is left unchanged.
         window: frames whose motion is found together, and more on both sides that only steady it.
+        turns: how the camera turned, where a gyro tells it: then frames tell only what it did besides.
     """
 
     ratio: ReadoutRatio | None = None
@@ -122,6 +142,7 @@ class CameraMotion:
     every_angle: int = 6
     window: tuple[int, int] = (_CORE, _MARGIN)
     fewest: int = 2
+    turns: KnownTurns | None = None
     _photos: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
@@ -182,8 +203,8 @@ class CameraMotion:
             for frame in shot.waiting[:many]:
                 index = frame.at - start
                 ratio = self.ratio.value if self.ratio else 0.0
-                size = frame.height, frame.width
-                yield FrameMotion(*size, self.readout, fit, index, ratio, reason, shot.number, shot.scene)
+                size, place, known = (frame.height, frame.width), (shot.number, shot.scene), (self.turns, frame.time_s)
+                yield FrameMotion(*size, self.readout, fit, index, ratio, reason, *place, *known)
             shot.drop(many, margin)
 
     def _find_ratio(self, shot: Shot) -> None:
@@ -216,6 +237,13 @@ class CameraMotion:
 
     def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
         """The motion about the next frames of a shot; or why there is none."""
+        fit, reason = self._fit_of_pairs(shot, many)
+        if fit is None and self.turns is not None and self._focal is not None:
+            return Fit.none(self._focal), None  # the gyro knows, whatever the frames show
+        return fit, reason
+
+    def _fit_of_pairs(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
+        """The motion that tracks show, besides what a gyro tells; or why there is none."""
         pairs = [fewer(pair) for pair in shot.pairs[: shot.before + many + self.window[1] - 1]]
         if not pairs:
             return None, shot.broken_by or Reason(Code.NO_NEIGHBOUR)
@@ -233,6 +261,9 @@ class CameraMotion:
         else:
             focal = self._focal
         starts = np.array(shot.times[: len(pairs) + 1]) - np.floor(shot.times[0])
+        if self.turns is not None:
+            moments = pairwise(shot.clock_s)
+            pairs = [self.turns.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
         fit = steady(Problem(pairs, focal, starts), self.ratio.value, self._stiffness_for(len(pairs)))
         self._stiffness, self._windows = fit.stiffness, self._windows + 1
         if fit.noise_px > _TOO_NOISY_PX:

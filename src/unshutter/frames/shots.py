@@ -25,6 +25,7 @@ class GreyFrame:
 
     Its full size, a small grey copy, the photo where it may be looked at closely, and how long after the frame before
     it was taken: ``after`` is counted in the usual frame intervals, and so is ``at``, the time since the shot began.
+    ``time_s`` is its time on the clip's clock [s], where it has one.
     """
 
     height: int
@@ -34,6 +35,7 @@ class GreyFrame:
     photo: Photo | None = None
     after: float = 1.0
     at: float = 0.0
+    time_s: float = 0.0
 
 
 @dataclass(eq=False)
@@ -46,6 +48,7 @@ class Shot:
         scene: number of the scene that it shows; several shots may show one.
         pairs: tracks of the background from each kept frame to the next.
         times: when the frames of ``pairs`` were taken, one more than those [frame intervals].
+        clock_s: the same on the clip's clock [s].
         waiting: frames that wait.
         first: number of the frame at which ``pairs`` begin.
         before: how many of the kept frames wait no more.
@@ -57,6 +60,7 @@ class Shot:
     scene: int = 0
     pairs: list[Tracks] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
+    clock_s: list[float] = field(default_factory=list)
     waiting: list[GreyFrame] = field(default_factory=list)
     first: int = 0
     before: int = 0
@@ -112,6 +116,7 @@ class Shot:
             frame.number = self._last.number + 1
             self._last.grey = frame.grey[:0]  # no longer needed
         self.times.append(frame.at)
+        self.clock_s.append(frame.time_s)
         self.waiting.append(frame)
         self._last = frame
 
@@ -125,6 +130,7 @@ class Shot:
         del self.waiting[:many]
         self.before += many
         surplus = max(self.before - margin, 0)
-        del self.pairs[:surplus], self._moving[:surplus], self._passing[:surplus], self.times[:surplus]
+        del self.pairs[:surplus], self._moving[:surplus], self._passing[:surplus]
+        del self.times[:surplus], self.clock_s[:surplus]
         self.first += surplus
         self.before -= surplus

@@ -38,6 +38,7 @@ class RectifyClipOptions(TypedDict, total=False):
     camera: str | None
     readout: str
     focal_px: float | None
+    gyro: str | None
     reference: Reference
     strength: float
     edges: ClipEdges

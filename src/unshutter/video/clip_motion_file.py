@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -20,10 +21,11 @@ from unshutter.storage.files import written_whole
 from unshutter.storage.plain_files import check_plain
 from unshutter.version import __version__
 from unshutter.video.clip import Clip
-from unshutter.video.frame_motion import ROWS, MovingFrame
+from unshutter.video.frame_motion import GYRO_ROWS, ROWS, MovingFrame
 
 FORMAT = "unshutter-clip-motion/1"
-_ROWS_SAVED = 17  # rows of a frame whose rotation is written; ROWS - 1 is a multiple of one less
+_STRIDE = 4  # rows: of so many, the rotation of one is written
+_SAVED = tuple((rows - 1) // _STRIDE + 1 for rows in (ROWS, GYRO_ROWS))  # rotations of a frame in a file
 _LARGEST = 1 << 30  # bytes
 
 
@@ -83,7 +85,7 @@ class MotionWriter:
         motion = moving.motion
         record: dict[str, Any] = {"time_s": moving.frame.time or 0.0, "cut": moving.cut}
         if isinstance(motion, RotationMotion):
-            rotations = motion.rotations[:: (ROWS - 1) // (_ROWS_SAVED - 1)]
+            rotations = motion.rotations[::_STRIDE]
             record |= {"focal": motion.focal_px / motion.height, "rotations_rad": np.round(rotations, 9).tolist()}
         else:
             record |= {"rotations_rad": None, "reason": "" if motion.reason is None else str(motion.reason)}
@@ -151,25 +153,29 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
             motions.append(RowMotion.zero(ROWS, small, readout=readout, reason=reason_of(frame)))
             continue
         samples = np.array(frame["rotations_rad"], np.float64)
-        if samples.shape != (_ROWS_SAVED, 3):
+        if samples.shape not in [(saved, 3) for saved in _SAVED]:
             raise ValueError(f"rotations of shape {samples.shape}")
-        rotations = _between() @ samples
+        rotations = _between(len(samples)) @ samples
         rotations -= rotations[0]
-        motions.append(RotationMotion(small, rotations, float(frame["focal"]) * ROWS, readout=readout))
+        rows = len(rotations)
+        columns = max(1, round(frame_width * rows / frame_height))
+        motions.append(RotationMotion(columns, rotations, float(frame["focal"]) * rows, readout=readout))
     times = np.array([float(frame["time_s"]) for frame in data["frames"]])
     if not len(times) or not np.isfinite(times).all():
         raise ValueError("no frames, or times that are not numbers")
     return ClipMotion(ratio, readout, height, width, times, motions, [bool(frame["cut"]) for frame in data["frames"]])
 
 
-def _between() -> np.ndarray:
-    """[ROWS, _KEPT] weights of cubics through four rows that were kept, at all rows."""
-    at = np.arange(ROWS) * (_ROWS_SAVED - 1) / (ROWS - 1)
-    first = np.clip(np.floor(at).astype(int) - 1, 0, _ROWS_SAVED - 4)
-    weights = np.zeros((ROWS, _ROWS_SAVED))
+@cache
+def _between(saved: int) -> np.ndarray:
+    """[rows, saved] weights of cubics through four rows that were saved, at all rows."""
+    rows = (saved - 1) * _STRIDE + 1
+    at = np.arange(rows) / _STRIDE
+    first = np.clip(np.floor(at).astype(int) - 1, 0, saved - 4)
+    weights = np.zeros((rows, saved))
     for j in range(4):
-        factor = np.ones(ROWS)
+        factor = np.ones(rows)
         for k in set(range(4)) - {j}:
             factor *= (at - first - k) / (j - k)
-        weights[np.arange(ROWS), first + j] = factor
+        weights[np.arange(rows), first + j] = factor
     return weights

@@ -21,6 +21,7 @@ from unshutter.storage.files import written_whole
 from unshutter.storage.new_folders import new_folder
 from unshutter.video import mp4_movie, pictures
 from unshutter.video.clip import Clip, SidePacket
+from unshutter.video.clip_gyro import ClipGyro, gyro_of_clip
 from unshutter.video.clip_motion_file import ClipMotion, load, motion_written
 from unshutter.video.clip_preview import write_preview
 from unshutter.video.encoders import Encoder
@@ -68,9 +69,9 @@ def rectify_clip_file(
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
     clip.check_whole(options.start, options.end)
     encoder = Encoder.choose(clip, options.encode) if not are_pictures(target) else None
-    pipeline, visibility = _pipeline(clip, options, ratio, watch, on_readout)
+    pipeline, visibility, gyro = _pipeline(clip, options, ratio, watch, on_readout)
     outcome = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
-    outcome.after_killed_run = after_killed_run
+    outcome.after_killed_run, outcome.gyro = after_killed_run, gyro
     if visibility is not None and pipeline.unmoved is not None and _is_simple(clip, target, options):
         outcome.add_unchanged(visibility.frames, pipeline.unmoved)
         outcome.written = not options.only_changed
@@ -93,31 +94,41 @@ def _pipeline(
     ratio: ReadoutRatio | None,
     watch: Watch | None,
     on_readout: ReadoutCallback | None,
-) -> tuple[Pipeline, Visibility | None]:
+) -> tuple[Pipeline, Visibility | None, ClipGyro | None]:
     """The steps for a clip, its readout ratio and direction taken from the motion file, the options, or the clip.
 
     Returns:
-        The steps; and how little a clip of unknown readout time can show, where that is too little to change a frame.
+        The steps; how little a clip of unknown readout time can show, where that is too little to change a frame; and
+        the gyro log, if there is one.
     """
     if options.motion is not None:
         motion = load(options.motion)
         _check_size(motion, clip)
-        return Pipeline(clip, options, ReadoutRatio(motion.ratio, 0.0, "motion file"), motion.readout, motion), None
+        return (
+            Pipeline(clip, options, ReadoutRatio(motion.ratio, 0.0, "motion file"), motion.readout, motion),
+            None,
+            None,
+        )
     readout, ratio_option = Readout.parse(options.shutter.readout), options.shutter.ratio(clip.interval_s)
     search = ratio_option is None and ratio is None
     if ratio_option is not None:
         ratio = ReadoutRatio(ratio_option, 0.0, "given")
-    elif ratio is None:
-        ratio = readout_ratio_of_clip(clip, readout, options.shutter, options.span(clip.duration_s), watch)
-    pipeline = Pipeline(clip, options, ratio, readout)
+    span = options.span(clip.duration_s)
+    gyro = gyro_of_clip(clip, readout, options.shutter, span, None if ratio is None else ratio.value, watch)
+    if ratio is None and gyro is not None:
+        ratio = gyro.ratio
+    if ratio is None:
+        ratio = readout_ratio_of_clip(clip, readout, options.shutter, span, watch)
+    gyro = None if gyro is None else gyro.with_ratio(ratio.value)
+    pipeline = Pipeline(clip, options, ratio, readout, gyro=None if gyro is None else gyro.turns)
     if ratio.plausible is not None:
         visibility = too_little_to_see(clip, readout, options, ratio.plausible.highest, watch)
         if visibility is not None:
             reason = Reason.of(Code.NOTHING_TO_SEE, px=max(round(visibility.largest_px, 1), 0.1))
-            return replace(pipeline, unmoved=reason), visibility
+            return replace(pipeline, unmoved=reason), visibility, gyro
     if search and on_readout is not None:
         on_readout(ratio, clip.interval_s)
-    return pipeline, None
+    return pipeline, None, gyro
 
 
 def _check_size(motion: ClipMotion, clip: Clip) -> None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
 ROWS = 65  # of the small pictures that motions of clips are of
+GYRO_ROWS = 257  # where a gyro says how the camera vibrated
 COPY_SIDE = 270  # px, short side of the copies in which corners are followed
 FEWEST = 8  # frames of a shot: what is shorter is more often a mistake than a cut
 _MARGIN = 4  # frames on both sides that only steady a window
@@ -66,7 +67,8 @@ def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side
     """
     readout = camera.readout
     grey = np.ascontiguousarray(readout.turn(clip.pixels.grey(frame, side)))
-    return GreyFrame(*readout.frame_size(frame.height, frame.width), grey, after=since)
+    size = readout.frame_size(frame.height, frame.width)
+    return GreyFrame(*size, grey, after=since, time_s=frame.time or 0.0)
 
 
 def with_motion(
@@ -104,6 +106,7 @@ def with_motion(
 
 
 def small_motion(motion: FrameMotion) -> Motion:
-    """The motion for a picture of ``ROWS`` rows."""
-    width = max(1, round(motion.width * ROWS / motion.height))
-    return replace(motion, height=ROWS, width=width).motion()
+    """The motion for a picture of ``ROWS`` rows, or ``GYRO_ROWS``."""
+    rows = ROWS if motion.turns is None else GYRO_ROWS
+    width = max(1, round(motion.width * rows / motion.height))
+    return replace(motion, height=rows, width=width).motion()

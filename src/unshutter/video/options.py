@@ -23,6 +23,7 @@ from unshutter.options import (
 ClipEdges = Literal["keep", "crop", "fill", "borrow"]
 MAX_CLIP_PIXELS = 38_000_000  # of a frame, unless a user allows more: 8K
 _LONGEST_S = 1e9
+GYRO_OFF = "off"
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class Shutter:
         camera: name in the table of cameras.
         readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
         focal_px: focal length [px of a frame]; None: found.
+        gyro: file of the clip's gyro log, or ``off``; None: the log in the clip's file, if there is one.
 
     Raises:
         UsageError: numbers that cannot be, or two of them for the same.
@@ -57,6 +59,14 @@ class Shutter:
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(None, "Focal length in px of a frame. Default: found from the clip.")
+    gyro: str | None = option(
+        None,
+        "Gyro log of the clip: a .gcsv file, or what telemetry-parser reads; off: none. "
+        "Default: the log in the clip's own file.",
+        metavar="FILE",
+        names="input",
+        page=False,
+    )
 
     def __post_init__(self) -> None:
         Readout.parse(self.readout)
@@ -70,8 +80,8 @@ class Shutter:
 
     @property
     def is_empty(self) -> bool:
-        """Whether neither the readout time nor the focal length is stated."""
-        return self.readout_ms is self.readout_ratio is self.camera is self.focal_px is None
+        """Whether nothing is stated: no readout time, no focal length, no gyro log."""
+        return self.readout_ms is self.readout_ratio is self.camera is self.focal_px is self.gyro is None
 
     def ratio(self, interval_s: float) -> float | None:
         """Readout time in frame intervals, where it is stated.

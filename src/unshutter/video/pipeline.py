@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion
 from unshutter.geometry.readout import Readout
+from unshutter.gyro.rows import GyroTurns
 from unshutter.motion import RowMotion
 from unshutter.reasons import Reason
 from unshutter.video.clip import Clip, SidePacket
@@ -52,6 +53,7 @@ class Pipeline:
         readout: direction in which stored pixels were read.
         file_motion: motion from a file; None: it is found from the frames.
         unmoved: why no frame is to be changed; None: frames are rectified.
+        gyro: how the camera turned; None: only frames tell it.
     """
 
     clip: Clip
@@ -60,6 +62,7 @@ class Pipeline:
     readout: Readout
     file_motion: ClipMotion | None = None
     unmoved: Reason | None = None
+    gyro: GyroTurns | None = None
 
     def moving(self, all_streams: bool = False) -> Generator[MovingFrame | SidePacket]:
         """The frames with their motion; with ``all_streams``, also the packets of the other streams."""
@@ -70,7 +73,9 @@ class Pipeline:
             return _with_file_motion(self.file_motion, items)
         together = window(self.clip)
         focal_px = self.options.shutter.focal_px
-        camera = CameraMotion(self.ratio, focal_px, self.readout, window=together, fewest=FEWEST)
+        if focal_px is None and self.gyro is not None:
+            focal_px = self.gyro.focal_px(self.readout.frame_size(self.clip.height, self.clip.width)[0])
+        camera = CameraMotion(self.ratio, focal_px, self.readout, window=together, fewest=FEWEST, turns=self.gyro)
         return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
 
     def rectified(self, warper: Warper, all_streams: bool = False) -> Generator[NewFrame | SidePacket]:

@@ -17,6 +17,7 @@ from unshutter.video.pictures import is_pattern
 
 if TYPE_CHECKING:
     from unshutter.frames.self_calibration import ReadoutRatio
+    from unshutter.video.clip_gyro import ClipGyro
     from unshutter.video.outcome import ClipOutcome
 
 
@@ -96,7 +97,7 @@ def _line_of(ratio: ReadoutRatio, interval_ms: float) -> str:
         usual = f"{ms:.1f} ms is taken, as usual for {ratio.plausible.cameras} ({low:.1f} to {high:.1f} ms)"
         advice = f"--try {low:.0f},{ms:.0f},{int(high)} shows the difference, --readout-ms sets it"
         return f"unshutter: {ratio.instead_of}: {usual}; {advice}"
-    if ratio.source == "motion":
+    if ratio.source in ("motion", "gyro"):
         return f"unshutter: readout time {ms:.1f} +- {error:.1f} ms (--readout-ms {ms:.1f})"
     return f"unshutter: readout time {ms:.1f} ms, from {ratio.source} ({ratio.camera})"
 
@@ -115,12 +116,25 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     frames = f"{outcome.rectified} of {outcome.frames} frames straightened"
     result = outcome.output if outcome.written else "not written"
     yield f"{outcome.source} -> {result}: {frames}{note}"
+    if outcome.gyro is not None:
+        yield _gyro_line(outcome.gyro)
     if outcome.left_out:
         yield f"unshutter: such files have no place for: {', '.join(outcome.left_out)}"
     if outcome.gap_s is not None:
         at, seconds = outcome.gap_s
         hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"
         yield f"unshutter: {outcome.source} {hole}: part of it may be missing"
+
+
+def _gyro_line(gyro: ClipGyro) -> str:
+    """What came of the clip's gyro log."""
+    if gyro.reason is not None or gyro.turns is None:
+        return f"unshutter: gyro log ({gyro.origin}) not used: {gyro.reason}"
+    alignment = gyro.turns.alignment
+    focal = f"focal length {gyro.turns.focal_px(1):.2f} times the frame's height"
+    return (
+        f"unshutter: gyro log ({gyro.origin}) used: its clock is {alignment.offset_s:+.3f} s from the clip's, {focal}"
+    )
 
 
 COMMAND = Command(

@@ -46,6 +46,10 @@ export const reasons = {
   "film-too-short": () => "the film inside it is too short",
   "film-differs": () => "the film inside it shows something else",
   "film-stabilised": () => "the film inside it was stabilised",
+  "gyro-too-calm": () => "the camera hardly turned: the clip does not show which moment of its gyro log is which",
+  "gyro-too-short": () => "the gyro log ends before the clip, or has gaps",
+  "gyro-disagrees": ({ correlation }) =>
+    `the picture does not follow the gyro log (correlation ${correlation.toFixed(2)}): the clip was stabilised, or the log is of another clip`,
   "no-clear-part": ({ frames }) => `no ${frames} frames in a row show one scene clearly`,
 };
 

@@ -1,0 +1,252 @@
+"""All unknowns of an alignment, adjusted together until it predicts the tracks of a clip best.
+
+A camera turns a direction d that it sees at one moment into R(t1) R(t0)^T d. A track of a corner from row y0 of one
+frame to row y1 of the next shows that rotation between the moments of two rows. So with the log's rates, turned into
+the camera's axes and shifted by an offset, every track is predicted, and what it is off by shows what is wrong about
+the axes, the offset, the focal length and the readout ratio: Gauss-Newton, errors of tracks taken as Student's t.
+
+What translation adds to a pair of frames is unknown for each pair, and as large as it turns out to be: where the camera
+only turns, it is small, and frames tell all; where it walks, what rows of one frame differ by still tells much. It is
+the motion that a plane would show (eight numbers), with a part that stays or changes evenly over the clip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from unshutter.frames.camera import ROWS
+from unshutter.geometry.rotations import rotation_matrix
+from unshutter.gyro.alignment import Alignment, Pair
+from unshutter.gyro.log import GyroLog
+
+_HALF = ROWS / 2
+_DEGREES = 3.0  # of freedom of Student's t
+_FINEST = 0.02  # px of ROWS rows; tracks are not taken to be better than this
+_ROUNDS = 20
+_NEGLIGIBLE = 0.05  # standard deviations: unknowns that change by less do not change
+_MOST_TRACKS = 40  # of a pair: more only take longer
+_STRETCH = 8  # pairs of frames that err together
+_COMMON = 4.0  # tracks err together: a variance of n tracks is worth one of n / _COMMON
+# Unknowns: tilt of the axes (3) [rad], offset [s], drift, bias (3) [rad/s], logarithm of the focal length, ratio.
+_OFFSET, _FOCAL, _RATIO = 3, 8, 9
+_PRIORS = [0.15] * 3 + [0.1, 3e-4] + [0.02] * 3 + [0.5, 0.3]  # standard deviations of changes
+_STEPS = np.diag([1e-4] * 3 + [1e-4, 1e-5] + [1e-4] * 3 + [1e-3] * 2)  # of differences
+_MOST_CHANGE = np.array([0.1] * 3 + [0.01, 1e-3] + [0.02] * 3 + [0.15, 0.2])  # in one round
+_BEGUN_PX, _STEADY_PX, _SPREADS_PX = 3.0, 100.0, (1e-3, 10.0)  # of each pair's own motion; the part that stays
+_COMMONS = 8  # numbers that say how a plane moves between two frames
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """An alignment as it comes out.
+
+    Attributes:
+        alignment: the alignment.
+        noise_px: of the tracks [px of ROWS rows].
+        focal_error: standard deviation of the focal length, as a share; 0 if it was known.
+        ratio_error: that of the readout ratio; 0 if it was known.
+        offset_error_s: that of the offset [s].
+    """
+
+    alignment: Alignment
+    noise_px: float
+    focal_error: float
+    ratio_error: float
+    offset_error_s: float
+
+
+@dataclass(eq=False)
+class Adjustment:
+    """The tracks of a clip and the log that is to predict them.
+
+    Attributes:
+        log: the log.
+        pairs: tracks between frames; of each pair, no more than ``_MOST_TRACKS`` count.
+        usual_focal_px: focal length to expect [px of ROWS rows].
+        focal_known, ratio_known: whether these are not to be changed.
+    """
+
+    log: GyroLog
+    pairs: Sequence[Pair]
+    usual_focal_px: float
+    focal_known: bool = False
+    ratio_known: bool = False
+    _turns: dict[tuple[float, ...], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        self.pairs = [_fewer(pair) for pair in self.pairs]
+
+    # ---- the tracks and what predicts them -------------------------------------------------------------
+
+    @cached_property
+    def used(self) -> np.ndarray:
+        """[pairs, most] bool: which places of the padded arrays hold a track."""
+        most = max(len(pair.tracks) for pair in self.pairs)
+        return np.array([np.arange(most) < len(pair.tracks) for pair in self.pairs])
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """[2, pairs, most, 2] starts and ends of tracks, (col, row) [px of ROWS rows]."""
+        ends = np.zeros((2, *self.used.shape, 2))
+        for k, pair in enumerate(self.pairs):
+            ends[0, k, : len(pair.tracks)], ends[1, k, : len(pair.tracks)] = pair.tracks.start, pair.tracks.end
+        return (ends + 0.5) * ROWS / self.pairs[0].tracks.height
+
+    @cached_property
+    def taken(self) -> np.ndarray:
+        """[2, pairs, 1] when the frames were taken [s]."""
+        return np.array([[pair.begin_s for pair in self.pairs], [pair.end_s for pair in self.pairs]])[..., None]
+
+    @property
+    def width(self) -> float:
+        """Of the frames [px of ROWS rows]."""
+        tracks = self.pairs[0].tracks
+        return tracks.width * ROWS / tracks.height
+
+    def predicted(self, alignment: Alignment) -> np.ndarray:
+        """[pairs, most, 2] where the tracks end [px of ROWS rows] if the camera turned as the log says."""
+        middle = np.array([self.width / 2, _HALF])
+        turned = alignment.turned(*self.turns(alignment))
+        rays = np.concatenate([(self.ends[0] - middle) / alignment.focal_px, np.ones((*self.used.shape, 1))], axis=-1)
+        seen = np.einsum("pnij,pnj->pni", turned, rays)
+        return seen[..., :2] / seen[..., 2:] * alignment.focal_px + middle
+
+    def turns(self, alignment: Alignment) -> tuple[np.ndarray, np.ndarray]:
+        """Turns of the device between the rows of each track [pairs, most, 3, 3], and how long they took [s]."""
+        clock = (alignment.offset_s, alignment.drift, alignment.ratio)
+        if clock not in self._turns:
+            times = alignment.log_time(self.taken, np.clip(self.ends[..., 1] / ROWS, 0, 1))
+            begin, end = self.log.rotations(times[0]), self.log.rotations(times[1])
+            self._turns.clear()
+            self._turns[clock] = end @ begin.swapaxes(-1, -2), times[1] - times[0]
+        return self._turns[clock]
+
+    def residuals(self, alignment: Alignment) -> np.ndarray:
+        """[pairs, 2 most] what tracks are off by [px of ROWS rows]; 0 where there is none."""
+        off = (self.ends[1] - self.predicted(alignment)) * self.used[..., None]
+        return off.reshape(len(self.pairs), -1)
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """[pairs, 2 most, 8] by how much tracks move with the motion of a plane seen by a camera that moves."""
+        x, y = np.moveaxis((self.ends.mean(axis=0) - [self.width / 2, _HALF]) / _HALF, -1, 0)
+        one, none = np.ones_like(x), np.zeros_like(x)
+        columns = np.stack([one, none, x, y, none, none, x * x, x * y], axis=-1)
+        rows = np.stack([none, one, none, none, x, y, x * y, y * y], axis=-1)
+        shares = np.stack([columns, rows], axis=-2) * self.used[..., None, None]
+        return shares.reshape(len(self.pairs), -1, _COMMONS)
+
+    @cached_property
+    def steady(self) -> np.ndarray:
+        """[pairs, 2 most, 16] the part of that motion that stays, or changes evenly over the clip."""
+        at = self.taken[0, :, 0]
+        at = (at - at.mean()) / max(np.ptp(at), 1e-9)
+        return np.concatenate([self.shares, self.shares * at[:, None, None]], axis=-1)
+
+    # ---- solved ----------------------------------------------------------------------------------------
+
+    def solve(self, start: Alignment) -> Adjusted:
+        """The alignment that predicts the tracks best.
+
+        Args:
+            start: an alignment near it.
+        """
+        priors = np.array(_PRIORS)
+        priors[[_FOCAL, _RATIO]] *= [not self.focal_known, not self.ratio_known]
+        free = np.flatnonzero(priors)
+        expected = np.zeros(len(priors))
+        expected[_FOCAL] = np.log(self.usual_focal_px / start.focal_px)
+        change, common = np.zeros(len(priors)), np.zeros((len(self.pairs), _COMMONS))
+        spread, steady, noise = np.full(_COMMONS, _BEGUN_PX), np.zeros(2 * _COMMONS), np.nan
+        precision = np.concatenate([priors[free] ** -2.0, np.full(len(steady), _STEADY_PX**-2.0)])
+        for _ in range(_ROUNDS):
+            off = self.residuals(changed(start, change))
+            slopes = [(off - self.residuals(changed(start, change + step))) / step.sum() for step in _STEPS[free]]
+            slopes = np.concatenate([np.stack(slopes, axis=-1), self.steady], axis=-1)
+            weights, noise = self._weights(off - self._along(common) - self.steady @ steady, noise)
+            weighted = (self.shares * weights[..., None]).transpose(0, 2, 1)
+            inner = np.linalg.inv(weighted @ self.shares + np.diag(spread**-2.0))
+            matrix, moments = self._normal(slopes, weights, weighted, inner, off)
+            matrix = matrix / _COMMON + np.diag(precision)
+            moments = moments / _COMMON
+            moments[: len(free)] += precision[: len(free)] * (expected - change)[free]
+            delta = np.linalg.solve(matrix, moments)
+            change[free] += np.clip(delta[: len(free)], -_MOST_CHANGE[free], _MOST_CHANGE[free])
+            steady = delta[len(free) :]
+            left = off - slopes @ delta
+            common = np.einsum("pcd,pdn,pn->pc", inner, weighted, left, optimize=True)
+            counted = (1 - np.einsum("pcc->pc", inner) / spread**2).sum(axis=0)  # how many of them the tracks tell
+            spread = np.clip(np.sqrt((common**2).sum(axis=0) / np.maximum(counted, 1e-3)), *_SPREADS_PX)
+            errors = np.zeros(len(priors))
+            errors[free] = self._errors(matrix, slopes, weights * (left - self._along(common)))[: len(free)]
+            if (np.abs(delta[: len(free)]) < _NEGLIGIBLE * errors[free]).all():
+                break
+        return Adjusted(changed(start, change), float(noise), errors[_FOCAL], errors[_RATIO], errors[_OFFSET])
+
+    def _along(self, common: np.ndarray) -> np.ndarray:
+        """[pairs, 2 most] by how much each pair's own motion moves its tracks."""
+        return (self.shares @ common[..., None])[..., 0]
+
+    def _normal(
+        self, slopes: np.ndarray, weights: np.ndarray, weighted: np.ndarray, inner: np.ndarray, off: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Normal equations of the unknowns, each pair's own motion eliminated."""
+        across = weighted @ slopes  # [pairs, 8, unknowns]
+        matrix = np.einsum("pnu,pn,pnv->uv", slopes, weights, slopes, optimize=True)
+        matrix -= np.einsum("pcu,pcd,pdv->uv", across, inner, across, optimize=True)
+        moments = np.einsum("pnu,pn,pn->u", slopes, weights, off, optimize=True)
+        moments -= np.einsum("pcu,pcd,pdn,pn->u", across, inner, weighted, off, optimize=True)
+        return matrix, moments
+
+    def _errors(self, matrix: np.ndarray, slopes: np.ndarray, left: np.ndarray) -> np.ndarray:
+        """Standard deviations: what the noise of tracks says, or what stretches of the clip differ by, if more.
+
+        Args:
+            matrix: [unknowns, unknowns] inverse of the covariance that the noise says.
+            slopes: [pairs, 2 most, unknowns] by how much tracks move with the unknowns.
+            left: [pairs, 2 most] weighted residuals of the tracks.
+        """
+        inverse = np.linalg.inv(matrix)
+        scores = np.einsum("pnu,pn->pu", slopes, left)
+        parts = np.array_split(scores, max(len(scores) // _STRETCH, 2))
+        stretches = np.array([part.sum(axis=0) for part in parts])
+        between = inverse @ (stretches.T @ stretches) @ inverse / _COMMON**2
+        return np.sqrt(np.maximum(np.diag(inverse), np.diag(between)))
+
+    def _weights(self, off: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
+        """[pairs, 2 most] weights of the tracks under Student's t, and its scale [px]."""
+        squared = (off.reshape(*self.used.shape, 2) ** 2).sum(axis=-1)
+        known = squared[self.used]
+        noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise
+        for _ in range(3):
+            noise = max(noise, _FINEST)
+            share = (_DEGREES + 2) / (_DEGREES + known / noise**2)
+            noise = np.sqrt((share * known).mean() / 2)
+        noise = max(noise, _FINEST)
+        weights = self.used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2
+        return np.repeat(weights, 2, axis=1), noise
+
+
+def changed(alignment: Alignment, change: np.ndarray) -> Alignment:
+    """An alignment with its unknowns changed."""
+    tilt, (offset, drift), bias, (focal, ratio) = change[:3], change[3:5], change[5:8], change[8:]
+    return replace(
+        alignment,
+        axes=rotation_matrix(tilt) @ alignment.axes,
+        offset_s=alignment.offset_s + offset,
+        drift=alignment.drift + drift,
+        bias=alignment.bias + bias,
+        focal_px=alignment.focal_px * np.exp(focal),
+        ratio=alignment.ratio + ratio,
+    )
+
+
+def _fewer(pair: Pair) -> Pair:
+    """Enough of the tracks of a pair, strong corners and weak ones."""
+    kept = np.zeros(len(pair.tracks), bool)
+    kept[np.linspace(0, len(kept) - 1, min(len(kept), _MOST_TRACKS)).astype(int)] = True
+    return replace(pair, tracks=pair.tracks.only(kept))
