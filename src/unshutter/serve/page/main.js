@@ -143,7 +143,7 @@ function update() {
   stage.crop(result?.crop ?? null);
   stage.single = current.kind === "photo" && !(state === "done" && result?.changed) && !(result?.changed && state === "finding");
   panelOf(current).show(current);
-  advice.show(current);
+  advise();
   moments.show(current.kind === "clip" ? current : null);
   const failed = ["failed", "asking"].includes(state);
   const inPicture = failed && !pictures.before; // then the error is said where the picture would be
@@ -227,9 +227,15 @@ function change(name, value) {
   refresh();
 }
 
+// While lines are drawn there is no advice: the picture must not move under the pointer when an answer comes.
+function advise() {
+  advice.show(lines.kind === null ? current : null);
+}
+
 // A tool draws lines: they are drawn on the photo as it was taken, and snap to its segments.
 async function drawing(kind) {
   const photo = current;
+  advise();
   if (!kind || !photo) return;
   try {
     lines.segments = (await (await photo.ask("segments")).json()).before;
