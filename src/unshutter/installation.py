@@ -35,10 +35,15 @@ def extra(name: str) -> str:
     return f"pip install {shlex.quote(f'{sources}[{name}]' if sources else f'unshutter[{name}]')}"
 
 
-def lab() -> str:
-    """The command that installs unshutter-lab, from the place that unshutter itself comes from."""
+def lab(name: str = "") -> str:
+    """The command that installs unshutter-lab, from the place that unshutter itself comes from.
+
+    Args:
+        name: of an extra of its own; empty: none.
+    """
     sources = _sources()
-    return f"pip install {shlex.quote(str(sources / 'lab')) if sources else 'unshutter-lab'}"
+    package = str(sources / "lab") if sources else "unshutter-lab"
+    return f"pip install {shlex.quote(f'{package}[{name}]' if name else package)}"
 
 
 def _sources() -> Path | None:

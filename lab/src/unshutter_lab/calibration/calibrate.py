@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.estimators.right_angles.beliefs import NORMAL, MotionKind
 from unshutter.estimators.right_angles.search import displacement
@@ -101,7 +102,7 @@ def _check_libraries() -> None:
     try:
         import sklearn  # noqa: F401
     except ImportError as error:
-        raise UnshutterError(f"calibrate needs the extra: pip install 'unshutter-lab[calibrate]' ({error})") from None
+        raise UnshutterError(f"calibrate needs the extra: {installation.lab('calibrate')} ({error})") from None
 
 
 def _as_fields(kind: MotionKind) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from unshutter import installation
 from unshutter.cli.arguments import Command, required
 from unshutter.errors import UnshutterError
 from unshutter.options import option
@@ -45,7 +46,7 @@ def run(arguments: Arguments) -> int:
     try:
         from unshutter_lab.training import train
     except ImportError as error:
-        raise UnshutterError(f"training needs the extra: pip install 'unshutter-lab[train]' ({error})") from None
+        raise UnshutterError(f"training needs the extra: {installation.lab('train')} ({error})") from None
     folder = train.run(
         arguments.config,
         arguments.out,

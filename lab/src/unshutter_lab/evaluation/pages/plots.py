@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.storage.files import written_whole
 from unshutter_lab.evaluation.cases.case import NOTHING
@@ -30,7 +31,7 @@ def check_matplotlib() -> None:
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        raise UnshutterError("evaluate draws plots and needs the extra: pip install 'unshutter[plot]'") from None
+        raise UnshutterError(f"evaluate draws plots and needs the extra: {installation.extra('plot')}") from None
 
 
 def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[str, str]]:
