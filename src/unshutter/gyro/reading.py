@@ -19,7 +19,7 @@ _LONGEST_HEAD = 100  # lines
 
 
 def log_of_file(path: str | os.PathLike[str]) -> GyroLog:
-    """Reads a log that lies beside its clip.
+    """Reads a log that lies next to its clip.
 
     Raises:
         UnshutterError: it cannot be read, or is none.
@@ -92,7 +92,7 @@ def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:
         values = np.array(rows, np.float64).reshape(-1, len(columns))
         readout_ms = abs(float(told.get("frame_readout_time", 0))) or None
     except ValueError:
-        raise UnshutterError(f"{name}: the log has values that are no numbers") from None
+        raise UnshutterError(f"{name}: the log has values that are not numbers") from None
     times = values[:, columns.index("t")] * scale["tscale"]
     rates = values[:, [columns.index(key) for key in ("gx", "gy", "gz")]] * scale["gscale"]
     force = np.zeros((0, 4))

@@ -117,7 +117,7 @@ def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tup
 
     The turns are those that tracks show, and that they would show by the log: of frames of which every row has turned
     in its own way, they are only a mean. Two halves of the tracks show by what they have in common how much of the
-    picture's turns is no noise.
+    picture's turns is not noise.
     """
     scale = np.array([1, 1, _HALF / alignment.focal_px])
     gyro = GyroTurns(log, alignment)

@@ -1,4 +1,4 @@
-"""The gyro log of a clip: found in its file or beside it, compared with the picture, and used if that follows it."""
+"""The gyro log of a clip: found in its file or next to it, compared with the picture, and used if that follows it."""
 
 from __future__ import annotations
 
