@@ -20,10 +20,10 @@ import numpy as np
 from unshutter.estimators.base import View
 from unshutter.estimators.find import chosen, find_candidates
 from unshutter.estimators.register import load
+from unshutter.estimators.right_angles.beliefs import CAMERA, LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.estimators.right_angles.drawn_lines import DrawnLine
 from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints, VanishingPoints
 from unshutter.estimators.right_angles.search import descend
-from unshutter.estimators.right_angles.unknowns import CAMERA, LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.estimators.right_angles.view import likelihood_of, segments_of
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.verdict import Verdict

@@ -22,7 +22,7 @@ CHECKED = {
     "unshutter_lab.evaluation.metrics",
     "unshutter_lab.methods.curves",
     "unshutter_lab.methods.least_squares",
-    "unshutter.estimators.lines.segments",
+    "unshutter.estimators.segments",
     "unshutter.geometry.rotations",
     "unshutter.geometry.rows",
     "unshutter.motion.motion",

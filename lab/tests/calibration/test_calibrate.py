@@ -33,8 +33,8 @@ def run(data: Path, out: Path, *more: str) -> int:
 def data(tmp_path_factory: pytest.TempPathFactory, facade: np.ndarray) -> Path:
     """Two facades with and without motion, one as it is, some for the network's errors, and a gyro log."""
     folder = tmp_path_factory.mktemp("data")
-    parts = [facade[:270, :270], facade[100:370, 200:470], facade[140:400, 20:280]]
-    for name, files in (("train", NAMES), ("val", ("a.png", "b.png", "c.png")), ("ordinary", ("o.png",))):
+    parts = [facade[:270, :270], facade[100:370, 200:470], facade[140:400, 20:280], facade[60:330, 100:370]]
+    for name, files in (("train", NAMES), ("val", ("a.png", "b.png", "c.png", "d.png")), ("ordinary", ("o.png",))):
         (folder / name).mkdir()
         for file, part in zip(files, parts, strict=False):
             Photo.from_array(part.copy()).save(folder / name / file)
@@ -69,7 +69,7 @@ def test_the_file_is_one_that_the_default_method_runs_on(
 def test_the_file_says_what_it_was_made_of(calibrated: Path, data: Path) -> None:
     provenance = json.loads((calibrated / "calibration.json").read_text())["provenance"]
     assert {name: each.get("photos") for name, each in provenance["data"].items()} == {
-        "val": 3,
+        "val": 4,
         "train": 2,
         "ordinary": 1,
         "trajectories": None,

@@ -48,7 +48,7 @@ class SegmentNetwork:
         """Runs the network.
 
         Args:
-            segments: [N, 4] end points in centred units of rows (lines/segments.py).
+            segments: [N, 4] end points in centred units of rows (segments.py).
             up: unit vector (right, down) to the scene's top.
 
         Returns:

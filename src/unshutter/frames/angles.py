@@ -16,10 +16,10 @@ import numpy as np
 
 from unshutter.errors import UnknownRatioError
 from unshutter.estimators.base import View
-from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
 from unshutter.estimators.right_angles.search import evidence_of
 from unshutter.estimators.right_angles.view import known_camera, segments_of
+from unshutter.estimators.segments import unusable
 from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.frames.tracks import Tracks
 from unshutter.reasons import Code, Reason

@@ -38,8 +38,8 @@ class Motion(ABC):
             the motion is zero there.
         readout: direction in which the stored pixels were read.
         estimator: what found this motion.
-        confidence: probability (0 ... 1) that it is right: mean displacement error below 1 px of 256 rows; None where
-            the estimator gives none.
+        confidence: probability (0 ... 1) that it is right: mean displacement error below 1 px of 256 rows or a tenth of
+            what the motion displaces, whichever is more; None where the estimator gives none.
         reason: why there is no motion, when an estimator declined; else None.
         roll_deg, tilt_deg: how the camera was held (see :class:`~unshutter.options.Camera`), where that was known when
             the motion was found [degrees]; else None.

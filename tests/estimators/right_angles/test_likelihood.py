@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from support.gradients import check_jacobian
-from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import UNKNOWNS, Beliefs, KnownCamera, SecondOpinion
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
-from unshutter.estimators.right_angles.unknowns import UNKNOWNS
 
 
 @pytest.mark.parametrize("known", [KnownCamera(), KnownCamera(up=(1, 0), roll=0.1)])

@@ -4,9 +4,19 @@ import numpy as np
 import pytest
 
 from support.gradients import check_jacobian
-from unshutter.estimators.right_angles.beliefs import NORMAL, Beliefs, KnownCamera, MotionKind, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import (
+    LOG_FOCAL,
+    NORMAL,
+    ROLL,
+    TILT,
+    UNKNOWNS,
+    YAW,
+    Beliefs,
+    KnownCamera,
+    MotionKind,
+    SecondOpinion,
+)
 from unshutter.estimators.right_angles.prior import Prior
-from unshutter.estimators.right_angles.unknowns import LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
 
 
 def opinion() -> SecondOpinion:

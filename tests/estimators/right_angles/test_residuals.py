@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from support.gradients import check_jacobian
+from unshutter.estimators.right_angles.beliefs import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints, RectifiedPoints, VanishingPoints
-from unshutter.estimators.right_angles.unknowns import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.geometry import rows as geometry
 
 RNG = np.random.default_rng(0)

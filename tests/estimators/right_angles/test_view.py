@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from unshutter import View
+from unshutter.estimators.right_angles.beliefs import LOG_FOCAL, ROLL, TILT
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
-from unshutter.estimators.right_angles.unknowns import LOG_FOCAL, ROLL, TILT
 from unshutter.estimators.right_angles.view import likelihood_of, segments_of
 from unshutter.options import Camera
 from unshutter.photo import Photo

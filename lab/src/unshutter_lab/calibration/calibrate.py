@@ -23,6 +23,7 @@ from unshutter.storage.protection import Protection
 from unshutter_lab.calibration.cases import (
     CROP,
     CROPS,
+    DRAWN,
     FRAME,
     MOVED,
     STILL,
@@ -85,7 +86,7 @@ def calibrate(
 
     known = {
         "kinds": {kind.name: _as_fields(kind) for kind in fit_motion_kinds(logs, seed)},
-        "network_errors": _network_errors(_synthetic(NETWORK, folders[NETWORK], MOVED, seed, logs), store, jobs),
+        "network_errors": _network_errors(_synthetic(NETWORK, folders[NETWORK], DRAWN, seed, logs), store, jobs),
     }
     cases = _search_cases(folders, clips, seed, logs, json.dumps(known))
     usable = measure(cases, [_NAME], store, jobs)

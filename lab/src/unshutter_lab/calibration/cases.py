@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.methods.segment_manhattan import SegmentManhattan
 from unshutter.estimators.register import method
 from unshutter.estimators.right_angles.answers import LARGEST, LEAST_GAIN
@@ -22,6 +21,7 @@ from unshutter.estimators.right_angles.odds import confidence_figures, figures
 from unshutter.estimators.right_angles.search import Posterior, displacement, explore
 from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
+from unshutter.estimators.segments import unusable
 from unshutter.frames.sequence import estimate_frames
 from unshutter.motion import Motion, RowMotion
 from unshutter.options import DEFAULT_ESTIMATOR
@@ -31,10 +31,13 @@ from unshutter_lab.evaluation.cases.case import Loaded, Record, Trial, in_8_bits
 from unshutter_lab.evaluation.cases.synthetic import Suite, SyntheticCase
 from unshutter_lab.evaluation.metrics import motion_error
 
-MOVED = (
+DRAWN = (
     Suite("256 px", of_pictures=False),
     Suite("native size", rows=None, of_pictures=False),
     Suite("portrait", turned=1, orientation=6, of_pictures=False),
+)
+MOVED = (
+    *DRAWN,
     Suite("50 ms", readout_s=0.05, of_pictures=False),
     Suite("20 ms", readout_s=0.02, of_pictures=False),
     Suite("100 ms", readout_s=0.1, of_pictures=False),

@@ -22,7 +22,7 @@ from unshutter.estimators.right_angles.odds import CAUTION
 from unshutter_lab.calibration.cases import CROP, FRAME, WHOLE
 from unshutter_lab.evaluation.cases.case import Record
 
-WEIGHT_OF_ORDINARY = 8  # photos that people took are few: each counts as much as so many others
+WEIGHT_OF_ORDINARY = 4  # photos that people took are few: each counts as much as so many others, for the forest
 MOST_AT_STAKE = 8.0  # px of 256 rows: a case counts by what undoing its motion gains or loses, up to this
 FOLDS = 4  # of the photos: each is judged by what was fitted to the others
 RIGHT_PX, RIGHT_SHARE = 1.0, 0.1  # error of an answer that is right: px of 256 rows, or share of the true displacement
@@ -88,9 +88,13 @@ class Cases:
 
     @property
     def at_stake(self) -> np.ndarray:
-        """[N] how much each counts for the odds: what undoing its motion gains or loses."""
-        stake = np.minimum(np.abs(self.error - self.nothing), MOST_AT_STAKE) + _FAINT
-        return stake * np.where(np.isin(self.suite, (WHOLE, CROP, FRAME)), WEIGHT_OF_ORDINARY, 1)
+        """[N] what undoing its motion gains or loses: how much each counts for the odds."""
+        return np.minimum(np.abs(self.error - self.nothing), MOST_AT_STAKE) + _FAINT
+
+    @property
+    def weight(self) -> np.ndarray:
+        """[N] how much each counts for the forest."""
+        return self.at_stake * np.where(np.isin(self.suite, (WHOLE, CROP, FRAME)), WEIGHT_OF_ORDINARY, 1)
 
     @property
     def share(self) -> np.ndarray:
@@ -156,7 +160,7 @@ def fit_without_network(cases: Cases) -> Fit:
 def _forest(cases: Cases, chosen: np.ndarray) -> HistGradientBoostingClassifier:
     settings: dict[str, Any] = {"max_depth": 3, "max_iter": 200, "learning_rate": 0.05, "min_samples_leaf": 80}
     trees = HistGradientBoostingClassifier(**settings, early_stopping=False, random_state=0)  # type: ignore[arg-type]
-    return trees.fit(cases.table[chosen], cases.helps[chosen], sample_weight=cases.at_stake[chosen])
+    return trees.fit(cases.table[chosen], cases.helps[chosen], sample_weight=cases.weight[chosen])
 
 
 def forest_fields(trees: HistGradientBoostingClassifier, names: tuple[str, ...]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from unshutter.estimators.lines.segments import find_segments
+from unshutter.estimators.segments import find_segments
 from unshutter.geometry.rotations import rotate_position, rotation_matrix
 
 if TYPE_CHECKING:

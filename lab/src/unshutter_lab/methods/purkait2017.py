@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.lines.segments import find_segments
+from unshutter.estimators.segments import find_segments
 from unshutter.geometry.rotations import rotation_matrix
 from unshutter.motion import Motion
 from unshutter_lab.methods.least_squares import geman_mcclure, minimise

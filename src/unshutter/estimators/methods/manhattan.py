@@ -6,10 +6,10 @@ The likelihood and the search are in right_angles.
 from __future__ import annotations
 
 from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.right_angles.answers import candidates_of
 from unshutter.estimators.right_angles.search import explore
 from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
+from unshutter.estimators.segments import unusable
 from unshutter.motion import Motion
 from unshutter.motion.candidate import Candidate, alone
 

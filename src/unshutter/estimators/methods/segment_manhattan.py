@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.lines.segments import unusable
 from unshutter.estimators.method import Method
 from unshutter.estimators.right_angles.answers import candidates_of
 from unshutter.estimators.right_angles.beliefs import MotionKind, SecondOpinion
@@ -20,6 +19,7 @@ from unshutter.estimators.right_angles.search import Posterior, displacement, ex
 from unshutter.estimators.right_angles.smear_answer import candidates_by_smear
 from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
+from unshutter.estimators.segments import unusable
 from unshutter.motion import Motion
 from unshutter.motion.candidate import Candidate, alone
 

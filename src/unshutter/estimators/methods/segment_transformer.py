@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.lines.segments import find_segments, in_rows, unusable
 from unshutter.estimators.method import Method
 from unshutter.estimators.segment_network import MOST_SEGMENTS, SegmentNetwork
+from unshutter.estimators.segments import find_segments, in_rows, unusable
 from unshutter.motion import Motion
 
 SHORT_SIDE = 512  # of the grey copy in which segments are found [px]

@@ -1,4 +1,9 @@
-"""What is assumed of a photo before its segments are looked at: of photos in general, of this one, of its motion."""
+"""The unknowns of a photo, and what is assumed of them beforehand: of photos, of this camera, of the motion.
+
+Hypotheses are rows of an array [S, 10]: coefficients of u, u^2, u^3 of t_x [rows] and of r_z [rad], with u = row
+coordinate + 1/2; the camera's roll and tilt [rad]; the logarithm of its focal length [rows]; its yaw against the
+streets [rad]. Coordinates are centred, in rows (segments.py).
+"""
 
 from __future__ import annotations
 
@@ -6,6 +11,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+
+UNKNOWNS = 10
+MOTION, ROLL, TILT, LOG_FOCAL, YAW = slice(0, 6), 6, 7, 8, 9
+CAMERA = slice(MOTION.stop, UNKNOWNS)
 
 _DEGREE = math.pi / 180
 NORMAL = 1e9  # degrees of freedom at which Student's t distribution is a normal one

@@ -119,7 +119,7 @@ class Calibration:
         odds_without_network: and where it was not.
         confidence: of photos that are rectified, and of those that are left alone, with the network's answer and
             without: "rectified", "left", "rectified without network", "left without network" -> logarithm of the odds
-            that the error is below 1 px of 256 rows.
+            that the error is below 1 px of 256 rows or a tenth of the motion.
     """
 
     kinds: tuple[MotionKind, ...]

@@ -20,15 +20,24 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators.base import View
-from unshutter.estimators.lines.segments import WIDEST_ASPECT
-from unshutter.estimators.right_angles.beliefs import SecondOpinion
+from unshutter.estimators.right_angles.beliefs import (
+    LOG_FOCAL,
+    MOTION,
+    NORMAL,
+    ROLL,
+    TILT,
+    UNKNOWNS,
+    YAW,
+    MotionKind,
+    SecondOpinion,
+)
 from unshutter.estimators.right_angles.calibration import shipped
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
 from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints
 from unshutter.estimators.right_angles.search import descend, displacement
-from unshutter.estimators.right_angles.unknowns import LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.estimators.right_angles.view import STARTS, known_camera, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
+from unshutter.estimators.segments import WIDEST_ASPECT
 from unshutter.motion import Motion
 from unshutter.reasons import Code, Reason
 
@@ -50,6 +59,8 @@ _POSES, _FIRST_STEPS, _FOLLOWED = 2, 10, 8  # for each motion and roll; steps of
 _LEAST_LENGTH = 0.01  # of a piece of a line [rows]: shorter ones show no direction
 _STEP = 1e-6  # of numerical derivatives
 _PX = 256.0  # rows of the picture in which the calibration measures displacements
+# beforehand, the motion may be of any kind: lines were drawn because they show it
+_ANY_MOTION = MotionKind("any", np.diag([0.06, 0.08, 0.01, 0.07, 0.06, 0.01]) ** 2, NORMAL, 1.0)
 
 
 @dataclass(frozen=True)
@@ -198,7 +209,8 @@ class DrawnLikelihood(ManhattanLikelihood):
         lines: Sequence[DrawnLine],
         opinion: SecondOpinion | None = None,
     ):
-        super().__init__(segments, size[0], size[1] / size[0], known=known_camera(view), opinion=opinion)
+        known = known_camera(view)
+        super().__init__(segments, size[0], size[1] / size[0], known=known, opinion=opinion, kinds=[_ANY_MOTION])
         drawn = [(line.kind, _in_rows(line, view)) for line in lines]
         self._upright = _Pieces([points for kind, points in drawn if kind == "upright"], vertical=True)
         self._level = _Pieces([points for kind, points in drawn if kind == "level"], vertical=False)

@@ -12,22 +12,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, MotionKind, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import UNKNOWNS, Beliefs, KnownCamera, MotionKind, SecondOpinion
 from unshutter.estimators.right_angles.prior import Prior
 from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints
-from unshutter.estimators.right_angles.unknowns import UNKNOWNS
 
 _PARTS = 4  # across, and as many down
 
 
 class ManhattanLikelihood:
-    """Energy (minus the logarithm of the posterior) of hypotheses [S, 10] (unknowns.py), and its derivatives.
+    """Energy (minus the logarithm of the posterior) of hypotheses [S, 10] (beliefs.py), and its derivatives.
 
     Each segment's sine (residuals.py) comes from a mixture: of well-built and of sloppy edges, to each of the three
     vanishing points, and of edges that point anywhere.
 
     Args:
-        segments: [N, 4] end points, centred, in rows (lines/segments.py).
+        segments: [N, 4] end points, centred, in rows (segments.py).
         rows: of the picture in which they were found.
         aspect: its width / height.
         beliefs: priors and noise.

@@ -126,12 +126,12 @@ def _odds(posterior: Posterior, opinion: np.ndarray | None) -> float:
 
 
 def _odds_upright(posterior: Posterior) -> float:
-    """Where the camera's roll is known: the evidence of photos without motion rarely exceeds 8 nats."""
-    return 0.12 * posterior.evidence - 0.7 + CAUTION
+    """Where the camera's roll is known: the evidence of photos without motion hardly ever exceeds 8 nats."""
+    return 0.12 * max(posterior.evidence_of.values()) - 0.7 + CAUTION
 
 
 def _right(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> float:
-    """Logarithm of the odds that the answer is right to 1 px of 256 rows."""
+    """Logarithm of the odds that the answer is right, as :class:`Motion` defines its confidence."""
     name = ("rectified" if odds > 0 else "left") + (" without network" if opinion is None else "")
     return shipped().confidence[name].log_odds(confidence_figures(posterior, opinion, odds))
 

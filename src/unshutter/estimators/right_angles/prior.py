@@ -7,9 +7,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from unshutter.estimators.right_angles.beliefs import Beliefs, KnownCamera, MotionKind, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import (
+    MOTION,
+    ROLL,
+    TILT,
+    UNKNOWNS,
+    Beliefs,
+    KnownCamera,
+    MotionKind,
+    SecondOpinion,
+)
 from unshutter.estimators.right_angles.calibration import shipped
-from unshutter.estimators.right_angles.unknowns import MOTION, ROLL, TILT, UNKNOWNS
 
 
 class Prior:

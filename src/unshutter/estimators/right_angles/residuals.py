@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.estimators.right_angles.unknowns import LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
+from unshutter.estimators.right_angles.beliefs import LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
 
 _DEGREES = np.arange(1, 4)
 Vector = tuple[np.ndarray, ...]  # its components

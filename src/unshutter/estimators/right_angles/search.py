@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from unshutter.estimators.right_angles.beliefs import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
-from unshutter.estimators.right_angles.unknowns import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64

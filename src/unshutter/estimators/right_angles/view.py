@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.estimators.lines.segments import find_segments, in_rows
 from unshutter.estimators.right_angles.beliefs import KnownCamera, KnownSpeed, MotionKind, SecondOpinion
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
+from unshutter.estimators.segments import find_segments, in_rows
 from unshutter.estimators.speed_limit import SpeedLimit
 
 SHORT_SIDE = 768  # of the grey copy in which segments are found [px]

@@ -211,8 +211,8 @@ def _with_edges(result: PhotoResult, decision: EdgeDecision, size: tuple[int, in
 def _segments(open_file: OpenFile, options: Rectify, hand: ByHand) -> dict[str, Any]:
     import numpy as np
 
-    from unshutter.estimators.lines.segments import find_segments
     from unshutter.estimators.right_angles.view import MOST_SEGMENTS, SHORT_SIDE
+    from unshutter.estimators.segments import find_segments
     from unshutter.result import judged
     from unshutter.warp.grid import rs_to_gs_map
 

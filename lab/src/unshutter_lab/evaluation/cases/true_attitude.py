@@ -12,8 +12,8 @@ import numpy as np
 
 from unshutter.estimators.base import View
 from unshutter.estimators.right_angles.answers import LEAST_GAIN
+from unshutter.estimators.right_angles.beliefs import CAMERA, LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.estimators.right_angles.search import descend
-from unshutter.estimators.right_angles.unknowns import CAMERA, LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.estimators.right_angles.view import likelihood_of, segments_of
 
 _FEWEST_SEGMENTS = 20

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from unshutter.estimators.lines.segments import find_segments, in_rows, unusable
+from unshutter.estimators.segments import find_segments, in_rows, unusable
 
 
 def test_segments_of_a_drawn_edge_lie_on_it() -> None:

@@ -1,1 +1,0 @@
-"""Lines in pictures: segments, curves that were lines, and the least squares that straightens them."""
