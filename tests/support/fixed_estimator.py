@@ -1,13 +1,14 @@
 """An estimator whose answer is known beforehand."""
 
 from unshutter import Motion
-from unshutter.estimators.base import View
+from unshutter.estimators.base import Estimator, View
 
 
 class Fixed:
     """Answers with one motion, resized to the photo."""
 
     name = "fixed"
+    candidates = Estimator.candidates
 
     def __init__(self, motion: Motion) -> None:
         self.motion, self.seen = motion, []

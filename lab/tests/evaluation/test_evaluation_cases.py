@@ -12,7 +12,7 @@ from support.drawn_photos import textured
 from support.fixed_estimator import Fixed
 from support.looking_back import backward_map
 from unshutter import Motion, RowMotion
-from unshutter.estimators.base import View
+from unshutter.estimators.base import Estimator, View
 from unshutter.estimators.register import load
 from unshutter.motion import RotationMotion
 from unshutter.photo import Photo
@@ -24,6 +24,7 @@ from unshutter_lab.evaluation.cases.true_attitude import true_attitude
 
 class Broken:
     name = "broken"
+    candidates = Estimator.candidates
 
     def estimate(self, view: View) -> Motion:
         raise ValueError("not of\nthis world")
