@@ -126,7 +126,7 @@ def _odds(posterior: Posterior, opinion: np.ndarray | None) -> float:
 
 
 def _odds_upright(posterior: Posterior) -> float:
-    """Where the camera's roll is known: the evidence of photos without motion hardly ever exceeds 8 nats."""
+    """Where the camera's roll is known: the evidence of photos without motion rarely exceeds 8 nats."""
     return 0.12 * max(posterior.evidence_of.values()) - 0.7 + CAUTION
 
 
