@@ -20,8 +20,10 @@ from PIL import Image
 
 from support import clips
 from support.camera_files import dng, heic, linear
+from support.gyro_logs import write_gcsv
 from unshutter.cli import command_named, main
 from unshutter.cli.arguments import parse
+from unshutter.gyro.log import GyroLog
 from unshutter.motion import RowMotion
 
 ROOT = Path(__file__).parent.parent
@@ -135,7 +137,7 @@ def _prepare(command: str) -> None:
         if word in written:
             if path.is_file() and "--overwrite" not in words:
                 path.unlink()
-        elif ("--start" in words and path.suffix == ".mp4") or not (
+        elif (path.suffix == ".mp4" and {"--start", "--camera"} & set(words)) or not (
             path.exists() or "://" in word or word.startswith(("-", "/"))
         ):
             _make(path, word, command)
@@ -151,6 +153,7 @@ def _make(path: Path, word: str, command: str) -> None:
         **dict.fromkeys(("a.jpg", "b.jpg", "c.jpg"), _burst),
         ".mp4": lambda: _clip(path, command),
         ".json": lambda: _wide_motion(path) if "--size" in command else shutil.copy(EXAMPLE_MOTION, path),
+        ".gcsv": lambda: write_gcsv(path, GyroLog(*_gyro_samples(), "a test", np.zeros((0, 4)))),
         ".csv": lambda: path.write_text("x,y\n10,20\n30,40.5\n"),
         ".HEIC": lambda: path.write_bytes(heic(_pixels())),
         ".NEF": lambda: path.write_bytes(dng(linear(_pixels()))),
@@ -160,6 +163,12 @@ def _make(path: Path, word: str, command: str) -> None:
         if name in makers:
             makers[name]()
             return
+
+
+def _gyro_samples() -> tuple[np.ndarray, np.ndarray]:
+    """Ten seconds of a camera that pans slowly: times [s] and rates [rad/s]."""
+    times = np.arange(0, 10, 0.005)
+    return times, np.outer(np.sin(times), [0.0, 0.1, 0.0])
 
 
 def _pixels() -> np.ndarray:

@@ -111,9 +111,9 @@ def test_a_line_is_moved_by_its_ends_with_mouse_and_keys(page: Page, grey: Path)
     _drag(page, (0.1, 0.5), (0.9, 0.5))
     expect(page.locator(".end")).to_have_count(2)
     end = page.get_by_role("button", name="Point 2 of line 1, level line")
+    end.hover()  # once it no longer moves
     box = end.bounding_box()
     assert box is not None
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 + 40, steps=3)
     page.mouse.up()
