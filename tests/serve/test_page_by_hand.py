@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 
 from support.batches import rectify
 from support.browser import drop, wait_for
@@ -127,6 +127,30 @@ def test_a_line_is_moved_by_its_ends_with_mouse_and_keys(page: Page, grey: Path)
     page.locator("#draw-straight").focus()
     page.keyboard.press("Enter")  # without a mouse, a line is put in the middle
     expect(page.locator(".end")).to_have_count(3)
+
+
+def test_an_answer_that_comes_while_an_end_is_dragged_does_not_drop_it(page: Page, grey: Path) -> None:
+    drop(page, grey)
+    wait_for(page, "alone")
+    _draw(page, "level")
+    late: list[Route] = []
+    page.route("**/after?*lines=*", lambda route: late.append(route))
+    with page.expect_request("**/after?*lines=*"):
+        _drag(page, (0.1, 0.5), (0.9, 0.5))
+    end = page.get_by_role("button", name="Point 2 of line 1, level line")
+    end.hover()
+    box = end.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.down()
+    page.mouse.move(x, y + 20, steps=2)
+    with page.expect_response("**/after?*lines=*"):
+        late.pop().continue_()
+    wait_for(page, "alone")
+    page.unroute("**/after?*lines=*")
+    page.mouse.move(x, y + 60, steps=3)
+    page.mouse.up()
+    assert _lines(page)[0][3] > 0.55
 
 
 def test_ends_snap_to_segments(page: Page, photo: Path) -> None:

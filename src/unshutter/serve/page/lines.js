@@ -127,31 +127,34 @@ export class Lines {
       const at = points.map((point) => point.join(",")).join(" ");
       return [draw("polyline", { class: "edge", points: at }), draw("polyline", { class: kind, points: at })];
     }));
-    const ends = this.#kind === null ? [] : this.#list.flatMap((line, number) => line.points.map((_, end) => this.#handle(number, end)));
-    const focused = this.handles.contains(document.activeElement) ? document.activeElement.id : null;
-    this.handles.replaceChildren(...ends);
-    if (focused) document.getElementById(focused)?.focus({ focusVisible: true });
+    this.#drawEnds();
   }
 
-  #handle(number, end) {
-    const line = this.#list[number];
-    const handle = make("button", { type: "button", class: `end ${line.kind}`, id: `end-${number}-${end}`, "data-line": number,
-      "aria-label": words.lineEnd(words.lineOf[line.kind], number + 1, end + 1) });
-    const place = () => {
-      handle.style.left = `${100 * line.points[end][0]}%`;
-      handle.style.top = `${100 * line.points[end][1]}%`;
-    };
+  // Ends stay the buttons that they are as long as the lines are the same ones: one may be held while an answer comes.
+  #drawEnds() {
+    const ends = this.#kind === null ? [] : this.#list.flatMap(({ kind, points }, number) => points.map((point, end) => ({ kind, number, end, point })));
+    const shown = [...this.handles.children];
+    if (shown.length !== ends.length || shown.some((handle, k) => handle.id !== idOf(ends[k]) || !handle.classList.contains(ends[k].kind))) {
+      const focused = this.handles.contains(document.activeElement) ? document.activeElement.id : null;
+      this.handles.replaceChildren(...ends.map((end) => this.#handle(end)));
+      if (focused) document.getElementById(focused)?.focus({ focusVisible: true });
+    }
+    ends.forEach(({ point: [x, y] }, k) => Object.assign(this.handles.children[k].style, { left: `${100 * x}%`, top: `${100 * y}%` }));
+  }
+
+  #handle({ kind, number, end }) {
+    const handle = make("button", { type: "button", class: `end ${kind}`, id: idOf({ number, end }), "data-line": number,
+      "aria-label": words.lineEnd(words.lineOf[kind], number + 1, end + 1) });
     const move = (point) => {
-      line.points[end] = point.map(clipped);
-      place();
+      this.#list[number].points[end] = point.map(clipped);
+      this.#draw();
     };
     handle.addEventListener("keydown", (event) => {
       if (event.key === "Delete" || event.key === "Backspace") return this.remove(number);
       const moves = { ArrowLeft: [-STEP, 0], ArrowRight: [STEP, 0], ArrowUp: [0, -STEP], ArrowDown: [0, STEP] };
       if (!(event.key in moves)) return;
       event.preventDefault();
-      move(line.points[end].map((share, k) => share + moves[event.key][k]));
-      this.#draw();
+      move(this.#list[number].points[end].map((share, k) => share + moves[event.key][k]));
       this.changed();
     });
     handle.addEventListener("pointerdown", (event) => {
@@ -159,21 +162,18 @@ export class Lines {
       event.stopPropagation();
       handle.setPointerCapture(event.pointerId);
     });
-    handle.addEventListener("pointermove", (event) => {
-      if (!handle.hasPointerCapture(event.pointerId)) return;
-      move(this.stage.shares(event));
-      this.svg.querySelectorAll("polyline").forEach((node, k) => k >> 1 === number && node.setAttribute("points", line.points.map((point) => point.join(",")).join(" ")));
-    });
+    handle.addEventListener("pointermove", (event) => handle.hasPointerCapture(event.pointerId) && move(this.stage.shares(event)));
     handle.addEventListener("pointerup", () => {
-      if (line.kind !== "straight") line.points = this.#snapped(line.points);
+      const line = this.#list[number];
+      if (kind !== "straight") line.points = this.#snapped(line.points);
       this.#draw();
       this.changed();
     });
-    place();
     return handle;
   }
 }
 
+const idOf = ({ number, end }) => `end-${number}-${end}`;
 const clipped = (share) => Math.min(Math.max(share, 0), 1);
 const middle = ([[x1, y1], [x2, y2]]) => [(x1 + x2) / 2, (y1 + y2) / 2];
 const unit = ([x1, y1], [x2, y2]) => {
