@@ -215,7 +215,7 @@ def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) ->
     Raises:
         UsageError: no lines.
     """
-    from unshutter.estimators.right_angles.drawn_lines import motion_from_lines
+    from unshutter.estimators.right_angles.drawn_motion import motion_from_lines
     from unshutter.estimators.segment_network import SegmentNetwork
 
     network = SegmentNetwork(method(DEFAULT_ESTIMATOR).weights)

@@ -8,7 +8,7 @@ import pytest
 from support.posteriors import posterior_of
 from unshutter import View
 from unshutter.estimators.right_angles.answers import candidates_of, modes_of
-from unshutter.estimators.right_angles.search import Optima, Posterior, displacement
+from unshutter.estimators.right_angles.posterior import Optima, Posterior, displacement
 from unshutter.options import Camera
 from unshutter.photo import Photo
 

@@ -11,12 +11,8 @@ import unshutter
 from unshutter import DrawnLine, Motion, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.estimators.base import View
-from unshutter.estimators.right_angles.drawn_lines import (
-    DrawnLikelihood,
-    lines_from_json,
-    lines_to_json,
-    motion_from_lines,
-)
+from unshutter.estimators.right_angles.drawn_lines import lines_from_json, lines_to_json
+from unshutter.estimators.right_angles.drawn_motion import DrawnLikelihood, motion_from_lines
 from unshutter.photo import Photo
 
 HEIGHT, WIDTH = 300, 400

@@ -8,7 +8,7 @@ import pytest
 from support.posteriors import posterior_of
 from unshutter.estimators.right_angles.calibration import Forest
 from unshutter.estimators.right_angles.odds import MOVING, judge
-from unshutter.estimators.right_angles.search import Posterior, displacement
+from unshutter.estimators.right_angles.posterior import Posterior, displacement
 
 SHEAR_AND_BEND = np.array([0.08, -0.1, 0, 0, 0, 0])
 

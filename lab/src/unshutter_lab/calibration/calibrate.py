@@ -17,7 +17,7 @@ import numpy as np
 from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.estimators.right_angles.beliefs import NORMAL, MotionKind
-from unshutter.estimators.right_angles.search import displacement
+from unshutter.estimators.right_angles.posterior import PX, displacement
 from unshutter.storage.places import write_place
 from unshutter.storage.protection import Protection
 from unshutter_lab.calibration.cases import (
@@ -47,7 +47,6 @@ _RATIO = "readout_ratio.txt"  # of a clip: readout time in frame intervals
 _FEWEST_ERRORS = 12  # answers of the network: twice its coefficients
 _LIBRARIES = ("numpy", "opencv-python-headless", "pyvips", "scikit-learn", "scipy")
 _NAME = "calibration"  # of what the store takes for an estimator
-_PX = 256.0
 
 Clip = tuple[tuple[Path, ...], float]  # frames and readout ratio
 
@@ -119,7 +118,7 @@ def _network_errors(photos: list[SyntheticCase], store: Store, jobs: int | None)
     if len(records) < _FEWEST_ERRORS:
         raise UnshutterError(f"the network answers to {len(records)} pictures of {NETWORK}: add photos of buildings")
     answers, truths = (np.array([record[name] for record in records]) for name in ("answer", "truth"))
-    sizes = np.array([_PX * displacement(answer) for answer in answers])
+    sizes = np.array([PX * displacement(answer) for answer in answers])
     errors = fit_network_errors(answers - truths, sizes)
     return {
         "freedom": errors.freedom,

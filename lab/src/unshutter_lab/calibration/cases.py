@@ -18,7 +18,8 @@ from unshutter.estimators.register import method
 from unshutter.estimators.right_angles.answers import LARGEST, LEAST_GAIN
 from unshutter.estimators.right_angles.calibration import NetworkErrors, kinds_of
 from unshutter.estimators.right_angles.odds import confidence_figures, figures
-from unshutter.estimators.right_angles.search import Posterior, displacement, explore
+from unshutter.estimators.right_angles.posterior import Posterior, displacement
+from unshutter.estimators.right_angles.search import explore
 from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
 from unshutter.estimators.segments import unusable

@@ -10,7 +10,7 @@ import numpy as np
 from unshutter.errors import UnshutterError
 from unshutter.estimators.right_angles.beliefs import NORMAL, MotionKind
 from unshutter.estimators.right_angles.calibration import NetworkErrors
-from unshutter.estimators.right_angles.search import bend, displacement
+from unshutter.estimators.right_angles.posterior import bend, displacement
 from unshutter.motion import Motion
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.row_motions import draw_from_trajectory, draw_quadratic

@@ -15,7 +15,8 @@ from unshutter.estimators.method import Method
 from unshutter.estimators.right_angles.answers import candidates_of
 from unshutter.estimators.right_angles.beliefs import MotionKind, SecondOpinion
 from unshutter.estimators.right_angles.calibration import NetworkErrors, shipped
-from unshutter.estimators.right_angles.search import Posterior, displacement, explore
+from unshutter.estimators.right_angles.posterior import PX, Posterior, displacement
+from unshutter.estimators.right_angles.search import explore
 from unshutter.estimators.right_angles.smear_answer import candidates_by_smear
 from unshutter.estimators.right_angles.view import STARTS, likelihood_of, segments_of
 from unshutter.estimators.segment_network import SegmentNetwork
@@ -24,7 +25,6 @@ from unshutter.motion import Motion
 from unshutter.motion.candidate import Candidate, alone
 
 _SEEN_TILTS = (-15.0, 50.0)  # degrees: the network knows no others
-_PX = 256.0  # rows of the picture in which displacements are measured
 
 
 class SegmentManhattan(Estimator):
@@ -78,6 +78,6 @@ class SegmentManhattan(Estimator):
             segments, size: as :func:`segments_of` returns them.
         """
         answer = self._network.coefficients(segments, view.up).ravel()
-        precision = self._errors.precision(_PX * displacement(answer))
+        precision = self._errors.precision(PX * displacement(answer))
         opinion = SecondOpinion(answer, precision, self._errors.freedom)
         return explore(likelihood_of(view, segments, size, opinion, self.kinds), [answer]), answer

@@ -9,7 +9,7 @@ import numpy as np
 
 from unshutter.estimators.base import View
 from unshutter.estimators.right_angles.odds import BOUNDED, CAUTION, MOVING, Judgement, judge
-from unshutter.estimators.right_angles.search import Posterior, displacement, expected_error
+from unshutter.estimators.right_angles.posterior import Posterior, displacement, expected_error, mixture_moments
 from unshutter.motion.candidate import Candidate, KindOfMotion
 from unshutter.reasons import Code, Reason
 
@@ -20,7 +20,7 @@ _MOST_MODES = 3
 _LEAST_SHARE = 0.05  # of a mode that is worth a look
 _ALIKE = 1.5 / 256  # rows, or
 _ALIKE_SHARE = 0.15  # of the size: motions closer than this look the same
-_LEAST_UNDONE = 0.5  # share of the mean that is undone; below, the photo is left as it is
+_LEAST_UNDONE = 0.5  # share of the mean that is undone; below, the photo is left unchanged
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +84,7 @@ def modes_of(posterior: Posterior) -> list[Mode]:
     modes = []
     for group in groups:
         share = optima.share[group] / optima.share[group].sum()
-        mean = share @ optima.motions[group]
-        apart = optima.motions[group] - mean
-        covariance = np.einsum("k,kij->ij", share, optima.covariances[group] + apart[:, :, None] * apart[:, None, :])
+        mean, covariance = mixture_moments(share, optima.motions[group], optima.covariances[group])
         modes.append(
             Mode(mean, expected_error(covariance), names[optima.kind[group[0]]], float(optima.share[group].sum()))
         )

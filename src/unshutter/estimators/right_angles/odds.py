@@ -2,7 +2,7 @@
 
 Segments of one desk or facade repeat each other's errors, so that the evidence of the likelihood is overstated: where
 the optimum lies is right more often than whether there is one. How much such evidence is worth was learned from photos
-with known motions and without any (own-model.md): a forest of small decision trees on nineteen figures of the
+with known motions and without any (own-model.md): a forest of small decision trees on the figures of the
 search, and logistic regressions for the confidence. calibration.py reads both.
 """
 
@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from unshutter.estimators.right_angles.calibration import shipped
-from unshutter.estimators.right_angles.search import Posterior, bend, displacement
+from unshutter.estimators.right_angles.posterior import PX, Posterior, bend, displacement
 
 _STEEPNESS = 8.0  # of the way from no motion to all of it
 CAUTION = math.log(0.8)  # odds at which half of a motion is undone; those of photos in general count losses in full
 BOUNDED = math.log(0.35)  # where the photo's exposure and sharpness rule out all but small motions
 MOVING = math.log(0.2)  # where the camera is known to have moved
 _EVEN = 1e-9  # odds at which a motion is just as likely as none
-_PX = 256.0  # rows of the picture in which displacements are weighed
 
 
 @dataclass(frozen=True)
@@ -77,12 +76,12 @@ def figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
         "lines_gain": posterior.lines_gain,
         "gain_at_rest": posterior.gain_at_rest,
         "weight": posterior.weight,
-        "answer_bend": _PX * bend(opinion),
-        "answer_size": _PX * displacement(opinion),
-        "disagreement": _PX * displacement(opinion - posterior.motion),
-        "error": _PX * posterior.expected_error,
-        "size": _PX * posterior.size,
-        "bend": _PX * bend(posterior.motion),
+        "answer_bend": PX * bend(opinion),
+        "answer_size": PX * displacement(opinion),
+        "disagreement": PX * displacement(opinion - posterior.motion),
+        "error": PX * posterior.expected_error,
+        "size": PX * posterior.size,
+        "bend": PX * bend(posterior.motion),
         "breadth": posterior.breadth,
         "against": posterior.against,
         "in_favour": posterior.in_favour,
@@ -106,15 +105,15 @@ def confidence_figures(posterior: Posterior, opinion: np.ndarray | None, odds: f
         odds: logarithm of the odds that there was motion.
     """
     common = {
-        "error": math.log(_PX * posterior.expected_error + 0.1),
-        "size": math.log(_PX * posterior.size + 0.3),
+        "error": math.log(PX * posterior.expected_error + 0.1),
+        "size": math.log(PX * posterior.size + 0.3),
         "lines_gain": posterior.lines_gain,
         "weight": math.log(posterior.weight),
         "odds": min(max(odds, -4.0), 6.0),
     }
     if opinion is None:
         return common
-    answer, apart = (_PX * displacement(each) for each in (opinion, opinion - posterior.motion))
+    answer, apart = (PX * displacement(each) for each in (opinion, opinion - posterior.motion))
     # the larger the network's answer, the more it errs
     return common | {"answer": math.log(answer + 0.3), "apart": math.log(apart / math.hypot(1, answer / 25) + 0.3)}
 

@@ -93,7 +93,7 @@ class Prior:
         energy = np.zeros(len(unknowns))
         for k, mixture in self._mixtures.items():
             scaled[:, k] = 0
-            part, precision[:, k] = _two_gaussians(off[:, k], *mixture)
+            part, precision[:, k] = two_gaussians(off[:, k], *mixture)
             energy += part
         energy += 0.5 * (scaled**2).sum(-1)
         gradient = precision * off
@@ -117,8 +117,8 @@ class Prior:
         return _student_t(motions, self._precision[0], self._freedom[0])[0]
 
 
-def _two_gaussians(off: np.ndarray, usual: float, rare: float, rare_share: float) -> tuple[np.ndarray, np.ndarray]:
-    """E = -log sum_j share_j / sigma_j exp(-off^2 / 2 sigma_j^2) of off [S], and the precision P in dE/doff = P off."""
+def two_gaussians(off: np.ndarray, usual: float, rare: float, rare_share: float) -> tuple[np.ndarray, np.ndarray]:
+    """E = -log sum_j share_j / sigma_j exp(-off^2 / 2 sigma_j^2) of off [...], and P in dE/doff = P off."""
     log_usual, log_rare = (
         math.log(share / sigma) - 0.5 * (off / sigma) ** 2
         for share, sigma in ((1 - rare_share, usual), (rare_share, rare))

@@ -1,10 +1,9 @@
-"""The posterior of the row motion under the Manhattan likelihood: many starts, all optima, weighed by evidence."""
+"""The search for the motions that the Manhattan likelihood favours: many starts, all optima, weighed by evidence."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from unshutter.estimators.right_angles.beliefs import CAMERA, LOG_FOCAL, MOTION, ROLL, TILT, UNKNOWNS, YAW
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
+from unshutter.estimators.right_angles.posterior import Optima, Pose, Posterior, displacement, mixture_moments
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
@@ -26,86 +26,6 @@ _TEMPER = 0.25  # of the evidence for a kind of motion against another: segments
 _LONGEST_STEP = 0.3
 _LEAST_GAIN = 1e-3  # of a step [nats], else the search has arrived
 _SAME = 0.3 / 256  # rows: optima closer than this are one
-
-
-@dataclass(frozen=True)
-class Pose:
-    """How a camera was held.
-
-    Attributes:
-        roll: clockwise turn of the scene [rad].
-        tilt: look upwards [rad].
-        log_focal: logarithm of its focal length by the expected one.
-    """
-
-    roll: float
-    tilt: float
-    log_focal: float
-
-
-@dataclass(frozen=True, eq=False)
-class Optima:
-    """The motions about which the posterior has bumps.
-
-    Attributes:
-        motions: [K, 6] coefficients.
-        covariances: [K, 6, 6] of each bump.
-        kind: [K] index of the kind of motion.
-        share: [K] of the probability, if the camera moved.
-    """
-
-    motions: np.ndarray
-    covariances: np.ndarray
-    kind: np.ndarray
-    share: np.ndarray
-
-
-@dataclass(frozen=True)
-class Posterior:
-    """What the segments and the priors say about the motion, and whether there was one.
-
-    Attributes:
-        motion: [6] coefficients of u, u^2, u^3 of t_x [rows] and r_z [rad]: the mean, if the camera moved.
-        covariance: [6, 6] of them.
-        optima: of all kinds of motion.
-        kinds: name of each kind of motion -> its share of the probability, if the camera moved.
-        evidence_of: name of each kind -> the evidence for it against a camera that stood still, both as likely
-            beforehand [nats].
-        evidence: the same for any motion. It is overstated, see odds.py.
-        lines_gain: log-likelihood ratio of the segments at the best optimum against chance [nats per unit of weight].
-        weight: of all segments together: how many tell something new.
-        gain_at_rest: as lines_gain, of no motion with the camera that suits it best.
-        breadth: how evenly the picture's parts speak for motion: the sum of what each says [nats] by the root of the
-            sum of squares; 4 where all sixteen say the same, negative where they speak against it.
-        against: share of what the parts say that speaks against motion.
-        in_favour: share of the segments that fit better with motion.
-        pose, pose_at_rest: of the camera that suits the best motion, and none.
-    """
-
-    motion: np.ndarray
-    covariance: np.ndarray
-    optima: Optima
-    kinds: dict[str, float]
-    evidence_of: dict[str, float]
-    evidence: float
-    lines_gain: float
-    weight: float
-    gain_at_rest: float
-    breadth: float
-    against: float
-    in_favour: float
-    pose: Pose
-    pose_at_rest: Pose
-
-    @property
-    def expected_error(self) -> float:
-        """Root mean square distance [rows] between the mean's picture and the true one, over a square picture."""
-        return expected_error(self.covariance)
-
-    @property
-    def size(self) -> float:
-        """Root mean square displacement [rows] that the motion does to a square picture."""
-        return displacement(self.motion)
 
 
 def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], poses: int = 2) -> Posterior:
@@ -124,9 +44,7 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     share = np.exp(moving - each[kind] + (tempered - np.logaddexp.reduce(tempered))[kind])
     # the posterior of the motion is a mixture of Gaussians, one for each optimum
     optima = Optima(hypotheses[:, MOTION], covariances, kind, share)
-    mean = share @ optima.motions
-    apart = optima.motions - mean
-    covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
+    mean, covariance = mixture_moments(share, optima.motions, covariances)
     best = hypotheses[np.argmax(share)]
     at_rest, still = _at_rest(likelihood, begin[:poses])
     breadth, against, in_favour = _by_parts(likelihood, best, still)
@@ -266,23 +184,6 @@ def descend(
     return at, energy, hessian
 
 
-def displacement(motion: np.ndarray) -> float:
-    """Root mean square displacement [rows] that a motion [6] does to a square picture, to first order."""
-    return math.sqrt(max(float(motion @ _SQUARED_DISPLACEMENT @ motion), 0.0))
-
-
-def expected_error(covariance: np.ndarray) -> float:
-    """Root mean square displacement [rows] that motions [6] of this covariance do to a square picture."""
-    return math.sqrt(max(float(np.sum(_SQUARED_DISPLACEMENT * covariance)), 0.0))
-
-
-def bend(motion: np.ndarray) -> float:
-    """RMS displacement of what remains of a motion [6] without its best shear, which looks like a camera held askew."""
-    motion = motion.copy()
-    motion[0] -= _SQUARED_DISPLACEMENT[0] @ motion / _SQUARED_DISPLACEMENT[0, 0]
-    return displacement(motion)
-
-
 def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> np.ndarray:
     """[count, 10] the cameras of a grid that fit a motion best, each with another yaw."""
     expected = likelihood.prior.mean
@@ -310,15 +211,3 @@ def _distinct(hypotheses: np.ndarray, energy: np.ndarray) -> list[int]:
         if all(displacement(hypotheses[k, MOTION] - hypotheses[j, MOTION]) > _SAME for j in kept):
             kept.append(int(k))
     return kept
-
-
-def _squared_displacement() -> np.ndarray:
-    """D [6, 6]: motion @ D @ motion is the mean squared displacement [rows^2] that it does to a square picture."""
-    row = np.linspace(-0.5, 0.5, 65)
-    powers = (row[:, None] + 0.5) ** np.arange(1, 4)
-    J_col = np.concatenate([powers, -row[:, None] * powers], axis=1)  # t_x - row r_z
-    J_row = np.concatenate([0 * powers, powers / math.sqrt(12)], axis=1)  # col r_z; mean squared column: 1 / 12
-    return (J_col.T @ J_col + J_row.T @ J_row) / len(row)
-
-
-_SQUARED_DISPLACEMENT = _squared_displacement()

@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 
 from unshutter.estimators.base import View
-from unshutter.estimators.right_angles.search import Posterior, displacement, expected_error
+from unshutter.estimators.right_angles.posterior import Posterior, displacement, expected_error, mixture_moments
 from unshutter.estimators.smear import smear_of
 from unshutter.motion.candidate import Candidate, KindOfMotion
 
@@ -87,10 +87,8 @@ class _Side:
         weights = _TEMPER * np.log(np.maximum(optima.share, 1e-30)) - 0.5 * (missing**2 / variance + np.log(variance))
         total = float(np.logaddexp.reduce(weights))
         share = np.exp(weights - total)
-        mean = share @ motions
         covariances = spread - towards[:, :, None] * towards[:, None, :] / variance[:, None, None]
-        apart = motions - mean
-        covariance = np.einsum("k,kij->ij", share, covariances + apart[:, :, None] * apart[:, None, :])
+        mean, covariance = mixture_moments(share, motions, covariances)
         return cls(mean, expected_error(covariance), total)
 
     @property
