@@ -4,6 +4,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from unshutter.errors import UsageError
 from unshutter.estimators.segment_transformer.features import moved
 from unshutter_lab.training.data.motions import draw_motions
 from unshutter_lab.training.data.scenes import SceneConfig, draw_scenes
@@ -85,3 +86,20 @@ def test_up_is_given_for_scenes_on_their_side() -> None:
     assert (up[:, 0].abs() == 1).all()
     assert (up[:, 1] == 0).all()
     assert {-1.0, 1.0} == set(up[:, 0].tolist())
+
+
+def test_hands_and_pans_move_scenes_in_their_shares() -> None:
+    drawn = scenes(2000, tokens=4, drawn=8, zero_motion=0.5, motions={"hand": 0.3, "pan": 0.2})
+    cubic = drawn.tx[:, 2] != 0  # quadratics have no third power
+    still = ((drawn.tx == 0) & (drawn.rz == 0)).all(1)
+    assert cubic.float().mean().item() == pytest.approx(0.5, abs=0.04)
+    assert still.float().mean().item() == pytest.approx(0.25, abs=0.04)
+    with pytest.raises(UsageError, match=r"\[data.motions\]: unknown setting 'shake'"):
+        scenes(2, motions={"shake": 0.3})
+
+
+@pytest.mark.parametrize(("shares", "lowest", "highest"), [((1.0, 0.0), -6, 25), ((0.0, 1.0), 15, 50)])
+def test_shares_of_tilted_and_steep_cameras(shares: tuple[float, float], lowest: float, highest: float) -> None:
+    tilts = torch.rad2deg(scenes(400, tokens=4, drawn=8, tilted=shares[0], steep=shares[1]).camera[:, 1])
+    assert lowest <= tilts.min() < lowest + 3
+    assert highest - 3 < tilts.max() <= highest

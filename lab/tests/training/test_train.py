@@ -214,6 +214,27 @@ def test_half_precision_learns_nearly_the_same(config: Path, tmp_path: Path) -> 
     assert half[-1]["gradient"] != whole[-1]["gradient"]  # it is another arithmetic
 
 
+def test_a_run_starts_from_stored_weights(config: Path, tmp_path: Path) -> None:
+    """With a learning rate of zero, what it exports is what it began with."""
+    stored = run(config, tmp_path / "runs") / "model.npz"
+    second = tmp_path / "second.toml"
+    second.write_text(f"steps = 1\nlearning_rate = 0.0\naverage = 0.0\nseed = 5\n{TINY.replace('steps = 6', '')}")
+    begun = run(second, tmp_path / "runs", start=stored)
+    assert (begun / "model.npz").read_bytes() == stored.read_bytes()
+
+    wider = tmp_path / "wider.toml"
+    wider.write_text(TINY.replace("layers = 1", "layers = 2"))
+    with pytest.raises(UsageError, match="network of another size"):
+        run(wider, tmp_path / "runs", start=stored)
+    (tmp_path / "bad.npz").write_text("no weights")
+    with pytest.raises(UnshutterError, match="damaged"):
+        run(wider, tmp_path / "runs", start=tmp_path / "bad.npz")
+    pixels = tmp_path / "pixels.toml"
+    pixels.write_text('model = "kandula2020"\n[data]\ndrawn = 50\nheld_out = 2\n')
+    with pytest.raises(UsageError, match=r"weights of kandula2020 are not stored as \.npz"):
+        run(pixels, tmp_path / "runs", start=stored)
+
+
 def test_photos_may_move_between_two_starts(tmp_path: Path) -> None:
     from unshutter_lab.training.data.pictures import draw_picture
 

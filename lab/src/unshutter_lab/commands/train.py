@@ -35,7 +35,7 @@ class Arguments:
     )
     start: Path | None = option(
         None,
-        "Begin with the weights of another run: its checkpoint or its exported network (.onnx).",
+        "Begin with the weights of another run: its checkpoint or its exported network (.onnx, .npz).",
         names="input",
     )
     seed: int | None = option(None, "Seed for the initial weights and the batches, instead of the configuration's.")

@@ -59,6 +59,15 @@ class Recipe(ABC):
         """
         raise UsageError(f"{self.config.model} does not read pixels")
 
+    def start_from_stored(self, network: nn.Module, weights: Path) -> None:
+        """Copies the weights of an .npz, as unshutter ships them, into a network.
+
+        Raises:
+            UsageError: this model's weights are not stored so, or are those of a network of another size.
+            WeightsError: they cannot be read.
+        """
+        raise UsageError(f"cannot start from {weights}: weights of {self.config.model} are not stored as .npz")
+
 
 def make_recipe(config: TrainConfig, device: torch.device) -> Recipe:
     """The recipe that the configuration names.

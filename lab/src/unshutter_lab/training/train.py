@@ -58,7 +58,7 @@ def run(
         minutes: save and stop after this time.
         base: another configuration for what this one does not say itself.
         photos: instead of the configuration's ``[data] folder``.
-        start: checkpoint or exported network (.onnx) whose weights, where they fit, a new run begins with.
+        start: checkpoint or exported network (.onnx, .npz) whose weights, where they fit, a new run begins with.
         seed: for the initial weights and the batches, instead of the configuration's.
 
     Returns:
@@ -171,6 +171,8 @@ class Trainer:
         if start.suffix == ".onnx":
             pictures = self.recipe.pictures(_START_PICTURES, torch.Generator(self.device).manual_seed(_START_SEED))
             load_exported(self.network, start, pictures)
+        elif start.suffix == ".npz":
+            self.recipe.start_from_stored(self.network, start)
         else:
             start_from(self.network, start)
 

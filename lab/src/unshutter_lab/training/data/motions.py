@@ -45,9 +45,20 @@ class MotionConfig:
         return tuple(kind for kind in KINDS if shares[kind] > 0)
 
 
-def draw_mixture(batch: int, generator: torch.Generator, config: MotionConfig) -> tuple[Tensor, Tensor]:
-    """Motions of all kinds in their shares: coefficients as of :func:`draw_motions`."""
-    tx, rz = draw_motions(batch, generator)
+def draw_mixture(
+    batch: int, generator: torch.Generator, config: MotionConfig, still: float = 0.0, small: float = 0.0
+) -> tuple[Tensor, Tensor]:
+    """Motions of all kinds in their shares.
+
+    Args:
+        batch, generator: as of :func:`draw_motions`.
+        config: the shares.
+        still, small: of the quadratics, as of :func:`draw_motions`.
+
+    Returns:
+        Coefficients as of :func:`draw_motions`.
+    """
+    tx, rz = draw_motions(batch, generator, still, small)
     if config.kinds() == ("quadratic",):
         return tx, rz
     die = Dice(generator, batch).each()[:, None]

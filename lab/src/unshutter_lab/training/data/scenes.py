@@ -10,14 +10,16 @@ Units: one row height of the picture = 1 (coordinates centred, columns right, ro
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from unshutter.geometry import rows as geometry
+from unshutter_lab.training.config import from_table
 from unshutter_lab.training.data.dice import Dice
-from unshutter_lab.training.data.motions import cubic_motion, draw_motions
+from unshutter_lab.training.data.motions import MotionConfig, cubic_motion, draw_mixture
 
 
 @dataclass(frozen=True)
@@ -29,9 +31,11 @@ class SceneConfig:
     min_share: float = 0.3  # scenes keep a random share of their segments, at least this
     square: float = 0.4  # share of square pictures
     widest: float = 2.4  # the others have an aspect of 1:widest ... widest:1, log-uniform
-    zero_motion: float = 0.1  # share of pictures without any motion
-    small_motion: float = 0.25  # share with the predecessor's motion times a random factor below 1
+    zero_motion: float = 0.1  # share without any motion among the predecessor's quadratics
+    small_motion: float = 0.25  # share of the others of them that are multiplied by a random factor below 1
     sideways: float = 0.12  # share of pictures whose scene lies on its side, as in portrait photos
+    tilted: float = 0.4  # share of cameras tilted by -6 to 25 degrees (upwards); the others are held level,
+    steep: float = 0.1  # or tilted by 15 to 50
     focal_rows: float = 1.7  # median focal length in rows of a square picture; log-normal
     focal_spread: float = 0.35
     patches: int = 6  # places of a scene: facades, roofs, trees; each with its own mixture of segments
@@ -40,6 +44,7 @@ class SceneConfig:
     long_share: float = 0.12  # share of segments that are three times longer: edges of roofs, poles, kerbs
     clutter_max: float = 0.6  # largest share of segments that run in any direction
     lens: float = 0.02  # spread of the radial distortion at the corner
+    motions: dict[str, Any] = field(default_factory=dict)  # kinds of motion: fields of MotionConfig
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,8 @@ def draw_scenes(batch: int, config: SceneConfig, generator: torch.Generator) -> 
     dice = Dice(generator, batch)
     aspect = torch.exp(math.log(config.widest) * dice.between(-1, 1))
     aspect = torch.where(dice.happens(config.square), 1.0, aspect)
-    tx, rz = draw_motions(batch, generator, config.zero_motion, config.small_motion)
+    kinds = from_table(MotionConfig, config.motions, "[data.motions]")
+    tx, rz = draw_mixture(batch, generator, kinds, config.zero_motion, config.small_motion)
     roll, tilt, focal = _camera(dice, config, aspect)
     turn = _quarter_turn(dice, config)
     scene_aspect = torch.where(turn % 2 == 1, 1 / aspect, aspect)
@@ -113,8 +119,8 @@ def _camera(dice: Dice, config: SceneConfig, aspect: Tensor) -> tuple[Tensor, Te
     degree = math.pi / 180
     roll = dice.normal() * torch.where(dice.happens(0.25), 4.0, 1.0)
     kind = dice.each()
-    tilt = torch.where(kind < 0.5, 2 + 4 * dice.normal(), dice.between(-6, 25))
-    tilt = torch.where(kind > 0.9, dice.between(15, 50), tilt)
+    tilt = torch.where(kind < 1 - config.tilted - config.steep, 2 + 4 * dice.normal(), dice.between(-6, 25))
+    tilt = torch.where(kind > 1 - config.steep, dice.between(15, 50), tilt)
     focal = config.focal_rows * torch.exp(config.focal_spread * dice.normal()) * (1 + aspect) / 2
     return roll * degree, tilt * degree, focal
 

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from unshutter.errors import UsageError
-from unshutter.estimators.segment_transformer.weights import write_weights
+from unshutter.estimators.segment_transformer.weights import read_weights, write_weights
 from unshutter.geometry import rows as geometry
 from unshutter_lab.training.config import TrainConfig, from_table
 from unshutter_lab.training.data.motions import cubic_motion
@@ -18,7 +18,7 @@ from unshutter_lab.training.motion_errors import validation_figures
 from unshutter_lab.training.recipes import Recipe
 from unshutter_lab.training.segment_transformer.network import SegmentTransformer, SegmentTransformerConfig
 from unshutter_lab.training.segment_transformer.onnx_loop import export_loop
-from unshutter_lab.training.segment_transformer.weights import weights_of
+from unshutter_lab.training.segment_transformer.weights import network_of, weights_of
 
 _GRID = 16  # the EPE is taken on a grid of this many points squared
 _CAMERA_SPREAD = (0.05, 0.15, 0.35)  # typical roll [rad], tilt [rad], log focal length: equal footing
@@ -61,6 +61,14 @@ class SegmentRecipe(Recipe):
             errors.append(motion_epe(motions[-1], scenes))
             untouched.append(motion_epe(torch.zeros_like(motions[-1]), scenes))
         return validation_figures(torch.cat(errors), torch.cat(untouched))
+
+    def start_from_stored(self, network: nn.Module, weights: Path) -> None:
+        """See :class:`Recipe`."""
+        stored = network_of(read_weights(weights, self.config.model)).state_dict()
+        shapes = {name: value.shape for name, value in network.state_dict().items()}
+        if shapes != {name: value.shape for name, value in stored.items()}:
+            raise UsageError(f"cannot start from {weights}: it is a network of another size")
+        network.load_state_dict(stored)
 
     def export(self, network: nn.Module, path: Path) -> None:
         """ONNX: tokens [batch, segments, 6], mask [batch, segments] -> coefficients [batch, 2, 3].
