@@ -22,14 +22,14 @@ class Cause(StrEnum):
     STRENGTH_0 = "strength 0"
 
 
-class Source(StrEnum):
+class MotionSource(StrEnum):
     """Where a motion comes from if not from the photo's pixels: the name of what found it."""
 
     FILM = "film"
     FLIGHT = "flight"
 
 
-SOURCES = {Source.FILM: "by the film inside it", Source.FLIGHT: "by its flight data"}
+SOURCES = {MotionSource.FILM: "by the film inside it", MotionSource.FLIGHT: "by its flight data"}
 
 
 class Code(StrEnum):

@@ -38,9 +38,9 @@ def films(tmp_path_factory):
 @pytest.mark.parametrize("kind", KINDS)
 def test_whole_films_are_whole(films, kind):
     clip = Clip.look(films[kind])
-    assert not clip.extent.length.cut
+    assert not clip.expected.length.cut
     assert len(list(clip.items())) == len(GREYS)
-    assert len(list(clip.items(clip.extent.start_s + 0.3))) in range(20, 25)  # some begin a little later than at 0
+    assert len(list(clip.items(clip.expected.start_s + 0.3))) in range(20, 25)  # some begin a little later than at 0
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -18,9 +18,9 @@ from unshutter.estimators.base import View
 from unshutter.geometry.readout import Orientation
 from unshutter.motion import Motion
 from unshutter.photo.tags.readout_time import ReadoutTime
-from unshutter.reasons import Code, Reason, Source
+from unshutter.reasons import Code, MotionSource, Reason
 
-NAME = Source.FLIGHT.value
+NAME = MotionSource.FLIGHT.value
 _STRAIGHT_DOWN = 10.0  # degrees off it, within which the ground is taken to be parallel to the picture
 _LOWEST = 5.0  # m: below, what is seen of the ground is not flat
 _HEIGHT_ERROR = 0.1  # share of the height by which the ground may lie higher or lower, as a standard deviation

@@ -9,7 +9,7 @@ from typing import Any
 
 from unshutter.motion.motion import Motion
 from unshutter.options import Undo
-from unshutter.reasons import SOURCES, Cause, Code, Reason, Source
+from unshutter.reasons import SOURCES, Cause, Code, MotionSource, Reason
 
 SURE, LIKELY = 0.8, 0.5  # confidence from which on a verdict is sure, or likely: calibrated probabilities
 _LARGE = 1 / 12  # of the rows: an unsure motion that moves anything farther is worth a look
@@ -59,7 +59,7 @@ class Verdict:
     largest_px: float
     confidence: float | None = None
     reason: Reason | None = None
-    source: Source | None = None
+    source: MotionSource | None = None
     rows: int = 0
 
     @classmethod
@@ -71,7 +71,7 @@ class Verdict:
             undo: what is asked for; of it, the strength and the least confidence count here.
         """
         largest, sure = motion.largest_px, motion.confidence
-        source = Source(motion.estimator) if motion.estimator in set(Source) else None
+        source = MotionSource(motion.estimator) if motion.estimator in set(MotionSource) else None
         return cls(largest, sure, _reason_against(motion, largest, sure, undo), source, motion.height)
 
     @property

@@ -19,12 +19,12 @@ from unshutter.motion import Motion
 from unshutter.motion_photo.film import Film, decoded
 from unshutter.motion_photo.registration import Matches, Placement, matches, placement
 from unshutter.motion_photo.still_fit import Frames, StillFit, fit_still
-from unshutter.reasons import Code, Reason, Source
+from unshutter.reasons import Code, MotionSource, Reason
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt8
 
-NAME = Source.FILM.value
+NAME = MotionSource.FILM.value
 _AROUND, _FEWEST = 30, 6  # frames on both sides of the photo that count; those without which a film says nothing
 _MATCHED = 2  # frames on both sides that the photo is compared with
 _USUAL_RATIO = ReadoutRatio(0.6, 0.2, "what is usual")  # of phones' films

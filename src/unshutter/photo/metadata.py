@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from unshutter.photo.containers import chunks
-from unshutter.photo.containers.motion_photo import Film
+from unshutter.photo.containers.motion_photo import AppendedFilm
 from unshutter.photo.tags import exif, iptc
 
 _MEANINGLESS = (1.0, 72 / 25.4)  # px/mm: libvips's where a file gives none, and the usual one of careless programs
@@ -58,7 +58,7 @@ class Metadata:
     chunks: tuple[tuple[bytes, bytes], ...] = ()
     density: tuple[int, int, int] | None = None
     comments: tuple[bytes, ...] = ()
-    film: Film | None = None
+    film: AppendedFilm | None = None
     left_behind: tuple[str, ...] = ()
 
     def resized(self) -> Metadata:

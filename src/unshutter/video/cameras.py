@@ -118,7 +118,7 @@ class CameraMode:
 
 
 @dataclass(frozen=True)
-class ReadoutTime:
+class ListedReadout:
     """What the table says of a clip's readout time.
 
     Attributes:
@@ -168,7 +168,7 @@ def table() -> tuple[CameraMode, ...]:
 # ---- the readout time of a clip ----------------------------------------------------------------------------
 
 
-def find(make: str, model: str, size: tuple[int, int], rate: float) -> ReadoutTime | None:
+def find(make: str, model: str, size: tuple[int, int], rate: float) -> ListedReadout | None:
     """The readout time of a camera in a mode; None where the table does not have the camera.
 
     Args:
@@ -180,12 +180,12 @@ def find(make: str, model: str, size: tuple[int, int], rate: float) -> ReadoutTi
     return _range([mode for mode in table() if _is_of(mode, make, model)], size, rate)
 
 
-def find_tagged(tags: Mapping[str, str], size: tuple[int, int], rate: float) -> ReadoutTime | None:
+def find_tagged(tags: Mapping[str, str], size: tuple[int, int], rate: float) -> ListedReadout | None:
     """As :func:`find`, of the camera that a clip's tags name."""
     return find(*camera_of(tags), size, rate)
 
 
-def find_named(name: str, size: tuple[int, int], rate: float) -> ReadoutTime:
+def find_named(name: str, size: tuple[int, int], rate: float) -> ListedReadout:
     """As :func:`find`, of a camera that the user names: brand, model and lens as far as they tell it from others.
 
     Raises:
@@ -216,7 +216,7 @@ def camera_of(tags: Mapping[str, str]) -> tuple[str, str]:
     return ("GoPro", _GOPROS[code]) if not model and code in _GOPROS else (make, model)
 
 
-def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> ReadoutTime | None:
+def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> ListedReadout | None:
     """What modes of one camera say of the one in question: those that come closest to it."""
     of_size = [mode for mode in modes if mode.has_size(size)]
     same = [mode for mode in of_size if mode.has_rate(rate)]
@@ -228,7 +228,7 @@ def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> Reado
     values = (min(mode.least_ms for mode in closest), times[len(times) // 2], max(mode.most_ms for mode in closest))
     low, typical, high = (min(value, 1000 / rate) for value in values)
     first = closest[0]
-    return ReadoutTime(low, typical, high, f"{first.brand} {first.model}", match, len(times))
+    return ListedReadout(low, typical, high, f"{first.brand} {first.model}", match, len(times))
 
 
 # ---- names -------------------------------------------------------------------------------------------------

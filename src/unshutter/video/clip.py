@@ -11,8 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
 from unshutter.photo.argument import check_size
-from unshutter.video.containers import Clock, Times, damaged, decoded, film_of, first_times, opened, packets, time_of
-from unshutter.video.ending import Ending, Extent
+from unshutter.video.containers import (
+    FrameTiming,
+    Times,
+    damaged,
+    decoded,
+    film_of,
+    first_times,
+    opened,
+    packets,
+    time_of,
+)
+from unshutter.video.ending import Ending, ExpectedLength
 from unshutter.video.file_length import FileLength, file_length
 from unshutter.video.options import MAX_CLIP_PIXELS
 from unshutter.video.pictures import PictureSequence
@@ -52,8 +62,8 @@ class Clip:
         side_data: of the first frame, by FFmpeg's names; later frames are not asked, since PyAV then
             keeps them for good.
         lead_s: by how much earlier the file has to be read, so that a key frame comes first [s].
-        extent: how much of it there should be.
-        clock: when its frames are shown.
+        expected: how much of it there should be.
+        timing: when its frames are shown.
         pictures: of a sequence of pictures; None: a film.
     """
 
@@ -69,8 +79,8 @@ class Clip:
     ticks: int
     side_data: dict[str, bytes]
     lead_s: float = field(repr=False)
-    extent: Extent = field(repr=False)
-    clock: Clock = field(repr=False)
+    expected: ExpectedLength = field(repr=False)
+    timing: FrameTiming = field(repr=False)
     pictures: PictureSequence | None = None
 
     @classmethod
@@ -102,7 +112,7 @@ class Clip:
             interval, first, before = first_times(container, stream)
             frames = stream.frames or (round(float(length) / interval) if pictures else 0)
         end_s = start_s + float(length) if by_tables else None
-        extent = Extent(
+        expected = ExpectedLength(
             file_length(place, kind) if pictures is None else FileLength(),
             0 if pictures else frames,
             kind == "avi",
@@ -114,9 +124,10 @@ class Clip:
         if "SPHERICAL" in beside:
             raise UnshutterError("{clip} is a 360-degree clip: its rows are not rows of the sensor", clip=place)
         step = max(1, round(interval / base))
-        clock = Clock((first or 0) - before * step if first is not None else 0, step, delay if kind == "avi" else None)
+        begin = 0 if first is None else first - before * step
+        timing = FrameTiming(begin, step, delay if kind == "avi" else None)
         lead_s = math.inf if first is None else _LEAD_S if kind in _NO_TABLES else 0.0
-        return cls(*stored, interval, frames, float(length), tags, ticks, beside, lead_s, extent, clock, pictures)
+        return cls(*stored, interval, frames, float(length), tags, ticks, beside, lead_s, expected, timing, pictures)
 
     @property
     def of_pictures(self) -> bool:
@@ -159,9 +170,9 @@ class Clip:
         with self.opened() as container:
             film = film_of(container, self.path)
             film.thread_type = "AUTO"
-            if start and start - self.lead_s > self.extent.start_s:
+            if start and start - self.lead_s > self.expected.start_s:
                 container.seek(int((start - self.lead_s) / film.time_base), stream=film)
-            times, ending = Times(self.clock), Ending(self.path, self.extent)
+            times, ending = Times(self.timing), Ending(self.path, self.expected)
             for packet in packets(container, None, self.path):
                 of_film = packet.stream.index == film.index  # packet.stream_index of the last, empty packets is 0
                 ending.add(packet, of_film)
@@ -186,10 +197,10 @@ class Clip:
         Raises:
             UnshutterError: it ends before.
         """
-        if not self.extent.length.cut:
+        if not self.expected.length.cut:
             return
         with self.opened() as container:
-            film, ending = film_of(container, self.path), Ending(self.path, self.extent)
+            film, ending = film_of(container, self.path), Ending(self.path, self.expected)
             for packet in packets(container, None, self.path):
                 ending.add(packet, packet.stream.index == film.index)
             ending.check(None, end)

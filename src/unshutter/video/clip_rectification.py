@@ -25,7 +25,7 @@ from unshutter.video.clip_gyro import ClipGyro, gyro_of_clip
 from unshutter.video.clip_motion_file import ClipMotion, load, motion_written
 from unshutter.video.clip_preview import write_preview
 from unshutter.video.encoders import Encoder
-from unshutter.video.film_file import Film, write_picture, writing
+from unshutter.video.film_file import FilmWriter, write_picture, writing
 from unshutter.video.frame_motion import MovingFrame
 from unshutter.video.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.options import Encode, RectifyClip
@@ -202,7 +202,7 @@ def _write_film(
         frames = stack.enter_context(tempfile.TemporaryFile(dir=target.parent)) if into_copy else None
         container = stack.enter_context(writing(part if frames is None else frames, target.suffix, clip.ticks))
         items = stack.enter_context(_counted(pipeline, warper, outcome, watch, all_streams=not into_copy))
-        film = Film(container, source, clip, encoder, not into_copy, warper.size, options.start or 0.0)
+        film = FilmWriter(container, source, clip, encoder, not into_copy, warper.size, options.start or 0.0)
         for item in items:
             if isinstance(item, SidePacket):
                 film.add_packet(item.packet)

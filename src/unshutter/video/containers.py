@@ -144,7 +144,7 @@ def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
 
 
 @dataclass(frozen=True)
-class Clock:
+class FrameTiming:
     """The rule by which a film's frames get their times.
 
     Attributes:
@@ -162,18 +162,18 @@ class Clock:
 class Times:
     """Gives frames their times, in the order in which they are shown: later than the one before, always."""
 
-    def __init__(self, clock: Clock):
-        self._clock = clock
+    def __init__(self, timing: FrameTiming):
+        self._timing = timing
         self._last: int | None = None
 
     def set(self, frame: VideoFrame) -> None:
         """Gives the next frame its time."""
-        clock = self._clock
+        timing = self._timing
         at = frame.pts
-        if clock.delay is not None:
-            at = None if frame.dts is None else frame.dts - clock.delay
+        if timing.delay is not None:
+            at = None if frame.dts is None else frame.dts - timing.delay
         if at is None:
-            at = clock.start if self._last is None else self._last + clock.step
+            at = timing.start if self._last is None else self._last + timing.step
         elif self._last is not None and at <= self._last:
             at = self._last + 1
         frame.pts = self._last = at

@@ -22,7 +22,7 @@ _SLOPPY, _SLOPPY_S = 4, 0.25  # frame intervals and seconds by which the headers
 
 
 @dataclass(frozen=True)
-class Extent:
+class ExpectedLength:
     """How much of a film there should be.
 
     Attributes:
@@ -47,11 +47,11 @@ class Ending:
 
     Args:
         path: of the file, for the user.
-        extent: how much there should be.
+        expected: how much there should be.
     """
 
-    def __init__(self, path: str, extent: Extent):
-        self._path, self._extent = path, extent
+    def __init__(self, path: str, expected: ExpectedLength):
+        self._path, self._expected = path, expected
         self._frames, self._film_s, self._all_s = 0, -math.inf, -math.inf
         self._latest: deque[float] = deque(maxlen=_REORDERED)  # ends of frames [s]
 
@@ -76,23 +76,23 @@ class Ending:
         Raises:
             UnshutterError: the file ends before that part does, and before it should.
         """
-        extent, near = self._extent, _NEAR * self._extent.interval_s
+        expected, near = self._expected, _NEAR * self._expected.interval_s
         if end is not None and self._film_s >= end - near:
             return
-        seconds, cut = extent.length.seconds, extent.length.cut
+        seconds, cut = expected.length.seconds, expected.length.cut
         if cut:
             self._film_s = self._without_gap(near)
-        if extent.frames and (cut or not extent.counts_empty):
-            few = self._frames < extent.frames
-            late = extent.end_s is None or self._film_s < extent.end_s - near
+        if expected.frames and (cut or not expected.counts_empty):
+            few = self._frames < expected.frames
+            late = expected.end_s is None or self._film_s < expected.end_s - near
             if few and (late or not start):
-                statement = f"ends after {self._frames} of its {extent.frames} frames"
-                raise self._early(f"ends early, {self._of(extent.end_s)}" if extent.end_s and late else statement)
+                statement = f"ends after {self._frames} of its {expected.frames} frames"
+                raise self._early(f"ends early, {self._of(expected.end_s)}" if expected.end_s and late else statement)
         elif seconds is not None:
             missing = seconds - self._since(self._film_s if cut else self._all_s, seconds)
-            if missing > (_SHORT * extent.interval_s if cut else max(_SLOPPY * extent.interval_s, _SLOPPY_S)):
+            if missing > (_SHORT * expected.interval_s if cut else max(_SLOPPY * expected.interval_s, _SLOPPY_S)):
                 raise self._early(f"ends early, {self._of(seconds)}")
-        elif cut and not extent.frames:
+        elif cut and not expected.frames:
             raise self._early("ends in the middle of its data")
 
     def _without_gap(self, near: float) -> float:
@@ -102,12 +102,12 @@ class Ending:
 
     def _since(self, at: float, seconds: float) -> float:
         """How far a file of that length was read: files that begin late count from there, others from 0."""
-        return at - self._extent.start_s if self._extent.start_s >= seconds else at
+        return at - self._expected.start_s if self._expected.start_s >= seconds else at
 
     def _of(self, seconds: float) -> str:
         return f"after {max(self._since(self._film_s, seconds), 0.0):.1f} of {seconds:.1f} s"
 
     def _early(self, statement: str) -> UnshutterError:
         until = math.floor(10 * self._film_s) / 10 if math.isfinite(self._film_s) else 0.0
-        way = f"; --end {until:.1f} keeps what is there" if until > max(self._extent.start_s, 0.0) else ""
+        way = f"; --end {until:.1f} keeps what is there" if until > max(self._expected.start_s, 0.0) else ""
         return UnshutterError(f"{{clip}} {statement}: the file is cut off{way}", clip=self._path)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from av import Packet, VideoFrame
 
 
-class Film:
+class FilmWriter:
     """A file that is being written: frames and packets in, in their order.
 
     Args:

@@ -30,7 +30,7 @@ _LONGEST_FILM = 1 << 28  # bytes
 _MOMENT = rb"""(?:MotionPhoto|MicroVideo)PresentationTimestampUs\s*(?:=\s*["']|>)\s*(\d{1,12})\b"""
 
 
-class Film(NamedTuple):
+class AppendedFilm(NamedTuple):
     """A motion photo's film, with what stands about it.
 
     Attributes:
@@ -73,7 +73,7 @@ class _Block(NamedTuple):
         return 8 + int.from_bytes(self.data[4:8], "little")
 
 
-def film_of(file: BinaryIO, film_bytes: int | None) -> Film | None:
+def film_of(file: BinaryIO, film_bytes: int | None) -> AppendedFilm | None:
     """The film of a JPEG.
 
     Args:
@@ -87,7 +87,7 @@ def film_of(file: BinaryIO, film_bytes: int | None) -> Film | None:
         return None
     file.seek(-film_bytes, io.SEEK_END)
     data = file.read(film_bytes)
-    return Film(data, 0, film_bytes, film_bytes) if _is_film(data) else None
+    return AppendedFilm(data, 0, film_bytes, film_bytes) if _is_film(data) else None
 
 
 def film_in_boxes(file: BinaryIO) -> bytes | None:
@@ -110,7 +110,7 @@ def _is_film(data: bytes) -> bool:
     return data[4:8] == b"ftyp"
 
 
-def _in_trailer(file: BinaryIO) -> Film | None:
+def _in_trailer(file: BinaryIO) -> AppendedFilm | None:
     """The film of Samsung's trailer, with the blocks that stay true; None where there is none."""
     version, blocks, length = _blocks(file)
     film = next((block for block in blocks if block.kind == _FILM), None)
@@ -119,7 +119,9 @@ def _in_trailer(file: BinaryIO) -> Film | None:
     kept = [block for block in blocks if block.kind in _STAY_TRUE]
     before = sum(len(block.data) for block in kept[: kept.index(film)])
     gone = tuple(f"{_printable(block.name)} (Samsung)" for block in blocks if block.kind not in _STAY_TRUE)
-    return Film(_trailer(version, kept), before + film.content_at, len(film.data) - film.content_at, length, gone)
+    return AppendedFilm(
+        _trailer(version, kept), before + film.content_at, len(film.data) - film.content_at, length, gone
+    )
 
 
 def _blocks(file: BinaryIO) -> tuple[int, list[_Block], int]:
