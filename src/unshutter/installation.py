@@ -7,7 +7,6 @@ import shlex
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.request import url2pathname
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
@@ -52,6 +51,7 @@ def _sources() -> Path | None:
     if (here / "pyproject.toml").is_file():
         return here
     from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.request import url2pathname  # slow to import, too: it brings what talks to servers
 
     with suppress(PackageNotFoundError, ValueError, KeyError, TypeError):
         url = json.loads(distribution("unshutter").read_text("direct_url.json") or "")["url"]

@@ -179,3 +179,8 @@ class Reason:
     def as_json(self) -> dict[str, Any]:
         """Code, figures and sentence, for programs."""
         return {"code": str(self.code), "figures": dict(self.figures), "sentence": str(self)}
+
+
+def pixels(px: float) -> str:
+    """A length as people read it: ``41 px``, ``4.1 px``."""
+    return f"{px:.0f} px" if px >= 10 else f"{px:.1f} px"

@@ -14,8 +14,9 @@ import pytest
 from support.batches import leave_some_undone, leftovers, make_photos, rectify, results, start_rectify
 from unshutter.batch.job import Job, Outcome
 from unshutter.batch.loop import Batch
+from unshutter.batch.processes import processes
 from unshutter.batch.report import Report
-from unshutter.batch.workers import InThisProcess, Workers, processes
+from unshutter.batch.workers import InThisProcess, Workers
 
 MANIFEST = "unshutter-manifest.jsonl"
 

@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -38,7 +39,7 @@ from unshutter.batch.targets import (
     plan_targets,
 )
 from unshutter.batch.work import do_job
-from unshutter.batch.workers import workers_for
+from unshutter.batch.workers import Workers, cluster, this_process
 from unshutter.errors import UnshutterError, UsageError, visible
 from unshutter.estimators.register import check_name, load, weights_file
 from unshutter.options import Find, Rectify, Reference, Run, Undo
@@ -88,12 +89,25 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
             report.tell(f"unshutter: readout ratio {ratio}")
         _report_before_work(plan, inputs, report)
         prepare_folders(jobs, inputs, into, protection)
-        with workers_for(run) as workers:
+        with _workers_for(run) as workers:
             here = {"lookahead": lookahead} if lookahead else {}  # nothing that could be sent to another process
             work = partial(do_job, request=request, motion=motion, **here)
             Batch(work, workers, manifest, report, protection).run(plan.to_do)
         report.save_preview()
     return report.exit_code()
+
+
+def _workers_for(run: Run) -> AbstractContextManager[Workers]:
+    """The workers that a run asks for: a cluster, processes, or this process."""
+    if run.scheduler is not None:
+        return cluster(run.scheduler)
+    if run.jobs is run.timeout is None:
+        return this_process()
+    from unshutter.batch.processes import processes  # not above: for one photo, multiprocessing would take 7 ms
+
+    if run.jobs is not None:
+        return processes(run.jobs, run.timeout)
+    return processes(1, run.timeout, all_processors=True)  # this process could not stop a decoder that hangs in it
 
 
 def _motion_text(path: Path | None) -> str | None:

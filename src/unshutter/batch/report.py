@@ -9,18 +9,20 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from unshutter.batch.inputs import Inputs
 from unshutter.batch.job import Job, Outcome
 from unshutter.batch.preview import Preview
 from unshutter.errors import UnshutterError, errors_in_one_line
-from unshutter.motion.verdict import Verdict, pixels
 from unshutter.progress import Progress, rate
-from unshutter.reasons import Cause, Code
+from unshutter.reasons import Cause, Code, pixels
 from unshutter.storage.journal import JsonLog
 from unshutter.storage.places import Place
 from unshutter.storage.protection import Protection
+
+if TYPE_CHECKING:
+    from unshutter.motion.verdict import Verdict  # not imported above: NumPy comes with it, and decoding starts first
 
 Tell = Callable[[str], None]  # says a line to the user
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import sys
@@ -49,6 +50,7 @@ def run() -> NoReturn:
             code = code or 1
         except OSError as error:
             code = code or _say(f"cannot write the output: {error.strerror}", 1)
+    gc.freeze()  # with the process all memory goes: to look for cycles in it would only take time
     sys.exit(code)
 
 

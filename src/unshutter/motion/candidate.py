@@ -10,7 +10,7 @@ import numpy as np
 
 from unshutter.geometry.readout import scene_up
 from unshutter.motion.motion import Motion
-from unshutter.motion.verdict import pixels
+from unshutter.reasons import pixels
 
 KindOfMotion = Literal["still", "pan", "hand", "quadratic", "other"]
 

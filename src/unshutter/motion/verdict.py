@@ -9,7 +9,7 @@ from typing import Any
 
 from unshutter.motion.motion import Motion
 from unshutter.options import Undo
-from unshutter.reasons import SOURCES, Cause, Code, MotionSource, Reason
+from unshutter.reasons import SOURCES, Cause, Code, MotionSource, Reason, pixels
 
 SURE, LIKELY = 0.8, 0.5  # confidence from which on a verdict is sure, or likely: calibrated probabilities
 _LARGE = 1 / 12  # of the rows: an unsure motion that moves anything farther is worth a look
@@ -156,8 +156,3 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
 def _two_decimals(confidence: float) -> float:
     """Rounded down: what is below a limit must not read as if it met it."""
     return math.floor(100 * confidence + 1e-9) / 100
-
-
-def pixels(px: float) -> str:
-    """A length as people read it: ``41 px``, ``4.1 px``."""
-    return f"{px:.0f} px" if px >= 10 else f"{px:.1f} px"

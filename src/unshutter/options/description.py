@@ -96,14 +96,17 @@ class Group:
         return (self.kind.__doc__ or "").partition("\n")[0].rstrip(".")
 
 
-def describe(kind: type) -> Iterator[Option | Group]:
+@functools.cache
+def describe(kind: type) -> tuple[Option | Group, ...]:
     """The options of a dataclass and its groups, in order; fields without a help are neither."""
     hints = typing.get_type_hints(kind)
+    described: list[Option | Group] = []
     for each in dataclasses.fields(kind):
         if dataclasses.is_dataclass(hints[each.name]):
-            yield Group(each.name, hints[each.name])
+            described.append(Group(each.name, hints[each.name]))
         elif "help" in each.metadata:
-            yield _option(each, hints[each.name])
+            described.append(_option(each, hints[each.name]))
+    return tuple(described)
 
 
 def options_of(kind: type) -> Iterator[Option]:

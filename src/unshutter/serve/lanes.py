@@ -17,7 +17,8 @@ from contextlib import ExitStack, suppress
 from enum import IntEnum
 from typing import Any, TypeVar
 
-from unshutter.batch.workers import Workers, processes
+from unshutter.batch.processes import processes
+from unshutter.batch.workers import Workers
 from unshutter.errors import UnshutterError
 from unshutter.serve.jobs.photo import warm
 

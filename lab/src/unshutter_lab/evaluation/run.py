@@ -14,7 +14,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
 
-from unshutter.batch.workers import settle_worker
+from unshutter.batch.processes import settle_worker
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.estimators import register
 from unshutter.estimators.base import Estimator
