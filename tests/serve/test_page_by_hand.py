@@ -95,7 +95,7 @@ def test_upright_lines_straighten_what_the_program_declines(page: Page, grey: Pa
     wait_for(page, "changed")
     expect(page.locator(SAID)).to_contain_text("Straightened by hand")
     expect(page.locator(".thumbnail .state")).to_have_text("straightened by hand")
-    page.wait_for_function("Number(document.querySelector('#lean-number').value) > 2")  # the answer to both lines
+    page.wait_for_function("() => Number(document.querySelector('#lean-number').value) > 2")  # the answer to both lines
     assert page.locator(".compare").bounding_box() == before  # the picture does not move under the pointer
     page.keyboard.press("Escape")
     expect(page.locator(".handle")).to_be_visible()  # before and after, side by side again

@@ -44,6 +44,23 @@ def test_a_motion_is_the_command_lines(client: httpx.Client, photo: Path, tmp_pa
     assert answer.text == (tmp_path / "motion.json").read_text()
 
 
+def test_candidates_are_the_command_lines(client: httpx.Client, photo: Path, tmp_path: Path) -> None:
+    run_command("estimate", photo, "-o", tmp_path / "candidates.json", "--candidates", "--reference", "last")
+    answer = client.post("/api/estimate", files=part(photo), data={"reference": "last", "candidates": "true"})
+    assert answer.text == (tmp_path / "candidates.json").read_text()
+    id = opened(client, photo)
+    listed = client.get(f"/api/photos/{id}/candidates").json()
+    kinds = [each["kind"] for each in json.loads(answer.text)["candidates"]]
+    assert [each["kind"] for each in listed] == kinds and listed[0]["taken"]
+    run_command("rectify", photo, "-o", tmp_path / "expected.jpg", "--candidate", "2")
+    picture = client.get(f"/api/photos/{id}/picture", params={"candidate": "2"})
+    assert picture.content == (tmp_path / "expected.jpg").read_bytes()
+    few = client.get(f"/api/photos/{id}/after", params={"candidate": "9"})
+    assert few.status_code == 422 and "there is no candidate 9" in few.json()["error"]
+    both = client.post("/api/estimate", files=part(photo), data={"candidate": "1", "candidates": "true"})
+    assert both.status_code == 400
+
+
 def test_a_motion_can_be_given(client: httpx.Client, photo: Path, facade_motion, tmp_path: Path) -> None:
     facade_motion.save(tmp_path / "motion.json")
     run_command("rectify", photo, "-o", tmp_path / "expected.jpg", "--motion", tmp_path / "motion.json")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from collections.abc import Sequence
@@ -243,13 +242,13 @@ def _report_if_left_alone(motion: Motion, photo: Place, tell: Tell) -> None:
 
 def _candidates_as_text(photo: Photo, source: Place, request: Estimates, tell: Tell) -> str:
     """The candidates of a photo as JSON; each is also reported in a line."""
+    from unshutter.motion.candidate import candidates_to_json
     from unshutter.rectification import photo_candidates
 
     listed = photo_candidates(photo, load(request.find.estimator), request.find.camera, request.reference)
     for number, each in enumerate(listed, 1):
         tell(f"{source}: {number}  {each.described()}")
-    data = [{"number": number, **each.as_json()} for number, each in enumerate(listed, 1)]
-    return json.dumps({"format": "unshutter-candidates/1", "candidates": data})
+    return candidates_to_json(listed)
 
 
 def _remove_leftovers(targets: list[Place]) -> None:

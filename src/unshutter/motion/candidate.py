@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -13,7 +14,9 @@ from unshutter.motion.motion import Motion
 from unshutter.reasons import pixels
 
 KindOfMotion = Literal["still", "pan", "hand", "quadratic", "other"]
+Direction = Literal["left", "right", "up", "down"]
 
+_TURNS = {"left": "to the left", "right": "to the right", "up": "upwards", "down": "downwards"}
 _NAMES = {"hand": "hand", "quadratic": "uneven motion", "other": "motion"}
 _UPRIGHT = 1  # EXIF orientation of a photo that is stored as it is seen
 
@@ -43,7 +46,7 @@ class Candidate:
         """In words: ``pan to the left, 24 px``, ``hand, 9 px``, ``as it is``."""
         if self.kind == "still":
             return "as it is"
-        name = f"pan {self._direction}" if self.kind == "pan" else _NAMES[self.kind]
+        name = f"pan {_TURNS[self.direction]}" if self.kind == "pan" else _NAMES[self.kind]
         return f"{name}, {pixels(self.motion.largest_px)}"
 
     def described(self) -> str:
@@ -74,15 +77,15 @@ class Candidate:
         return replace(self, motion=self.motion.resized(height, width), expected_error_px=scaled)
 
     @property
-    def _direction(self) -> str:
+    def direction(self) -> Direction:
         """Where the camera turned, as the photo is seen: against the way of the scene in it."""
         up = np.array(scene_up(self.orientation, self.motion.readout))
         right = np.array([-up[1], up[0]])
         scene = np.array([self.motion.tx_px[-1] - self.motion.tx_px[0], 0.0])
         sideways, upwards = float(scene @ right), float(scene @ up)
         if abs(sideways) >= abs(upwards):
-            return "to the left" if sideways > 0 else "to the right"
-        return "downwards" if upwards > 0 else "upwards"
+            return "left" if sideways > 0 else "right"
+        return "down" if upwards > 0 else "up"
 
 
 def alone(motion: Motion, orientation: int = _UPRIGHT) -> tuple[Candidate, ...]:
@@ -94,6 +97,12 @@ def alone(motion: Motion, orientation: int = _UPRIGHT) -> tuple[Candidate, ...]:
         Candidate("other", motion, motion.confidence, orientation=orientation),
         Candidate("still", as_it_is, orientation=orientation),
     )
+
+
+def candidates_to_json(candidates: Iterable[Candidate]) -> str:
+    """The candidates of a photo as text, each with the number by which it is chosen."""
+    listed = [{"number": number, **each.as_json()} for number, each in enumerate(candidates, 1)]
+    return json.dumps({"format": "unshutter-candidates/1", "candidates": listed})
 
 
 def _rounded(number: float | None, digits: int) -> float | None:

@@ -64,15 +64,26 @@ async def picture_answer(
     return FileResponse(target, filename=name, headers=headers, background=BackgroundTask(clean_up))
 
 
-async def motion_answer(desk: Desk, open_file: OpenFile, options: PhotoOptions) -> Response:
+async def motion_answer(desk: Desk, open_file: OpenFile, options: PhotoOptions, candidates: bool = False) -> Response:
     """The photo's motion as JSON, as ``unshutter estimate`` writes it.
 
+    Args:
+        desk: the server's.
+        open_file: the photo.
+        options: how the motion is found.
+        candidates: whether all motions that fit are listed, as with ``--candidates``.
+
     Raises:
-        UsageError: neighbours are named.
+        UsageError: neighbours are named, or options that do not go with a list.
     """
     if options.rectify.neighbours:
         raise UsageError("neighbours show more than the motion of the camera: leave them out to get a motion")
-    text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, open_file, options.rectify, options.hand)
+    if candidates:
+        if options.hand or options.find.camera.candidate is not None:
+            raise UsageError("'candidates' lists all motions that fit: leave out 'candidate' and what is by hand")
+        text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated_candidates, open_file, options.rectify)
+    else:
+        text = await desk.lanes.do(Urgency.NOW, photo_jobs.estimated, open_file, options.rectify, options.hand)
     headers = {"unshutter-name": header_text(motion_name(open_file.name))}
     return Response(text, media_type="application/json", headers=headers)
 

@@ -68,6 +68,7 @@ def routes() -> list[Route]:
         Route(photo, photos.remove, methods=["DELETE"]),
         Route(f"{photo}/before", photos.before),
         Route(f"{photo}/after", photos.after),
+        Route(f"{photo}/candidates", photos.candidates),
         Route(f"{photo}/segments", photos.segments),
         Route(f"{photo}/picture", photos.picture),
         Route(f"{photo}/motion", photos.motion),

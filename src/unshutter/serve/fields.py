@@ -13,6 +13,7 @@ from unshutter.options.description import Option, options_of, with_values
 from unshutter.video.options import RectifyClip
 
 MOST_LEAN_DEG, MOST_BEND_PERCENT, MOST_TURN_DEG = 30, 20, 20
+CANDIDATES = "candidates"  # field of a form that asks for all motions that fit; no option of a picture
 _YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
 
 
@@ -112,6 +113,17 @@ def fields(kind: type = PhotoOptions) -> Iterator[Option]:
     return (option for option in options_of(kind) if option.on_page)
 
 
+def truth(name: str, text: str) -> bool:
+    """The truth value that a field says.
+
+    Raises:
+        UsageError: it says none.
+    """
+    if text.lower() not in (*_YES, *_NO):
+        raise UsageError(f"field '{name}' takes true or false, got '{text:.40}'")
+    return text.lower() in _YES
+
+
 def _check_known(form: Mapping[str, str], kind: type) -> None:
     known = {option.name for option in fields(kind)}
     for name in form:
@@ -133,9 +145,7 @@ def _values(form: Mapping[str, str], photo: Callable[[str], Path]) -> Callable[[
 
 def _value(option: Option, text: str) -> Any:
     if option.type is bool:
-        if text.lower() not in (*_YES, *_NO):
-            raise UsageError(f"field '{option.name}' takes true or false, got '{text:.40}'")
-        return text.lower() in _YES
+        return truth(option.name, text)
     if option.choices and text not in option.choices:
         raise UsageError(f"field '{option.name}' takes one of {', '.join(option.choices)}, got '{text:.40}'")
     try:

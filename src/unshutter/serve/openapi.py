@@ -9,7 +9,7 @@ from typing import Any
 
 from starlette.routing import Route
 
-from unshutter.serve.fields import PhotoOptions, fields
+from unshutter.serve.fields import CANDIDATES, PhotoOptions, fields
 from unshutter.version import __version__
 from unshutter.video.options import RectifyClip
 
@@ -18,7 +18,7 @@ _BINARY = {"type": "string", "format": "binary"}
 
 # Paths that take the options of a photo or clip in their query, and those that send a copy for a screen.
 _OPTIONS = {
-    **{f"/api/photos/{{id}}/{name}": PhotoOptions for name in ("after", "segments", "picture", "motion")},
+    **{f"/api/photos/{{id}}/{name}": PhotoOptions for name in ("after", "candidates", "segments", "picture", "motion")},
     **{f"/api/clips/{{id}}/{name}": RectifyClip for name in ("before", "after", "readout")},
 }
 _COPIES = [f"/api/{kind}/{{id}}/{name}" for kind in ("photos", "clips") for name in ("before", "after")]
@@ -115,7 +115,8 @@ def _options(kind: type = PhotoOptions) -> dict[str, dict[str, Any]]:
 
 
 def _estimate_form() -> dict[str, Any]:
-    return _form("photo", _options())
+    listed = {"type": "boolean", "default": False, "description": "List all motions that fit, instead of the first."}
+    return _form("photo", {**_options(), CANDIDATES: listed})
 
 
 def _rectify_form() -> dict[str, Any]:

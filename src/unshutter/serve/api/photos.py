@@ -9,7 +9,7 @@ from starlette.responses import JSONResponse, Response
 from unshutter.options import Rectify
 from unshutter.serve.answers import jpeg_answer, motion_answer, picture_answer
 from unshutter.serve.desk import desk_of
-from unshutter.serve.fields import PhotoOptions, read
+from unshutter.serve.fields import CANDIDATES, PhotoOptions, read, truth
 from unshutter.serve.jobs import photo as jobs
 from unshutter.serve.lanes import Urgency
 from unshutter.serve.requests import (
@@ -42,10 +42,12 @@ async def rectify(request: Request) -> Response:
 
 
 async def estimate(request: Request) -> Response:
-    """``POST /api/estimate``: multipart form -> the motion as JSON."""
+    """``POST /api/estimate``: multipart form -> the motion as JSON, or all that fit the photo."""
     desk = desk_of(request)
     async with form_of(request) as form, files_of(desk, form, "photo") as files:
-        return await motion_answer(desk, files["photo"], read(_fields(form, files), desk.photo_path))
+        fields = _fields(form, files)
+        candidates = truth(CANDIDATES, fields.pop(CANDIDATES, ""))
+        return await motion_answer(desk, files["photo"], read(fields, desk.photo_path), candidates)
 
 
 async def add(request: Request) -> Response:
@@ -71,6 +73,13 @@ async def after(request: Request) -> Response:
     open_file, options = item_of(request), _options(request)
     job = open_file, options.rectify, longest_of(request), options.hand, is_draft(request)
     return jpeg_answer(*await desk.lanes.do(urgency_of(request), jobs.after, *job))
+
+
+async def candidates(request: Request) -> Response:
+    """``GET /api/photos/{id}/candidates``: the motions that fit the photo, in the order that ``candidate`` counts."""
+    desk = desk_of(request)
+    open_file, options = item_of(request), _options(request)
+    return JSONResponse(await desk.lanes.do(urgency_of(request), jobs.candidates, open_file, options.rectify))
 
 
 async def segments(request: Request) -> Response:

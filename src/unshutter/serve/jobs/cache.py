@@ -9,7 +9,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -18,6 +18,7 @@ from unshutter.options import Find, Neighbours
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
+    from unshutter.motion.candidate import Candidate
     from unshutter.photo import Photo
 
 Kind: TypeAlias = Literal["photo", "clip"]
@@ -94,23 +95,47 @@ def opened(open_file: OpenFile) -> Photo:
 
 
 def motion_of(open_file: OpenFile, photo: Photo, find: Find) -> Motion:
-    """The photo's motion, estimated unless a job has done so before; first row as the reference."""
+    """The photo's motion, that of the candidate a person has chosen or the first; first row as the reference.
+
+    Raises:
+        UnshutterError: there are fewer candidates.
+    """
+    from unshutter.estimators.find import chosen
+
+    return chosen(candidates_of(open_file, photo, find), find.camera.candidate)
+
+
+def candidates_of(open_file: OpenFile, photo: Photo, find: Find) -> tuple[Candidate, ...]:
+    """The motions that fit a photo, estimated unless a job has done so before; first row as the reference."""
     from unshutter.estimators.register import load, method
-    from unshutter.motion import Motion
-    from unshutter.rectification import estimate_photo
+    from unshutter.rectification import photo_candidates
 
-    file = motion_file(open_file, find)
-    if file.exists():
-        return Motion.from_json(file.read_text(encoding="utf-8"))
+    kept = kept_candidates(open_file, find)
+    if kept is not None:
+        return kept
     photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
-    motion = estimate_photo(photo, load(find.estimator), find.camera)
-    put(file, lambda part: part.write_text(motion.to_json(), encoding="utf-8"))
-    return motion
+    candidates = photo_candidates(photo, load(find.estimator), find.camera)
+    text = json.dumps([{**vars(each), "motion": each.motion.to_json()} for each in candidates])
+    put(_candidates_file(open_file, find), lambda part: part.write_text(text, encoding="utf-8"))
+    return candidates
 
 
-def motion_file(open_file: OpenFile, find: Find) -> Path:
-    """Where the motion is kept that was estimated with these options."""
-    return open_file.path.with_name(f"motion-{digest(find)}.json")
+def kept_candidates(open_file: OpenFile, find: Find) -> tuple[Candidate, ...] | None:
+    """The candidates that a job has found with these options; None: none has."""
+    from unshutter.motion import Motion
+    from unshutter.motion.candidate import Candidate
+
+    file = _candidates_file(open_file, find)
+    if not file.exists():
+        return None
+    listed = json.loads(file.read_text(encoding="utf-8"))
+    return tuple(Candidate(**{**each, "motion": Motion.from_json(each["motion"])}) for each in listed)
+
+
+def _candidates_file(open_file: OpenFile, find: Find) -> Path:
+    """Where candidates are kept: all of them, whichever is chosen."""
+    find = replace(find, camera=replace(find.camera, candidate=None))
+    return open_file.path.with_name(f"candidates-{digest(find)}.json")
 
 
 def digest(*values: object) -> str:

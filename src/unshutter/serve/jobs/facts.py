@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
+    from unshutter.motion.candidate import Candidate
     from unshutter.motion.verdict import Verdict
     from unshutter.photo.tags.attitude import Attitude
     from unshutter.reasons import Reason
@@ -74,6 +75,34 @@ class PhotoResult:
         edges = {"edges": self.edges, "whole": self.whole, "crop": self.crop}
         shape = {name: round(value, 3) for name, value in vars(self.shape).items()} if self.shape else None
         return {**self.verdict.as_json(), **about, "shape": shape, "readout": self.readout, **edges}
+
+
+@dataclass(frozen=True)
+class CandidateFacts:
+    """One of the motions that fit a photo, for the page to offer.
+
+    Attributes:
+        candidate: the motion, and what is known of it.
+        largest_px: the farthest that anything would be moved, with the strength that is asked for.
+        taken: whether it is the one that counts where nobody chooses.
+    """
+
+    candidate: Candidate
+    largest_px: float
+    taken: bool
+
+    def as_json(self) -> dict[str, Any]:
+        """What a person compares: kind, direction of a pan, description, px and probability."""
+        each = self.candidate
+        probability = None if each.probability is None else round(each.probability, 4)
+        return {
+            "kind": each.kind,
+            "direction": each.direction if each.kind == "pan" else None,
+            "description": each.description,
+            "largest_px": round(self.largest_px, 2),
+            "probability": probability,
+            "taken": self.taken,
+        }
 
 
 @dataclass(frozen=True)

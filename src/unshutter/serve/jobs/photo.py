@@ -11,8 +11,15 @@ from unshutter.batch.job import Job
 from unshutter.options import Rectify
 from unshutter.serve.fields import ByHand
 from unshutter.serve.jobs.by_hand import Shape, motion_to_undo, undo_by_hand, with_motion_file
-from unshutter.serve.jobs.cache import OpenFile, errors_of, motion_file, neighbour_names, opened
-from unshutter.serve.jobs.facts import PhotoFacts, PhotoResult, SavedPhoto
+from unshutter.serve.jobs.cache import (
+    OpenFile,
+    candidates_of,
+    errors_of,
+    kept_candidates,
+    neighbour_names,
+    opened,
+)
+from unshutter.serve.jobs.facts import CandidateFacts, PhotoFacts, PhotoResult, SavedPhoto
 from unshutter.serve.jobs.screen import arrows, as_jpeg, corners_of, shares, small_copy
 
 if TYPE_CHECKING:
@@ -50,6 +57,20 @@ def estimated(open_file: OpenFile, options: Rectify, hand: ByHand = _NOT_BY_HAND
         return motion.rereferenced(options.undo.reference or "first").to_json() + "\n"
 
 
+def estimated_candidates(open_file: OpenFile, options: Rectify) -> str:
+    """The motions that fit the photo as JSON, as `unshutter estimate --candidates` writes them.
+
+    Raises:
+        UnshutterError: the photo cannot be read.
+    """
+    from unshutter.motion.candidate import candidates_to_json
+
+    reference = options.undo.reference or "first"
+    with errors_of(open_file):
+        listed = candidates_of(open_file, opened(open_file), options.find)
+        return candidates_to_json(replace(each, motion=each.motion.rereferenced(reference)) for each in listed) + "\n"
+
+
 def saved(open_file: OpenFile, target: Path, options: Rectify, hand: ByHand = _NOT_BY_HAND) -> dict[str, Any]:
     """Writes the rectified photo exactly as `unshutter rectify` does; returns :class:`SavedPhoto` as JSON.
 
@@ -70,14 +91,16 @@ def saved(open_file: OpenFile, target: Path, options: Rectify, hand: ByHand = _N
 
 def _known_motion(open_file: OpenFile, options: Rectify) -> str | None:
     """The text of the motion that came with the request or was estimated for the screen; None: there is none yet."""
+    from unshutter.estimators.find import chosen
+
     if options.neighbours:
         return None
     if options.motion is not None:
         from unshutter.motion import Motion
 
         return Motion.load(options.motion).to_json()
-    file = motion_file(open_file, options.find)
-    return file.read_text(encoding="utf-8") if file.exists() else None
+    kept = kept_candidates(open_file, options.find)
+    return chosen(kept, options.find.camera.candidate).to_json() if kept else None
 
 
 def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, Any]]:
@@ -119,6 +142,26 @@ def after(
             rectified = _drafted if draft else _rectified_alone
             pixels, result = rectified(photo, small_copy(open_file, photo, longest), motion, undo)
         return as_jpeg(pixels, photo.orientation), result.as_json()
+
+
+def candidates(open_file: OpenFile, options: Rectify) -> list[dict[str, Any]]:
+    """The motions that fit a photo, each a :class:`CandidateFacts` as JSON, in the order that ``candidate`` counts.
+
+    Raises:
+        UnshutterError: the photo cannot be read.
+    """
+    from unshutter.result import judged
+
+    with errors_of(open_file):
+        photo, camera = opened(open_file), replace(options.find.camera, candidate=None, at_any_odds=False)
+        possible = candidates_of(open_file, photo, replace(options.find, camera=camera))
+        motions = [judged(each.motion, options.undo, photo.height, photo.width) for each in possible]
+        first = motions[0][1].changes
+        taken = 0 if first else next((k for k, each in enumerate(possible) if each.kind == "still"), None)
+        return [
+            CandidateFacts(each, motion.largest_px, taken == k).as_json()
+            for k, (each, (motion, _)) in enumerate(zip(possible, motions, strict=True))
+        ]
 
 
 def segments(open_file: OpenFile, options: Rectify, hand: ByHand = _NOT_BY_HAND) -> dict[str, Any]:

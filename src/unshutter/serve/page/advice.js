@@ -26,7 +26,7 @@ export class Advice {
       lines.push(make("p", { class: "wrong" }, words.neighbourRefused(photo.neighbourError)),
         make("div", { class: "row" }, this.#offer("adviceNeighbours", this.on.neighbour), this.#offer("adviceLeaveNeighbours", this.on.leaveNeighbours)));
     }
-    if (result.changed || photo.byHand || options.strength === "0") return lines;
+    if (result.changed || photo.byHand || options.strength === "0" || "candidate" in options) return lines;
     lines.push(make("p", {}, words.declined(words.why(result))));
     if (NOT_LIKELY.includes(result.code)) return lines;
     const offers = [];

@@ -4,14 +4,13 @@ import { curves } from "./curves.js";
 import { ByHand } from "./hand.js";
 import { Neighbours } from "./neighbours.js";
 import { make } from "./nodes.js";
-import { sureness } from "./strip.js";
 import { button, check, keys, number, reference, select, strength } from "./widgets.js";
 import { words } from "./words.js";
 
 const ALONE = ["strength", "moving", "anyway", "roll-deg", "tilt-deg"]; // controls of a photo without neighbours
 const ARROWS = { down: "↓", up: "↑", right: "→", left: "←" };
 const ABOUT_CAMERA = ["roll-deg", "tilt-deg"];
-const OWN = [...ABOUT_CAMERA, "start", "end"]; // true of one photo or clip alone
+const OWN = [...ABOUT_CAMERA, "candidate", "start", "end"]; // true of one photo or clip alone
 
 export class Controls {
   // panel: where to; lines: the editor on the stage; on: {change, draft, tool, lines, save, saveMotion, toAll} called when
@@ -151,13 +150,13 @@ function sentences(photo) {
     if (result.edges === "keep") said.push(words.edgesKeep(result.whole));
     if (result.edges === "borrow") said.push(words.edgesBorrow);
     if (result.edges === "fill") said.push(words.edgesFill);
-  } else if (options.strength === "0") said.push(words.youLeftAlone);
+  } else if (options.strength === "0" || photo.tookStill) said.push(words.youLeftAlone);
   else said.push(words.leftAlone(words.why(result)));
   const { roll_deg: roll, tilt_deg: tilt, from } = result.attitude ?? { roll_deg: null, tilt_deg: null };
   if (roll !== null || tilt !== null) said.push(words.heldSo(roll, tilt, from));
   if (result.exposure_s) said.push(words.exposed(result.exposure_s));
   const nodes = said.map((line) => make("p", {}, line));
-  const sure = result.changed && !photo.byHand ? sureness(result.confidence) : "";
+  const sure = result.changed && !photo.byHand ? result.certainty : "";
   if (sure) nodes.unshift(make("p", { class: "sureness", "data-sure": sure, title: words.confidence(result.confidence) }, words.sureAtLength[sure]));
   return nodes;
 }

@@ -6,12 +6,15 @@ import { words } from "./words.js";
 
 const SMALL = 320;
 const NEIGHBOURS_FAIL = ["other-size", "scenes-differ", "too-little-to-follow", "frames-disagree", "no-neighbour"];
+const UNDOING = ["strength", "reference", "edges", "min-confidence", "format", "quality", "subsampling"]; // the others find
 const WITH_NEIGHBOURS = ["edges", "reference", "format", "readout"]; // options that go with them
 
 export class Photo extends Opened {
   kind = "photo";
   lines = []; // drawn by hand: {kind, points: [[x, y], ...]}, shares of width and height
   hand = {}; // numbers set by hand: name of the field -> text
+  candidates = []; // motions that fit, as the program lists them, each with a small picture
+  #candidatesOf = null; // the options that they were found with
   neighbourError = ""; // why the neighbours cannot be used: the photo alone counts then
   neighbours = {}; // before, after -> another Photo, taken just then
   beside = {}; // options that are for a photo with neighbours alone: name of the field -> text
@@ -32,8 +35,35 @@ export class Photo extends Opened {
       ]);
       this.become("done");
     } catch (error) {
-      this.fail(error);
+      return this.fail(error);
     }
+    if (!later) this.#listCandidates();
+  }
+
+  // Changes an option; another way to find the motion finds other candidates.
+  set(name, value) {
+    super.set(name, value);
+    if (name === "min-confidence" || ![...UNDOING, "candidate"].includes(name)) delete this.options.candidate;
+  }
+
+  // Takes a candidate, counted from 1, whatever was asked for before.
+  take(number) {
+    this.resetHand();
+    this.set("min-confidence", "");
+    if (this.options.strength === "0") this.set("strength", "");
+    if (!this.candidates[number - 1].taken) this.set("candidate", number);
+  }
+
+  // The number of the candidate that counts, from 1; 0: none of them.
+  get candidate() {
+    if (this.byHand || this.between || this.options["min-confidence"] === "0") return 0;
+    if (this.options.strength === "0") return 1 + this.candidates.findIndex(({ kind }) => kind === "still");
+    return Number(this.options.candidate ?? 1 + this.candidates.findIndex(({ taken }) => taken));
+  }
+
+  // Whether a person chose to leave the photo as it is.
+  get tookStill() {
+    return "candidate" in this.options && this.candidates[this.candidate - 1]?.kind === "still";
   }
 
   // Whether lines or numbers by hand say how the camera moved.
@@ -84,6 +114,29 @@ export class Photo extends Opened {
   // The answer to a question about this photo.
   ask(what, more = {}) {
     return this.askFor(what, async () => ({ ...(what === "before" ? {} : await this.asked()), ...more }));
+  }
+
+  // Asks what else the motion could be, and for small pictures of that, as long as nothing else is asked for.
+  async #listCandidates() {
+    const finding = Object.entries(this.options).filter(([name]) => ![...UNDOING, "candidate"].includes(name));
+    const options = Object.fromEntries(finding);
+    const key = JSON.stringify(options);
+    if (this.between || this.#candidatesOf === key) return;
+    this.#candidatesOf = key;
+    try {
+      this.candidates = await (await this.askFor("candidates", async () => options)).json();
+      this.tell();
+      for (const [index, candidate] of this.candidates.entries()) {
+        const asked = { ...options, candidate: index + 1, longest: SMALL, draft: 1, later: 1 };
+        const answer = await this.askFor("after", async () => asked);
+        if (this.#candidatesOf !== key) return;
+        candidate.blob = await answer.blob();
+        this.tell();
+      }
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error;
+      this.#candidatesOf = null; // asked for again with the next answer
+    }
   }
 
   #linesAsText() {

@@ -46,7 +46,7 @@ export class Strip {
     if (!item) return;
     item.state.textContent = stateOf(photo);
     item.pick.dataset.state = photo.state === "done" && photo.kind === "photo" ? (photo.result.changed ? "changed" : "alone") : photo.state;
-    item.pick.dataset.sure = photo.state === "done" && photo.kind === "photo" && photo.result.changed ? sureness(photo.result.confidence) : "";
+    item.pick.dataset.sure = photo.state === "done" && photo.kind === "photo" && photo.result.changed ? photo.result.certainty ?? "" : "";
     const blob = photo.pictures.after?.blob ?? photo.pictures.before?.blob;
     if (blob && blob !== item.drawn) {
       item.drawn = blob;
@@ -59,15 +59,9 @@ export function stateOf(photo) {
   if (photo.kind === "clip" && photo.state in words.clipState) return words.clipState[photo.state];
   if (photo.state === "done") {
     if (!photo.result.changed) return words.alone;
-    return photo.byHand ? words.changedByHand : words.changed(words.sure[sureness(photo.result.confidence)]);
+    return photo.byHand ? words.changedByHand : words.changed(words.sure[photo.result.certainty]);
   }
   return photo.state === "loading" ? words.loading(photo.loaded) : words[photo.state];
-}
-
-// In a word how sure an answer is: sure, likely or doubtful; "": nothing is known.
-export function sureness(confidence) {
-  if (typeof confidence !== "number") return "";
-  return confidence >= 0.6 ? "sure" : confidence >= 0.2 ? "likely" : "doubtful";
 }
 
 // Draws a picture as large as the side allows [px].

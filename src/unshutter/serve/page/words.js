@@ -2,6 +2,7 @@
 
 const percent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
 const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
+export const LEAST_PX = 0.5; // what moves less cannot be told from what stands still
 const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
 
 // Code of a reason -> why a photo, moment or clip is left unchanged, with the reason's figures.
@@ -92,8 +93,8 @@ export const words = {
   failed: "cannot be used",
   changed: (sure) => (sure ? `straightened, ${sure}` : "straightened"),
   changedByHand: "straightened by hand",
-  sure: { sure: "confident", likely: "fairly sure", doubtful: "unsure" },
-  sureAtLength: { sure: "confident", likely: "fairly sure", doubtful: "unsure, please check" },
+  sure: { sure: "confident", likely: "fairly sure", unsure: "unsure" },
+  sureAtLength: { sure: "confident", likely: "fairly sure", unsure: "unsure, please check" },
   confidence: (sure) => `Confidence ${percent(sure)}`,
   alone: "left unchanged",
 
@@ -124,6 +125,15 @@ export const words = {
   neighbourRefused: (reason) => `The neighbour frame cannot be used: ${reason}. The photo was looked at alone.`,
   adviceNeighbours: "Change the neighbour frames…",
   adviceLeaveNeighbours: "Leave them out",
+
+  // what else the motion of a photo could be
+  candidates: "What it could be",
+  candidate: ({ kind, direction }) => kind === "pan"
+    ? { left: "pan to the left", right: "pan to the right", up: "pan upwards", down: "pan downwards" }[direction]
+    : { still: "as it is", hand: "hand shake", quadratic: "uneven motion", other: "motion" }[kind],
+  candidateFigures: ({ largest_px: px, probability }) =>
+    [px < LEAST_PX ? "" : pixels(px), probability === null ? "" : percent(probability)].filter(Boolean).join(" · "),
+  candidateLabel: (name, figures) => `Take it: ${name}${figures ? ` (${figures})` : ""}`,
 
   // by hand
   byHand: "By hand",
@@ -209,6 +219,7 @@ export const words = {
     ["← →", "move the divider, if it is selected"],
     ["J, K", "next, previous photo"],
     ["+ −, wheel, pinch", "zoom"],
+    ["1, 2, 3 …", "what it could be: take one"],
     ["Z", "100 %, and back"],
     ["O", "hold: the original"],
     ["L", "lines that the program measures"],

@@ -1,0 +1,43 @@
+// A row of buttons with small pictures under the large one.
+
+import { make } from "./nodes.js";
+import { paint } from "./strip.js";
+
+const SIDE = 96; // px, of the longer side
+
+export class PictureRow {
+  #subject = null;
+  #drawn = [];
+
+  // node: where to; pick(number): called with the number of the button, from 0.
+  constructor(node, pick) {
+    this.node = node;
+    this.pick = pick;
+    this.buttons = [];
+  }
+
+  // Shows buttons of a subject: [{lines, label, pressed, blob}]; none: nothing.
+  show(subject, choices) {
+    this.node.hidden = !choices.length;
+    if (subject !== this.#subject || this.buttons.length !== choices.length) this.#fill(subject, choices);
+    choices.forEach(({ lines, label, pressed, blob }, number) => {
+      const { button, canvas, said } = this.buttons[number];
+      said.replaceChildren(...lines.map((line) => make("span", { class: "title" }, line)));
+      button.setAttribute("aria-label", label);
+      button.setAttribute("aria-pressed", pressed);
+      if (blob && blob !== this.#drawn[number]) paint(canvas, (this.#drawn[number] = blob), SIDE);
+    });
+  }
+
+  #fill(subject, choices) {
+    this.#subject = subject;
+    this.#drawn = [];
+    this.buttons = choices.map((_, number) => {
+      const canvas = make("canvas", { width: 1, height: 1, "aria-hidden": "true" });
+      const said = make("span", { class: "lines-of-choice" });
+      const button = make("button", { type: "button", class: "choice", onclick: () => this.pick(number) }, canvas, said);
+      return { button, canvas, said };
+    });
+    this.node.replaceChildren(...this.buttons.map(({ button }) => button));
+  }
+}
