@@ -99,7 +99,7 @@ SENTENCES = {
     Code.FILM_STOOD_STILL: "the camera stood still",
     Code.FILM_TOO_SHORT: "the film inside it is too short",
     Code.FILM_DIFFERS: "the film inside it shows something else",
-    Code.FILM_STABILISED: "the film inside it was stabilised",
+    Code.FILM_STABILISED: "the film inside it is stabilised",
     Code.IMPOSSIBLE_MOTION: "what fits is not a motion of a camera: {detail}",
     Code.ASKED_FOR_NOTHING: "asked to do nothing",
     Code.NO_MOTION: "no motion",

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     import numpy as np
     from PIL.Image import Image
 
+    from unshutter.motion_photo.motion import FilmEvidence
+
 
 # ---- for users ------------------------------------------------------------------------------------------
 
@@ -232,20 +234,23 @@ def photo_candidates(
     """
     check_size(photo.height, photo.width)
     view = View(photo, camera)
-    possible = _by_film(view, estimator) or find_candidates(estimator, view)
+    evidence = _film_evidence(view, estimator)
+    if evidence is not None and evidence.motion is not None:
+        possible = alone(view.noted(evidence.motion), photo.orientation)
+    else:
+        unused = None if evidence is None else evidence.reason
+        found = find_candidates(estimator, view)
+        possible = tuple(replace(each, motion=replace(each.motion, film=unused)) for each in found)
     return tuple(replace(each, motion=each.motion.rereferenced(reference)) for each in possible)
 
 
-def _by_film(view: View, estimator: Estimator) -> tuple[Candidate, ...]:
-    """What the film inside a photo says; none where there is no film, or it does not say."""
+def _film_evidence(view: View, estimator: Estimator) -> FilmEvidence | None:
+    """What the film inside a photo says; None where there is no film, or it is not asked."""
     if view.camera.no_film or isinstance(estimator, DoNothing) or view.photo.film() is None:
-        return ()
+        return None
     from unshutter.motion_photo.motion import film_motion  # here: few photos have one
 
-    evidence = film_motion(view)
-    if evidence is None or evidence.motion is None:
-        return ()
-    return alone(view.noted(evidence.motion), view.photo.orientation)
+    return film_motion(view)
 
 
 def _loaded(estimator: str | Estimator) -> Estimator:

@@ -110,6 +110,18 @@ def test_a_stabilised_film_is_not_believed(stabilisation):
     assert evidence.motion is None and evidence.reason.code is Code.FILM_STABILISED
 
 
+def test_a_photo_says_that_its_film_is_stabilised_and_not_used(tmp_path, capsys):
+    (tmp_path / "photo.jpg").write_bytes(filmed(stabilisation=Stabilisation.FRAMES).motion_photo(scene()))
+    log, words = tmp_path / "log.jsonl", ["rectify", str(tmp_path / "photo.jpg"), "--focal-px", str(FOCAL)]
+    assert main([*words, "-o", str(tmp_path / "out.jpg"), "--json-log", str(log)]) == 0
+    assert "; the film inside it is stabilised: not used" in capsys.readouterr().err
+    assert '"film": {"code": "film-stabilised"' in log.read_text()
+    motion = unshutter.estimate(tmp_path / "photo.jpg", focal_px=FOCAL)
+    assert motion.film.code is Code.FILM_STABILISED
+    assert type(motion).from_json(motion.to_json()).film == motion.film
+    assert unshutter.estimate(tmp_path / "photo.jpg", focal_px=FOCAL, no_film=True).film is None
+
+
 def test_a_camera_that_stood_still_is_left_alone():
     data = filmed(moving=False).motion_photo(scene())
     result = unshutter.rectified(data, focal_px=FOCAL)

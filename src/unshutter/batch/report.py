@@ -202,8 +202,8 @@ def exit_code(failed: int, total: int) -> int:
 
 
 def about(verdict: Verdict) -> str:
-    """The verdict, and what to do about it where something can be done."""
-    return "; ".join(filter(None, (verdict.described(), advice(verdict))))
+    """The verdict, what became of the film inside the photo, and what to do where something can be done."""
+    return "; ".join(filter(None, (verdict.described(), verdict.film_sentence, advice(verdict))))
 
 
 def advice(verdict: Verdict) -> str:

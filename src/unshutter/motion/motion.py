@@ -47,6 +47,7 @@ class Motion(ABC):
         exposure_s: how long the photo was exposed, where that was known [s]; else None.
         kind_shares: how likely each kind of motion (pan, hand, quadratic) is, if the camera moved: names and shares;
             empty where the estimator does not tell.
+        film: why the film inside the photo was not used; None where it was, or there is none.
         version: version of unshutter that made it.
 
     Raises:
@@ -69,6 +70,7 @@ class Motion(ABC):
     attitude_from: str = ""
     exposure_s: float | None = None
     kind_shares: tuple[tuple[str, float], ...] = ()
+    film: Reason | None = None
     version: str = __version__
 
     def __init_subclass__(cls, *, kind: str) -> None:

@@ -52,6 +52,8 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
         data["exposure_s"] = common["exposure_s"]
     if common["kind_shares"]:
         data["kinds"] = {name: round(share, 4) for name, share in common["kind_shares"]}
+    if common["film"] is not None:
+        data["film"] = common["film"].as_json()
     return json.dumps(data)
 
 
@@ -89,6 +91,7 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
         "kind_shares": tuple(
             (visible(str(name)), float(share)) for name, share in dict(data.get("kinds") or {}).items()
         ),
+        "film": Reason.from_json(data["film"]) if "film" in data else None,
         "version": visible(str(data.get("unshutter", ""))),
     }
 

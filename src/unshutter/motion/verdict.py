@@ -54,6 +54,7 @@ class Verdict:
         reason: why the photo is left unchanged; None where the motion is undone.
         source: where the motion comes from; None: the photo's pixels, or whoever gave it.
         rows: of the picture; 0 where it is not known.
+        film: why the film inside the photo was not used; None where it was, or there is none.
     """
 
     largest_px: float
@@ -61,6 +62,7 @@ class Verdict:
     reason: Reason | None = None
     source: MotionSource | None = None
     rows: int = 0
+    film: Reason | None = None
 
     @classmethod
     def of(cls, motion: Motion, undo: Undo) -> Verdict:
@@ -72,7 +74,7 @@ class Verdict:
         """
         largest, sure = motion.largest_px, motion.confidence
         source = MotionSource(motion.estimator) if motion.estimator in set(MotionSource) else None
-        return cls(largest, sure, _reason_against(motion, largest, sure, undo), source, motion.height)
+        return cls(largest, sure, _reason_against(motion, largest, sure, undo), source, motion.height, motion.film)
 
     @property
     def changes(self) -> bool:
@@ -101,6 +103,11 @@ class Verdict:
             return ""
         return str(self.reason) + (self._at_confidence if self.reason.code in _WITH_CONFIDENCE else "")
 
+    @property
+    def film_sentence(self) -> str:
+        """Why the film inside the photo was not used; empty where it was, or there is none."""
+        return "" if self.film is None else f"{self.film}: not used"
+
     def left_alone(self, motion: Motion) -> Motion:
         """What is undone of a motion where the verdict is to leave the photo unchanged: nothing, for this reason."""
         return replace(motion.scaled(0), reason=self.reason)
@@ -117,6 +124,8 @@ class Verdict:
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
         if self.source is not None:
             data["source"] = self.source
+        if self.film is not None:
+            data["film"] = self.film.as_json()
         if self.reason is None:
             return data
         about = self.reason.as_json()
