@@ -27,8 +27,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.frames.splines import ORDER, basis, roughness, solve_banded
+from unshutter.frames.splines import ORDER, basis, log_determinant, roughness, solve_banded
 from unshutter.frames.tracks import Tracks
+from unshutter.frames.turn_equations import DEGREES, TurnEquations, student_weights
 
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
@@ -36,8 +37,6 @@ if TYPE_CHECKING:
 ROWS = 256  # errors and curvatures are counted in pixels of a picture of so many rows
 _PER_FRAME = 4  # knots
 _UNKNOWNS = 4  # of a moment: three turns and the growth of the picture
-_DEGREES = 3.0  # of freedom of Student's t
-_FINEST = 0.02  # px; tracks are not taken to be better than this
 _RIDGE = 1e-6  # px^-2; T is counted from anywhere: this ties it
 _STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: what is tried
 _ROUNDS = 4
@@ -130,22 +129,19 @@ class Problem:
 
     @cached_property
     def _moved(self) -> np.ndarray:
-        """[pairs, 2 most] by how much each track moved [px of ROWS rows]."""
-        return (self._ends[1] - self._ends[0]).reshape(len(self.pairs), -1)
+        """[pairs, most, 2] by how much each track moved [px of ROWS rows]."""
+        return self._ends[1] - self._ends[0]
 
     @cached_property
     def _jacobian(self) -> np.ndarray:
         """[pairs, most, 2, 4] by how much each track moves for a turn of 1 / focal length."""
         return turn_jacobian(self._ends.mean(axis=0), self.pairs[0].width * self._unit, self.focal_px)
 
-    def _design(self, ratio: float) -> np.ndarray:
-        """[pairs, 2 most, 4 local]: moved = design @ the coefficients that a pair's times reach."""
+    def _equations(self, ratio: float) -> TurnEquations:
         since = self._taken - np.floor(self._taken[:, :1])
         times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + since.T[:, :, None]
         spline = basis(np.minimum(times, self._local / _PER_FRAME - 0.76) * _PER_FRAME, self._local)
-        change = spline[1] - spline[0]
-        design = change[:, :, None, :, None] * self._jacobian[:, :, :, None, :]
-        return design.reshape(len(self.pairs), -1, _UNKNOWNS * self._local)
+        return TurnEquations(spline[1] - spline[0], self._jacobian, self._moved)
 
     @property
     def _knots(self) -> int:
@@ -185,63 +181,50 @@ class Problem:
             stiffness: weight of the curvature; None: the one of the highest evidence.
             near: a fit of another ratio or stiffness to begin from: it saves time.
         """
-        design = self._design(ratio)
+        equations = self._equations(ratio)
         if stiffness is not None:
-            return self._solved(design, stiffness, near)
+            return self._solved(equations, stiffness, near)
         best = near
         fits: dict[float, Fit] = {}
         at = _STIFFNESS.index(near.stiffness) if near is not None else _STIFFNESS.index(1.0)
         while True:  # the evidence has one maximum: it is climbed
             for k in (at, at - 1, at + 1):
                 if 0 <= k < len(_STIFFNESS) and _STIFFNESS[k] not in fits:
-                    fits[_STIFFNESS[k]] = best = self._solved(design, _STIFFNESS[k], best)
+                    fits[_STIFFNESS[k]] = best = self._solved(equations, _STIFFNESS[k], best)
             highest = max(fits.values(), key=lambda fit: fit.log_evidence)
             if _STIFFNESS.index(highest.stiffness) == at:
                 return highest
             at = _STIFFNESS.index(highest.stiffness)
 
-    def _solved(self, design: np.ndarray, stiffness: float, near: Fit | None) -> Fit:
+    def _solved(self, equations: TurnEquations, stiffness: float, near: Fit | None) -> Fit:
         """The most probable motion of one stiffness, by reweighted least squares."""
         prior = stiffness * self._prior + _RIDGE * np.eye(_UNKNOWNS * self._knots)
         weights, noise = self._used.astype(np.float64), np.nan
         unknowns = near.coefficients.ravel() if near is not None else None
-        determinant = 0.0
+        left: list[np.ndarray] = []
         for _ in range(_ROUNDS if near is not None else 2 * _ROUNDS):
             if unknowns is not None:
-                weights, noise = self._reweighted(self._squared(design, unknowns), noise)
+                weights, noise = student_weights(self._squared(equations, unknowns), self._used, noise)
             matrix, right = prior.copy(), np.zeros(_UNKNOWNS * self._knots)
-            each = np.repeat(weights, 2, axis=1)
-            weighted = design * each[..., None]
-            normal = weighted.transpose(0, 2, 1) @ design
-            moments = (weighted * self._moved[..., None]).sum(axis=1)
+            normal, moments = equations.normal(weights)
             for k, place in enumerate(self._places):
                 span = slice(place[0], place[-1] + 1)
                 matrix[span, span] += normal[k]
                 right[span] += moments[k]
-            unknowns, determinant = solve_banded(matrix, right, _UNKNOWNS * self._local)
+            unknowns, left = solve_banded(matrix, right, _UNKNOWNS * self._local)
         assert unknowns is not None
-        squared = self._squared(design, unknowns)[self._used]
+        squared = self._squared(equations, unknowns)[self._used]
         likelihood = -2 * len(squared) * np.log(noise)
-        likelihood -= (_DEGREES + 2) / 2 * np.log1p(squared / (_DEGREES * noise**2)).sum()
+        likelihood -= (DEGREES + 2) / 2 * np.log1p(squared / (DEGREES * noise**2)).sum()
         free = len(unknowns) - 2 * _UNKNOWNS  # the prior says nothing of place and speed
-        evidence = likelihood - unknowns @ prior @ unknowns / 2 + free * np.log(stiffness) / 2 - determinant / 2
+        evidence = (
+            likelihood - unknowns @ prior @ unknowns / 2 + free * np.log(stiffness) / 2 - log_determinant(left) / 2
+        )
         return Fit(unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence))
 
-    def _squared(self, design: np.ndarray, unknowns: np.ndarray) -> np.ndarray:
+    def _squared(self, equations: TurnEquations, unknowns: np.ndarray) -> np.ndarray:
         """[pairs, most] squared distance of each track's end from where the motion takes it."""
-        residual = self._moved - (design @ unknowns[self._places][..., None])[..., 0]
-        return (residual.reshape(*self._used.shape, 2) ** 2).sum(axis=-1)
-
-    def _reweighted(self, squared: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
-        """Weights of the tracks under Student's t, and its scale [px]."""
-        errors = squared[self._used]
-        noise = np.sqrt(np.median(errors) / 1.4) if np.isnan(noise) else noise
-        for _ in range(3):
-            noise = max(noise, _FINEST)
-            share = (_DEGREES + 2) / (_DEGREES + errors / noise**2)
-            noise = np.sqrt((share * errors).mean() / 2)
-        noise = max(noise, _FINEST)
-        return self._used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2, noise
+        return equations.squared(unknowns[self._places].reshape(len(self.pairs), -1, _UNKNOWNS))
 
 
 def steady(problem: Problem, ratio: float, stiffness: float | None) -> Fit:

@@ -201,12 +201,12 @@ def drift(pair: Tracks) -> float:
     return float(np.hypot(*np.median(pair.end - pair.start, axis=0))) * ROWS / pair.height
 
 
-def fewer(pair: Tracks) -> Tracks:
+def fewer(pair: Tracks, most: int = _MOST_TRACKS) -> Tracks:
     """Enough of the tracks of a pair, strong corners and weak ones: more only take longer."""
-    if len(pair) <= _MOST_TRACKS:
+    if len(pair) <= most:
         return pair
     chosen = np.zeros(len(pair), bool)
-    chosen[np.linspace(0, len(pair) - 1, _MOST_TRACKS).astype(int)] = True
+    chosen[np.linspace(0, len(pair) - 1, most).astype(int)] = True
     return pair.only(chosen)
 
 
@@ -229,14 +229,14 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float) -> float:
         ratio: readout time in frame intervals; a guess will do.
     """
     unit = usual_focal(pairs[0]) / _USUAL_FOCAL
-    near: Fit | None = None
+    near = Problem(pairs, _USUAL_FOCAL * unit).fit(ratio)
 
     def height(share: float) -> float:
-        nonlocal near
-        near = Problem(pairs, float(share * unit)).fit(ratio, near=near)
-        return near.log_evidence / _FOCAL_COMMON - 0.5 * (np.log(share / _USUAL_FOCAL) / _FOCAL_SPREAD) ** 2
+        fit = Problem(pairs, float(share * unit)).fit(ratio, near.stiffness, near)
+        return fit.log_evidence / _FOCAL_COMMON - 0.5 * (np.log(share / _USUAL_FOCAL) / _FOCAL_SPREAD) ** 2
 
     best = _vertex(np.log(_TRIED_FOCALS), np.array([height(share) for share in _TRIED_FOCALS]))
+    near = Problem(pairs, float(np.exp(best) * unit)).fit(ratio, near=near)  # the stiffness may be another there
     for step in _FOCAL_STEPS:
         at = best + step * np.array([-1.0, 0.0, 1.0])
         best = _vertex(at, np.array([height(share) for share in np.exp(at)]))

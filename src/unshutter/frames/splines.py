@@ -39,8 +39,8 @@ def roughness(knots: int, order: int = 2) -> Float64[np.ndarray, "knots knots"]:
 
 def solve_banded(
     matrix: Float64[np.ndarray, "n n"], right: Float64[np.ndarray, "n"], block: int
-) -> tuple[Float64[np.ndarray, "n"], float]:
-    """Solves a symmetric, positive definite system that is zero beyond a band, by block Cholesky factors.
+) -> tuple[Float64[np.ndarray, "n"], list[Float64[np.ndarray, "k k"]]]:
+    """Solves a symmetric, positive definite system that is zero beyond a band, block by block.
 
     Args:
         matrix: zero where row and column differ by more than ``block``.
@@ -48,30 +48,32 @@ def solve_banded(
         block: size of the blocks.
 
     Returns:
-        The solution, and the logarithm of the matrix's determinant.
+        The solution; and what is left of each diagonal block (see :func:`log_determinant`).
 
     Raises:
-        numpy.linalg.LinAlgError: the matrix is not positive definite.
+        numpy.linalg.LinAlgError: the matrix is singular.
     """
     n = len(right)
     edges = [*range(0, n, block), n]
     parts = [slice(a, b) for a, b in pairwise(edges)]
-    x, log_determinant = right.copy(), 0.0
-    inverses: list[np.ndarray] = []  # of the diagonal factors
-    below: list[np.ndarray] = []
-    for k, part in enumerate(parts):
-        diagonal = matrix[part, part]
-        if k:
-            lower = matrix[part, parts[k - 1]] @ inverses[-1].T
-            below.append(lower)
-            diagonal = diagonal - lower @ lower.T
-            x[part] -= lower @ x[parts[k - 1]]
-        factor = np.linalg.cholesky(diagonal)
-        log_determinant += 2 * float(np.log(np.diag(factor)).sum())
-        inverses.append(np.linalg.inv(factor))
-        x[part] = inverses[-1] @ x[part]
-    for k in range(len(parts) - 1, -1, -1):
-        if k + 1 < len(parts):
-            x[parts[k]] -= below[k].T @ x[parts[k + 1]]
-        x[parts[k]] = inverses[k].T @ x[parts[k]]
-    return x, log_determinant
+    x, left, solved, before = right.copy(), [], [], parts[0]
+    for part, following in zip(parts, [*parts[1:], slice(n, n)], strict=True):
+        above = matrix[part, following]
+        left.append(matrix[part, part] if not left else matrix[part, part] - matrix[before, part].T @ solved[-1])
+        every = np.linalg.solve(left[-1], np.concatenate([above, x[part, None]], axis=1))
+        solved.append(every[:, :-1])
+        x[part] = every[:, -1]
+        x[following] -= above.T @ x[part]
+        before = part
+    for part, following, share in zip(parts[-2::-1], parts[:0:-1], solved[-2::-1], strict=True):
+        x[part] -= share @ x[following]
+    return x, left
+
+
+def log_determinant(left: list[Float64[np.ndarray, "k k"]]) -> float:
+    """Logarithm of the determinant of a matrix, from what :func:`solve_banded` leaves of its diagonal blocks.
+
+    Raises:
+        numpy.linalg.LinAlgError: the matrix is not positive definite.
+    """
+    return float(sum(2 * np.log(np.diag(np.linalg.cholesky(block))).sum() for block in left))

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 # (row) -> (R [..., 3, 3], its rate w [..., 3] per row: dR / d row = [w]_x R), leading shape that of row
 RowRotation = Callable[[Array], tuple[Array, Array]]
+_SETTLED_PX = 1e-6  # of a Newton step
 _SMALL = 1e-4  # rad; below it three terms of a series are exact to double precision
 
 
@@ -142,7 +143,7 @@ def rotated_gs_to_rs(
         row_rotation: RS row -> its rotation and rate.
         focal_px: focal length [px].
         center: (col, row) of the principal point [px].
-        steps: Newton steps.
+        steps: Newton steps at most.
 
     Returns:
         (col, row) of the RS positions [px]; NaN where the direction turns behind the camera.
@@ -155,11 +156,14 @@ def rotated_gs_to_rs(
         array([[100.],
                [300.]])
     """
-    v = constant(row)
+    xp, v = namespace(row), constant(row)
     col_const, row_const = constant(col), constant(row)
     for _ in range(steps - 1):
         residual, slope = _row_residual(v, col_const, row_const, row_rotation, focal_px, center)
-        v = constant(v - residual / slope)
+        step = constant(residual / slope)
+        v = v - step
+        if not xp.any(xp.abs(step) > _SETTLED_PX):  # the next step is quadratically smaller; NaN stays NaN
+            break
     residual, slope = _row_residual(v, col, row, row_rotation, focal_px, center)
     v = v - residual / constant(slope)
     rotation, _ = row_rotation(v)

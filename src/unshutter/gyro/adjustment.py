@@ -19,13 +19,13 @@ from functools import cached_property
 import numpy as np
 
 from unshutter.frames.camera import ROWS
+from unshutter.frames.self_calibration import fewer
+from unshutter.frames.turn_equations import student_weights
 from unshutter.geometry.rotations import rotation_matrix
 from unshutter.gyro.alignment import Alignment, Pair
 from unshutter.gyro.log import GyroLog
 
 _HALF = ROWS / 2
-_DEGREES = 3.0  # of freedom of Student's t
-_FINEST = 0.02  # px of ROWS rows; tracks are not taken to be better than this
 _ROUNDS = 20
 _NEGLIGIBLE = 0.05  # standard deviations: unknowns that change by less do not change
 _MOST_TRACKS = 40  # of a pair: more only take longer
@@ -78,7 +78,7 @@ class Adjustment:
     _turns: dict[tuple[float, ...], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        self.pairs = [_fewer(pair) for pair in self.pairs]
+        self.pairs = [replace(pair, tracks=fewer(pair.tracks, _MOST_TRACKS)) for pair in self.pairs]
 
     # ---- the tracks and what predicts them -------------------------------------------------------------
 
@@ -220,14 +220,7 @@ class Adjustment:
     def _weights(self, off: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
         """[pairs, 2 most] weights of the tracks under Student's t, and its scale [px]."""
         squared = (off.reshape(*self.used.shape, 2) ** 2).sum(axis=-1)
-        known = squared[self.used]
-        noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise
-        for _ in range(3):
-            noise = max(noise, _FINEST)
-            share = (_DEGREES + 2) / (_DEGREES + known / noise**2)
-            noise = np.sqrt((share * known).mean() / 2)
-        noise = max(noise, _FINEST)
-        weights = self.used * (_DEGREES + 2) / (_DEGREES + squared / noise**2) / noise**2
+        weights, noise = student_weights(squared, self.used, noise)
         return np.repeat(weights, 2, axis=1), noise
 
 
@@ -243,10 +236,3 @@ def changed(alignment: Alignment, change: np.ndarray) -> Alignment:
         focal_px=alignment.focal_px * np.exp(focal),
         ratio=alignment.ratio + ratio,
     )
-
-
-def _fewer(pair: Pair) -> Pair:
-    """Enough of the tracks of a pair, strong corners and weak ones."""
-    kept = np.zeros(len(pair.tracks), bool)
-    kept[np.linspace(0, len(kept) - 1, min(len(kept), _MOST_TRACKS)).astype(int)] = True
-    return replace(pair, tracks=pair.tracks.only(kept))

@@ -1,0 +1,90 @@
+"""How far a spline of turns moves tracks: linear equations, and their weighted normal equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Bool, Float64
+
+DEGREES = 3.0  # of freedom of Student's t, as which errors of tracks are taken
+_FINEST = 0.02  # px; tracks are not taken to be better than this
+
+
+@dataclass(frozen=True, eq=False)
+class TurnEquations:
+    """Of each track: moved = jacobian @ (spline @ coefficients).
+
+    The product of both factors is six times as large as they are together, and is never formed.
+
+    Attributes:
+        spline: by how much each spline that a pair's times reach differs between a track's two ends.
+        jacobian: by how much a track moves for each unknown.
+        moved: by how much it did [px].
+    """
+
+    spline: Float64[np.ndarray, "pairs most local"]
+    jacobian: Float64[np.ndarray, "pairs most 2 unknowns"]
+    moved: Float64[np.ndarray, "pairs most 2"]
+
+    def squared(self, coefficients: Float64[np.ndarray, "pairs local unknowns"]) -> Float64[np.ndarray, "pairs most"]:
+        """Squared distance of each track's end from where the coefficients take it [px^2]."""
+        turned = self.spline @ coefficients
+        left = self.moved - (self.jacobian @ turned[..., None])[..., 0]
+        return (left**2).sum(axis=-1)
+
+    def normal(
+        self, weights: Float64[np.ndarray, "pairs most"]
+    ) -> tuple[Float64[np.ndarray, "pairs n n"], Float64[np.ndarray, "pairs n"]]:
+        """The normal equations of each pair for its coefficients, spline by spline: matrix and right-hand side."""
+        pairs, _, local = self.spline.shape
+        unknowns = self.jacobian.shape[-1]
+        first, second = np.triu_indices(local)
+        half = self._spline_products @ (self._jacobian_products * weights[..., None])
+        blocks = np.empty((pairs, local, unknowns, local, unknowns))
+        half = half.reshape(pairs, -1, unknowns, unknowns).swapaxes(0, 1)
+        blocks[:, first, :, second], blocks[:, second, :, first] = half, half
+        right = self.spline.swapaxes(1, 2) @ (self._moved_products * weights[..., None])
+        return blocks.reshape(pairs, local * unknowns, -1), right.reshape(pairs, -1)
+
+    @cached_property
+    def _spline_products(self) -> np.ndarray:
+        """[pairs, local (local + 1) / 2, most]."""
+        first, second = np.triu_indices(self.spline.shape[-1])
+        each = np.ascontiguousarray(self.spline.swapaxes(1, 2))
+        return each[:, first] * each[:, second]
+
+    @cached_property
+    def _jacobian_products(self) -> np.ndarray:
+        """[pairs, most, unknowns^2]."""
+        products = self.jacobian.swapaxes(2, 3) @ self.jacobian
+        return products.reshape(*products.shape[:2], -1)
+
+    @cached_property
+    def _moved_products(self) -> np.ndarray:
+        """[pairs, most, unknowns]."""
+        return (self.jacobian * self.moved[..., None]).sum(axis=2)
+
+
+def student_weights(
+    squared: Float64[np.ndarray, "pairs most"], used: Bool[np.ndarray, "pairs most"], noise: float
+) -> tuple[Float64[np.ndarray, "pairs most"], float]:
+    """Weights of tracks under Student's t, so that outliers do not pull; and the noise of the tracks [px].
+
+    Args:
+        squared: squared distance of each track's end from where it should be [px^2].
+        used: which places of the padded arrays hold a track; the others weigh nothing.
+        noise: known so far [px]; NaN: nothing.
+    """
+    known = squared[used]
+    noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise
+    for _ in range(3):
+        noise = max(noise, _FINEST)
+        share = (DEGREES + 2) / (DEGREES + known / noise**2)
+        noise = np.sqrt((share * known).mean() / 2)
+    noise = max(noise, _FINEST)
+    return used * (DEGREES + 2) / (DEGREES + squared / noise**2) / noise**2, noise
