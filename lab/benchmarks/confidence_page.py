@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from unshutter_lab.evaluation.metrics import RIGHT_PX, RIGHT_SHARE
 from unshutter_lab.evaluation.pages.plots import looks_of
-from unshutter_lab.evaluation.pages.reliability import ENOUGH, RIGHT_PX, Bin, Judged, draw_reliability, mean_gap, widest
+from unshutter_lab.evaluation.pages.reliability import ENOUGH, LEFT, Bin, Judged, draw_reliability, mean_gap, widest
 from unshutter_lab.evaluation.pages.table import Table, as_csv
 from unshutter_lab.evaluation.results import Results
 
@@ -21,11 +22,12 @@ RUNS = ("synthetic", "undistorted")
 SUITE = "256 px"  # of both runs
 DROPPED, AIM = 0.2, 0.3  # of the pictures; of their mean EPE
 AIM_GAP = 0.07  # between the confidences of a bin and the share that is right
+AIM_KIND = 0.12  # the same of the pictures with one kind of motion
 ALL = "all"
 _Groups = dict[str, dict[str, Judged]]  # folder, and ALL -> estimator with a confidence -> its pictures
 
 CAPTION = (
-    f"Reliability diagram: the share of pictures with an EPE below {RIGHT_PX:g} px against the confidence stated, in "
+    "Reliability diagram: the share of pictures whose answer is right against the confidence stated, in "
     "ten bins. The area of a dot is the number of pictures, the line through it holds 95 %. On the grey line, "
     "confidences say what they mean."
 )
@@ -56,6 +58,7 @@ def write_confidence_page(runs: dict[str, Results], docs: Path) -> bool:
     drops = [_drops(kind, groups) for kind, groups in kinds.items()]
     (docs / CSV).write_text(as_csv([*gaps, *drops]))
     parts += [_gap_words(), _of_all(gaps), f"### The bins, half and half, {ALL} photos", _bins(kinds["Half and half"])]
+    parts += _of_kinds(kinds["Half and half"][ALL])
     parts += [f"## Without the {DROPPED * 100:.0f} % that are trusted least", _bounds(kinds), _of_all(drops)]
     parts += [f"[All figures, folder by folder, as CSV]({CSV}).", "## Measured by"]
     parts += [f"```sh\n{runs[name].command}\n```" for name in RUNS]
@@ -88,7 +91,8 @@ def _about(names: list[str]) -> str:
     listed = ", ".join(f"`{name}`" for name in names)
     return (
         f"Some methods ({listed}) state a confidence with each motion: the probability that it is right, which means "
-        f"that pixels are off by less than {RIGHT_PX:g} px of 256 rows on average (EPE). This page compares it with "
+        f"that pixels are off by less than {RIGHT_PX:g} px of 256 rows on average (EPE), or by less than a tenth of "
+        "what the motion displaces them, whichever is more. This page compares it with "
         f"the errors measured on the {SUITE} pictures of [synthetic](synthetic.md) (distorted) and of "
         "[undistorted](undistorted.md), and on both together. Together, each kind counts as a half, as in an archive "
         "of which only some photos are distorted.\n\n"
@@ -100,7 +104,8 @@ def _about(names: list[str]) -> str:
 
 def _gap_words() -> str:
     return (
-        f"*Right* is the share of pictures with an EPE below {RIGHT_PX:g} px, to be compared with the mean confidence. "
+        f"*Right* is the share of pictures with an EPE below {RIGHT_PX:g} px or {RIGHT_SHARE:.0%} of the EPE of doing "
+        "nothing, to be compared with the mean confidence. "
         "*Mean gap* is the mean difference between the two shares over all pictures (expected calibration error), "
         f"*largest gap* that of the worst bin with at least {ENOUGH} pictures. Bold: the aim, at most {AIM_GAP:g}, is "
         "reached."
@@ -115,7 +120,7 @@ def _gaps(kind: str, groups: _Groups) -> Table:
             answered, bins = judged.answered, judged.bins()
             stated, right = (
                 f"{np.average(figure, weights=answered.weight):.2f}" if bins else "–"
-                for figure in (answered.trust, answered.epe < RIGHT_PX)
+                for figure in (answered.trust, answered.right)
             )
             cells = [photos, name, f"{len(answered.epe)}", stated, right]
             rows.append([*cells, f"{mean_gap(bins):.2f}" if bins else "–", *_worst(widest(bins))])
@@ -138,6 +143,25 @@ def _bins(groups: _Groups) -> str:
             cells = [name, f"{each.low:.1f} to {each.high:.1f}", f"{each.count}", f"{each.stated:.2f}"]
             rows.append([*cells, f"{each.right:.2f}", f"{low:.2f} … {high:.2f}", f"{each.gap:+.2f}"])
     return Table("", ["estimator", "confidence", "pictures", "mean", "right", "with 95 %", "gap"], rows).markdown
+
+
+def _of_kinds(methods: dict[str, Judged]) -> list[str]:
+    """A section with a row for each method and kind of motion; nothing where no method knows kinds."""
+    rows = []
+    for name, judged in methods.items():
+        for kind, each in judged.by_kind().items():
+            gap = each.right_share - each.stated
+            within = abs(float(f"{gap:.2f}")) <= AIM_KIND
+            cells = [name, kind, f"{len(each.epe)}", f"{each.stated:.2f}", f"{each.right_share:.2f}"]
+            rows.append([*cells, f"**{gap:+.2f}**" if within else f"{gap:+.2f}"])
+    if not rows:
+        return []
+    words = (
+        "The likeliest kind of motion is the answer's own: a photo says what it seems to show, not what moved it. "
+        f"Pictures that are not moved are *{LEFT}*. Bold: the aim, at most {AIM_KIND:g}, is reached."
+    )
+    table = Table("", ["estimator", "kind", "pictures", "mean confidence", "right", "gap"], rows)
+    return [f"### By kind of motion, half and half, {ALL} photos", words, table.markdown]
 
 
 def _worst(worst: Bin | None) -> list[str]:

@@ -9,6 +9,7 @@ import pytest
 from unshutter.photo import Photo
 from unshutter_lab.evaluation.cases.case import Record
 from unshutter_lab.evaluation.pages.reliability import (
+    LEFT,
     Judged,
     draw_reliability,
     effective_size,
@@ -20,7 +21,9 @@ from unshutter_lab.evaluation.pages.reliability import (
 
 def judged(epe: Sequence[float], confidence: Sequence[float | None], order: Sequence[int] | None = None) -> Judged:
     """Of records in the order given."""
-    records: list[Record] = [{"epe": e, "confidence": c} for e, c in zip(epe, confidence, strict=True)]
+    records: list[Record] = [
+        {"epe": e, "epe_nothing": 4.0, "confidence": c} for e, c in zip(epe, confidence, strict=True)
+    ]
     return Judged.of([records[k] for k in order or range(len(records))])
 
 
@@ -75,6 +78,27 @@ def test_ten_bins_of_stated_against_true_shares(step: int) -> None:
     np.testing.assert_allclose([each.gap for each in bins], [-0.79, 2 / 3 - 0.84, 0.05])
     np.testing.assert_allclose([each.weight for each in bins], [1 / 6, 3 / 6, 2 / 6])
     assert mean_gap(bins) == pytest.approx(0.79 / 6 + (0.84 - 2 / 3) / 2 + 0.05 / 3)
+
+
+def test_a_tenth_of_a_large_motion_is_right() -> None:
+    """3 of 40 px are; 3 of 20 are not, nor is just a tenth."""
+    records = [{"epe": 3.0, "epe_nothing": nothing, "confidence": 0.6} for nothing in (40.0, 20.0, 30.0)]
+    (only,) = Judged.of(records).bins()
+    assert (only.count, only.right) == (3, pytest.approx(1 / 3))
+
+
+def test_kinds_are_those_of_the_answers() -> None:
+    answers = [("pan", "", 0.4, 0.5), ("pan", "", 0.6, 9.0), ("pan", "no motion", 0.9, 0.2), ("hand", "", None, 0.1)]
+    records: list[Record] = [
+        {"epe": epe, "epe_nothing": 4.0, "kind": kind, "left_alone": left, "confidence": confidence}
+        for kind, left, confidence, epe in answers
+    ]
+    kinds = Judged.of(records).by_kind()
+    assert {kind: (each.stated, each.right_share) for kind, each in kinds.items()} == {
+        "pan": (0.5, 0.5),
+        LEFT: (0.9, 1.0),
+    }
+    assert judged([1.0], [0.5]).by_kind() == {}
 
 
 def test_in_a_bin_both_kinds_of_pictures_have_their_weight() -> None:

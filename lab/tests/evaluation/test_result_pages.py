@@ -63,7 +63,8 @@ def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> N
         "undistorted": [(0, 0.9), (0, 0.8), (0, 0.7), (0, 0.6), (2, 0.95)],
     }
     for name, pictures in confidences.items():
-        records = [record("manhattan", float(epe), confidence=confidence) for epe, confidence in pictures]
+        kinds = {"kind": "hand", "left_alone": "", "farthest": 9.0}
+        records = [record("manhattan", float(epe), confidence=confidence, **kinds) for epe, confidence in pictures]
         records += [record("none", 4.0, confidence=None), record("manhattan", 99.0, confidence=0.5, suite="other")]
         results = Results(Request(name, (Path("photos/houses"),)), ["none", "manhattan"], [], records)
         (tmp_path / "build" / "results" / name).mkdir(parents=True)
@@ -79,7 +80,8 @@ def test_the_page_about_confidence_says_what_dropping_gains(tmp_path: Path) -> N
     for row in csv.DictReader(figures.splitlines()):
         if row["suite"] == "distorted":  # of houses and of all
             assert (row["mean EPE"], row["without"], row["drop [%]"], row["pictures"]) == ("5.00", "2.50", "50", "5")
-    bins = page.split("### ")[1]
+    bins, by_kind = page.split("### ")[1:]
+    assert "| manhattan | hand | 10 | 0.71 | 0.40 | -0.31 |" in by_kind
     # at 0.9 and above one distorted picture (1 px, which is not below it) and two of the others (0 and 2 px)
     assert "| manhattan | 0.9 to 1.0 | 3 | 0.92 | 0.33 |" in bins
     assert "| manhattan | 0.1 to 0.2 | 1 | 0.10 | 0.00 |" in bins

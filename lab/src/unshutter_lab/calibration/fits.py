@@ -21,11 +21,11 @@ from unshutter.errors import UnshutterError
 from unshutter.estimators.right_angles.odds import CAUTION
 from unshutter_lab.calibration.cases import CROP, FRAME, WHOLE
 from unshutter_lab.evaluation.cases.case import Record
+from unshutter_lab.evaluation.metrics import is_right
 
 WEIGHT_OF_ORDINARY = 4  # photos that people took are few: each counts as much as so many others, for the forest
 MOST_AT_STAKE = 8.0  # px of 256 rows: a case counts by what undoing its motion gains or loses, up to this
 FOLDS = 4  # of the photos: each is judged by what was fitted to the others
-RIGHT_PX, RIGHT_SHARE = 1.0, 0.1  # error of an answer that is right: px of 256 rows, or share of the true displacement
 _STILL_PX = 0.5  # a photo that is displaced by less stood still
 # figures of odds.confidence_figures on which the confidence depends
 RECTIFIED, LEFT = ("apart", "size", "lines_gain", "weight", "odds"), ("odds", "answer", "error")
@@ -213,7 +213,7 @@ def _confidence(
 ) -> tuple[dict[str, Any], dict[str, Any], str]:
     """The regressions, and how often answers are right on photos that they have not seen."""
     figures = cases.confidence_figures | {"odds": np.clip(odds, *_ODDS)}
-    right = np.where(odds > 0, cases.error, cases.nothing) < np.maximum(RIGHT_PX, RIGHT_SHARE * cases.nothing)
+    right = is_right(np.where(odds > 0, cases.error, cases.nothing), cases.nothing)
     stated, fits = np.zeros(len(odds)), []
     for names, of in ((rectified, odds > 0), (left, odds <= 0)):
         for fold in range(FOLDS):

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, UInt8
 
 UNIT_ROWS = 256  # errors are given in px of a picture of so many rows
+RIGHT_PX, RIGHT_SHARE = 1.0, 0.1  # EPE below which an answer is right: px of UNIT_ROWS, or share of doing nothing's EPE
 
 # SSIM as in Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 13(4), 2004: Gaussian window, K1, K2
 _SSIM_SIGMA = 1.5
@@ -68,6 +69,16 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
         tx_rmse=float(np.sqrt(np.mean((estimate.tx_px - truth.tx_px) ** 2))) * scale,
         rz_rmse=float(np.degrees(np.sqrt(np.mean((estimate.rz_rad - truth.rz_rad) ** 2)))),
     )
+
+
+def is_right(epe: np.ndarray, epe_nothing: np.ndarray) -> np.ndarray:
+    """[N] whether answers are right, as a confidence means it: the EPE is below 1 px or a tenth of the displacement.
+
+    Args:
+        epe: [N] of the answers [px at 256 rows].
+        epe_nothing: [N] of leaving the pictures unchanged.
+    """
+    return epe < np.maximum(RIGHT_PX, RIGHT_SHARE * epe_nothing)
 
 
 def psnr(

@@ -88,15 +88,18 @@ class Answer:
 
         ``confidence`` is that of the motion: None where the estimator states none, or declined. ``left_alone`` is why
         ``unshutter rectify`` with default options would leave the photo unchanged; empty where it would change it.
+        ``kind`` is the likeliest kind of motion; empty where the estimator knows none.
         """
         scale = 256 / self.motion.height
         farthest = self.motion.largest_px * scale
+        kinds = dict(self.motion.kind_shares)
         return {
             "declined": self.declined,
             "failed": self.failed,
             "confidence": self.motion.confidence,
             "farthest": farthest if np.isfinite(farthest) else None,
             "left_alone": Verdict.of(self.motion, Undo()).cause or "",
+            "kind": max(kinds, key=kinds.__getitem__, default=""),
             "most_tx": float(np.abs(self.motion.tx_px).max()) * scale,
             "most_rz": float(np.degrees(np.abs(self.motion.rz_rad).max())),
         }

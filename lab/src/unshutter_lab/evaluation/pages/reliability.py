@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from unshutter_lab.evaluation.cases.case import Record
+from unshutter_lab.evaluation.metrics import is_right
 from unshutter_lab.evaluation.pages.plots import finish_figure, new_figure, save_figure
 from unshutter_lab.evaluation.results import values
 
-RIGHT_PX = 1.0  # px at 256 rows: a confidence is the probability that the EPE is below it
 BINS = 10
 ENOUGH = 20  # pictures in a bin whose gap counts
+LEFT = "left unchanged"  # what stands for the kind of motion of a picture that is not moved
 _DECLINED = -1.0  # trust in a picture that was declined: below every confidence
 _Z = 1.959964  # standard deviations to either side that hold 95 % of a normal distribution
 _AREA = 1.5  # of a dot in the diagram, for each picture [square points]
@@ -33,7 +34,7 @@ class Bin:
         count: pictures.
         weight: share of the weight of all pictures with a confidence.
         stated: mean confidence.
-        right: share of the pictures whose EPE is below RIGHT_PX.
+        right: share of the pictures whose answer is right (metrics.is_right).
         interval: [2], between which the probability of being right lies with 95 %.
     """
 
@@ -57,12 +58,17 @@ class Judged:
 
     Attributes:
         epe: [N] errors [px at 256 rows].
+        right: [N] whether the answers are right (metrics.is_right).
         trust: [N] confidences; -1 where it declined or failed, which is trusted least.
+        kind: [N] the likeliest kind of motion by the answer, LEFT where the picture is not moved; empty where the
+            estimator knows no kinds.
         weight: [N] how much each picture counts.
     """
 
     epe: np.ndarray
+    right: np.ndarray
     trust: np.ndarray
+    kind: np.ndarray
     weight: np.ndarray
 
     @classmethod
@@ -70,13 +76,17 @@ class Judged:
         """From the records of one estimator, each counting the same."""
         stated = [record.get("confidence") for record in records]
         trust = np.array([_DECLINED if confidence is None else confidence for confidence in stated])
-        return cls(values(records, "epe"), trust, np.ones(len(records)))
+        kind = np.array(
+            [record.get("kind", "") and (LEFT if record["left_alone"] else record["kind"]) for record in records]
+        )
+        epe = values(records, "epe")
+        return cls(epe, is_right(epe, values(records, "epe_nothing")), trust, kind, np.ones(len(records)))
 
     def pooled_with(self, other: Judged) -> Judged:
         """Both together, each counting as a half, however many pictures it has."""
         weight = [judged.weight / judged.weight.sum() / 2 for judged in (self, other)]
-        pairs = ((self.epe, other.epe), (self.trust, other.trust), weight)
-        return Judged(*(np.concatenate(pair) for pair in pairs))
+        pairs = ((self.epe, other.epe), (self.right, other.right), (self.trust, other.trust), (self.kind, other.kind))
+        return Judged(*(np.concatenate(pair) for pair in (*pairs, weight)))
 
     @property
     def declined(self) -> float:
@@ -86,8 +96,25 @@ class Judged:
     @property
     def answered(self) -> Judged:
         """The pictures with a confidence."""
-        answered = self.trust != _DECLINED
-        return Judged(self.epe[answered], self.trust[answered], self.weight[answered])
+        return self._chosen(self.trust != _DECLINED)
+
+    def by_kind(self) -> dict[str, Judged]:
+        """The pictures with a confidence, by the likeliest kind of motion; none where the estimator knows no kinds."""
+        answered = self.answered
+        return {str(kind): answered._chosen(answered.kind == kind) for kind in np.unique(answered.kind) if kind}
+
+    @property
+    def stated(self) -> float:
+        """Mean confidence of the pictures, each of which has one."""
+        return float(np.average(self.trust, weights=self.weight))
+
+    @property
+    def right_share(self) -> float:
+        """Share of the pictures whose answer is right."""
+        return float(np.average(self.right, weights=self.weight))
+
+    def _chosen(self, chosen: np.ndarray) -> Judged:
+        return Judged(*(each[chosen] for each in (self.epe, self.right, self.trust, self.kind, self.weight)))
 
     @property
     def mean(self) -> float:
@@ -112,12 +139,11 @@ class Judged:
         return [answered._bin(place == k, k) for k in np.unique(place)]
 
     def _bin(self, inside: np.ndarray, place: int) -> Bin:
-        weight = self.weight[inside]
-        stated = float(np.average(self.trust[inside], weights=weight))
-        right = float(np.average(self.epe[inside] < RIGHT_PX, weights=weight))
-        among = float(weight.sum() / self.weight.sum())
-        within = wilson_interval(right, effective_size(weight))
-        return Bin(place / BINS, (place + 1) / BINS, len(weight), among, stated, right, within)
+        chosen = self._chosen(inside)
+        among = float(chosen.weight.sum() / self.weight.sum())
+        within = wilson_interval(chosen.right_share, effective_size(chosen.weight))
+        bounds = place / BINS, (place + 1) / BINS
+        return Bin(*bounds, len(chosen.epe), among, chosen.stated, chosen.right_share, within)
 
 
 def mean_gap(bins: list[Bin]) -> float:
@@ -181,7 +207,7 @@ def draw_reliability(panels: dict[str, dict[str, Judged]], looks: list[tuple[str
             if name in judged:
                 _draw_bins(axis, judged[name].bins(), name, colour, dashes)
         axis.set(title=title, xlabel="confidence (mean of a bin)", aspect="equal", xlim=(0, 1), ylim=(-0.02, 1.02))
-    finish_figure(figure, axes, len(panels), f"share with an EPE below {RIGHT_PX:g} px")
+    finish_figure(figure, axes, len(panels), "share that is right")
     save_figure(figure, path)
 
 
