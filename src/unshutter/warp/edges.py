@@ -102,7 +102,9 @@ def crop_window(grid: SamplingGrid, beyond: float = 0.0) -> Tile:
     if corners.all():
         return grid.whole
     down, across = grid.height // block, grid.width // block  # of whole blocks
-    whole = np.asarray(corners[: 2 * down, : 2 * across].reshape(down, 2, across, 2).all(axis=(1, 3)))
+    corners = corners[: 2 * down, : 2 * across]
+    rows_inside = corners[0::2] & corners[1::2]
+    whole = rows_inside[:, 0::2] & rows_inside[:, 1::2]  # all(axis=...) takes thirty times as long
     left, top, width, height = _largest(whole, block, grid.height, grid.width)
     return Tile(top, top + height, left, left + width)
 

@@ -240,7 +240,8 @@ def _make(
     part = out[tile.within(window)]
     _sample(source, col, row, method, has_alpha, part, scratch)
     if black_beyond is not None and not grid.contains(extent):
-        part[~grid.inside(col, row, left, top, black_beyond)] = 0
+        outside = ~grid.inside(col, row, left, top, black_beyond)
+        cv2.copyTo(np.zeros_like(part), outside.view(np.uint8), part)  # part[outside] = 0 takes forty times as long
 
 
 def thread_count() -> int:
