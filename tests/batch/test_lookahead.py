@@ -141,6 +141,15 @@ def test_what_goes_wrong_ahead_is_tried_again_where_it_is_asked_for(photos: list
             ahead._estimate()
 
 
+def test_the_network_is_opened_while_the_first_photo_is_looked_at(
+    photos: list[Path], counting: Counting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked = threading.Event()
+    monkeypatch.setattr(Counting, "estimate", lambda self, view: looked.set() or view.no_motion(self.name, "none"))
+    monkeypatch.setattr(Counting, "prepare", lambda self: None if looked.wait(10) else pytest.fail("it was waited for"))
+    assert Lookahead(photos[:1], Find("none")).take(photos[0]).motion().reason
+
+
 @pytest.mark.parametrize("options", [(), ("--estimator", "manhattan"), ("--focal-px", "900")])
 def test_one_estimate_is_made_beside_the_rest(
     options: tuple[str, ...], rolling_facade: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -50,9 +50,10 @@ class Lookahead:
 
         if find is not None:
             self.estimator = load(find.estimator)
-            self.estimator.prepare()
         if self._next is not None:
             self._next.look(self._thread, whole=True)  # all pixels, too: there is no other work yet
+        if self.estimator is not None:
+            self.estimator.prepare()  # while segments are looked for
 
     def take(self, place: Place) -> PhotoAhead:
         """The photo of a place; the next one is begun."""

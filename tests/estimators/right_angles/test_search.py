@@ -7,10 +7,18 @@ import numpy as np
 import pytest
 
 from unshutter import RowMotion
-from unshutter.estimators.right_angles.beliefs import NORMAL, Beliefs, KnownCamera, MotionKind, SecondOpinion
+from unshutter.estimators.right_angles.beliefs import (
+    CAMERA,
+    NORMAL,
+    UNKNOWNS,
+    Beliefs,
+    KnownCamera,
+    MotionKind,
+    SecondOpinion,
+)
 from unshutter.estimators.right_angles.likelihood import ManhattanLikelihood
 from unshutter.estimators.right_angles.odds import judge
-from unshutter.estimators.right_angles.search import explore
+from unshutter.estimators.right_angles.search import descend, explore
 from unshutter.geometry import rows as geometry
 from unshutter_lab.evaluation.metrics import motion_error
 
@@ -170,3 +178,16 @@ def test_heavy_tails_believe_in_large_motions_and_still_hold_small_ones_likely()
         -4.5 * np.log1p((draws**2).sum(1) / 0.01**2 / 3) + wide.log_peak - 6 * math.log(0.01 * math.sqrt(2 * math.pi))
     )
     assert np.exp(log_t - log_normal).mean() == pytest.approx(1, rel=0.25)
+
+
+def test_hypotheses_that_may_move_do_not_disturb_those_at_rest() -> None:
+    likelihood = quadratic_likelihood(rolled(street(roll=0.01, tilt=0.1), MOTION), ROWS)
+    begin = np.zeros((3, UNKNOWNS)) + likelihood.prior.mean
+    begin[:, CAMERA] += np.array([[0.02, 0.1, 0.1, 0.6], [0.0, 0.0, -0.2, 0.4], [0.0, 0.1, 0.0, 0.5]])
+    free = np.ones(begin.shape, bool)
+    free[:2, : CAMERA.start] = False
+    together, energy, _ = descend(likelihood, begin, free)
+    alone, energy_alone, _ = descend(likelihood, begin[:2], CAMERA)
+    np.testing.assert_allclose(together[:2], alone, atol=1e-9)
+    np.testing.assert_allclose(energy[:2], energy_alone, rtol=1e-12)
+    assert not together[:2, : CAMERA.start].any() and together[2, : CAMERA.start].all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ _TEMPER = 0.25  # of the evidence for a kind of motion against another: segments
 _LONGEST_STEP = 0.3
 _LEAST_GAIN = 1e-3  # of a step [nats], else the search has arrived
 _SAME = 0.3 / 256  # rows: optima closer than this are one
+_DIAGONAL = np.arange(UNKNOWNS)
 
 
 def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], poses: int = 2) -> Posterior:
@@ -37,7 +38,7 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
         poses: cameras that are tried with each motion.
     """
     begin = np.concatenate([_poses(likelihood, motion, poses) for motion in (np.zeros(6), *motions)])
-    hypotheses, kind, moving, covariances = _optima(likelihood, begin)
+    (hypotheses, kind, moving, covariances), (at_rest, still) = _optima(likelihood, begin, begin[:poses])
     each = _by_kind(moving, kind)  # evidence
     log_shares = np.log([known.share for known in likelihood.prior.kinds])  # beforehand
     tempered = _TEMPER * each + log_shares
@@ -46,7 +47,6 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     optima = Optima(hypotheses[:, MOTION], covariances, kind, share)
     mean, covariance = mixture_moments(share, optima.motions, covariances)
     best = hypotheses[np.argmax(share)]
-    at_rest, still = _at_rest(likelihood, begin[:poses])
     breadth, against, in_favour = _by_parts(likelihood, best, still)
     return Posterior(
         motion=mean,
@@ -66,29 +66,56 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
     )
 
 
-def _optima(
-    likelihood: ManhattanLikelihood, begin: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The optima of every kind of motion that are reached from some starts [S, 10].
+class _Moving(NamedTuple):
+    """The optima with a motion: unknowns [K, 10], kinds [K], log evidence [K], covariances of the motion [K, 6, 6].
 
-    Kinds share their first steps, with the prior of the first of them, which is the widest.
-
-    Returns:
-        Unknowns [K, 10], kinds [K], logarithms of the evidence by Laplace's approximation [K], and covariances of the
-        motion [K, 6, 6].
+    The evidence is that of Laplace's approximation.
     """
-    everything = slice(0, UNKNOWNS)
-    tried, energy, _ = descend(likelihood, begin, everything, steps=_FIRST_STEPS)
+
+    hypotheses: np.ndarray
+    kind: np.ndarray
+    log_evidence: np.ndarray
+    covariances: np.ndarray
+
+
+class _AtRest(NamedTuple):
+    """No motion at all: the logarithm of its evidence [nats], and [10] with the camera that suits it best."""
+
+    log_evidence: float
+    hypothesis: np.ndarray
+
+
+def _optima(likelihood: ManhattanLikelihood, begin: np.ndarray, cameras: np.ndarray) -> tuple[_Moving, _AtRest]:
+    """The optima of every kind of motion that are reached from some starts [S, 10], and the one without motion.
+
+    Kinds share their first steps, with the prior of the first of them, which is the widest. What remains is searched
+    together with the cameras at rest: a step costs little more for a few hypotheses more.
+
+    Args:
+        likelihood: of one photo.
+        begin: [S, 10] starts.
+        cameras: [C, 10] starts that do not move.
+    """
+    tried, energy, _ = descend(likelihood, begin, slice(0, UNKNOWNS), steps=_FIRST_STEPS)
     promising = tried[_distinct(tried, energy)[:_FOLLOWED]]
     count = len(likelihood.prior.kinds)
     kind = np.repeat(np.arange(count), len(promising))
-    hypotheses, energy, hessian = descend(likelihood, np.tile(promising, (count, 1)), everything, kind)
+    starts = np.concatenate([np.tile(promising, (count, 1)), cameras])
+    moving, at_rest = slice(0, len(kind)), slice(len(kind), None)
+    free = np.ones(starts.shape, bool)
+    free[at_rest, MOTION] = False
+    optima = descend(likelihood, starts, free, np.concatenate([kind, np.zeros(len(cameras), int)]))
+    still, energy, hessian = (each[at_rest] for each in optima)
+    best = int(np.argmin(energy))
+    evidence_at_rest = float(-energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1])
+    resting = _AtRest(evidence_at_rest, still[best])
+    hypotheses, energy, hessian = (each[moving] for each in optima)
     kept = np.concatenate(
         [np.flatnonzero(kind == k)[_distinct(hypotheses[kind == k], energy[kind == k])] for k in range(count)]
     )
     hypotheses, kind, hessian = hypotheses[kept], kind[kept], hessian[kept]
-    moving = likelihood.prior.log_volume[kind] - energy[kept] - 0.5 * np.linalg.slogdet(hessian)[1]
-    return hypotheses, kind, moving, np.linalg.inv(hessian)[:, MOTION, MOTION]
+    log_evidence = likelihood.prior.log_volume[kind] - energy[kept] - 0.5 * np.linalg.slogdet(hessian)[1]
+    return _Moving(hypotheses, kind, log_evidence, np.linalg.inv(hessian)[:, MOTION, MOTION]), resting
 
 
 def _by_kind(moving: np.ndarray, kind: np.ndarray) -> np.ndarray:
@@ -127,22 +154,10 @@ def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int
     return best + likelihood.prior.of_motions(motions)
 
 
-def _at_rest(likelihood: ManhattanLikelihood, begin: np.ndarray) -> tuple[float, np.ndarray]:
-    """No motion at all: logarithm of its evidence [nats], and [10] with the camera that suits it best.
-
-    Args:
-        likelihood: of one photo.
-        begin: [S, 10] cameras to start from.
-    """
-    cameras, energy, hessian = descend(likelihood, begin, CAMERA)
-    best = int(np.argmin(energy))
-    return float(-energy[best] - 0.5 * np.linalg.slogdet(hessian[best, CAMERA, CAMERA])[1]), cameras[best]
-
-
 def descend(
     likelihood: ManhattanLikelihood,
     begin: np.ndarray,
-    free: slice,
+    free: slice | np.ndarray,
     kind: np.ndarray | None = None,
     steps: int = 40,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -151,25 +166,28 @@ def descend(
     Args:
         likelihood: what is descended.
         begin: [S, 10] starts.
-        free: the unknowns that may change.
+        free: the unknowns that may change: of all starts, or [S, 10] of each.
         kind: [S] which of the prior's kinds each motion is of; the first by default.
         steps: at most.
 
     Returns:
         Unknowns [S, 10], energies [S], Hessians [S, 10, 10].
     """
-    at, camera_only = begin.copy(), free == CAMERA
+    at, may_change = begin.copy(), np.zeros(begin.shape, bool)
+    if isinstance(free, slice):
+        may_change[:, free] = True
+    else:
+        may_change |= free
+    camera_only = not may_change[:, MOTION].any()
     kind = np.zeros(len(at), int) if kind is None else kind
     energy, gradient, hessian = likelihood.expanded(at, kind, camera_only)
     damping = np.full(len(at), 1e-3)
     going = np.arange(len(at))
     for _ in range(steps):
-        matrix = hessian[going, free, free]
-        diagonal = np.einsum("sii->si", matrix) * damping[going, None]
-        matrix = matrix + diagonal[:, :, None] * np.eye(matrix.shape[-1])
-        step = -np.linalg.solve(matrix, gradient[going, free, None])[..., 0]
-        tried = at[going]
-        tried[:, free] += np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+        matrix = _with_fixed(hessian[going], may_change[going])
+        matrix[:, _DIAGONAL, _DIAGONAL] *= 1 + damping[going, None]
+        step = -np.linalg.solve(matrix, (gradient[going] * may_change[going])[..., None])[..., 0]
+        tried = at[going] + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
         new_energy, new_gradient, new_hessian = likelihood.expanded(tried, kind[going], camera_only)
         gain = energy[going] - new_energy
         better = gain > 0
@@ -182,6 +200,11 @@ def descend(
         if not len(going):
             break
     return at, energy, hessian
+
+
+def _with_fixed(hessian: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Hessians [S, 10, 10] that leave alone the unknowns that are not free [S, 10]: theirs are rows of the identity."""
+    return np.where(free[:, :, None] & free[:, None, :], hessian, np.eye(UNKNOWNS))
 
 
 def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> np.ndarray:
