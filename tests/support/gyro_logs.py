@@ -3,7 +3,7 @@
 import numpy as np
 
 from unshutter.gyro.alignment import Pair
-from unshutter.gyro.log import GyroLog
+from unshutter.gyro.log import GRAVITY, GyroLog
 
 # Device axes (columns) in the camera's (right, down, forward): x up, y back, z right.
 AXES = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
@@ -23,12 +23,14 @@ def as_pairs(tracks, fps=30.0):
 
 
 def write_gcsv(path, log, readout_ms=None, scale=1 / 3000):
-    """Writes a log in Gyroflow's format, in whole units of the scale [rad/s]."""
+    """Writes a log in Gyroflow's format, in whole units of the scale [rad/s]; without acceleration, up is one axis."""
     lines = ["GYROFLOW IMU LOG", "version,1.3", "id,test", "orientation,XYZ"]
     lines += ["tscale,0.000001", f"gscale,{scale!r}", "ascale,0.001"]
     lines += [] if readout_ms is None else [f"frame_readout_time,{readout_ms}"]
     lines += ["t,gx,gy,gz,ax,ay,az"]
-    for time, rates in zip(log.t_s, log.rates, strict=True):
-        lines.append(",".join([str(round(time * 1e6)), *(str(round(rate / scale)) for rate in rates), "0,1000,0"]))
+    force = log.force[:, 1:] / GRAVITY if len(log.force) else np.tile([0.0, 1.0, 0.0], (len(log.t_s), 1))
+    for time, rates, up in zip(log.t_s, log.rates, force, strict=True):
+        words = [round(time * 1e6), *(round(rate / scale) for rate in rates), *(round(1000 * each) for each in up)]
+        lines.append(",".join(map(str, words)))
     path.write_text("\n".join(lines) + "\n")
     return path

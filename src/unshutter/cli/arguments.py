@@ -74,8 +74,30 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
         print((parser if HELP_ALL in words else _short_parser(name, command)).format_help())
         raise SystemExit
     parser.check_flags(words)
+    words = _with_bare_values(words, command.arguments)
     values = vars(parser.parse_intermixed_args(words))
     return with_values(command.arguments, lambda option: values[option.key])
+
+
+def _with_bare_values(words: Sequence[str], kind: type) -> list[str]:
+    """The words, with a value for each flag that may stand alone and does: no number follows it.
+
+    argparse would take whatever follows for its value, be it the name of a file.
+    """
+    bare = {_flag(each): each.more["bare"] for each in options_of(kind) if "bare" in each.more}
+    followers = [*words[1:], ""][: len(words)]
+    return [
+        f"{word}={bare[word]}" if word in bare and not _is_number(following) else word
+        for word, following in zip(words, followers, strict=True)
+    ]
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 class _Parser(argparse.ArgumentParser):
@@ -181,6 +203,8 @@ def _argument(option: Option) -> tuple[list[str], dict[str, Any]]:
     else:
         properties["type"] = _path if option.type is Path else option.type
         properties["metavar"] = option.more.get("metavar") or _METAVAR[option.type]
+    if "bare" in option.more:
+        properties |= {"nargs": "?", "const": option.more["bare"]}  # shown as [SECONDS]
     if _placed(option):
         return [option.key], properties | {"metavar": option.key.upper()}
     if option.default is not dataclasses.MISSING:

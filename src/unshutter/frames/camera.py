@@ -41,6 +41,7 @@ _RIDGE = 1e-6  # px^-2; T is counted from anywhere: this ties it
 _STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: what is tried
 _ROUNDS = 4
 _FASTER = 1.5  # than the tracks of all frames say, within one frame: so much is a hand's
+_PAIR_ROUNDS = 12
 _SLACK = 0.5  # px of ROWS rows, beyond that
 
 
@@ -252,6 +253,28 @@ def _within_frames(fit: Fit, problem: Problem, ratio: float) -> float:
     turns = fit.turn((problem.moments[:, None] + ratio * rows).ravel()).reshape(-1, len(rows), 3)
     reach = np.abs(turns - turns[:, [len(rows) // 2]]) * [fit.focal_px, fit.focal_px, ROWS / 2]
     return float(reach.max())
+
+
+def turn_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"]:
+    """The turn [rad] between two frames that most of their tracks show, all rows taken for one moment's.
+
+    Args:
+        tracks: from the one to the other; strays do not matter.
+        focal_px: focal length [px of ROWS rows].
+    """
+    unit = ROWS / tracks.height
+    start, end = (tracks.start + 0.5) * unit, (tracks.end + 0.5) * unit
+    jacobian, moved = turn_jacobian((start + end) / 2, tracks.width * unit, focal_px), end - start
+    weights = np.ones(len(tracks))
+    unknowns = np.zeros(_UNKNOWNS)
+    for _ in range(_PAIR_ROUNDS):
+        weighted = jacobian * weights[:, None, None]
+        normal = np.einsum("nij,nik->jk", weighted, jacobian) + _RIDGE * np.eye(_UNKNOWNS)
+        unknowns = np.linalg.solve(normal, np.einsum("nij,ni->j", weighted, moved))
+        off = np.hypot(*(moved - jacobian @ unknowns).T)
+        scale = max(float(np.median(off)), _FINEST)
+        weights = 1 / (1 + (off / scale) ** 2) ** 2
+    return unknowns[:3] / focal_px
 
 
 def turn_jacobian(

@@ -6,19 +6,20 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol, Unpack
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
-from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
+from unshutter.errors import UnknownRatioError, UsageError
 from unshutter.estimators.base import View
 from unshutter.frames.angles import SURE_ENOUGH, PhotoSpeed, combined, ratio_from_angles, speed_of
 from unshutter.frames.camera import ROWS, Fit, Problem, steady
+from unshutter.frames.frame_motion import FrameMotion, KnownTurns
 from unshutter.frames.self_calibration import ReadoutRatio, fewer, focal_from_motion, ratio_from_motion
 from unshutter.frames.shots import GreyFrame, Shot
-from unshutter.frames.tracks import TRACKED_SIDE, Tracks
+from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.geometry.readout import Readout
-from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion import Motion
 from unshutter.options import Camera, Clock, ClockKeywords, Reference, Undo
 from unshutter.options.description import from_keywords, takes_options
 from unshutter.photo import Photo
@@ -26,100 +27,18 @@ from unshutter.photo.argument import open_photo
 from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float64
+    pass
 
-NAME = "frames-camera"
 _CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
 SEARCHED = 60  # frames from which the readout ratio is found
 _PATIENCE = 240  # frames after which the search ends
 _STIFFNESS_EVERY = 4  # windows
-_NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
 _FEW_PAIRS, _EVEN = 2, 100.0  # pairs that do not say how speed changes, and the stiffness that keeps it even
 _LEAST_TRACKS = 12  # that say a speed
 _GUESSED_RATIO = 0.5  # to look for a focal length with
+_PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that leave the camera's path to be found
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
-
-
-class KnownTurns(Protocol):
-    """How the camera turned, known from elsewhere than the frames: from a gyro. Times are those of the clip's clock."""
-
-    def within_frame(self, begin_s: float, rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
-        """Rotation vectors [rad] of a frame's rows, given as shares of its height, since the first of them."""
-        ...
-
-    def without(self, tracks: Tracks, begin_s: float, end_s: float) -> Tracks:
-        """Tracks between two frames as a camera would have seen them that did not turn."""
-        ...
-
-
-@dataclass(frozen=True)
-class FrameMotion:
-    """The motion of one frame, or why it has none; a small value until every row's motion is asked for.
-
-    Attributes:
-        height, width: of the frame's readout frame [px].
-        readout: direction in which its stored pixels were read.
-        fit: the camera's motion about that time; None: unknown.
-        at: time of the frame in that fit [frame intervals].
-        ratio: readout time in frame intervals.
-        reason: why there is no motion; None where there is one.
-        shot: number of the shot that it belongs to: of frames that are joined by motion.
-        scene: number of the scene that it shows.
-        turns: how the camera turned, where a gyro tells it; ``fit`` is what it did besides.
-        time_s: time of the frame on the clip's clock [s].
-    """
-
-    height: int
-    width: int
-    readout: Readout
-    fit: Fit | None = None
-    at: float = 0.0
-    ratio: float = 0.0
-    reason: Reason | None = None
-    shot: int = 0
-    scene: int = 0
-    turns: KnownTurns | None = None
-    time_s: float = 0.0
-
-    @property
-    def stood_still(self) -> bool:
-        """Whether the camera did, or nearly so, and nothing moved in front of it."""
-        return self.reason is not None and self.reason.code in (Code.STOOD_STILL, Code.HARDLY_MOVED)
-
-    @property
-    def ratio_unknown(self) -> bool:
-        """Whether there is no motion because the readout ratio is not known."""
-        return self.reason is not None and self.reason.code is Code.RATIO_UNKNOWN
-
-    def motion(self, reference: Reference = "first") -> Motion:
-        """The frame's motion; zero, with the reason, where none was found."""
-        if self.fit is None:
-            return self._none(self.reason)
-        rows = (np.arange(self.height) + 0.5) / self.height
-        turn = self.fit.turn(self.at + self.ratio * rows)
-        rotations = turn - turn[0]
-        if self.turns is not None:  # within a frame, both are so small that they add
-            rotations = rotations + self.turns.within_frame(self.time_s, rows)
-        reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
-        if reach.max() < _NOTHING_PX:
-            return self._none(Reason(Code.HARDLY_MOVED))
-        common = {"readout": self.readout, "estimator": NAME}
-        focal = self.fit.focal_px * self.height / ROWS
-        try:
-            motion = RotationMotion(width=self.width, rotations=rotations, focal_px=focal, **common)
-            motion.check_unfolded()
-        except UnshutterError as error:
-            return self._none(Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
-        return motion.rereferenced(reference)
-
-    def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
-        """The camera's turn [rad] so long after the frame's first row [frame intervals], where it is known."""
-        assert self.fit is not None
-        return self.fit.turn(self.at + after)
-
-    def _none(self, reason: Reason | None) -> Motion:
-        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)
 
 
 @dataclass(eq=False)
@@ -134,6 +53,7 @@ class CameraMotion:
         fewest: frames without which a shot is left unchanged.
         window: frames whose motion is found together, and more on both sides that only steady it.
         turns: how the camera turned, where a gyro tells it: then frames tell only what it did besides.
+        whole_path: whether the camera's turn is found even where it is too small, or the shot too short, to be undone.
     """
 
     ratio: ReadoutRatio | None = None
@@ -143,6 +63,7 @@ class CameraMotion:
     window: tuple[int, int] = (_CORE, _MARGIN)
     fewest: int = 2
     turns: KnownTurns | None = None
+    whole_path: bool = False
     _photos: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
     _stiffness: float | None = field(default=None, init=False)
@@ -203,7 +124,8 @@ class CameraMotion:
             for frame in shot.waiting[:many]:
                 index = frame.at - start
                 ratio = self.ratio.value if self.ratio else 0.0
-                size, place, known = (frame.height, frame.width), (shot.number, shot.scene), (self.turns, frame.time_s)
+                size, place = (frame.height, frame.width), (shot.number, shot.scene)
+                known = self.turns, frame.time_s, frame.after, frame.tracks if self.whole_path else None, self._focal
                 yield FrameMotion(*size, self.readout, fit, index, ratio, reason, *place, *known)
             shot.drop(many, margin)
 
@@ -238,8 +160,8 @@ class CameraMotion:
     def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
         """The motion about the next frames of a shot; or why there is none."""
         fit, reason = self._fit_of_pairs(shot, many)
-        if fit is None and self.turns is not None and self._focal is not None:
-            return Fit.none(self._focal), None  # the gyro knows, whatever the frames show
+        if (fit is None or reason is not None) and self.turns is not None and self._focal is not None:
+            return fit or Fit.none(self._focal), None  # the gyro knows, whatever the frames show
         return fit, reason
 
     def _fit_of_pairs(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
@@ -247,11 +169,9 @@ class CameraMotion:
         pairs = [fewer(pair) for pair in shot.pairs[: shot.before + many + self.window[1] - 1]]
         if not pairs:
             return None, shot.broken_by or Reason(Code.NO_NEIGHBOUR)
-        if shot.before + len(shot.waiting) < self.fewest:
-            return None, Reason(Code.SHOT_TOO_SHORT)
-        if shot.still:
-            still = Code.STOOD_STILL if shot.at_rest else Code.HARDLY_MOVED
-            return None, Reason(Code.ONLY_OTHERS_MOVED if shot.passed else still)
+        reason = self._too_little(shot)
+        if reason is not None and not (self.whole_path and reason.code in _PATH_ONLY):
+            return None, reason
         if self.ratio is None:
             return None, shot.why_unknown
         if self._focal is None:
@@ -268,7 +188,16 @@ class CameraMotion:
         self._stiffness, self._windows = fit.stiffness, self._windows + 1
         if fit.noise_px > _TOO_NOISY_PX:
             return None, Reason(Code.NO_COMMON_MOTION)
-        return fit, None
+        return fit, reason
+
+    def _too_little(self, shot: Shot) -> Reason | None:
+        """Why nothing is to be undone in a shot; None where something is."""
+        if shot.before + len(shot.waiting) < self.fewest:
+            return Reason(Code.SHOT_TOO_SHORT)
+        if shot.still:
+            still = Code.STOOD_STILL if shot.at_rest else Code.HARDLY_MOVED
+            return Reason(Code.ONLY_OTHERS_MOVED if shot.passed else still)
+        return None
 
     def _stiffness_for(self, pairs: int) -> float | None:
         """Looked for in every few windows only: it takes most of the time, and the hand stays the same."""

@@ -25,7 +25,7 @@ class GreyFrame:
 
     Its full size, a small grey copy, the photo where it may be looked at closely, and how long after the frame before
     it was taken: ``after`` is counted in the usual frame intervals, and so is ``at``, the time since the shot began.
-    ``time_s`` is its time on the clip's clock [s], where it has one.
+    ``time_s`` is its time on the clip's clock [s], where it has one, and ``tracks`` lead to it from the frame before.
     """
 
     height: int
@@ -36,6 +36,7 @@ class GreyFrame:
     after: float = 1.0
     at: float = 0.0
     time_s: float = 0.0
+    tracks: Tracks | None = None
 
 
 @dataclass(eq=False)
@@ -95,6 +96,7 @@ class Shot:
             return False
         tracks = follow(self._last.grey, frame.grey)
         self._next = background(tracks, ratio.value if ratio else None)
+        frame.tracks = self._next.tracks if self._next.joined else tracks
         if not self._next.joined:
             few = tracks.looked_for < _LEAST_CORNERS
             near_and_far = Code.SCENES_DIFFER if self._next.cut else Code.NO_COMMON_MOTION

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from unshutter.options import Reference
 
-_SHARE = {"first": 0.0, "middle": 0.5, "last": 1.0}
+SHARES = {"first": 0.0, "middle": 0.5, "last": 1.0}
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Timing:
 
     def moment(self, reference: Reference, frame: float = 0) -> float:
         """Moment of a frame's first, middle or last row."""
-        return frame + self.readout_ratio * _SHARE[reference]
+        return frame + self.readout_ratio * SHARES[reference]
 
     def of_copy(self, height: int) -> Timing:
         """The clock of a copy of the frames with so many rows."""

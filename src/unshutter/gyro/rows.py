@@ -42,6 +42,16 @@ class GyroTurns:
         """
         return self.between((np.full(1, begin_s), rows[:1]), (np.full(len(rows), begin_s), rows))[1]
 
+    def from_frame(self, begin_s: float, end_s: float, row: float) -> Float64[np.ndarray, "3"]:
+        """Rotation vector [rad] of a row from one frame to another.
+
+        Args:
+            begin_s, end_s: times of the two frames on the clip's clock [s].
+            row: which row, as a share of the height.
+        """
+        at = np.array([row])
+        return self.between((np.array([begin_s]), at), (np.array([end_s]), at))[1][0]
+
     def without(self, tracks: Tracks, begin_s: float, end_s: float) -> Tracks:
         """Tracks from one frame to a later one as a camera would have seen them that did not turn.
 

@@ -33,8 +33,9 @@ def option(default: Any, help: str, **more: Any) -> Any:
         default: its value where it is not used.
         help: what it does, for all surfaces.
         more: ``names`` (:data:`Names`), which a path or text needs: a test gives every option that names an output the
-            names of all inputs; ``metavar``, ``choices`` and ``short`` (``-o``); ``page=False`` where the page and its
-            API do not offer it.
+            names of all inputs; ``metavar``, ``choices`` and ``short`` (``-o``); ``bare``, the value of its flag
+            alone, where the command line takes it without one; ``page=False`` where the page and its API do not offer
+            it.
     """
     return field(default=default, metadata={"help": help, **more})
 

@@ -43,6 +43,9 @@ class RectifyClipOptions(TypedDict, total=False):
     strength: float
     edges: ClipEdges
     model: FrameModel
+    stabilize: float | None
+    zoom_limit: float | None
+    level: bool
     codec: str | None
     crf: float | None
     preset: str | None

@@ -13,6 +13,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from unshutter.errors import UnshutterError
+from unshutter.frames.frame_motion import Step
 from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
@@ -40,6 +41,7 @@ class ClipMotion:
         times_s: [N] when each frame is shown [s], increasing.
         motions: [N] of small pictures (``ROWS``), first row as the reference.
         cuts: [N] whether a frame shows another scene than the one before it.
+        steps: [N] turn of the camera since the frame before; None where it is unknown.
     """
 
     ratio: float
@@ -49,9 +51,10 @@ class ClipMotion:
     times_s: np.ndarray
     motions: list[Motion]
     cuts: list[bool]
+    steps: list[Step | None]
 
-    def at(self, time_s: float) -> tuple[Motion, bool]:
-        """Motion of the frame that is shown at a moment, and whether it follows a cut.
+    def at(self, time_s: float) -> tuple[Motion, bool, Step | None]:
+        """Motion of the frame that is shown at a moment, whether it follows a cut, and the turn since the one before.
 
         Raises:
             UnshutterError: the file has no such frame.
@@ -59,7 +62,7 @@ class ClipMotion:
         k = int(np.abs(self.times_s - time_s).argmin())
         if abs(self.times_s[k] - time_s) > 0.001:
             raise UnshutterError(f"the motion file has no frame at {time_s:.3f} s: it is of another clip")
-        return self.motions[k], self.cuts[k]
+        return self.motions[k], self.cuts[k], self.steps[k]
 
 
 class MotionWriter:
@@ -90,6 +93,9 @@ class MotionWriter:
         else:
             record |= {"rotations_rad": None, "reason": "" if motion.reason is None else str(motion.reason)}
             record |= {} if motion.reason is None else {"declined": motion.reason.as_json()}
+        if moving.step is not None:
+            focal = moving.step.focal_heights
+            record["step"] = {"turn_rad": np.round(moving.step.turn, 9).tolist(), "focal": focal if focal > 0 else None}
         self._stream.write(("" if self._first else ",\n") + json.dumps(record))
         self._first = False
 
@@ -163,7 +169,19 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
     times = np.array([float(frame["time_s"]) for frame in data["frames"]])
     if not len(times) or not np.isfinite(times).all():
         raise ValueError("no frames, or times that are not numbers")
-    return ClipMotion(ratio, readout, height, width, times, motions, [bool(frame["cut"]) for frame in data["frames"]])
+    cuts = [bool(frame["cut"]) for frame in data["frames"]]
+    return ClipMotion(ratio, readout, height, width, times, motions, cuts, [_step(frame) for frame in data["frames"]])
+
+
+def _step(frame: dict[str, Any]) -> Step | None:
+    """The camera's turn since the frame before; files of earlier versions do not hold it."""
+    record = frame.get("step")
+    if record is None:
+        return None
+    turn, focal = np.array(record["turn_rad"], np.float64), record["focal"]
+    if turn.shape != (3,) or not np.isfinite(turn).all():
+        raise ValueError("a turn that is not three numbers")
+    return Step(turn, np.nan if focal is None else float(focal))
 
 
 @cache

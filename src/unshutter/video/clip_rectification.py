@@ -11,15 +11,19 @@ from pathlib import Path
 from typing import TypeAlias
 
 import cv2
+import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.self_calibration import ReadoutRatio
+from unshutter.frames.timing import SHARES
 from unshutter.geometry.readout import Readout
+from unshutter.gyro.gravity import has_gravity, up_directions
 from unshutter.progress import Steps, Watch
 from unshutter.reasons import Code, Reason
 from unshutter.storage.files import written_whole
 from unshutter.storage.new_folders import new_folder
 from unshutter.video import mp4_movie, pictures
+from unshutter.video.camera_path import CameraPath
 from unshutter.video.clip import Clip, SidePacket
 from unshutter.video.clip_gyro import ClipGyro, gyro_of_clip
 from unshutter.video.clip_motion_file import ClipMotion, load, motion_written
@@ -33,6 +37,7 @@ from unshutter.video.outcome import ClipOutcome
 from unshutter.video.output_checks import are_pictures, check_targets, on_this_machine
 from unshutter.video.pipeline import Pipeline
 from unshutter.video.readout_choice import Visibility, readout_ratio_of_clip, too_little_to_see
+from unshutter.video.stabilisation import stabilised
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
@@ -72,6 +77,9 @@ def rectify_clip_file(
     pipeline, visibility, gyro = _pipeline(clip, options, ratio, watch, on_readout)
     outcome = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
     outcome.after_killed_run, outcome.gyro = after_killed_run, gyro
+    if options.steadiness.stabilize is not None:
+        pipeline = _with_steady_views(pipeline, gyro, watch)
+        outcome.stabilisation = pipeline.stabilisation
     if visibility is not None and pipeline.unmoved is not None and _is_simple(clip, target, options):
         outcome.add_unchanged(visibility.frames, pipeline.unmoved)
         outcome.written = not options.only_changed
@@ -121,7 +129,7 @@ def _pipeline(
         ratio = readout_ratio_of_clip(clip, readout, options.shutter, span, watch)
     gyro = None if gyro is None else gyro.with_ratio(ratio.value)
     pipeline = Pipeline(clip, options, ratio, readout, gyro=None if gyro is None else gyro.turns)
-    if ratio.plausible is not None:
+    if ratio.plausible is not None and options.steadiness.stabilize is None:
         visibility = too_little_to_see(clip, readout, options, ratio.plausible.highest, watch)
         if visibility is not None:
             reason = Reason.of(Code.NOTHING_TO_SEE, px=max(round(visibility.largest_px, 1), 0.1))
@@ -129,6 +137,41 @@ def _pipeline(
     if search and on_readout is not None:
         on_readout(ratio, clip.interval_s)
     return pipeline, None, gyro
+
+
+def _with_steady_views(pipeline: Pipeline, gyro: ClipGyro | None, watch: Watch | None) -> Pipeline:
+    """The steps for a clip whose camera's path is smoothed: it is found in a first pass over the frames.
+
+    Raises:
+        UsageError: the horizon is to be level, but no log says which way is up.
+        UnshutterError: nothing says how the camera turned between frames.
+    """
+    clip, options, readout = pipeline.clip, pipeline.options, pipeline.readout
+    if options.steadiness.level:
+        _check_gravity(gyro)
+    path = CameraPath(options.undo, readout, *readout.frame_size(clip.height, clip.width))
+    with closing(pipeline.moving()) as items:
+        for moving in _watched(items, clip, options, watch):
+            path.add(moving.motion, moving.step, moving.cut, moving.frame.time or 0.0)
+    if pipeline.file_motion is not None and not any(map(path.step, range(len(path)))):
+        raise UnshutterError(
+            f"{options.motion} does not say how the camera turned between frames: it is of an earlier version; "
+            "write it again with --save-motion"
+        )
+    up = None
+    if options.steadiness.level and pipeline.gyro is not None:
+        up = up_directions(pipeline.gyro, np.array(path.times_s), SHARES[options.undo.reference])
+    return replace(pipeline, stabilisation=stabilised(path, options.steadiness, clip.interval_s, up))
+
+
+def _check_gravity(gyro: ClipGyro | None) -> None:
+    """Raises UsageError where no gyro log says which way is up."""
+    if gyro is None:
+        raise UsageError("--level needs a gyro log with acceleration, and the clip has no log: name one with --gyro")
+    if gyro.turns is None:
+        raise UsageError(f"--level needs the clip's gyro log ({gyro.origin}), which cannot be used: {gyro.reason}")
+    if not has_gravity(gyro.turns):
+        raise UsageError(f"--level needs acceleration, which the gyro log ({gyro.origin}) does not have")
 
 
 def _check_size(motion: ClipMotion, clip: Clip) -> None:

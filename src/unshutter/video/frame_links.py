@@ -80,7 +80,8 @@ class LinkedFrame:
 
     def _map(self, shift: np.ndarray) -> FrameMap:
         """A shift of every pixel of the small copy as the map of a whole frame."""
-        return FrameMap.along(shift, self.readout, self.moving.frame.height, self.moving.frame.width)
+        frame = self.moving.frame
+        return FrameMap.along(shift, self.readout, frame.height, frame.width, self.moving.view)
 
 
 def linked(

@@ -17,6 +17,7 @@ import numpy as np
 from unshutter.frames.flow import bilinear
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion
+from unshutter.video.steady_view import SteadyView
 from unshutter.warp.grid import gs_to_rs_map
 
 if TYPE_CHECKING:
@@ -45,12 +46,13 @@ class FrameMap:
     width: int
 
     @classmethod
-    def of(cls, motion: Motion, height: int, width: int) -> FrameMap:
+    def of(cls, motion: Motion, height: int, width: int, view: SteadyView | None = None) -> FrameMap:
         """The map of a frame of height x width [px].
 
         Args:
             motion: of a picture of the same shape, of any size.
             height, width: of the stored frame [px].
+            view: what the result shows, where that is not what the camera looked at.
 
         Raises:
             UnshutterError: the motion turns faster than rows are read.
@@ -58,7 +60,7 @@ class FrameMap:
         small = motion.readout.frame_size(motion.height, motion.width)
         step = max(_LEAST_STEP, 1 << round(np.log2(min(height, width) / _NODES)))
         scale = np.array([small[1] / width, small[0] / height])  # px of the motion per px of the frame
-        col, row = (_middles(step, height, width) + 0.5) * scale[:, None, None] - 0.5
+        col, row = (_seen(view, step, height, width) + 0.5) * scale[:, None, None] - 0.5
         with np.errstate(all="ignore"):  # far outside, Newton's method may run away
             looks = np.stack(gs_to_rs_map(motion)(col, row))
         looks = (looks + 0.5) / scale[:, None, None] - 0.5
@@ -67,17 +69,25 @@ class FrameMap:
         return cls(np.clip(looks, -far, 2 * far).astype(np.float32), step, height, width)
 
     @classmethod
-    def along(cls, shift: Float32[np.ndarray, "rows columns 2"], readout: Readout, height: int, width: int) -> FrameMap:
+    def along(
+        cls,
+        shift: Float32[np.ndarray, "rows columns 2"],
+        readout: Readout,
+        height: int,
+        width: int,
+        view: SteadyView | None = None,
+    ) -> FrameMap:
         """The map of a frame of height x width [px] in which every place looks elsewhere by a shift of its own.
 
         Args:
             shift: (columns, rows) [px of a small copy of the readout frame], at each pixel of that copy.
             readout: direction in which the stored pixels were read.
             height, width: of the stored frame [px].
+            view: what the result shows, where that is not what the camera looked at.
         """
         size = readout.frame_size(height, width)
         step = max(_FINE_STEP, 1 << int(np.log2(max(size[0] / shift.shape[0], 1))))
-        col, row = _middles(step, height, width)
+        col, row = _seen(view, step, height, width)
         at = np.stack(readout.points_to_frame(col, row, height, width), axis=-1)
         scale = np.array([size[1] / shift.shape[1], size[0] / shift.shape[0]])
         in_copy = ((at + 0.5) / scale - 0.5).astype(np.float32)
@@ -114,6 +124,12 @@ def _middles(step: int, height: int, width: int) -> np.ndarray:
     rows, cols = ((np.arange(-1, -(-size // step) + 1) + 0.5) * step - 0.5 for size in (height, width))
     row, col = np.meshgrid(rows, cols, indexing="ij")
     return np.stack([col, row])
+
+
+def _seen(view: SteadyView | None, step: int, height: int, width: int) -> np.ndarray:
+    """[2, N, M] what the middles of the cells show: col and row [px] of the frame that a global shutter saw."""
+    middles = _middles(step, height, width)
+    return middles if view is None else np.stack(view.looks(middles[0], middles[1], height, width))
 
 
 class Scratch(threading.local):

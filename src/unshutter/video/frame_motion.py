@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.frames.sequence import CameraMotion, FrameMotion
+from unshutter.frames.frame_motion import FrameMotion, Step
+from unshutter.frames.sequence import CameraMotion
 from unshutter.frames.shots import GreyFrame
 from unshutter.motion import Motion
 from unshutter.video.clip import Clip, SidePacket
+from unshutter.video.steady_view import SteadyView
 
 if TYPE_CHECKING:
     from av import VideoFrame
@@ -35,12 +37,16 @@ class MovingFrame:
         motion: of a small picture of the same shape, first row as the reference; zero, with a reason, where none is.
         cut: whether it shows another scene than the frame before it.
         dense: whether it was rectified by the flow to its neighbours instead of this motion.
+        step: the camera's turn since the frame before; None where it is unknown.
+        view: what the frame shows once the camera's path is smoothed; None: it is not.
     """
 
     frame: VideoFrame
     motion: Motion
     cut: bool = False
     dense: bool = False
+    step: Step | None = None
+    view: SteadyView | None = None
 
 
 def window(clip: Clip) -> tuple[int, int]:
@@ -98,7 +104,9 @@ def with_motion(
     for motion in camera.motions(small_copies()):
         while isinstance(item := waiting.popleft(), SidePacket):
             yield item
-        yield MovingFrame(item, small_motion(motion), cut=last is not None and motion.scene != last.scene)
+        small = small_motion(motion)
+        step = motion.step_from(last, 0.5 / small.height)
+        yield MovingFrame(item, small, cut=last is not None and motion.scene != last.scene, step=step)
         last = motion
     for item in waiting:
         assert isinstance(item, SidePacket)  # each frame has its motion by now

@@ -75,15 +75,15 @@ class Warper:
 
     def rectified(self, moving: MovingFrame) -> NewFrame:
         """A frame by its camera's motion."""
-        motion, frame = self.motion(moving), moving.frame
-        if motion.is_zero and self.window is None:
+        motion, frame, view = self.motion(moving), moving.frame, moving.view
+        if motion.is_zero and view is None and self.window is None:
             return NewFrame(moving, frame)
         picture = av().VideoFrame(self.clip.width, self.clip.height, self.clip.pixels.name)
-        if motion.is_zero:
+        if motion.is_zero and view is None:
             for before, after in zip(*map(self.clip.pixels.arrays, (frame, picture)), strict=True):
                 np.copyto(after, before)
         else:
-            self._warp(frame, picture, FrameMap.of(motion, frame.height, frame.width))
+            self._warp(frame, picture, FrameMap.of(motion, frame.height, frame.width, view))
         return NewFrame(moving, self._dressed(picture, frame))
 
     def _by_flow(self, linked: LinkedFrame) -> NewFrame:
@@ -167,8 +167,8 @@ def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
     mask = np.ones((clip.height // _COARSE, clip.width // _COARSE), bool)
     for moving in frames:
         motion = warper.motion(moving)
-        if not motion.is_zero:
-            _clear_invisible(mask, FrameMap.of(motion, clip.height, clip.width))
+        if not motion.is_zero or moving.view is not None:
+            _clear_invisible(mask, FrameMap.of(motion, clip.height, clip.width, moving.view))
     if mask.all():
         return None
     window = EdgePolicy("crop").decide(mask.shape, lambda: valid_window(mask), "frame").window

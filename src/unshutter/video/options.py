@@ -24,6 +24,8 @@ ClipEdges = Literal["keep", "crop", "fill", "borrow"]
 MAX_CLIP_PIXELS = 38_000_000  # of a frame, unless a user allows more: 8K
 _LONGEST_S = 1e9
 GYRO_OFF = "off"
+USUAL_PERIOD_S = 2.0
+_ZOOM_LIMIT, _MOST_ZOOM_LIMIT = 15.0, 50.0  # per cent
 
 
 @dataclass(frozen=True)
@@ -143,6 +145,49 @@ class ClipUndo:
 
 
 @dataclass(frozen=True)
+class Steadiness:
+    """How the camera's path is smoothed.
+
+    Attributes:
+        stabilize: movements shorter than so many seconds are smoothed away; None: the camera keeps its path.
+        zoom_limit: the most that is cut off width and height [per cent]; None: 15.
+        level: whether horizons are made level, by the accelerometer of the gyro log.
+
+    Raises:
+        UsageError: numbers that cannot be, or options that need ``stabilize``.
+    """
+
+    stabilize: float | None = option(
+        None,
+        f"Also smooth the camera's path: movements shorter than so many seconds go ({USUAL_PERIOD_S:g} without a "
+        "number). Frames are enlarged until no border shows.",
+        metavar="SECONDS",
+        bare=USUAL_PERIOD_S,
+    )
+    zoom_limit: float | None = option(
+        None,
+        "Most of the width and height that --stabilize may cut off, in per cent; where that is too little, it "
+        f"smooths less. Default: {_ZOOM_LIMIT:g}.",
+        metavar="PERCENT",
+    )
+    level: bool = option(
+        False, "With --stabilize: keep the horizon level. Needs a gyro log with acceleration.", page=False
+    )
+
+    def __post_init__(self) -> None:
+        if self.stabilize is None and (self.zoom_limit is not None or self.level):
+            raise UsageError(f"{'--level' if self.level else '--zoom-limit'} needs --stabilize")
+        check_time("smoothing", self.stabilize, "s")
+        if self.zoom_limit is not None and not 0 <= self.zoom_limit <= _MOST_ZOOM_LIMIT:
+            raise UsageError(f"--zoom-limit must lie between 0 and {_MOST_ZOOM_LIMIT:g}, got {self.zoom_limit:g}")
+
+    @property
+    def largest_zoom(self) -> float:
+        """Zoom at which as much is cut off as may be."""
+        return 1 / (1 - (_ZOOM_LIMIT if self.zoom_limit is None else self.zoom_limit) / 100)
+
+
+@dataclass(frozen=True)
 class Encode:
     """How frames are encoded.
 
@@ -177,6 +222,7 @@ class RectifyClip:
     Attributes:
         shutter: what is known of the camera.
         undo: how motion is undone.
+        steadiness: how the camera's path is smoothed.
         encode: how frames are encoded.
         fps: frames per second of a sequence of pictures.
         start, end: what is kept of the clip [s]; None: all.
@@ -195,6 +241,7 @@ class RectifyClip:
 
     shutter: Shutter = field(default_factory=Shutter)
     undo: ClipUndo = field(default_factory=ClipUndo)
+    steadiness: Steadiness = field(default_factory=Steadiness)
     encode: Encode = field(default_factory=Encode)
     fps: float | None = option(
         None, "Frames per second of a sequence of pictures. Default: 30.", metavar="N", page=False
@@ -233,6 +280,8 @@ class RectifyClip:
             raise UsageError("the motion file says how the camera was read out: leave out the camera's options")
         if self.undo.model == "dense" and (self.motion is not None or self.save_motion is not None):
             raise UsageError("motion files hold the camera's motion, which --model dense does not undo: use camera")
+        if self.steadiness.level and self.motion is not None:
+            raise UsageError("--level needs the clip's gyro log, which a motion file does not hold: leave out --motion")
         if self.fps is not None and not 0 < self.fps < 10_000:
             raise UsageError(f"--fps must be positive, got {self.fps:g}")
         start, end = self.start or 0.0, math.inf if self.end is None else self.end

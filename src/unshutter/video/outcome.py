@@ -19,6 +19,7 @@ from unshutter.reasons import Code, Reason
 if TYPE_CHECKING:
     from unshutter.options import FrameModel
     from unshutter.video.clip_gyro import ClipGyro
+    from unshutter.video.stabilisation import Stabilisation
 from unshutter.video.frame_motion import MovingFrame
 
 _GAP, _GAP_S = 10, 1.0  # frame intervals and seconds without a frame that are reported
@@ -43,6 +44,7 @@ class ClipOutcome:
         left_out: streams of the file that the new file has no place for.
         turns: of each frame, when it is shown [s], and how far the camera turned about x, y and z in its rows [rad].
         gyro: the clip's gyro log and what came of it; None: it has none.
+        stabilisation: the smoothed path; None: the camera kept its own.
     """
 
     source: str
@@ -60,6 +62,7 @@ class ClipOutcome:
     left_out: list[str] = field(default_factory=list)
     turns: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
     gyro: ClipGyro | None = None
+    stabilisation: Stabilisation | None = None
 
     @property
     def unchanged(self) -> dict[str, int]:
@@ -120,6 +123,7 @@ class ClipOutcome:
             "readout_ms": self.readout_ms,
             "found_by": self.ratio.source,
             **({} if self.gyro is None else {"gyro": self.gyro.as_json()}),
+            **({} if self.stabilisation is None else {"stabilised": self.stabilisation.as_json()}),
             **({} if plausible is None else {"plausible_ms": [plausible.lowest * ms, plausible.highest * ms]}),
         }
 

@@ -29,6 +29,7 @@ from unshutter.video.frame_links import LinkedFrame, linked
 from unshutter.video.frame_motion import FEWEST, ROWS, MovingFrame, window, with_motion
 from unshutter.video.frame_warper import NewFrame, Warper
 from unshutter.video.options import RectifyClip
+from unshutter.video.stabilisation import Stabilisation
 from unshutter.warp.pixels import thread_count
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ class Pipeline:
         file_motion: motion from a file; None: it is found from the frames.
         unmoved: why no frame is to be changed; None: frames are rectified.
         gyro: how the camera turned; None: only frames tell it.
+        stabilisation: the frames' views and their motion, known from a first pass; None: the camera keeps its path.
     """
 
     clip: Clip
@@ -63,10 +65,13 @@ class Pipeline:
     file_motion: ClipMotion | None = None
     unmoved: Reason | None = None
     gyro: GyroTurns | None = None
+    stabilisation: Stabilisation | None = None
 
     def moving(self, all_streams: bool = False) -> Generator[MovingFrame | SidePacket]:
         """The frames with their motion; with ``all_streams``, also the packets of the other streams."""
         items = ahead(self.clip.items(self.options.start, self.options.end, all_streams), _DECODED_AHEAD)
+        if self.stabilisation is not None:
+            return _steady(self.stabilisation, items)
         if self.unmoved is not None:
             return _without_motion(self.unmoved, items)
         if self.file_motion is not None:
@@ -75,7 +80,15 @@ class Pipeline:
         focal_px = self.options.shutter.focal_px
         if focal_px is None and self.gyro is not None:
             focal_px = self.gyro.focal_px(self.readout.frame_size(self.clip.height, self.clip.width)[0])
-        camera = CameraMotion(self.ratio, focal_px, self.readout, window=together, fewest=FEWEST, turns=self.gyro)
+        camera = CameraMotion(
+            self.ratio,
+            focal_px,
+            self.readout,
+            window=together,
+            fewest=FEWEST,
+            turns=self.gyro,
+            whole_path=self.options.steadiness.stabilize is not None,
+        )
         return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
 
     def rectified(self, warper: Warper, all_streams: bool = False) -> Generator[NewFrame | SidePacket]:
@@ -98,7 +111,24 @@ def _with_file_motion(
     motion: ClipMotion, items: Iterable[VideoFrame | SidePacket]
 ) -> Generator[MovingFrame | SidePacket]:
     for item in items:
-        yield item if isinstance(item, SidePacket) else MovingFrame(item, *motion.at(item.time or 0.0))
+        if isinstance(item, SidePacket):
+            yield item
+        else:
+            its_motion, cut, step = motion.at(item.time or 0.0)
+            yield MovingFrame(item, its_motion, cut=cut, step=step)
+
+
+def _steady(
+    stabilisation: Stabilisation, items: Iterable[VideoFrame | SidePacket]
+) -> Generator[MovingFrame | SidePacket]:
+    path, frame = stabilisation.path, 0
+    for item in items:
+        if isinstance(item, SidePacket):
+            yield item
+        else:
+            known = path.motion(frame), path.cuts[frame]
+            yield MovingFrame(item, *known, step=path.step(frame), view=stabilisation.view(frame))
+            frame += 1
 
 
 # ---- threads ---------------------------------------------------------------------------------------------

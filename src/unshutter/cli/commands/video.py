@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.video.clip_gyro import ClipGyro
     from unshutter.video.outcome import ClipOutcome
+    from unshutter.video.stabilisation import Stabilisation
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,8 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     frames = f"{outcome.rectified} of {outcome.frames} frames straightened"
     result = outcome.output if outcome.written else "not written"
     yield f"{outcome.source} -> {result}: {frames}{note}"
+    if outcome.stabilisation is not None:
+        yield _steady_line(outcome.stabilisation)
     if outcome.gyro is not None:
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:
@@ -124,6 +127,16 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
         at, seconds = outcome.gap_s
         hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"
         yield f"unshutter: {outcome.source} {hole}: part of it may be missing"
+
+
+def _steady_line(stabilisation: Stabilisation) -> str:
+    """What smoothing the camera's path came to."""
+    said = f"unshutter: path smoothed, {100 * (1 - 1 / stabilisation.zoom):.1f} % of width and height cut off"
+    if stabilisation.limited:
+        said += f", less smooth than asked for about {stabilisation.limited} frames (--zoom-limit allows more)"
+    if stabilisation.unknown:
+        said += f"; how the camera turned is unknown between {stabilisation.unknown} frames"
+    return said
 
 
 def _gyro_line(gyro: ClipGyro) -> str:

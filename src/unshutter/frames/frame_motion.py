@@ -1,0 +1,156 @@
+"""The motion of one frame of a sequence: within the frame, and since the frame before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.frames.camera import ROWS, Fit, turn_between
+from unshutter.frames.self_calibration import usual_focal
+from unshutter.frames.tracks import Tracks
+from unshutter.geometry.readout import Readout
+from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.options import Reference
+from unshutter.reasons import Code, Reason
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
+
+NAME = "frames-camera"
+_NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
+_AT_REST = (Code.STOOD_STILL, Code.HARDLY_MOVED, Code.ONLY_OTHERS_MOVED)
+_LEAST_TRACKS = 12  # that say how the camera turned
+
+
+class KnownTurns(Protocol):
+    """How the camera turned, known from elsewhere than the frames: from a gyro. Times are those of the clip's clock."""
+
+    def within_frame(self, begin_s: float, rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
+        """Rotation vectors [rad] of a frame's rows, given as shares of its height, since the first of them."""
+        ...
+
+    def without(self, tracks: Tracks, begin_s: float, end_s: float) -> Tracks:
+        """Tracks between two frames as a camera would have seen them that did not turn."""
+        ...
+
+    def from_frame(self, begin_s: float, end_s: float, row: float) -> Float64[np.ndarray, "3"]:
+        """Rotation vector [rad] of a row, given as a share of the height, from one frame to another."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The camera's turn from a frame to the next, between their first rows.
+
+    Attributes:
+        turn: [3] rotation vector [rad] (geometry/rotations.py).
+        focal_heights: focal length with which it was found, in heights of the readout frame; NaN where the camera stood
+            still.
+    """
+
+    turn: Float64[np.ndarray, "3"]
+    focal_heights: float
+
+
+@dataclass(frozen=True)
+class FrameMotion:
+    """The motion of one frame, or why it has none; a small value until every row's motion is asked for.
+
+    Attributes:
+        height, width: of the frame's readout frame [px].
+        readout: direction in which its stored pixels were read.
+        fit: the camera's motion about that time; None: unknown.
+        at: time of the frame in that fit [frame intervals].
+        ratio: readout time in frame intervals.
+        reason: why there is no motion to undo; None where there is one.
+        shot: number of the shot that it belongs to: of frames that are joined by motion.
+        scene: number of the scene that it shows.
+        turns: how the camera turned, where a gyro tells it; ``fit`` is what it did besides.
+        time_s: time of the frame on the clip's clock [s].
+        after: time since the frame before it [frame intervals].
+        tracks: from the frame before it, where the whole path is asked for; else None.
+        focal: focal length [px of ROWS rows], where it is known without a fit.
+    """
+
+    height: int
+    width: int
+    readout: Readout
+    fit: Fit | None = None
+    at: float = 0.0
+    ratio: float = 0.0
+    reason: Reason | None = None
+    shot: int = 0
+    scene: int = 0
+    turns: KnownTurns | None = None
+    time_s: float = 0.0
+    after: float = 1.0
+    tracks: Tracks | None = None
+    focal: float | None = None
+
+    @property
+    def stood_still(self) -> bool:
+        """Whether the camera did, or nearly so, and nothing moved in front of it."""
+        return self.reason is not None and self.reason.code in (Code.STOOD_STILL, Code.HARDLY_MOVED)
+
+    @property
+    def ratio_unknown(self) -> bool:
+        """Whether there is no motion because the readout ratio is not known."""
+        return self.reason is not None and self.reason.code is Code.RATIO_UNKNOWN
+
+    def motion(self, reference: Reference = "first") -> Motion:
+        """The frame's motion; zero, with the reason, where none was found."""
+        if self.fit is None or self.reason is not None:
+            return self._none(self.reason)
+        rows = (np.arange(self.height) + 0.5) / self.height
+        turn = self.fit.turn(self.at + self.ratio * rows)
+        rotations = turn - turn[0]
+        if self.turns is not None:  # within a frame, both are so small that they add
+            rotations = rotations + self.turns.within_frame(self.time_s, rows)
+        reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
+        if reach.max() < _NOTHING_PX:
+            return self._none(Reason(Code.HARDLY_MOVED))
+        common = {"readout": self.readout, "estimator": NAME}
+        focal = self.fit.focal_px * self.height / ROWS
+        try:
+            motion = RotationMotion(width=self.width, rotations=rotations, focal_px=focal, **common)
+            motion.check_unfolded()
+        except UnshutterError as error:
+            return self._none(Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
+        return motion.rereferenced(reference)
+
+    def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
+        """The camera's turn [rad] so long after the frame's first row [frame intervals], where it is known."""
+        assert self.fit is not None
+        return self.fit.turn(self.at + after)
+
+    def step_from(self, before: FrameMotion | None, row: float = 0.0) -> Step | None:
+        """The camera's turn since the frame before, at a row (a share of the height); None where it is unknown."""
+        if before is None or before.scene != self.scene:
+            return None
+        joined = before.shot == self.shot
+        if self.turns is None and (not joined or self.fit is None):
+            still = joined and self.reason is not None and self.reason.code in _AT_REST
+            return Step(np.zeros(3), np.nan) if still else self._step_of_pair()
+        if self.fit is None:
+            return None
+        turn = np.zeros(3)
+        if joined:
+            at = self.at + self.ratio * row
+            earlier, later = self.fit.turn(np.array([at - self.after, at]))
+            turn = later - earlier
+        if self.turns is not None:
+            turn = turn + self.turns.from_frame(before.time_s, self.time_s, row)
+        return Step(turn, self.fit.focal_px / ROWS)
+
+    def _step_of_pair(self) -> Step | None:
+        """The camera's turn by the tracks from the frame before alone: as if all rows were taken at once."""
+        if self.tracks is None or len(self.tracks) < _LEAST_TRACKS:
+            return None
+        focal = self.focal or usual_focal(self.tracks)
+        return Step(turn_between(self.tracks, focal), focal / ROWS)
+
+    def _none(self, reason: Reason | None) -> Motion:
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=NAME, reason=reason)

@@ -1,0 +1,186 @@
+"""A camera's path smoothed: a quadratic programme over the rotation vectors of its frames.
+
+A path p has a rotation vector for each frame, in the camera's axes. Its smoothed path is s = p - c, where the
+corrections c minimise
+
+    stiffness * sum |second differences of s|^2 + sum weight * |c - target|^2      subject to  sides c <= room
+
+The first term alone makes a low-pass filter of fourth order that lets even pans pass and halves what comes again after
+``period`` frames. The constraints say how far each frame may be turned before its border shows. Only where they bind is
+the path less smooth than the filter would make it, and it remains as smooth there as they allow. A primal-dual
+interior-point method solves the programme (Nocedal & Wright, Numerical Optimization, 16.6). All matrices are banded:
+time and memory grow with the number of frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
+
+_BLOCK = 32  # frames that are eliminated together
+_EDGE = 6  # unknowns of a block that its neighbour's equations reach: two frames
+_ROUNDS, _CENTRING = 60, 0.15  # of the interior-point method
+_GAP, _STEP = 1e-4, 0.97  # px^2 at which it ends, and share of the way to the nearest constraint that it goes
+_LEAST_ROOM = 1e-3  # px; constraints leave the frame as it is at least so much room
+
+
+def stiffness_for(period: float) -> float:
+    """The stiffness that halves oscillations of a period [frames]."""
+    return (2 * np.sin(np.pi / max(period, 2.0))) ** -4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """How far frames may be turned: ``sides @ c <= px`` for each frame's correction c.
+
+    Attributes:
+        sides: [frames, constraints, 3] px for each unit of the correction.
+        px: [frames, constraints] what is left [px]; where it is below 0, next to nothing is taken.
+    """
+
+    sides: Float64[np.ndarray, "frames constraints 3"]
+    px: Float64[np.ndarray, "frames constraints"]
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothing:
+    """The smoothing of one uninterrupted path.
+
+    Attributes:
+        times: [frames] when frames were taken, increasing [usual frame intervals].
+        stiffness: weight of the second differences (:func:`stiffness_for`).
+        weights: [frames, 3] weights of the corrections.
+    """
+
+    times: Float64[np.ndarray, "frames"]
+    stiffness: float
+    weights: Float64[np.ndarray, "frames 3"]
+
+    def corrections(
+        self,
+        path: Float64[np.ndarray, "frames 3"],
+        target: Float64[np.ndarray, "frames 3"],
+        room: Room | None = None,
+    ) -> Float64[np.ndarray, "frames 3"]:
+        """The corrections c of a path, so that ``path - c`` is smooth.
+
+        Args:
+            path: its rotation vectors.
+            target: corrections that would be best if smoothness did not matter.
+            room: how far each frame may be turned; None: as far as smoothness asks for.
+        """
+        right = self._bent(path) + self.weights * target
+        own = np.zeros((len(path), 3, 3))
+        own[:, range(3), range(3)] = self.weights
+        return self._solved(own, right) if room is None else self._within(room, own, right)
+
+    def _within(self, room: Room, own: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """The corrections within their room, by the interior-point method."""
+        A, b = room.sides, np.maximum(room.px, _LEAST_ROOM)
+        c = np.zeros_like(right)
+        slack, force = np.maximum(b, 1.0), np.ones_like(b)
+        for _ in range(_ROUNDS):
+            gap = float((slack * force).mean())
+            r_dual = self._bent(c) + self.weights * c - right + _weighted(A, force)
+            r_room = _reach(A, c) + slack - b
+            if gap < _GAP and np.abs(r_room).max() < _GAP:
+                break
+            pull = force / slack
+            curvature = own + np.einsum("nmi,nm,nmj->nij", A, pull, A, optimize=True)
+            towards = pull * r_room - force + _CENTRING * gap / slack
+            d_c = self._solved(curvature, -r_dual - _weighted(A, towards))
+            d_slack = -r_room - _reach(A, d_c)
+            d_force = _CENTRING * gap / slack - force - pull * d_slack
+            step = min(_longest(slack, d_slack), _longest(force, d_force))
+            c, slack, force = c + step * d_c, slack + step * d_slack, force + step * d_force
+        return c
+
+    # ---- the banded equations ----------------------------------------------------------------------------
+
+    def _bands(self) -> np.ndarray:
+        """[3, frames] diagonals of the quadratic form of the second differences, from the main one upwards."""
+        n, gaps = len(self.times), np.diff(self.times)
+        bands = np.zeros((3, n))
+        if n > 2:
+            before, after = 1 / gaps[:-1], 1 / gaps[1:]
+            parts = (before, -(before + after), after)
+            for k, one in enumerate(parts):
+                for j, other in enumerate(parts[k:]):
+                    bands[j, k : n - 2 + k] += one * other
+        return self.stiffness * bands
+
+    def _bent(self, path: np.ndarray) -> np.ndarray:
+        """The quadratic form times a path."""
+        bands = self._bands()
+        result = bands[0, :, None] * path
+        for k in (1, 2):
+            result[:-k] += bands[k, :-k, None] * path[k:]
+            result[k:] += bands[k, :-k, None] * path[:-k]
+        return result
+
+    def _solved(self, own: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Solves (quadratic form + each frame's own matrix [frames, 3, 3]) x = right, by blocks of frames."""
+        bands, n = self._bands(), len(right)
+        starts = list(range(0, n, _BLOCK))
+        if len(starts) > 1 and n - starts[-1] < 2:
+            starts.pop()  # a block reaches no farther than its neighbour
+        ends = [*starts[1:], n]
+        carried, values = np.zeros((0, 0)), np.zeros(0)
+        solved: list[np.ndarray] = []
+        for start, end in zip(starts, ends, strict=True):
+            matrix, side = self._block(bands, own, start, end), right[start:end].reshape(-1, 1)
+            if solved:
+                matrix[:_EDGE, :_EDGE] -= carried
+                side = side.copy()
+                side[:_EDGE, 0] -= values
+            onward = np.zeros((len(matrix), _EDGE if end < n else 0))
+            corner = self._corner(bands, end) if end < n else np.zeros((0, 0))
+            onward[len(matrix) - len(corner) :] = corner
+            both = np.linalg.solve(matrix, np.concatenate([side, onward], axis=1))
+            solved.append(both)
+            if end < n:
+                values, carried = corner.T @ both[-_EDGE:, 0], corner.T @ both[-_EDGE:, 1:]
+        x, following = np.empty((n, 3)), np.zeros(0)
+        for start, end, both in zip(reversed(starts), reversed(ends), reversed(solved), strict=True):
+            part = both[:, 0] - both[:, 1:] @ following
+            x[start:end], following = part.reshape(-1, 3), part[:_EDGE]
+        return x
+
+    @staticmethod
+    def _block(bands: np.ndarray, own: np.ndarray, start: int, end: int) -> np.ndarray:
+        """[3 m, 3 m] the equations of m frames among themselves."""
+        size = end - start
+        scalar = np.diag(bands[0, start:end])
+        for k in (1, 2):
+            if size > k:
+                beside = np.diag(bands[k, start : end - k], k)
+                scalar += beside + beside.T
+        matrix = np.kron(scalar, np.eye(3))
+        for k in range(size):
+            matrix[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += own[start + k]
+        return matrix
+
+    @staticmethod
+    def _corner(bands: np.ndarray, end: int) -> np.ndarray:
+        """[6, 6] how the last two frames before a block's end and the first two after it are coupled."""
+        scalar = np.array([[bands[2, end - 2], 0.0], [bands[1, end - 1], bands[2, end - 1]]])
+        return np.kron(scalar, np.eye(3))
+
+
+def _reach(sides: np.ndarray, c: np.ndarray) -> np.ndarray:
+    return np.einsum("nmi,ni->nm", sides, c, optimize=True)
+
+
+def _weighted(sides: np.ndarray, force: np.ndarray) -> np.ndarray:
+    return np.einsum("nmi,nm->ni", sides, force, optimize=True)
+
+
+def _longest(values: np.ndarray, change: np.ndarray) -> float:
+    """The longest step, at most 1, after which all values are still positive."""
+    shrinking = change < 0
+    return min(1.0, _STEP * float((values[shrinking] / -change[shrinking]).min(initial=np.inf)))

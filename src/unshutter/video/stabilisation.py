@@ -1,0 +1,215 @@
+"""The steady path of a clip's camera, and the zoom at which no frame shows its border.
+
+Scenes are smoothed one by one. A turn that is unknown is taken as even: shake goes on there, but nothing jumps. All
+frames are enlarged alike, by what the frame that is turned farthest needs. Where that is more than the limit, the
+smoothing of its scene keeps within the limit (frames/path_smoothing.py).
+
+The small turns between frames are added up as vectors in the camera's axes. What that leaves out, and that borders
+move along curves, is taken into account by solving again about the last solution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from unshutter.frames.path_smoothing import Room, Smoothing, stiffness_for
+from unshutter.geometry.rotations import rotation_matrix, rotation_vector
+from unshutter.video.camera_path import CameraPath
+from unshutter.video.frame_margins import margins, zoom_needed
+from unshutter.video.options import Steadiness
+from unshutter.video.steady_view import SteadyView
+
+if TYPE_CHECKING:
+    from unshutter.geometry.shapes import Float64
+
+_ROWS = 256  # turns are weighted by px of so many rows
+_ROUNDS = 3  # in which the equations are linearised
+_SPARE = 5e-4  # heights kept free of what the linear equations leave out
+_LEVEL = 50.0  # weight of a level horizon, in that of a turn
+_NEGLIGIBLE = 1.0005  # zoom: less is none
+_GAPS = 0.1, 10.0  # frame intervals between frames of a scene
+_SHRINKS = 12  # halvings of the search for a turn that fits
+
+
+@dataclass(frozen=True, eq=False)
+class Stabilisation:
+    """The steady views of a clip's frames.
+
+    Attributes:
+        path: the camera's path.
+        turns: [frames, 3] from the steady camera to the one that took each frame, at the reference row [rad].
+        focals: [frames] focal length [heights].
+        zoom: of all frames.
+        limited: frames in which the zoom limit made the smoothing weaker.
+        unknown: frames to which the camera's turn is unknown.
+        level: whether horizons are level.
+    """
+
+    path: CameraPath
+    turns: Float64[np.ndarray, "frames 3"]
+    focals: Float64[np.ndarray, "frames"]
+    zoom: float
+    limited: int
+    unknown: int
+    level: bool
+
+    def view(self, frame: int) -> SteadyView | None:
+        """The view of a frame; None: what the camera looked at."""
+        if self.zoom == 1.0 and not self.turns[frame].any():
+            return None
+        return SteadyView(self.turns[frame], float(self.focals[frame]), self.zoom, self.path.readout)
+
+    def as_json(self) -> dict[str, Any]:
+        """The record for a log of runs."""
+        return {
+            "zoom": self.zoom,
+            "cut_share": 1 - 1 / self.zoom,
+            "frames_limited": self.limited,
+            "frames_unknown": self.unknown,
+            "level": self.level,
+        }
+
+
+def stabilised(
+    path: CameraPath, steadiness: Steadiness, interval_s: float, up: Float64[np.ndarray, "frames 3"] | None = None
+) -> Stabilisation:
+    """The steady views of a clip.
+
+    Args:
+        path: the camera's path.
+        steadiness: what the user asks for.
+        interval_s: usual time from one frame to the next [s].
+        up: direction that points up, in the camera's axes, where horizons are to be level.
+    """
+    scenes = list(_scenes(path, interval_s, up))
+    stiffness = stiffness_for((steadiness.stabilize or 0.0) / interval_s)
+    most = steadiness.largest_zoom
+    free = [scene.smoothed(stiffness, None) for scene in scenes]
+    needed = [scene.needed(turns) for scene, turns in zip(scenes, free, strict=True)]
+    limited = [zooms > most for zooms in needed]
+    turns = [
+        scene.within(scene.smoothed(stiffness, most), most) if over.any() else smooth
+        for scene, smooth, over in zip(scenes, free, limited, strict=True)
+    ]
+    zoom = max((float(scene.needed(each).max()) for scene, each in zip(scenes, turns, strict=True)), default=1.0)
+    zoom = 1.0 if zoom < _NEGLIGIBLE else min(zoom, most)
+    return Stabilisation(
+        path,
+        np.concatenate(turns) if turns else np.zeros((0, 3)),
+        np.concatenate([np.full(len(scene.times), scene.focal) for scene in scenes]) if scenes else np.zeros(0),
+        zoom,
+        int(sum(over.sum() for over in limited)),
+        sum(scene.unknown for scene in scenes),
+        up is not None,
+    )
+
+
+def _scenes(path: CameraPath, interval_s: float, up: np.ndarray | None) -> list[_Scene]:
+    cuts = [0, *(k for k in range(1, len(path)) if path.cuts[k]), len(path)]
+    known = np.array(path.focals)[np.isfinite(path.focals)]
+    usual = float(np.median(known)) if len(known) else 1.0
+    parts = [slice(first, last) for first, last in pairwise(cuts) if last > first]
+    return [_scene(path, part, interval_s, usual, None if up is None else up[part]) for part in parts]
+
+
+def _scene(path: CameraPath, part: slice, interval_s: float, usual_focal: float, up: np.ndarray | None) -> _Scene:
+    """The frames from one cut to the next."""
+    gaps = np.clip(np.diff(path.times_s[part]) / interval_s, *_GAPS)
+    times = np.concatenate([[0.0], np.cumsum(gaps)])
+    focals = np.array(path.focals[part])
+    known = np.isfinite(focals)
+    focal = float(np.median(focals[known])) if known.any() else usual_focal
+    across = np.where(known, focals, focal) / focal
+    steps = np.array(path.steps[part]) * np.stack([across, across, np.ones_like(across)], axis=-1)
+    steps[0] = 0.0
+    unknown = np.asarray(np.isnan(steps).any(axis=1))
+    if unknown.any():  # turns are taken as even there
+        rates = steps[1:] / gaps[:, None]
+        seen = ~unknown[1:]
+        for axis in range(3):
+            even = np.interp(times[1:], times[1:][seen], rates[seen, axis]) if seen.any() else np.zeros_like(gaps)
+            steps[1:, axis] = np.where(seen, steps[1:, axis], even * gaps)
+    return _Scene(times, steps, focal, path.aspect, np.array(path.borders[part]), int(unknown.sum()), up)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """Frames without a cut.
+
+    Attributes:
+        times: when they are shown [usual frame intervals].
+        steps: [frames, 3] turn to each from the one before [rad].
+        focal: focal length [heights].
+        aspect: width of the readout frame by its height.
+        borders: how far each frame reaches.
+        unknown: how many steps are unknown.
+        up: [frames, 3] direction that points up; None: horizons are left unchanged.
+    """
+
+    times: np.ndarray
+    steps: np.ndarray
+    focal: float
+    aspect: float
+    borders: np.ndarray
+    unknown: int
+    up: np.ndarray | None
+
+    def smoothed(self, stiffness: float, zoom: float | None) -> Float64[np.ndarray, "frames 3"]:
+        """Turns from the steady camera to the one that took each frame.
+
+        Args:
+            stiffness: of the path (:func:`stiffness_for`).
+            zoom: at which no border is to be seen; None: of no matter.
+        """
+        turns, unit = np.zeros_like(self.steps), self.focal * _ROWS
+        for _ in range(_ROUNDS):
+            weights = np.ones_like(turns)
+            target = np.zeros_like(turns)
+            if self.up is not None:
+                off, weights[:, 2] = self._off_level(turns)
+                target[:, 2] = turns[:, 2] + off
+            room = None
+            if zoom is not None:
+                inside, slopes = margins(self.borders, turns, self.focal, zoom, self.aspect)
+                slopes = slopes / self.focal  # heights for each unit
+                left = inside - _SPARE - np.einsum("nmi,ni->nm", slopes, turns * self.focal)
+                room = Room(-slopes, left * _ROWS)
+            smoothing = Smoothing(self.times, stiffness, weights)
+            turns = smoothing.corrections(self._path(turns) * unit, target * unit, room) / unit
+        return turns
+
+    def needed(self, turns: np.ndarray) -> Float64[np.ndarray, "frames"]:
+        """The zoom that each frame needs so that its border is not seen."""
+        return zoom_needed(self.borders, turns, self.focal, self.aspect)
+
+    def within(self, turns: np.ndarray, zoom: float) -> np.ndarray:
+        """The turns, less of those at which the border would still be seen."""
+        low, high = np.zeros(len(turns)), np.ones(len(turns))
+        over = self.needed(turns) > zoom
+        for _ in range(_SHRINKS if over.any() else 0):
+            middle = (low + high) / 2
+            fits = margins(self.borders, turns * middle[:, None], self.focal, zoom, self.aspect)[0].min(axis=1) >= 0
+            low, high = np.where(fits, middle, low), np.where(fits, high, middle)
+        return np.where(over, low, 1.0)[:, None] * turns
+
+    def _path(self, turns: np.ndarray) -> np.ndarray:
+        """A path of which these turns are corrections: its smooth part is the steady camera's own, added up."""
+        to_camera = rotation_matrix(turns)
+        steady = to_camera[1:].transpose(0, 2, 1) @ rotation_matrix(self.steps[1:]) @ to_camera[:-1]
+        return np.concatenate([np.zeros((1, 3)), np.cumsum(rotation_vector(steady), axis=0)]) + turns
+
+    def _off_level(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """By how much the horizon of each steady view is turned clockwise [rad], and how much that counts.
+
+        The nearest of the frame's sides counts as up: cameras are also held upright, or hang.
+        """
+        assert self.up is not None
+        right, down, _ = np.einsum("nji,nj->in", rotation_matrix(turns), self.up)
+        angle = np.unwrap(np.arctan2(right, -down))
+        quarter = np.pi / 2
+        sure = right**2 + down**2  # little is known of a camera that looks up or down
+        return angle - quarter * np.round(np.average(angle, weights=sure + 1e-9) / quarter), 1 + _LEVEL * sure
