@@ -60,6 +60,12 @@ def test_a_mean_that_looks_like_a_mode_is_not_listed_twice(view: View) -> None:
     assert [each.kind for each in candidates_of(two_modes(80, 0.97), view, "me")] == ["pan", "still"]
 
 
+def test_a_mean_between_the_modes_states_no_probability(view: View) -> None:
+    first, *modes, _ = candidates_of(two_modes(80, 0.5), view, "me")
+    assert first.probability is None and "probability" not in first.described()
+    assert all(mode.probability is not None and mode.probability > 0.1 for mode in modes) and len(modes) == 2
+
+
 def test_at_any_odds_the_best_motion_comes_first_even_where_none_is_to_be_believed(view: View) -> None:
     unlike = replace(two_modes(80), lines_gain=-0.5)
     assert candidates_of(unlike, view, "me")[0].kind == "still"

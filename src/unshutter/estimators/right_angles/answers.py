@@ -69,6 +69,7 @@ def candidates_of(
     kind = max(posterior.kinds, key=posterior.kinds.__getitem__)
     mean = Mode(judgement.motion, posterior.expected_error, kind, sum(mode.share for mode in alike))
     undone = candidate(mean, judgement.confidence)
+    undone = undone if alike else replace(undone, probability=None)  # between the modes: nothing has its probability
     if displacement(judgement.motion) < _LEAST_UNDONE * posterior.size:
         return (replace(still, motion=undone.motion), *map(candidate, modes))
     return (undone, *(candidate(mode) for mode in modes if mode not in alike), still)
