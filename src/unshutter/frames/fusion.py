@@ -31,7 +31,7 @@ class Warped:
     """A frame warped to the moment of the picture.
 
     Attributes:
-        pixels: uint8 or uint16 [H, W, bands]; what the frame did not see repeats its border.
+        pixels: uint8 or uint16 [H, W, bands]; what the frame did not see is mirrored at its border.
         grid: where each pixel was looked up.
         frame: when its first row was exposed [frame intervals after that of frame 0].
     """

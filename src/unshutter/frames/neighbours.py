@@ -147,7 +147,7 @@ def render(
         timing: the clock of the frames.
         moment: in frame intervals from the first row of frame 0.
         borrow: whether what frame 0 did not see is taken from its neighbours.
-        fill: whether what no frame saw repeats the border; else it is black.
+        fill: whether what no frame saw is the picture mirrored at its border; else it is black.
         masked: see ``Photo.masked``.
 
     Returns:

@@ -130,7 +130,7 @@ def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFram
         readout_ratio: time in which a frame is read out, in frame intervals (above 0, at most 1). Without it, and
             without ``readout_ms`` and ``fps``, it is found from the frames, if they show it.
         focal_px: focal length [px of the frames]; by default it is found from the frames.
-        edges: ``fill`` repeats the nearest pixel in places that a frame did not see, ``keep`` leaves them black.
+        edges: ``fill`` mirrors a frame in places that it did not see, ``keep`` leaves them black.
         **options: the readout ratio in other words, and how motion is undone.
 
     Yields:

@@ -158,11 +158,11 @@ def warp_plane(
         plane: values as stored.
         positions: (col, row) [px of the plane].
         out: is written to; of the same type.
-        black: what is written where nothing was seen; None: the nearest value.
+        black: what is written where nothing was seen; None: the plane mirrored at its border.
         limit: greatest value; a cubic may shoot beyond it.
     """
     col, row = positions
-    border = cv2.BORDER_REPLICATE if black is None else cv2.BORDER_CONSTANT
+    border = cv2.BORDER_REFLECT if black is None else cv2.BORDER_CONSTANT
     cv2.remap(plane, col, row, cv2.INTER_CUBIC, dst=out, borderMode=border, borderValue=[black or 0] * 4)
     if limit not in (0xFF, 0xFFFF):
         np.minimum(out, limit, out=out)

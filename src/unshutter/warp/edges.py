@@ -43,8 +43,8 @@ class EdgePolicy:
     """A user's choice of edges, and the decision that follows from it for a picture.
 
     Attributes:
-        edges: ``keep`` leaves what the picture does not show black, ``fill`` repeats the border, ``borrow`` takes it
-            from neighbouring frames, ``crop`` cuts it away, and ``auto`` crops where that leaves at least
+        edges: ``keep`` leaves what the picture does not show black, ``fill`` mirrors it at its border, ``borrow``
+            takes it from neighbouring frames, ``crop`` cuts it away, and ``auto`` crops where that leaves at least
             :data:`LEAST_AUTO_CROP` of the area, else keeps.
     """
 

@@ -69,8 +69,8 @@ def straighten(
         motion: the photo's motion, for exactly its size.
         edges: for pixels whose RS position lies a pixel or more outside the photo: ``keep`` makes them black (and
             alpha 0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
-            repeats the nearest border pixel; ``auto`` crops where that leaves at least 80 % of the area, else keeps.
-            Less than a pixel outside, the border is repeated: no edge gets a black hairline.
+            mirrors the photo at its border; ``auto`` crops where that leaves at least 80 % of the area, else keeps.
+            Less than a pixel outside, ``keep`` and ``crop`` repeat the border: no edge gets a black hairline.
         masked: the last of 2 or 4 bands is a mask rather than alpha: it is interpolated like a colour, apart from them.
 
     Raises:
@@ -86,7 +86,7 @@ def straighten(
         return Straightened(pixels, policy.without_motion((height, width)).edges)
     grid = SamplingGrid.of(gs_to_rs_map(motion), height, width)
     decision = _decision(grid, policy)
-    black_beyond = _HAIRLINE if decision.edges == "keep" else None
+    black_beyond = {"keep": _HAIRLINE, "fill": None}.get(decision.edges, math.inf)
     warped = _warped(pixels, grid, decision.window, cv2.INTER_CUBIC, black_beyond, masked)
     return Straightened(warped, decision.edges, decision.whole)
 
@@ -134,7 +134,7 @@ def sampled_pixels(
     Args:
         pixels, masked: as there.
         grid: positions for a picture of exactly this size.
-        fill: what lies outside repeats the border; else it is black.
+        fill: what lies outside is the picture mirrored at its border; else it is black.
     """
     return _warped(pixels, grid, grid.whole, cv2.INTER_CUBIC, None if fill else 0.0, masked)
 
@@ -181,8 +181,8 @@ def _warped(
     """A window of the output; both directions of the warp end here.
 
     Args:
-        black_beyond: what lies so many px or more outside the picture becomes 0; elsewhere outside, and with None
-            everywhere, the border is repeated.
+        black_beyond: what lies so many px or more outside the picture becomes 0, and the border is repeated up to
+            there; None: the picture is mirrored at its border.
         masked: see :func:`rectify_pixels`.
     """
     cv2.setNumThreads(1)  # the threads are here
@@ -229,19 +229,41 @@ def _make(
     """
     extent = grid.extent(tile)
     positions = scratch.array("positions", (2, tile.bottom - tile.top, tile.right - tile.left))
-    if _too_long(extent):
-        extent = Extent.of(*grid.positions(tile, out=positions))
+    mirrored = black_beyond is None and not grid.contains(extent)
+    if _too_long(extent) or mirrored:
+        col, row = grid.positions(tile, out=positions)
+        if mirrored:
+            _mirror(col, pixels.shape[1] - 1)
+            _mirror(row, pixels.shape[0] - 1)
+        extent = Extent.of(col, row)
         if _too_long(extent):
             for half in tile.halves():
                 _make(half, pixels, out, grid, window, method, black_beyond, has_alpha, scratch)
             return
     source, left, top = _cut(pixels, extent)
-    col, row = grid.positions(tile, left, top, out=positions)
+    if mirrored:
+        col, row = positions
+        col -= left
+        row -= top
+    else:
+        col, row = grid.positions(tile, left, top, out=positions)
     part = out[tile.within(window)]
     _sample(source, col, row, method, has_alpha, part, scratch)
-    if black_beyond is not None and not grid.contains(extent):
+    if black_beyond is not None and black_beyond < math.inf and not grid.contains(extent):
         outside = ~grid.inside(col, row, left, top, black_beyond)
         cv2.copyTo(np.zeros_like(part), outside.view(np.uint8), part)  # part[outside] = 0 takes forty times as long
+
+
+def _mirror(positions: np.ndarray, last: int) -> None:
+    """Moves positions more than a pixel outside 0 ... last to where a mirror about the border's edge shows them.
+
+    Up to a pixel outside they are left alone: the border is repeated there, as with other edges.
+    """
+    for outside, beyond, sign in ((positions < -1, -1, -1), (positions > last + 1, last + 1, 1)):
+        if outside.any():
+            depth = np.abs(positions[outside] - beyond)
+            depth = last - np.abs(depth % (2 * last) - last) if last else np.zeros_like(depth)
+            positions[outside] = depth if sign < 0 else last - depth
 
 
 def thread_count() -> int:
