@@ -1,6 +1,7 @@
 """An option has one default: in Python, on the command line, in forms, in OpenAPI and, where it has it, for clips."""
 
 import inspect
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,9 @@ from unshutter.options.description import Option, options_of
 from unshutter.serve import openapi
 from unshutter.serve.app import routes
 from unshutter.serve.fields import fields, read, read_clip
+from unshutter.serve.schemas import page_module
 from unshutter.video.options import RectifyClip
 
-PAGE = Path(openapi.__file__).parent / "page"
 PHOTO = {option.key: option.default for option in options_of(Rectify)}
 CLIP = {option.key: option.default for option in options_of(RectifyClip)}
 
@@ -86,8 +87,13 @@ def test_openapi_has_the_command_lines_defaults(address: str, defaults: dict[str
     assert {key: stated[key] for key in shared} == {key: defaults[key] for key in shared}
 
 
-@pytest.mark.parametrize(("script", "kind"), [("controls.js", "photo"), ("clip_controls.js", "clip")])
-def test_the_page_shows_these_defaults(script: str, kind: str) -> None:
-    text = (PAGE / script).read_text(encoding="utf-8")
-    assert re.findall(r'options\.edges \?\? "(\w+)"', text) == [EDGES[kind]]
-    assert re.findall(r'= reference\("[\w-]+", "(\w+)"', text) == [REFERENCE[kind]]
+@pytest.mark.parametrize(("kind", "defaults"), [("photo", PHOTO), ("clip", CLIP)])
+def test_the_page_has_these_defaults(kind: str, defaults: dict[str, Any]) -> None:
+    module = re.search(rf"^export const {kind} = (.*);$", page_module(), re.MULTILINE)
+    assert module is not None
+    described = {name.replace("-", "_"): schema for name, schema in json.loads(module[1]).items()}
+    shared = described.keys() & defaults.keys()
+    assert {key: described[key].get("default") for key in shared} == {key: defaults[key] for key in shared}
+    assert described["edges"]["default"] == EDGES[kind]
+    reference = described["reference"]
+    assert reference.get("default", reference["enum"][0]) == REFERENCE[kind]  # as the page takes it

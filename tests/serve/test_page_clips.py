@@ -112,3 +112,63 @@ def test_without_the_extra(page: Page, server: Server, walk: Path) -> None:
     drop(page, walk)
     expect(page.locator("#notice")).to_contain_text("pip install 'unshutter[video]'")
     expect(page.locator("#empty")).to_be_visible()
+
+
+def _canvas(page: Page, which: str) -> list[int]:
+    """Some pixels of one half of the film."""
+    return page.locator(f".layer.{which} canvas").evaluate(
+        """canvas => [...canvas.getContext("2d").getImageData(0, canvas.height / 2, canvas.width, 1).data]"""
+    )
+
+
+def test_before_and_after_play_in_step(page: Page, walk: Path) -> None:
+    drop(page, walk)
+    _give_readout(page)
+    wait_for(page, "done")
+    with page.expect_response("**/film?*readout-ms=20*", timeout=FOUND_MS) as response:
+        page.get_by_role("button", name="Play before and after").click()
+    assert response.value.headers["content-type"] == "video/webm"
+    expect(page.get_by_role("button", name="Pause")).to_be_visible()
+    page.wait_for_function("() => Number(document.querySelector('#play-at').value) > 0.1")
+    expect(page.locator(".layer canvas")).to_have_count(2)
+    page.keyboard.press("p")
+    expect(page.get_by_role("button", name="Play before and after")).to_be_visible()
+    page.locator("#play-at").fill("0.1")
+    page.wait_for_function("() => document.querySelector('#play-at').value === '0.1'")
+    early = _canvas(page, "before")
+    assert early != _canvas(page, "after")  # the other half shows the same frame, straightened
+    page.locator("#play-at").fill("0.9")
+    page.wait_for_function(
+        """early => {
+            const canvas = document.querySelector(".layer.before canvas");
+            const now = canvas.getContext("2d").getImageData(0, canvas.height / 2, canvas.width, 1).data;
+            return String([...now]) !== early;
+        }""",
+        arg=",".join(map(str, early)),
+    )
+    page.locator("#clip-strength").fill("50")  # another wish: the film is gone
+    expect(page.locator(".layer canvas")).to_have_count(0)
+
+
+def test_the_camera_of_a_clip_is_searched_in_the_table(page: Page, walk: Path) -> None:
+    drop(page, walk)
+    page.locator("#clip-readout-unit").select_option("camera")
+    names = page.locator("#clip-camera-known option").evaluate_all("nodes => nodes.map(node => node.value)")
+    assert len(names) > 50
+    with page.expect_response("**/readout?*camera=*", timeout=FOUND_MS):
+        page.get_by_label("Camera (type to search)").fill(names[0])
+        page.get_by_label("Camera (type to search)").press("Enter")
+
+
+def test_the_field_for_the_readout_time_shows_where_it_is_asked_for(page: Page, walk: Path) -> None:
+    """A clip whose readout time cannot be found asks for it, once, with the field open."""
+    refusal = {
+        "error": "this clip does not show its readout time",
+        "code": "readout-time-unknown",
+        "figures": {"why": "x"},
+    }
+    page.route("**/readout?*", lambda route: route.fulfill(status=422, json=refusal))
+    drop(page, walk)
+    wait_for(page, "asking")
+    expect(page.locator("#clip-readout")).to_be_visible()
+    expect(page.get_by_text("does not show its readout time")).to_have_count(1)

@@ -45,9 +45,12 @@ class Camera:
     roll_deg: float | None = option(
         None,
         "How far the camera was turned clockwise from upright in degrees, if you know it, for methods that use it.",
+        limits=(-MOST_ROLL_DEG, MOST_ROLL_DEG),
     )
     tilt_deg: float | None = option(
-        None, "How far the camera looked up in degrees, if you know it; -90 is straight down."
+        None,
+        "How far the camera looked up in degrees, if you know it; -90 is straight down.",
+        limits=(-MOST_TILT_DEG, MOST_TILT_DEG),
     )
     exposure_s: float | None = option(
         None, "Exposure time of the photo, in seconds. Default: EXIF's.", metavar="SECONDS"

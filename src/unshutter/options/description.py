@@ -33,9 +33,9 @@ def option(default: Any, help: str, **more: Any) -> Any:
         default: its value where it is not used.
         help: what it does, for all surfaces.
         more: ``names`` (:data:`Names`), which a path or text needs: a test gives every option that names an output the
-            names of all inputs; ``metavar``, ``choices`` and ``short`` (``-o``); ``bare``, the value of its flag
-            alone, where the command line takes it without one; ``page=False`` where the page and its API do not offer
-            it.
+            names of all inputs; ``metavar``, ``choices``, ``limits`` (the least and the most that a number may be) and
+            ``short`` (``-o``); ``bare``, the value of its flag alone, where the command line takes it without one;
+            ``page=False`` where the page and its API do not offer it.
     """
     return field(default=default, metadata={"help": help, **more})
 
@@ -72,6 +72,11 @@ class Option:
     def name(self) -> str:
         """Its name in forms and, after two dashes, on the command line: ``roll-deg``."""
         return self.key.rstrip("_").replace("_", "-")
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """The least and the most that a number may be, for forms; None: it has no limits that a form could check."""
+        return self.more.get("limits")
 
     @property
     def on_page(self) -> bool:

@@ -37,6 +37,7 @@ class Clock:
     readout_ratio: float | None = option(
         None,
         "Time to read out a frame / time from frame to frame, 0 to 1. Default: found from a sequence, if it shows it.",
+        limits=(0, 1),
     )
     fps: float | None = option(None, "Frames per second; with the readout time, instead of the ratio.", metavar="N")
     readout_ms: float | None = None  # a flag of the camera's

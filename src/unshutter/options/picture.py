@@ -47,11 +47,13 @@ class Undo:
     reference: Reference | None = option(
         None, "Row at whose moment the picture is taken. Default: that of a given motion, else first."
     )
-    strength: float = option(1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.")
+    strength: float = option(
+        1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.", limits=(0, MOST_STRENGTH)
+    )
     edges: Edges = option(
         "auto",
         "Places the photo did not see: keep them empty (black, transparent with alpha), crop them away, or fill them "
-        "with the nearest colour. auto crops if that leaves at least 80 % of the photo, and keeps them otherwise and "
+        "with a mirror image of the photo. auto crops if that leaves at least 80 % of it, and keeps them otherwise and "
         "where coordinates are those of the whole photo: with masks, saved motions and sequences, and for arrays and "
         "Pillow images in Python. borrow takes them from the neighbouring frames. Default: auto.",
     )
@@ -60,6 +62,7 @@ class Undo:
         "Leave a photo unchanged if its motion is less sure than this; 0 undoes the likeliest motion, however unsure. "
         "A motion that you give is undone whatever its confidence. "
         f"Default: {MIN_CONFIDENCE:g}.",
+        limits=(0, 1),
     )
 
     def __post_init__(self) -> None:
@@ -109,7 +112,9 @@ class Save:
     format: PictureFormat | None = option(
         None, "Format of the results. Default: the photo's own; AVIF for HEIC, 16-bit TIFF for raw files."
     )
-    quality: int | None = option(None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.")
+    quality: int | None = option(
+        None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.", limits=(1, 100)
+    )
     subsampling: Subsampling | None = option(
         None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
     )

@@ -25,6 +25,7 @@ from unshutter.serve.limits import Limits
 from unshutter.serve.openapi import description
 from unshutter.serve.requests import clips_can_be_opened
 from unshutter.serve.savings import Savings
+from unshutter.serve.schemas import page_module
 from unshutter.version import __version__
 
 PAGE = Path(__file__).parent / "page"
@@ -77,6 +78,7 @@ def routes() -> list[Route]:
         Route(clip, clips.remove, methods=["DELETE"]),
         Route(f"{clip}/before", clips.before),
         Route(f"{clip}/after", clips.after),
+        Route(f"{clip}/film", clips.film),
         Route(f"{clip}/readout", clips.readout),
         Route("/api/saves", saves.start, methods=["POST"]),
         Route(f"{save}/events", saves.events),
@@ -92,11 +94,15 @@ def _files() -> list[Route]:
     async def file(request: Request) -> Response:
         return await served.get_response(request.path_params["name"], request.scope)
 
-    return [Route("/page/{name}", file)]
+    return [Route("/page/options.js", _options), Route("/page/{name}", file)]
 
 
 async def _page(request: Request) -> Response:
     return FileResponse(PAGE / "index.html")
+
+
+async def _options(request: Request) -> Response:
+    return Response(page_module(), media_type="text/javascript")
 
 
 async def _openapi(request: Request) -> Response:

@@ -32,13 +32,19 @@ class ByHand:
         names="word",
     )
     lean_deg: float | None = option(
-        None, "How far sideways motion slants upright things, in degrees. Default: as estimated."
+        None,
+        "How far sideways motion slants upright things, in degrees. Default: as estimated.",
+        limits=(-MOST_LEAN_DEG, MOST_LEAN_DEG),
     )
     bend_percent: float | None = option(
-        None, "How far it bends them, in percent of the lines that were read. Default: as estimated."
+        None,
+        "How far it bends them, in percent of the lines that were read. Default: as estimated.",
+        limits=(-MOST_BEND_PERCENT, MOST_BEND_PERCENT),
     )
     turn_deg: float | None = option(
-        None, "How far the camera turned during readout, in degrees. Default: as estimated."
+        None,
+        "How far the camera turned during readout, in degrees. Default: as estimated.",
+        limits=(-MOST_TURN_DEG, MOST_TURN_DEG),
     )
 
     def __post_init__(self) -> None:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import Any
 
 from starlette.routing import Route
 
-from unshutter.serve.fields import CANDIDATES, PhotoOptions, fields
+from unshutter.serve.fields import CANDIDATES, PhotoOptions
+from unshutter.serve.schemas import schemas
 from unshutter.version import __version__
 from unshutter.video.options import RectifyClip
 
-_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", Path: "string"}
 _BINARY = {"type": "string", "format": "binary"}
 
 # Paths that take the options of a photo or clip in their query, and those that send a copy for a screen.
 _OPTIONS = {
     **{f"/api/photos/{{id}}/{name}": PhotoOptions for name in ("after", "candidates", "segments", "picture", "motion")},
-    **{f"/api/clips/{{id}}/{name}": RectifyClip for name in ("before", "after", "readout")},
+    **{f"/api/clips/{{id}}/{name}": RectifyClip for name in ("before", "after", "film", "readout")},
 }
 _COPIES = [f"/api/{kind}/{{id}}/{name}" for kind in ("photos", "clips") for name in ("before", "after")]
 _STATUSES = {"POST /api/photos": 201, "POST /api/clips": 201, "POST /api/video": 202, "POST /api/saves": 202}
@@ -92,41 +91,30 @@ def _parameters(path: str, method: str) -> Iterator[dict[str, Any]]:
         yield {**_parameter("id", {"type": "string"}, "Of the open file or saving."), "in": "path", "required": True}
     if path in ("/api/photos", "/api/clips"):
         yield {**_parameter("Unshutter-Name", {"type": "string"}, "File name, percent-encoded."), "in": "header"}
-    if path.startswith("/api/clips/") and path in _COPIES:
+    if path.startswith("/api/clips/") and path in (*_COPIES, "/api/clips/{id}/film"):
         yield _parameter("moment", {"type": "integer", "minimum": 0, "maximum": 4}, "Which of five moments.")
     if path in _OPTIONS:
-        for name, schema in _options(_OPTIONS[path]).items():
+        for name, schema in schemas(_OPTIONS[path]).items():
             yield _parameter(name, schema, schema["description"])
     if path in _COPIES:
         yield _parameter("longest", {"type": "string"}, "320, 1000, 1600, 2400 or full [px].")
 
 
-def _options(kind: type = PhotoOptions) -> dict[str, dict[str, Any]]:
-    """The schema of each option of a photo or clip, by its name."""
-    schemas = {}
-    for field in fields(kind):
-        schema: dict[str, Any] = {"type": _TYPES[field.type], "description": field.help}
-        if field.choices:
-            schema["enum"] = list(field.choices)
-        if field.default is not None:
-            schema["default"] = field.default
-        schemas[field.name] = schema
-    return schemas
-
-
 def _estimate_form() -> dict[str, Any]:
     listed = {"type": "boolean", "default": False, "description": "List all motions that fit, instead of the first."}
-    return _form("photo", {**_options(), CANDIDATES: listed})
+    return _form("photo", {**schemas(PhotoOptions), CANDIDATES: listed})
 
 
 def _rectify_form() -> dict[str, Any]:
-    files = {name: {**_BINARY, "description": _options()[name]["description"]} for name in ("before", "after")}
+    files = {
+        name: {**_BINARY, "description": schemas(PhotoOptions)[name]["description"]} for name in ("before", "after")
+    }
     motion = {**_BINARY, "description": "Undo the motion in this JSON file instead of estimating it."}
-    return _form("photo", {**_options(), "motion": motion, **files})
+    return _form("photo", {**schemas(PhotoOptions), "motion": motion, **files})
 
 
 def _clip_form() -> dict[str, Any]:
-    return _form("clip", _options(RectifyClip))
+    return _form("clip", schemas(RectifyClip))
 
 
 def _form(file: str, properties: dict[str, Any]) -> dict[str, Any]:
@@ -156,5 +144,5 @@ _BODIES = {
     "POST /api/clips": _file,
     "POST /api/saves": _saving,
 }
-_ANSWERS = {"/api/rectify": "image/*", "/api/estimate": "application/json"}
+_ANSWERS = {"/api/rectify": "image/*", "/api/estimate": "application/json", "/api/clips/{id}/film": "video/webm"}
 _DELETED = ("/api/photos/{id}", "/api/clips/{id}")

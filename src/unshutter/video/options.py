@@ -109,7 +109,7 @@ class ClipUndo:
         reference: row at whose moment each frame is taken.
         strength: 0 (nothing), 1 (the whole motion), at most 2.
         edges: ``keep`` leaves places that a frame did not see black, ``crop`` cuts all frames to the largest rectangle
-            of the clip's shape without them, ``fill`` repeats the edge, ``borrow`` takes them from the frames before
+            of the clip's shape without them, ``fill`` mirrors the frame, ``borrow`` takes them from the frames before
             and after, and fills what these did not see either.
         model: ``camera``: one motion of the camera for the whole frame; ``dense``: near and far may move differently.
 
@@ -118,10 +118,12 @@ class ClipUndo:
     """
 
     reference: Reference = option("middle", "Row whose moment each frame shall show. Default: middle.")
-    strength: float = option(1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.")
+    strength: float = option(
+        1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.", limits=(0, MOST_STRENGTH)
+    )
     edges: ClipEdges = option(
         "fill",
-        "Pixels outside the original frame: fill them with the nearest colour, keep them black, crop all frames "
+        "Pixels outside the original frame: fill them with a mirror image, keep them black, crop all frames "
         "alike so that none are left, or, with --model dense, borrow them from the frames before and after. "
         "Default: fill.",
     )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response
 
 from unshutter.errors import UsageError
 from unshutter.serve.answers import jpeg_answer
 from unshutter.serve.desk import desk_of
 from unshutter.serve.fields import read_clip
 from unshutter.serve.jobs import clip as jobs
+from unshutter.serve.jobs import clip_film
 from unshutter.serve.lanes import Urgency
 from unshutter.serve.requests import (
     body_closed,
@@ -63,6 +64,13 @@ async def after(request: Request) -> Response:
     desk = desk_of(request)
     job = item_of(request), _options(request), _moment(request), longest_of(request)
     return jpeg_answer(*await desk.lanes.do(Urgency.LATER, jobs.after, *job))
+
+
+async def film(request: Request) -> Response:
+    """``GET /api/clips/{id}/film``: a WebM film of a few seconds around a moment, each frame before and after."""
+    job = item_of(request), _options(request), _moment(request)
+    file = await desk_of(request).lanes.do(Urgency.LATER, clip_film.film, *job)
+    return FileResponse(file, media_type="video/webm")
 
 
 async def readout(request: Request) -> Response:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from av import VideoFrame
 
     from unshutter.frames.self_calibration import ReadoutRatio
+    from unshutter.frames.sequence import CameraMotion
     from unshutter.video.clip import Clip
     from unshutter.video.frame_motion import MovingFrame
 
@@ -42,7 +43,7 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
 
     with errors_of(open_file):
         clip = Clip.look(open_file.path)
-        moments_s = [_time_of(clip, options, k) for k in range(MOMENTS)]
+        moments_s = [moment_time(clip, options, k) for k in range(MOMENTS)]
         frame = _frame_at(clip, moments_s[moment])
         facts = ClipFacts(*_upright_size(frame, None), clip.duration_s, 1 / clip.interval_s, clip.frames, moments_s)
         return as_jpeg(_upright_pixels(frame, longest)), facts.as_json()
@@ -69,7 +70,7 @@ def after(open_file: OpenFile, options: RectifyClip, moment: int, longest: int |
         clip = Clip.look(open_file.path)
         edges = options.undo.edges
         undo = replace(options.undo, edges="keep") if edges == "crop" else options.undo
-        warper, moving = Warper(clip, undo), _moving_at(open_file, clip, options, _time_of(clip, options, moment))
+        warper, moving = Warper(clip, undo), _moving_at(open_file, clip, options, moment_time(clip, options, moment))
         size = Readout.parse(options.shutter.readout).frame_size(clip.height, clip.width)
         motion = warper.motion(moving).resized(*size)
         pixels = _upright_pixels(warper.rectified(moving).picture, longest, turned_as=moving.frame)
@@ -88,7 +89,7 @@ def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
 
     with errors_of(open_file):
         clip = Clip.look(open_file.path)
-        ratio, interval_ms = _ratio_of(open_file, clip, options), 1000 * clip.interval_s
+        ratio, interval_ms = ratio_of(open_file, clip, options), 1000 * clip.interval_s
         times_ms = ratio.value * interval_ms, ratio.error * interval_ms
         plausible = ratio.plausible
         return ReadoutTime(
@@ -119,11 +120,11 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
 
     progress.note("frames", 0, 0)
     with errors_of(open_file, {target: target.name, target.parent: "the folder"}):
-        ratio = _ratio_of(open_file, Clip.look(open_file.path), options, progress)
+        ratio = ratio_of(open_file, Clip.look(open_file.path), options, progress)
         return SavedClip(rectify_clip_file(str(open_file.path), str(target), options, ratio, progress.note)).as_json()
 
 
-def _ratio_of(
+def ratio_of(
     open_file: OpenFile, clip: Clip, options: RectifyClip, progress: ProgressFile | None = None
 ) -> ReadoutRatio:
     """The readout ratio of a clip: the user's, else estimated once and kept next to the clip.
@@ -147,10 +148,20 @@ def _ratio_of(
     return ReadoutRatio.from_json(json.loads(file.read_text(encoding="utf-8")))
 
 
-def _time_of(clip: Clip, options: RectifyClip, moment: int) -> float:
+def moment_time(clip: Clip, options: RectifyClip, moment: int) -> float:
     """When a moment is [s]: in the middle of one of equal parts."""
     start, end = options.start or 0.0, min(options.end or clip.duration_s, clip.duration_s)
     return start + (moment + 0.5) / MOMENTS * max(end - start, 0.0)
+
+
+def camera_of(clip: Clip, options: RectifyClip, ratio: ReadoutRatio) -> CameraMotion:
+    """Finds the motion of a clip's frames."""
+    from unshutter.frames.sequence import CameraMotion
+    from unshutter.geometry.readout import Readout
+    from unshutter.video.frame_motion import FEWEST, window
+
+    readout = Readout.parse(options.shutter.readout)
+    return CameraMotion(ratio, options.shutter.focal_px, readout, window=window(clip), fewest=FEWEST)
 
 
 def _frame_at(clip: Clip, time_s: float) -> VideoFrame:
@@ -161,17 +172,14 @@ def _frame_at(clip: Clip, time_s: float) -> VideoFrame:
 
 def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: float) -> MovingFrame:
     """The frame at a time [s] and its motion, which is kept next to the clip."""
-    from unshutter.frames.sequence import CameraMotion
-    from unshutter.geometry.readout import Readout
     from unshutter.motion import Motion
-    from unshutter.video.frame_motion import FEWEST, MovingFrame, window, with_motion
+    from unshutter.video.frame_motion import MovingFrame, with_motion
 
-    ratio = _ratio_of(open_file, clip, options)
+    ratio = ratio_of(open_file, clip, options)
     file = open_file.path.with_name(f"moment-{digest(options.shutter, ratio, time_s)}.json")
     if file.exists():
         return MovingFrame(_frame_at(clip, time_s), Motion.from_json(file.read_text(encoding="utf-8")))
-    readout = Readout.parse(options.shutter.readout)
-    camera = CameraMotion(ratio, options.shutter.focal_px, readout, window=window(clip), fewest=FEWEST)
+    camera = camera_of(clip, options, ratio)
     first = max(time_s - _AROUND * clip.interval_s, 0.0)
     for moving in with_motion(clip, islice(clip.iter_frames(first), 2 * _AROUND + 1), camera):
         if isinstance(moving, MovingFrame) and (moving.frame.time or 0.0) >= time_s - clip.interval_s / 2:
@@ -191,13 +199,17 @@ def _upright_pixels(frame: VideoFrame, longest: int | None, turned_as: VideoFram
         longest: longer side [px]; None: full size.
         turned_as: the frame that says how it is turned, where this one does not.
     """
-    import numpy as np
-
     turns = _quarter_turns(turned_as or frame)
     height, width = _upright_size(frame, longest, turns)
     size = (width, height) if turns % 2 == 0 else (height, width)
-    pixels = frame.reformat(*size, format="rgb24").to_ndarray()
-    return np.ascontiguousarray(np.rot90(pixels, turns))
+    return upright_pixels(frame.reformat(*size, format="rgb24").to_ndarray(), turned_as or frame)
+
+
+def upright_pixels(pixels: np.ndarray, turned_as: VideoFrame) -> np.ndarray:
+    """[H, W, 3] pixels turned upright as a frame says."""
+    import numpy as np
+
+    return np.ascontiguousarray(np.rot90(pixels, _quarter_turns(turned_as)))
 
 
 def _upright_size(frame: VideoFrame, longest: int | None, turns: int | None = None) -> tuple[int, int]:

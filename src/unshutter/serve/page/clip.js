@@ -13,6 +13,8 @@ export class Clip extends Opened {
   kind = "clip";
   moment = 2; // which of the five is shown: the middle one
   smalls = []; // small pictures of all moments
+  film = null; // before and after, moving
+  filming = false; // whether that is being made
   readout = null; // what is known of the camera's readout time
   #drawing = null; // the small pictures that are on their way
 
@@ -48,15 +50,31 @@ export class Clip extends Opened {
     this.#drawSmall();
   }
 
+  // A short film of what is done around the moment that is shown.
+  async play() {
+    const { wishes, moment } = this;
+    this.filming = true;
+    this.tell();
+    try {
+      const film = await (await this.#ask("film", { moment })).blob();
+      if (wishes === this.wishes && moment === this.moment) this.film = film;
+    } finally {
+      this.filming = false;
+      this.tell();
+    }
+  }
+
   small = (later) => this.show(SMALL, later);
 
   goTo(moment) {
     this.moment = moment;
+    this.film = null;
     this.#clear();
   }
 
   set(name, value) {
     super.set(name, value);
+    this.film = null; // which shows what was asked for before
     if (!PART.includes(name)) return;
     this.smalls = []; // the moments are others now
     this.#clear();

@@ -1,16 +1,19 @@
 // The panel beside a photo: what was done, in words; what the user can say; saving.
 
 import { curves } from "./curves.js";
+import { about, control, ofGroups, others } from "./described.js";
 import { ByHand } from "./hand.js";
 import { Neighbours } from "./neighbours.js";
 import { make } from "./nodes.js";
-import { button, check, keys, number, reference, select, strength } from "./widgets.js";
+import { button, check, keys, reference, strength } from "./widgets.js";
 import { words } from "./words.js";
 
 const ALONE = ["strength", "moving", "anyway", "roll-deg", "tilt-deg"]; // controls of a photo without neighbours
 const ARROWS = { down: "↓", up: "↑", right: "→", left: "←" };
 const ABOUT_CAMERA = ["roll-deg", "tilt-deg"];
-const OWN = [...ABOUT_CAMERA, "candidate", "start", "end"]; // true of one photo or clip alone
+const OWN = [...ABOUT_CAMERA, "exposure-s", "candidate", "start", "end"]; // true of one photo or clip alone
+const PLACED = [...ABOUT_CAMERA, "strength", "edges", "format", "reference", "moving", "min-confidence", "readout", "candidate"];
+const ELSEWHERE = ["neighbours", "clock", "byhand"]; // groups of options that have a section of their own
 
 export class Controls {
   // panel: where to; lines: the editor on the stage; on: {change, draft, tool, lines, save, saveMotion, toAll} called when
@@ -21,6 +24,7 @@ export class Controls {
     this.said = make("div", { class: "said", role: "status" });
     this.motion = make("div", {});
     this.fields = {};
+    this.shown = []; // controls that follow the options by themselves
     this.hand = new ByHand(lines, on);
     this.neighbours = new Neighbours(() => on.change());
     this.save = button("saveOne", () => on.save(), "main");
@@ -30,9 +34,10 @@ export class Controls {
     panel.replaceChildren(
       make("h2", {}, words.done), this.said,
       make("div", { class: "row actions" }, this.save),
-      make("h2", {}, words.settings), ...this.#undoing(), this.#select("edges", words.edgesOf, "auto"), this.#select("format", words.formatOf, ""),
+      make("h2", {}, words.settings), ...this.#undoing(), this.#control("edges"), this.#control("format"),
       this.hand.node, this.neighbours.node,
       make("details", { class: "section", id: "advanced" }, make("summary", {}, words.advanced), this.reference.node, ...this.#camera(), ...this.#attitude(),
+        ...this.#others(),
         make("h3", {}, words.curves), this.motion, make("div", { class: "row" }, this.saveMotion, this.linesShown)),
       make("div", { class: "row" }, this.toAll, button("reset", () => this.#reset())),
       keys(words.keyList),
@@ -44,10 +49,8 @@ export class Controls {
     this.photo = photo;
     const { options, result, facts } = photo;
     this.strength.show(options);
-    this.fields.edges.value = options.edges ?? "auto";
-    this.fields.format.value = options.format ?? "";
+    for (const each of this.shown) each.show(options);
     this.reference.show(options);
-    this.fields.moving.checked = options.moving === "true";
     this.fields.anyway.checked = options["min-confidence"] === "0";
     this.fields.leave.checked = options.strength === "0";
     const readout = options.readout ?? "auto";
@@ -55,7 +58,6 @@ export class Controls {
       radio.disabled = !facts;
       radio.checked = radio.value === (readout === "auto" ? "auto" : facts?.arrows[readout]);
     }
-    for (const name of ABOUT_CAMERA) if (document.activeElement !== this.fields[name]) this.fields[name].value = options[name] ?? "";
     for (const name of ALONE) this.fields[name].disabled = photo.between;
     this.save.disabled = photo.state === "failed" || !result || !(result.changed || options.format);
     this.save.title = this.save.disabled ? words.nothingChanged : "";
@@ -68,17 +70,17 @@ export class Controls {
   }
 
   #undoing() {
-    this.strength = strength("strength", (value, dragged) => {
+    this.strength = strength("strength", about("photo", "strength"), (value, dragged) => {
       this.photo.set("strength", value);
       if (dragged) this.on.draft();
       else this.on.change();
     });
     this.fields.strength = this.strength.field;
-    this.reference = reference("reference", "first", (value) => this.#set("reference", value));
+    this.reference = reference("reference", about("photo", "reference"), (value) => this.#set("reference", value));
     return [
       ...this.strength.nodes,
       this.#check("leave", (on) => this.#set("strength", on ? "0" : "")),
-      this.#check("moving", (on) => this.#set("moving", on ? "true" : ""), words.movingHelp),
+      this.#control("moving"),
       this.#check("anyway", (on) => this.#set("min-confidence", on ? "0" : "")),
     ];
   }
@@ -98,23 +100,27 @@ export class Controls {
   }
 
   #attitude() {
-    const angle = (name, most, label) => {
-      const { node, field } = number(name, label, { step: "0.1", min: -most, max: most }, (value) => this.#set(name, value));
-      this.fields[name] = field;
-      return node;
-    };
     return [make("fieldset", {}, make("legend", {}, words.attitude),
-      make("p", { class: "quiet" }, words.attitudeHelp), angle("roll-deg", 45, words.roll), angle("tilt-deg", 90, words.tilt))];
+      make("p", { class: "quiet" }, words.attitudeHelp), ...ABOUT_CAMERA.map((name) => this.#control(name)))];
   }
 
-  #select(name, said, usual) {
-    const { node, field } = select(name, words[name], said, (value) => this.#set(name, value === usual ? "" : value));
-    this.fields[name] = field;
-    return node;
+  // Options that no other part of the panel asks for.
+  #others() {
+    const placed = [...PLACED, ...ELSEWHERE.flatMap((group) => ofGroups("photo", [group]))];
+    const made = others("photo", placed, null, "option-", (name, value) => this.#set(name, value));
+    this.shown.push(...made);
+    return made.map(({ node }) => node);
   }
 
-  #check(name, changed, help) {
-    const { node, field } = check(name, words[name], changed, help);
+  #control(name) {
+    const made = control("photo", name, name, (_, value) => this.#set(name, value));
+    this.shown.push(made);
+    this.fields[name] = made.field;
+    return made.node;
+  }
+
+  #check(name, changed) {
+    const { node, field } = check(name, words[name], changed);
     this.fields[name] = field;
     return node;
   }

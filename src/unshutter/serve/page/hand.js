@@ -1,5 +1,6 @@
 // By hand: lines drawn on the picture, and numbers for how far it leans, bends and turns.
 
+import { about } from "./described.js";
 import { KINDS } from "./lines.js";
 import { make } from "./nodes.js";
 import { button } from "./widgets.js";
@@ -67,7 +68,7 @@ export class ByHand {
   #slider(name) {
     const { option, most, step } = SLIDERS[name];
     const range = make("input", { type: "range", id: name, min: -most, max: most, step });
-    const number = make("input", { type: "number", id: `${name}-number`, min: -2 * most, max: 2 * most, step, "aria-label": words.slider_[name] });
+    const number = make("input", { type: "number", id: `${name}-number`, min: about("photo", option).minimum, max: about("photo", option).maximum, step, title: about("photo", option).description, "aria-label": words.slider_[name] });
     const set = (value) => {
       this.photo.setHand(option, value);
       this.reset.disabled = false;

@@ -130,7 +130,7 @@ const { stage } = view;
 const keys = { ...Object.fromEntries([1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) => [number, () => view.pick(number)])),
   j: () => step(1), k: () => step(-1), z: () => stage.toggleZoom(), l: () => view.toggleLines(), f: () => view.fullScreen(),
   o: () => view.original(true), "+": stage.zoomIn, "=": stage.zoomIn, "-": stage.zoomOut, "0": () => stage.whole(),
-  s: () => view.save(), escape: () => view.controls.hand.stop() };
+  s: () => view.save(), p: () => view.play(), escape: () => view.controls.hand.stop() };
 addEventListener("keydown", (event) => {
   const typing = event.target.closest?.("input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
   const key = event.key.toLowerCase();

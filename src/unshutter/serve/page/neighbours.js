@@ -1,9 +1,12 @@
 // Frames taken just before and after the photo: chosen or dropped here, they say how the camera moved.
 
+import { control, others } from "./described.js";
 import { make } from "./nodes.js";
 import { Photo } from "./photo.js";
-import { check, number, select } from "./widgets.js";
+import { check } from "./widgets.js";
 import { words } from "./words.js";
+
+const PLACED = ["before", "after", "at", "readout-ratio", "model", "fallback"];
 
 export class Neighbours {
   // changed: called when what is asked for has changed; give(file): a Photo, or null if it cannot be one.
@@ -11,10 +14,12 @@ export class Neighbours {
     this.changed = changed;
     this.photo = null;
     this.places = make("div", { class: "row" });
-    this.ratio = number("ratio", words.ratio, { min: "0.01", max: "1", step: "0.01" }, (value) => this.#set("readout-ratio", value));
-    this.model = select("model", words.model, words.modelOf, (value) => this.#set("model", value));
-    this.fallback = check("fallback", words.fallback, (on) => this.#set("fallback", on ? "true" : ""));
-    this.more = make("details", {}, make("summary", {}, words.more), this.model.node, this.fallback.node);
+    const set = (name, value) => this.#set(name, value);
+    this.ratio = control("photo", "readout-ratio", "ratio", set);
+    this.model = control("photo", "model", "model", set);
+    this.fallback = control("photo", "fallback", "fallback", set);
+    this.shown = [this.ratio, this.model, this.fallback, ...others("photo", PLACED, ["neighbours", "clock"], "option-", set)];
+    this.more = make("details", {}, make("summary", {}, words.more), ...this.shown.slice(1).map(({ node }) => node));
     this.timing = make("div", {}, this.ratio.node, make("p", { class: "quiet" }, words.ratioHelp), ...this.#moment(), this.more);
     this.node = make("details", { class: "section", id: "neighbours" }, make("summary", {}, words.neighbours),
       make("p", { class: "quiet" }, words.neighboursHelp), this.places, this.timing);
@@ -40,10 +45,8 @@ export class Neighbours {
     this.places.replaceChildren(...["before", "after"].map((which) => this.#place(which)));
     this.timing.hidden = !Object.keys(photo.neighbours).length;
     const { beside, neighbours } = photo;
-    if (document.activeElement !== this.ratio.field) this.ratio.field.value = beside["readout-ratio"] ?? "";
-    this.model.field.value = beside.model ?? "";
+    for (const each of this.shown) each.show(beside);
     this.model.field.querySelector("[value=camera]").disabled = "at" in beside; // it knows no other moment
-    this.fallback.field.checked = beside.fallback === "true";
     this.another.field.checked = "at" in beside;
     this.at.disabled = !("at" in beside);
     Object.assign(this.at, { min: neighbours.before ? "-1" : "0", max: neighbours.after ? "1" : "0" });
@@ -64,8 +67,8 @@ export class Neighbours {
   }
 
   #set(name, value) {
-    if (value === "") delete this.photo.beside[name];
-    else this.photo.beside[name] = value;
+    if (value === "" || value === false) delete this.photo.beside[name];
+    else this.photo.beside[name] = String(value);
     this.show(this.photo);
     this.changed();
   }

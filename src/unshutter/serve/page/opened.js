@@ -26,7 +26,7 @@ export class Opened extends EventTarget {
 
   // Changes an option, "" for its default. Whoever shows the file asks for it anew.
   set(name, value) {
-    if (value === "" || value === null) delete this.options[name];
+    if (value === "" || value === null || value === false) delete this.options[name];
     else this.options[name] = String(value);
   }
 

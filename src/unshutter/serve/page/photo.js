@@ -1,13 +1,14 @@
 // A photo on the page: its file, what the user said of it, and what the program made of it.
 
 import { factsIn, Refused } from "./api.js";
+import { ofGroups } from "./described.js";
 import { Opened } from "./opened.js";
 import { words } from "./words.js";
 
 const SMALL = 320;
 const NEIGHBOURS_FAIL = ["other-size", "scenes-differ", "too-little-to-follow", "frames-disagree", "no-neighbour"];
-const UNDOING = ["strength", "reference", "edges", "min-confidence", "format", "quality", "subsampling"]; // the others find
-const WITH_NEIGHBOURS = ["edges", "reference", "format", "readout"]; // options that go with them
+const UNDOING = ofGroups("photo", ["undo", "save"]); // the others find
+const WITH_NEIGHBOURS = ["edges", "reference", "readout", "focal-px", ...ofGroups("photo", ["save"])]; // options that go with them
 
 export class Photo extends Opened {
   kind = "photo";

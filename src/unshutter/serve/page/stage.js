@@ -15,6 +15,7 @@ export class Stage {
   #zoom = 1; // times the size that fits
   #shift = [0, 0]; // of the frame's middle from the stage's [CSS px]
   #addresses = {};
+  #film = null;
   #pointers = new Map();
 
   // stage: where to; on: {zoom} called when another size of the pictures may be needed.
@@ -62,6 +63,7 @@ export class Stage {
     for (const image of Object.values(this.images)) image.removeAttribute("src");
     this.say("");
     this.crop(null);
+    this.film(null);
     this.segments(null);
     this.whole();
   }
@@ -81,6 +83,16 @@ export class Stage {
   // Whether the picture before covers the one after.
   set original(shown) {
     this.frame.classList.toggle("original", shown);
+  }
+
+  // Moving pictures over both: {before, after} canvases; null: none.
+  film(halves) {
+    if (halves === this.#film) return;
+    this.#film = halves;
+    for (const [which, image] of Object.entries(this.images)) {
+      image.parentNode.querySelector("canvas")?.remove();
+      if (halves) image.after(halves[which]);
+    }
   }
 
   // What is left of the picture after: [left, top, right, bottom], shares; null: all.

@@ -7,6 +7,7 @@ import { Controls } from "./controls.js";
 import { Lines } from "./lines.js";
 import { Moments } from "./moments.js";
 import { by } from "./nodes.js";
+import { Player } from "./player.js";
 import { saveMotion, saveOne } from "./saving.js";
 import { Stage } from "./stage.js";
 import { stateOf } from "./strip.js";
@@ -58,6 +59,7 @@ export class View {
       leaveNeighbours: () => this.controls.neighbours.clear(),
     });
     this.moments = new Moments(by("moments"), (number) => this.goTo(number));
+    this.player = new Player(by("player"), this.stage, { play: () => this.#film() });
     this.candidates = new Candidates(by("candidates"), (number) => this.take(number));
   }
 
@@ -93,6 +95,7 @@ export class View {
     this.panel.show(this.current);
     this.#advise();
     this.moments.show(this.current);
+    this.player.show(this.current);
     this.candidates.show(this.current);
     const inPicture = ["failed", "asking"].includes(state) && !pictures.before; // the error is said where the picture would be
     if (inPicture) this.stage.say(words.sentence(this.current.error));
@@ -148,6 +151,20 @@ export class View {
   pick(number) {
     if (this.current.kind === "clip") this.goTo(number - 1);
     else this.candidates.pickShown(number - 1);
+  }
+
+  // Plays a clip, or stops it.
+  play() {
+    if (this.current.kind === "clip" && this.current.state === "done") this.player.button.click();
+  }
+
+  async #film() {
+    const clip = this.current;
+    try {
+      await clip.play();
+    } catch (error) {
+      this.on.notice(words.error(clip.name, error.message));
+    }
   }
 
   original(on) {

@@ -3,8 +3,6 @@
 import { make } from "./nodes.js";
 import { words } from "./words.js";
 
-const MOST_STRENGTH = 200; // per cent
-
 export const button = (word, clicked, kind = "", prefix = "do") =>
   make("button", { type: "button", id: `${prefix}-${word}`, class: kind, onclick: clicked }, words[word]);
 
@@ -15,9 +13,9 @@ export function select(id, label, said, changed) {
   return { node: make("label", { class: "field", for: id }, label, field), field };
 }
 
-export function check(id, label, changed, help) {
+export function check(id, label, changed) {
   const field = make("input", { type: "checkbox", id, onchange: () => changed(field.checked) });
-  return { node: make("label", { class: "check", title: help }, field, label), field };
+  return { node: make("label", { class: "check" }, field, label), field };
 }
 
 // A number; changed only hears of those that can be.
@@ -26,11 +24,20 @@ export function number(id, label, limits, changed) {
   return { node: make("label", { class: "field", for: id }, label, field), field };
 }
 
-// How much of the motion to undo; changed hears the option's text, and whether the slider is being dragged.
-export function strength(id, changed) {
-  const field = make("input", { type: "range", id, min: "0", max: String(MOST_STRENGTH), step: "5" });
-  const number = make("input", { type: "number", id: `${id}-number`, min: "0", max: String(MOST_STRENGTH), step: "1", "aria-label": words.strengthNumber });
-  const say = (value, dragged) => changed(Number(value) === 100 ? "" : String(value / 100), dragged);
+// Words to type; of known ones, the browser offers those that contain what was typed.
+export function text(id, label, known, changed) {
+  const list = make("datalist", { id: `${id}-known` }, ...known.map((value) => make("option", { value })));
+  const field = make("input", { type: known.length ? "search" : "text", id, list: known.length ? list.id : null, autocomplete: "off",
+    onchange: () => changed(field.value.trim()) });
+  return { node: make("label", { class: "field", for: id }, label, field, list), field };
+}
+
+// How much of the motion to undo, as the program describes it; changed hears the option's text, and whether the slider is being dragged.
+export function strength(id, { maximum, default: usual, description }, changed) {
+  const most = String(100 * maximum);
+  const field = make("input", { type: "range", id, min: "0", max: most, step: "5" });
+  const number = make("input", { type: "number", id: `${id}-number`, min: "0", max: most, step: "1", "aria-label": words.strengthNumber });
+  const say = (value, dragged) => changed(Number(value) === 100 * usual ? "" : String(value / 100), dragged);
   field.addEventListener("input", () => {
     number.value = field.value;
     say(field.value, true);
@@ -42,19 +49,20 @@ export function strength(id, changed) {
     say(number.value, false);
   });
   const show = (options) => {
-    const value = Math.round(100 * (options.strength ?? 1));
+    const value = Math.round(100 * (options.strength ?? usual));
     if (document.activeElement !== field) field.value = value;
     if (document.activeElement !== number) number.value = value;
   };
-  return { nodes: [make("label", { class: "field", for: id }, words.strength, number), field], field, show };
+  return { nodes: [make("label", { class: "field", for: id, title: description }, words.strength, number), field], field, show };
 }
 
-// The row at whose moment the picture is taken; usual: the default.
-export function reference(name, usual, changed) {
-  const radios = Object.keys(words.referenceOf).map((value) =>
+// The row at whose moment the picture is taken, as the program describes it.
+export function reference(name, { enum: values, default: said, description }, changed) {
+  const usual = said ?? values[0];
+  const radios = values.map((value) =>
     make("input", { type: "radio", name, value, onchange: () => changed(value === usual ? "" : value) }));
   const labels = radios.map((radio) => make("label", {}, radio, words.referenceOf[radio.value]));
-  const node = make("fieldset", {}, make("legend", {}, words.reference), make("div", { class: "row" }, ...labels));
+  const node = make("fieldset", { title: description }, make("legend", {}, words.reference), make("div", { class: "row" }, ...labels));
   return { node, show: (options) => radios.forEach((radio) => (radio.checked = radio.value === (options.reference ?? usual))) };
 }
 
