@@ -23,8 +23,8 @@ def test_no_module_imports_one_that_imports_it() -> None:
 
 
 def test_decoding_begins_before_anything_slow_is_imported() -> None:
-    """NumPy, which the search for the motion needs, comes later; workers and networks, few photos need at all."""
-    slow = ("numpy", "multiprocessing", "urllib.request", "importlib.metadata")
+    """NumPy, which the search for the motion needs, comes later; most photos need nothing else of these."""
+    slow = ("numpy", "multiprocessing", "urllib.request", "importlib.metadata", "hashlib")
     names = [
         "unshutter",
         "unshutter.cli",

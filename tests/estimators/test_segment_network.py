@@ -6,6 +6,7 @@ import sys
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from unshutter import UnshutterError
 from unshutter.cli import main
 from unshutter.estimators.register import method
 from unshutter.estimators.segment_network import SegmentNetwork
-from unshutter.estimators.segment_transformer.network import gelu
+from unshutter.estimators.segment_transformer.network import SegmentTransformer, gelu
 from unshutter.estimators.segment_transformer.weights import Weights, read_weights, write_weights
 
 SEGMENTS = np.random.default_rng(0).uniform(-0.5, 0.5, (30, 4))
@@ -37,6 +38,20 @@ def test_neither_order_nor_ends_of_segments_matter() -> None:
     np.testing.assert_allclose(network.coefficients(SEGMENTS[::-1]), expected, atol=1e-5)
     np.testing.assert_allclose(network.coefficients(SEGMENTS[:, [2, 3, 0, 1]]), expected, atol=1e-5)
     assert not np.allclose(network.coefficients(SEGMENTS, up=(1, 0)), expected, atol=1e-3)
+
+
+def test_the_mirror_image_is_worked_on_at_the_same_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = Barrier(2)
+    alone = SegmentTransformer._correction
+
+    def correction(self, tokens: np.ndarray, motion: np.ndarray) -> np.ndarray:
+        both.wait(10)
+        return alone(self, tokens, motion)
+
+    expected = shipped().coefficients(SEGMENTS)
+    monkeypatch.setattr(SegmentTransformer, "_correction", correction)
+    np.testing.assert_array_equal(shipped().coefficients(SEGMENTS), expected)
+    np.testing.assert_array_equal(shipped().coefficients(SEGMENTS * [-1, 1, -1, 1]), -expected)
 
 
 def test_without_weights_it_says_so() -> None:

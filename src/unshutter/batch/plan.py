@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import partial
@@ -178,7 +177,9 @@ def digest_of(request: Rectify, motion: str | None) -> str:
                 facts[each.name] = value
     for name in ("format", "keep_names"):  # the result's name says them
         facts.pop(name, None)
-    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+    from hashlib import sha256  # not above: see plain_files.digest
+
+    return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Place | None:

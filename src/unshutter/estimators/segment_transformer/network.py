@@ -1,13 +1,14 @@
 """The segment transformer in NumPy: it gives what the network that was trained (torch) gives, to about 1e-6.
 
-Shapes in comments: 2 for the picture and its mirror image, N segments, d numbers each (96 in the shipped network).
-Matrices are multiplied in pieces for which OpenBLAS uses the calling thread alone: its threads spin while they wait for
-each other, which took ten times as long on a busy machine.
+Shapes in comments: N segments, d numbers each (96 in the shipped network). The picture and its mirror image each have a
+thread; matrices are multiplied in pieces for which OpenBLAS starts none: its threads spin while they wait for each
+other, which took ten times as long on a busy machine.
 """
 
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +33,8 @@ _AT_A_TIME = 32_768  # numbers for which all steps of gelu stay in the processor
 _ON_ONE_THREAD = 2**19 - 1  # multiplications in one call for which OpenBLAS starts no threads
 _LARGEST_EXPONENT = 80.0  # exp of it is far below the largest float32
 
+_silent = np.errstate(all="ignore")  # in each thread: whether the answer is finite is for the caller to see
+
 
 class SegmentTransformer:
     """Line segments -> row motion. Several threads may use it at once.
@@ -45,6 +48,7 @@ class SegmentTransformer:
         self._layers = len(weights["blocks.attention.query.weight"])
         self._heads, self._iterations = int(weights["heads"]), int(weights["iterations"])
 
+    @_silent
     def coefficients(self, tokens: Float[np.ndarray, "segments 6"]) -> Float[np.ndarray, "2 3"]:
         """Coefficients of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
 
@@ -54,28 +58,29 @@ class SegmentTransformer:
         Args:
             tokens: float32: end points x1, y1, x2, y2 [rows, centred], and the unit vector to the scene's top.
         """
-        with np.errstate(all="ignore"):  # whether the answer is finite is for the caller to see
-            both = np.stack([tokens, tokens * _MIRROR])  # [2, N, 6]
-            motion = np.zeros((2, 3), np.float32)
+        motion = np.zeros((2, 3), np.float32)
+        with ThreadPoolExecutor(1) as thread:
             for _ in range(self._iterations):
-                straight, mirrored = self._correction(both, np.stack([motion, -motion]))
-                motion += (straight - mirrored) / 2
+                mirrored = thread.submit(self._correction, tokens * _MIRROR, -motion)
+                motion = motion + (self._correction(tokens, motion) - mirrored.result()) / 2
         return motion
 
+    @_silent
     def _correction(self, tokens: np.ndarray, motion: np.ndarray) -> np.ndarray:
-        """What is missing from the motion [2, 2, 3], of the same shape."""
-        x = features(tokens, moved(tokens, motion))  # [2, N, FEATURES]
-        x = self._linear("embedding.output", gelu(self._linear("embedding.hidden", x)))  # [2, N, d]
+        """What is missing from the motion [2, 3], of the same shape."""
+        batch = tokens[None]
+        x = features(batch, moved(batch, motion[None]))[0]  # [N, FEATURES]
+        x = self._linear("embedding.output", gelu(self._linear("embedding.hidden", x)))  # [N, d]
         for k in range(self._layers):
             y = self._norm("blocks.attention.norm", x, k)
             x += self._attention("blocks.attention", y, y, k)
             y = self._norm("blocks.mlp.norm", x, k)
             x += self._linear("blocks.mlp.output", gelu(self._linear("blocks.mlp.hidden", y, k)), k)
-        latents = np.stack([self._weights["pooling.latents"]] * 2)  # [2, latents, d]
-        pooled = self._attention("pooling", latents, self._norm("pooling.norm", x))  # [2, latents, d]
-        y = self._norm("head.norm", pooled.reshape(2, -1))  # [2, latents d]
-        y = self._linear("head.output", gelu(self._linear("head.hidden", y)))  # [2, OUTPUTS]
-        return (y[:, :6].reshape(2, 2, 3) * _UNITS) @ _LEGENDRE
+        latents = self._weights["pooling.latents"]  # [latents, d]
+        pooled = self._attention("pooling", latents, self._norm("pooling.norm", x))  # [latents, d]
+        y = self._norm("head.norm", pooled.reshape(1, -1))  # [1, latents d]
+        y = self._linear("head.output", gelu(self._linear("head.hidden", y)))  # [1, OUTPUTS]
+        return (y[0, :6].reshape(2, 3) * _UNITS) @ _LEGENDRE
 
     def _of(self, name: str, layer: int | None) -> np.ndarray:
         array = self._weights[name]
@@ -83,8 +88,8 @@ class SegmentTransformer:
 
     def _linear(self, name: str, x: np.ndarray, layer: int | None = None) -> np.ndarray:
         weight = self._of(f"{name}.weight", layer)
-        y = np.empty((*x.shape[:-1], weight.shape[-1]), np.float32)
-        _multiply(x.reshape(-1, x.shape[-1]), weight, y.reshape(-1, y.shape[-1]))
+        y = np.empty((len(x), weight.shape[1]), np.float32)
+        _multiply(x, weight, y)
         y += self._of(f"{name}.bias", layer)
         return y
 
@@ -98,24 +103,23 @@ class SegmentTransformer:
         return y
 
     def _attention(self, name: str, asking: np.ndarray, context: np.ndarray, layer: int | None = None) -> np.ndarray:
-        """Each of ``asking`` [2, M, d] collects the values of ``context`` [2, N, d] that its query asks for.
+        """Each of ``asking`` [M, d] collects the values of ``context`` [N, d] that its query asks for.
 
         One head at a time, since its scores [M, N] fit into the processor's cache.
         """
-        query = self._linear(f"{name}.query", asking, layer)  # [2, M, d]
-        keys_values = self._linear(f"{name}.key_value", context, layer)  # [2, N, 2 d]
-        width = query.shape[-1]
+        query = self._linear(f"{name}.query", asking, layer)  # [M, d]
+        keys_values = self._linear(f"{name}.key_value", context, layer)  # [N, 2 d]
+        width = query.shape[1]
         size = width // self._heads
         query *= 1 / math.sqrt(size)
         answer = np.empty_like(query)
-        scores = np.empty((asking.shape[1], context.shape[1]), np.float32)  # [M, N]
-        for picture in (0, 1):
-            for start in range(0, width, size):
-                of_head, of_value = slice(start, start + size), slice(width + start, width + start + size)
-                _exp_scores(query[picture, :, of_head], keys_values[picture, :, of_head], scores)
-                values = answer[picture, :, of_head]  # [M, size]
-                _multiply(scores, keys_values[picture, :, of_value], values)
-                values /= scores.sum(-1, keepdims=True)
+        scores = np.empty((len(asking), len(context)), np.float32)  # [M, N]
+        for start in range(0, width, size):
+            of_head, of_value = slice(start, start + size), slice(width + start, width + start + size)
+            _exp_scores(query[:, of_head], keys_values[:, of_head], scores)
+            values = answer[:, of_head]  # [M, size]
+            _multiply(scores, keys_values[:, of_value], values)
+            values /= scores.sum(-1, keepdims=True)
         return self._linear(f"{name}.output", answer, layer)
 
 
