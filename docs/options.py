@@ -1,27 +1,28 @@
-"""The reference of all options, made from the commands themselves: what replaces OPTIONS in reference/options.md.
+"""Writes the list of all options, made from the commands themselves, into reference/options.md.
 
-A hook of MkDocs (mkdocs.yml). Commands of unshutter-lab are listed where it is installed.
+    python docs/options.py
+
+A test compares the page with the code. Needs unshutter-lab, whose commands are listed, too.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
 
 from unshutter.cli import COMMANDS, command_named
 from unshutter.cli.arguments import Command, add_arguments
 
-OPTIONS = "<!-- options: docs/options.py writes them -->"
-PAGE = "reference/options.md"
+BEGIN = "<!-- made by docs/options.py from here on -->"
+PAGE = Path(__file__).with_name("reference") / "options.md"
 LABORATORY = ("synthesize", "evaluate", "train", "calibrate")
 
 
-def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """The page with the options in it."""
-    if page.file.src_uri != PAGE:
-        return markdown
-    return markdown.replace(OPTIONS, "\n\n".join(reference()))
+def page() -> str:
+    """The page: what is written by hand, and then each command."""
+    before, begin, _ = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+    return before + begin + "\n\n" + "\n\n".join(reference()) + "\n"
 
 
 def reference() -> Iterator[str]:
@@ -51,3 +52,7 @@ def row(action: argparse.Action) -> str:
     typed = ", ".join(f"`{flag}`" for flag in reversed(action.option_strings)) or f"`{value}`"
     shown = f"{typed} {value}" if action.option_strings and value else typed
     return f"| {shown} | {' '.join(str(action.help).replace('%%', '%').replace('|', chr(92) + '|').split())} |"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

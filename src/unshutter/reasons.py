@@ -17,6 +17,7 @@ class Cause(StrEnum):
 
     NO_MOTION = "no motion"
     NO_EVIDENCE = "nothing to go by"
+    NO_ROLLING_SHUTTER = "no rolling shutter"
     UNSURE = "not sure"
     TOO_SMALL = "less than half a pixel"
     STRENGTH_0 = "strength 0"

@@ -33,11 +33,12 @@ def test_what_is_passed_over_is_counted_by_reason(archive: Path) -> None:
         "hidden": 2,
         "made by unshutter": 1,
         "with several pictures in one file": 1,
-        "no photos": 4,
+        "no photos": 2,
+        "films": 2,
     }
     assert inputs.not_taken() == (
-        "not taken: 4 no photos (.mov, no ending, .txt); 2 hidden (no ending, .jpg); 1 made by unshutter (.jpg); "
-        "1 with several pictures in one file (.mpo)"
+        "not taken: 2 films, see unshutter video (.mov); 2 hidden (no ending, .jpg); "
+        "2 are not photos (no ending, .txt); 1 made by unshutter (.jpg); 1 with several pictures in one file (.mpo)"
     )
     assert find_photos([archive / "a.jpg"]).not_taken() == ""
 
@@ -58,12 +59,12 @@ def test_a_batch_ends_with_what_it_did_not_take(archive: Path, motion: Path, tmp
         assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, *words) == 0
         assert "1 with several pictures in one file (.mpo)" in capsys.readouterr().err
     end = json.loads(log.read_text().splitlines()[-1])
-    assert end["not_taken"]["no photos"] == 4
+    assert end["not_taken"]["no photos"] == 2
     assert main(["estimate", str(archive), "-o", str(tmp_path / "motions"), "--estimator", "none"]) == 0
     assert "1 with several pictures in one file (.mpo)" in capsys.readouterr().err
     (archive / "a.jpg").unlink()
     (archive / "trip" / "b.png").unlink()
-    with pytest.raises(UnshutterError, match=r"no photos in folder .*; not taken: 4 no photos"):
+    with pytest.raises(UnshutterError, match=r"no photos in folder .*; not taken: 2 films"):
         find_photos([archive])
 
 

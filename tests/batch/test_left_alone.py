@@ -129,7 +129,10 @@ def test_little_is_cropped_away_much_is_kept_and_both_are_said(
 ) -> None:
     photo, motion, out = folder / "clear.jpg", folder.parent / "m.json", folder.parent / "out.png"
     height, width = Photo.open(photo).pixels.shape[:2]
-    for px, said in ((4, r"up to 4.0 px; cropped to (\d\d) %"), (40, r"up to 40 px; edges kept: .* leave (\d\d) %")):
+    for px, said in (
+        (4, r"up to 4.0 px; cropped to (\d\d) %"),
+        (40, r"up to 40 px; black corners kept: .* leave (\d\d) %"),
+    ):
         RowMotion.from_polynomials([0, px], [0], height, width).save(motion)
         assert rectify(photo, "-o", out, "--motion", motion, "--overwrite") == 0
         found = re.search(said, capsys.readouterr().err)

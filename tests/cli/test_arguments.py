@@ -62,7 +62,8 @@ def test_photos_may_stand_before_between_and_after_options() -> None:
         (("a", "-o", "out", "--jobs", "many"), "--jobs takes a whole number, not 'many'"),
         (("a", "-o", "out", "--edges", "round"), "--edges takes keep, crop, not 'round'"),
         (("a", "-o", "out", "--job", "2"), "--job"),  # no abbreviations: they would change their meaning one day
-        (("a", "-o"), "expected one argument"),
+        (("a", "-o"), "--output/-o: a value is missing after it"),
+        (("a", "-o", "-"), "--output: '-' is not a name here"),
         (("a", "-o", "out", "--tilt-deg", "91"), "too steep"),
     ],
 )

@@ -134,7 +134,8 @@ def _report_dry_run(plan: Plan, inputs: Inputs, protection: Protection) -> int:
         print(visible(f"unshutter: {reason}"), file=sys.stderr)
     if inputs.passed_over:
         print(f"unshutter: {inputs.not_taken()}", file=sys.stderr)
-    line = f"{count} photos to do, {len(plan.finished)} finished already, {len(refused)} refused"
+    photos = "1 photo" if count == 1 else f"{count} photos"
+    line = f"{photos} to do, {len(plan.finished)} finished already, {len(refused)} refused"
     print(f"unshutter: {line}; nothing was written", file=sys.stderr)
     return 1 if refused else 0
 

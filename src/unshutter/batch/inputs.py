@@ -24,6 +24,7 @@ FILM_SUFFIXES = frozenset(
 )
 RECTIFIED = ".rectified"
 _OURS = "unshutter-manifest"
+_NO_PHOTOS = "no photos"  # of files in a folder, as logs count them
 
 
 @dataclass
@@ -57,7 +58,8 @@ class Inputs:
         for reason, endings in sorted(self.passed_over.items(), key=lambda item: (-item[1].total(), item[0])):
             names = [ending or "no ending" for ending, _ in endings.most_common(5)]
             more = ", ..." if len(endings) > 5 else ""
-            text.append(f"{endings.total()} {reason} ({', '.join(names)}{more})")
+            count = endings.total()
+            text.append(f"{count} {_in_words(reason, count)} ({', '.join(names)}{more})")
         return f"not taken: {'; '.join(text)}" if text else ""
 
 
@@ -87,7 +89,10 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
         inside = _in_folder(source, leave_out, inputs)
         meant = [relative for relative in inside if _is_meant(relative, inputs)]
         if not meant:
-            text = f"no photos in folder {source} (looked for {', '.join(sorted(PHOTO_SUFFIXES))})"
+            if inputs.unreadable:
+                folder, cause = inputs.unreadable[0]
+                raise UnshutterError(f"cannot read folder {folder}: {cause}")
+            text = f"no photos in folder {source} (looked for JPEG, PNG, WebP, TIFF, AVIF, HEIC and raw files)"
             raise UnshutterError(f"{text}; {inputs.not_taken()}" if inputs.passed_over else text)
         for relative in meant:
             inputs.photos.setdefault(source / relative, relative.parent)
@@ -95,6 +100,15 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
         raise UsageError("no photo given")
     inputs.many = inputs.many or len(inputs.photos) > 1
     return inputs
+
+
+def _in_words(reason: str, count: int) -> str:
+    """Why so many files were not taken."""
+    if reason == _NO_PHOTOS:
+        return "is not a photo" if count == 1 else "are not photos"
+    if reason == "films":
+        return f"{'film' if count == 1 else 'films'}, see unshutter video"
+    return reason
 
 
 def _is_meant(relative: PurePosixPath, inputs: Inputs) -> bool:
@@ -105,8 +119,10 @@ def _is_meant(relative: PurePosixPath, inputs: Inputs) -> bool:
         reason = "made by unshutter"
     elif suffix == SEVERAL_PICTURES:
         reason = "with several pictures in one file"
+    elif suffix in FILM_SUFFIXES:
+        reason = "films"
     elif suffix not in PHOTO_SUFFIXES:
-        reason = "no photos"
+        reason = _NO_PHOTOS
     else:
         return True
     inputs.pass_over(reason, relative)

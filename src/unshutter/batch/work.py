@@ -137,7 +137,7 @@ def _about_edges(result: Rectified | RectifiedFrame) -> str:
     share = f"{math.floor(100 * result.whole)} %"
     if result.edges == "crop":
         return f"cropped to {share}" if result.whole < 1 else ""
-    return f"edges kept: cropping would leave {share}"
+    return f"black corners kept: --edges crop would leave {share}"
 
 
 def _may_replace(job: Job, target: Place | None, left: str | None) -> bool:

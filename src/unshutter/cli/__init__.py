@@ -68,7 +68,8 @@ def main(words: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:  # what is printed goes to a full disc, say
-        return _say(error.strerror or str(error), 1)
+        what = error.strerror or str(error)
+        return _say(f"{error.filename}: {what}" if error.filename else what, 1)
     except ImportError as error:  # a library is missing or damaged, or Ctrl-C came while one was loaded
         cause = " ".join(str(error).split())
         return _say(f"cannot load a library that it needs; if that persists, install it again: {cause}", 1)
@@ -101,7 +102,7 @@ def _run_command(words: list[str]) -> int:
 
 def command_for_file(name: str) -> str:
     """The command for a first word that is not a command but a file: ``rectify``, ``video``; else empty."""
-    if name.startswith("-") or name in COMMANDS:
+    if name.startswith("-") or name in (*COMMANDS, "help"):
         return ""
     from unshutter.batch.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES  # not above: most first words are commands
 

@@ -124,6 +124,8 @@ class _Parser(argparse.ArgumentParser):
                 self.error(f"unknown option {flag}: {suggestion(flag, known) or 'leave it out'}")
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:  # argparse calls it for every value
+        if arg_string == "-":
+            self.error(f"{_name(action)}: '-' is not a name here; name a file, or leave it out")
         try:
             return super()._get_value(action, arg_string)
         except argparse.ArgumentError:
@@ -136,6 +138,7 @@ class _Parser(argparse.ArgumentParser):
             self.error(f"{_name(action)} takes {choices}, not '{value}'{guess}")
 
     def error(self, message: str) -> NoReturn:
+        message = message.removeprefix("argument ").replace("expected one argument", "a value is missing after it")
         raise UsageError(f"{' '.join(message.split())} (see {self.prog} --help)")
 
 
@@ -162,9 +165,10 @@ def _short_parser(name: str, command: Command) -> argparse.ArgumentParser:
 
 
 def _wrapped(text: str) -> str:
-    """The text with lines that fit the terminal, as argparse makes its own; those that fit already are left alone."""
+    """The paragraphs of a text with lines that fit the terminal."""
     width = max(shutil.get_terminal_size().columns - 2, 20)
-    return "\n".join(textwrap.fill(line, width) if len(line) > width else line for line in text.splitlines())
+    paragraphs = (" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
+    return "\n\n".join(textwrap.fill(paragraph, width) for paragraph in paragraphs)
 
 
 def _usage(kind: type) -> str:

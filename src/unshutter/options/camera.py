@@ -22,7 +22,7 @@ def check_focal(focal_px: float | None) -> None:
 
 @dataclass(frozen=True)
 class Camera:
-    """What you know of the camera that the photo does not say.
+    """What you know about the camera.
 
     Attributes:
         at_any_odds: whether the likeliest motion is asked for even where none at all is likelier; a least confidence

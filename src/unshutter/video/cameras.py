@@ -105,7 +105,7 @@ class CameraMode:
     @property
     def notes(self) -> list[str]:
         """What else is to be said of it."""
-        upward = "last row first, as the profile's owner held it" if self.upward else ""
+        upward = "read from the bottom up: the camera was upside down" if self.upward else ""
         return [note for note in (self.note, upward) if note]
 
     def has_size(self, size: tuple[int, int]) -> bool:

@@ -152,7 +152,7 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
         else:
             container = av().open(place, "w", format="mp4" if ending.lower() != ".mov" else "mov", options=options)
     except (ValueError, av().error.FFmpegError) as error:
-        cause = f"'{ending}' is the ending of no film that can be written" if isinstance(error, ValueError) else error
+        cause = f"no film ends in '{ending}': use .mp4, .mov or .mkv" if isinstance(error, ValueError) else error
         raise UnshutterError(f"cannot write the clip: {cause}") from None
     try:
         yield container

@@ -117,7 +117,7 @@ class ClipUndo:
         UsageError: a value that is none of its choices, or values that do not go together.
     """
 
-    reference: Reference = option("middle", "Row whose moment each frame shall show. Default: middle.")
+    reference: Reference = option("middle", "Row whose capture time each frame should show. Default: middle.")
     strength: float = option(
         1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.", limits=(0, MOST_STRENGTH)
     )

@@ -59,18 +59,19 @@ def _rectify(arguments: RectifyPhotos) -> int:
 RECTIFY = Command(
     """Straighten photos: write what a global shutter would have seen.
 
-Several photos into a folder: what is finished there is not done again unless the photo or the options changed,
-and a run that was stopped goes on when the same command is given again.""",
+Several photos into a folder: what is finished there is not done again unless the photo or the options changed, and a
+run that was stopped goes on when the same command is given again.""",
     RectifyPhotos,
     _rectify,
     essentials={
         "photos": "photos, or folders of photos",
         "output": "where to: a file, or a folder for several photos",
-        "readout_ms": "readout time of the camera, if you know it",
         "moving": "the camera moved: a train, a car, a drone",
         "before": "frame taken just before the photo",
         "after": "frame taken just after it",
-        "strength": "how much to undo, 0 to 1",
+        "readout_ratio": "for these: readout time / time between frames",
+        "sequence": "the photos are frames of one camera, in order",
+        "strength": "how much to undo: 1 is all of it",
         "edges": "auto, keep, crop, fill or borrow",
         "min_confidence": "leave photos alone below this, 0 to 1",
         "overwrite": "replace results that exist already",
@@ -132,7 +133,6 @@ ESTIMATE = Command(
         "plot": "draw the motion of one photo (extra `plot`)",
         "overwrite": "replace outputs that exist already",
         "focal_px": "focal length in px, if you know it",
-        "readout_ms": "readout time of the camera, if you know it",
         "moving": "the camera moved: a train, a car, a drone",
     },
 )

@@ -95,8 +95,8 @@ def _line_of(ratio: ReadoutRatio, interval_ms: float) -> str:
     ms, error = interval_ms * ratio.value, interval_ms * ratio.error
     if ratio.plausible is not None:
         low, high = interval_ms * ratio.plausible.lowest, interval_ms * ratio.plausible.highest
-        usual = f"{ms:.1f} ms is taken, as usual for {ratio.plausible.cameras} ({low:.1f} to {high:.1f} ms)"
-        advice = f"--try {low:.0f},{ms:.0f},{int(high)} shows the difference, --readout-ms sets it"
+        usual = f"taking {ms:.1f} ms, typical of {ratio.plausible.cameras} ({low:.1f} to {high:.1f} ms)"
+        advice = f"to compare: --try {low:.0f},{ms:.0f},{int(high)}; to set it: --readout-ms"
         return f"unshutter: {ratio.instead_of}: {usual}; {advice}"
     if ratio.source in ("motion", "gyro"):
         return f"unshutter: readout time {ms:.1f} +- {error:.1f} ms (--readout-ms {ms:.1f})"
@@ -165,7 +165,7 @@ timestamps are kept. Needs the extra `video`.""",
         "camera": "take its readout time (unshutter cameras lists them)",
         "model": "camera, or dense: near and far move differently",
         "edges": "keep, crop, fill or borrow",
-        "strength": "how much to undo, 0 to 1",
+        "strength": "how much to undo: 1 is all of it",
         "start": "from this second",
         "end": "up to this second",
         "preview": "before and after: a picture, or a short film (.mp4)",
