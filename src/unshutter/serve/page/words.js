@@ -2,7 +2,7 @@
 
 const percent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
 const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
-export const LEAST_PX = 0.5; // what moves less cannot be told from what stands still
+export const LEAST_PX = 0.5; // less than this looks like no motion
 const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
 
 // Code of a reason -> why a photo, moment or clip is left unchanged, with the reason's figures.
