@@ -93,8 +93,8 @@ export const words = {
   failed: "cannot be used",
   changed: (sure) => (sure ? `straightened, ${sure}` : "straightened"),
   changedByHand: "straightened by hand",
-  sure: { sure: "confident", likely: "fairly sure", unsure: "unsure" },
-  sureAtLength: { sure: "confident", likely: "fairly sure", unsure: "unsure, please check" },
+  sure: { sure: "sure", likely: "likely", unsure: "unsure" },
+  sureAtLength: { sure: "sure", likely: "likely", unsure: "unsure, please look" },
   confidence: (sure) => `Confidence ${percent(sure)}`,
   alone: "left unchanged",
 
