@@ -9,6 +9,7 @@ from playwright.sync_api import Page, Route, expect
 from support import clips
 from support.browser import drop, wait_for
 from support.page_server import Server
+from unshutter import installation
 
 GREYS = clips.moving(24)[1]
 FOUND_MS = 60_000  # a readout time may take so long to be found while others work
@@ -110,7 +111,7 @@ def test_without_the_extra(page: Page, server: Server, walk: Path) -> None:
     page.goto(server.link)
     page.wait_for_load_state("networkidle")
     drop(page, walk)
-    expect(page.locator("#notice")).to_contain_text("pip install 'unshutter[video]'")
+    expect(page.locator("#notice")).to_contain_text(installation.extra("video"))  # from where this one was installed
     expect(page.locator("#empty")).to_be_visible()
 
 

@@ -7,6 +7,7 @@ from playwright.sync_api import Browser, Dialog, Page, expect
 
 from support.browser import SLOW_MS, drop, wait_for
 from support.page_server import Server
+from unshutter.photo import Photo
 
 
 def _width(page: Page) -> float:
@@ -42,6 +43,40 @@ def test_thumbnails_from_two_photos_on(page: Page, photo: Path, tmp_path: Path) 
     page.get_by_role("button", name="Close this photo or clip").click()
     page.get_by_role("button", name="Close this photo or clip").click()
     expect(page.locator("#empty")).to_be_visible()
+
+
+def test_thumbnails_are_filtered_and_counted(page: Page, photo: Path, facade, tmp_path: Path) -> None:
+    straight, bad = tmp_path / "straight.png", tmp_path / "bad.jpg"
+    Photo.from_array(facade).save(straight)
+    bad.write_bytes(b"no picture")
+    drop(page, photo, straight, bad)
+    for number, state in enumerate(("changed", "alone", "failed"), start=1):
+        wait_for(page, state, number)
+    shown = page.locator("#thumbnails li:visible")
+    expect(shown).to_have_count(3)
+    expect(page.locator("#strip-bar progress")).to_be_hidden()  # all are looked through
+    page.get_by_role("button", name="Straightened 1").click()
+    expect(shown).to_have_count(1)
+    expect(shown).to_contain_text("street.jpg")
+    page.keyboard.press("j")  # nothing else is shown
+    expect(page.locator("#name")).to_have_text("street.jpg")
+    page.get_by_role("button", name="Failed 1").click()
+    expect(shown).to_contain_text("bad.jpg")
+    page.get_by_role("button", name="Close bad.jpg").click()
+    expect(shown).to_have_count(2)  # the filter has nothing left to show
+    expect(page.get_by_role("button", name="All 2")).to_have_attribute("aria-pressed", "true")
+
+
+def test_a_grid_to_compare_with(page: Page, photo: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    grid, lines = page.locator(".grid"), page.locator(".grid line")
+    expect(grid).to_be_hidden()
+    page.keyboard.press("g")
+    expect(grid).to_be_visible()
+    expect(lines).to_have_count(22)
+    page.get_by_role("button", name="Grid (key G)").click()
+    expect(grid).to_be_hidden()
 
 
 def test_zoom_by_wheel_keys_and_pinch(page: Page, photo: Path) -> None:

@@ -14,6 +14,7 @@ from starlette.routing import Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
+from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.serve.answers import refusal
 from unshutter.serve.api import clips, photos, saves
@@ -110,11 +111,12 @@ async def _openapi(request: Request) -> Response:
 
 
 async def _about(request: Request) -> Response:
-    """``GET /api/about``: the version, the largest photo and clip [bytes], and the folder to save to."""
+    """``GET /api/about``: version, largest photo and clip [bytes], folder to save to, and how to get clips."""
     settings = desk_of(request).settings
     folder = str(settings.folder) if settings.folder is not None else None
     limits = {"max_bytes": settings.max_bytes, "max_clip_bytes": settings.max_clip_bytes}
-    return JSONResponse({"version": __version__, "folder": folder, "clips": clips_can_be_opened(), **limits})
+    clips = {"clips": clips_can_be_opened(), "install_clips": installation.extra("video")}
+    return JSONResponse({"version": __version__, "folder": folder, **clips, **limits})
 
 
 async def _wake(request: Request) -> Response:

@@ -19,7 +19,7 @@ let settings = { max_bytes: Infinity, max_clip_bytes: Infinity, folder: null, cl
 let background = 0;
 
 fill(document);
-const strip = new Strip(by("thumbnails"), { pick: show, close });
+const strip = new Strip(by("thumbnails"), by("strip-bar"), { pick: show, close });
 const view = new View({ notice, toAll });
 
 // ---- photos come and go ----
@@ -27,7 +27,7 @@ const view = new View({ notice, toAll });
 function take(files) {
   for (const file of files) {
     const most = isClip(file) ? settings.max_clip_bytes : settings.max_bytes;
-    if (isClip(file) && !settings.clips) notice(words.noClips(file.name));
+    if (isClip(file) && !settings.clips) notice(words.noClips(file.name, settings.install_clips));
     else if (file.size > most) notice(words.tooLarge(file.name, most / 1e6));
     else {
       const photo = isClip(file) ? new Clip(file) : new Photo(file);
@@ -60,7 +60,8 @@ function close(photo) {
 }
 
 function step(by) {
-  const next = photos[photos.indexOf(view.current) + by];
+  const shown = photos.filter((photo) => photo === view.current || strip.shown.includes(photo));
+  const next = shown[shown.indexOf(view.current) + by];
   if (next) show(next);
 }
 
@@ -102,6 +103,10 @@ function toAll() {
   workInBackground();
 }
 
+function toggleGrid() {
+  by("grid").setAttribute("aria-pressed", view.stage.toggleGrid());
+}
+
 async function sample() {
   const answer = await fetch("/page/sample.jpg");
   take([new File([await answer.blob()], "sample.jpg", { type: "image/jpeg" })]);
@@ -130,7 +135,7 @@ const { stage } = view;
 const keys = { ...Object.fromEntries([1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) => [number, () => view.pick(number)])),
   j: () => step(1), k: () => step(-1), z: () => stage.toggleZoom(), l: () => view.toggleLines(), f: () => view.fullScreen(),
   o: () => view.original(true), "+": stage.zoomIn, "=": stage.zoomIn, "-": stage.zoomOut, "0": () => stage.whole(),
-  s: () => view.save(), p: () => view.play(), escape: () => view.controls.hand.stop() };
+  s: () => view.save(), p: () => view.play(), g: toggleGrid, escape: () => view.controls.hand.stop() };
 addEventListener("keydown", (event) => {
   const typing = event.target.closest?.("input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
   const key = event.key.toLowerCase();
@@ -140,7 +145,7 @@ addEventListener("keydown", (event) => {
 });
 addEventListener("keyup", (event) => event.key.toLowerCase() === "o" && view.current && view.original(false));
 const clicks = { previous: () => step(-1), next: () => step(1), close: () => close(view.current), zoom: () => stage.toggleZoom(),
-  "zoom-in": stage.zoomIn, "zoom-out": stage.zoomOut, "full-screen": () => view.fullScreen(), sample };
+  "zoom-in": stage.zoomIn, "zoom-out": stage.zoomOut, grid: toggleGrid, "full-screen": () => view.fullScreen(), sample };
 for (const [id, clicked] of Object.entries(clicks)) by(id).addEventListener("click", clicked);
 by("drop-area").addEventListener("click", (event) => !event.target.closest("#sample") && by("choose").click());
 for (const name of ["pointerdown", "pointerup", "pointercancel", "pointerleave"]) {

@@ -3,6 +3,7 @@
 import { draw, make } from "./nodes.js";
 import { words } from "./words.js";
 
+const GRID_CELLS = 12; // across and down
 const STEP = 2; // of the divider, per cent
 const MOST_ZOOM = 16; // times the size that fits
 const ZOOM_STEP = 1.25; // for a press of a key
@@ -30,7 +31,7 @@ export class Stage {
     const tags = ["before", "after"].map((side) => make("span", { class: `tag ${side}`, "aria-hidden": "true" }, words[side]));
     this.frame = make("div", { class: "compare" },
       make("div", { class: "layer after" }, this.images.after, this.lines.after),
-      make("div", { class: "layer before" }, this.images.before, this.lines.before), ...tags, this.handle);
+      make("div", { class: "layer before" }, this.images.before, this.lines.before), ...tags, grid(), this.handle);
     this.message = make("div", { class: "message", role: "alert", hidden: true });
     stage.replaceChildren(this.frame, this.message);
     this.handle.addEventListener("keydown", (event) => this.#key(event));
@@ -114,6 +115,11 @@ export class Stage {
     this.#position = Math.min(Math.max(position, 0), 100);
     this.frame.style.setProperty("--position", `${this.#position}%`);
     this.handle.setAttribute("aria-valuenow", Math.round(this.#position));
+  }
+
+  // Straight lines over both pictures to compare with, on or off; whether they are on now.
+  toggleGrid() {
+    return this.frame.classList.toggle("with-grid");
   }
 
   // Of an event: shares of the picture's width and height.
@@ -251,6 +257,13 @@ export class Stage {
     target.addEventListener("pointerup", stop);
     target.addEventListener("pointercancel", stop);
   }
+}
+
+function grid() {
+  const at = [...Array(GRID_CELLS - 1).keys()].map((k) => (k + 1) / GRID_CELLS);
+  const node = overlay("grid");
+  node.append(...at.flatMap((x) => [draw("line", { x1: x, x2: x, y1: 0, y2: 1 }), draw("line", { x1: 0, x2: 1, y1: x, y2: x })]));
+  return node;
 }
 
 export function overlay(kind) {

@@ -4,14 +4,56 @@ import { make } from "./nodes.js";
 import { words } from "./words.js";
 
 const SIDE = 160; // px, of the longer side
+const AT_WORK = ["waiting", "loading", "finding"];
+
+// What each choice of the filter shows: function of a photo or clip.
+const FILTERS = {
+  all: () => true,
+  changed: ({ state, result }) => state === "done" && Boolean(result?.changed),
+  look: ({ state, result }) => state === "asking" || (state === "done" && Boolean(result?.changed && result.certainty === "unsure")),
+  failed: ({ state }) => state === "failed",
+};
 
 export class Strip {
   #items = new Map();
 
-  // list: where to; on: {pick(photo), close(photo)}.
-  constructor(list, on) {
+  // list, bar: where thumbnails, and filter and progress, go; on: {pick(photo), close(photo)}.
+  constructor(list, bar, on) {
     this.list = list;
     this.on = on;
+    this.filter = "all";
+    this.buttons = Object.keys(FILTERS).map((name) => make("button", { type: "button", id: `filter-${name}`, onclick: () => this.show(name) }));
+    this.progress = make("progress", { "aria-label": words.allDone });
+    bar.replaceChildren(make("span", { class: "row", role: "group", "aria-label": words.filter }, ...this.buttons), this.progress);
+    this.#count();
+  }
+
+  // Shows only some of them.
+  show(filter) {
+    this.filter = filter;
+    this.#count();
+  }
+
+  // Those that are shown, in their order.
+  get shown() {
+    return [...this.#items.keys()].filter(FILTERS[this.filter]);
+  }
+
+  // How many each filter shows, and how many of all are looked through.
+  #count() {
+    const photos = [...this.#items.keys()];
+    if (!photos.some(FILTERS[this.filter])) this.filter = "all"; // nothing is left to see
+    Object.keys(FILTERS).forEach((name, k) => {
+      const count = photos.filter(FILTERS[name]).length;
+      this.buttons[k].textContent = words.filterOf[name](count);
+      this.buttons[k].disabled = !count;
+      this.buttons[k].setAttribute("aria-pressed", name === this.filter);
+    });
+    for (const [photo, { item }] of this.#items) item.hidden = !FILTERS[this.filter](photo);
+    const done = photos.filter(({ state }) => !AT_WORK.includes(state)).length;
+    this.progress.hidden = done === photos.length;
+    Object.assign(this.progress, { max: Math.max(photos.length, 1), value: done });
+    this.progress.title = words.doneOf(done, photos.length);
   }
 
   add(photo) {
@@ -31,6 +73,7 @@ export class Strip {
   remove(photo) {
     this.#items.get(photo)?.item.remove();
     this.#items.delete(photo);
+    this.#count();
   }
 
   select(photo) {
@@ -47,6 +90,7 @@ export class Strip {
     item.state.textContent = stateOf(photo);
     item.pick.dataset.state = photo.state === "done" && photo.kind === "photo" ? (photo.result.changed ? "changed" : "alone") : photo.state;
     item.pick.dataset.sure = photo.state === "done" && photo.kind === "photo" && photo.result.changed ? photo.result.certainty ?? "" : "";
+    this.#count();
     const blob = photo.pictures.after?.blob ?? photo.pictures.before?.blob;
     if (blob && blob !== item.drawn) {
       item.drawn = blob;

@@ -77,6 +77,7 @@ export const words = {
   zoomHelp: "One pixel of the photo for each pixel of the screen, and back (key Z)",
   zoomIn: "Zoom in (key +)",
   zoomOut: "Zoom out (key −)",
+  grid: "Grid (key G)",
   fullScreen: "Full screen (key F)",
   slider: "Divider between before and after",
   before: "before",
@@ -84,6 +85,11 @@ export const words = {
   beforeAlt: (name) => `${name}, as it was taken`,
   afterAlt: (name) => `${name}, straightened`,
   close: (name) => `Close ${name}`,
+
+  filter: "Show",
+  filterOf: { all: (n) => `All ${n}`, changed: (n) => `Straightened ${n}`, look: (n) => `Please look ${n}`, failed: (n) => `Failed ${n}` },
+  allDone: "Looked through",
+  doneOf: (done, total) => `${done} of ${total} looked through`,
 
   // states of a photo
   waiting: "waiting",
@@ -236,6 +242,7 @@ export const words = {
     ["Z", "100 %, and back"],
     ["O", "hold: the original"],
     ["L", "lines that the program measures"],
+    ["G", "grid"],
     ["F", "full screen"],
     ["S", "save this photo"],
   ],
@@ -287,7 +294,7 @@ export const words = {
     ["Z", "100 %"],
     ["S", "save this clip"],
   ],
-  noClips: (name) => `${name} is a clip. To open clips, install what they need: pip install 'unshutter[video]'`,
+  noClips: (name, command) => `${name} is a clip. To open clips, install what they need: ${command}`,
 
   // saving
   saving: (done, total) => `Saving: ${done} of ${count(total, "file", "files")}`,
