@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from support.hand_held import FOCAL, HEIGHT, WIDTH, camera, exact_tracks, hand, pan
-from unshutter.frames.camera import ROWS, Problem, steady
+from unshutter.frames.camera import ROWS, Problem, steady, turn_between
 from unshutter.frames.self_calibration import focal_from_motion
 from unshutter.frames.tracks import Tracks
+from unshutter.geometry.rotations import rotation_vector
 
 UNIT = ROWS / HEIGHT
 
@@ -80,3 +81,12 @@ def test_near_ground_at_the_bottom_is_not_taken_for_an_oscillation():
         turns = fit.turn(np.linspace(12, 12.6, 7)) * fit.focal_px
         reach = np.abs(turns - turns[3]).max()
         assert (reach > 1.5) if most == np.inf else (reach < most)
+
+
+def test_the_turn_between_two_frames_with_strays():
+    moving = camera(hand(seed=3), ratio=0.0, frames=6)
+    for k, tracks in enumerate(exact_tracks(moving, noise=0.1, strays=0.3)):
+        before, after = moving.rotations(np.array([float(k), k + 1.0]))
+        turn = turn_between(tracks, FOCAL * UNIT)
+        off = (turn - rotation_vector(after @ before.T)) * FOCAL
+        assert np.abs(off).max() < 0.15  # px

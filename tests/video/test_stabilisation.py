@@ -124,6 +124,18 @@ def test_the_motion_file_holds_the_path(tmp_path, shaken, capsys):
     assert "write it again with --save-motion" in capsys.readouterr().err and not (tmp_path / "new.mkv").exists()
 
 
+def test_frames_of_another_decoder(shaken, kept):
+    frames = [each.astype(np.uint8) for each in clips.luma(shaken)]
+    options = {"readout_ratio": clips.RATIO, "stabilize": 2.0, "edges": "keep"}
+    steady = np.stack(list(unshutter.rectify_clip_frames(frames, **options))).astype(float)
+    assert shake(steady) < 0.1 * shake(kept) and steady.min() > DARKEST - 20
+    slower = np.stack(list(unshutter.rectify_clip_frames(frames, fps=60, **options))).astype(float)
+    assert not np.array_equal(slower, steady)
+    assert list(unshutter.rectify_clip_frames([], **options)) == []
+    with pytest.raises(unshutter.UsageError, match="twice"):
+        unshutter.rectify_clip_frames(iter(frames), **options)
+
+
 # ---- level ----------------------------------------------------------------------------------------------------
 
 

@@ -41,7 +41,7 @@ _RIDGE = 1e-6  # px^-2; T is counted from anywhere: this ties it
 _STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: what is tried
 _ROUNDS = 4
 _FASTER = 1.5  # than the tracks of all frames say, within one frame: so much is a hand's
-_PAIR_ROUNDS = 12
+_PAIR_ROUNDS, _LEAST_OFF = 12, 0.02  # of the turn between two frames; px that tracks are off by at least
 _SLACK = 0.5  # px of ROWS rows, beyond that
 
 
@@ -272,7 +272,7 @@ def turn_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"]:
         normal = np.einsum("nij,nik->jk", weighted, jacobian) + _RIDGE * np.eye(_UNKNOWNS)
         unknowns = np.linalg.solve(normal, np.einsum("nij,ni->j", weighted, moved))
         off = np.hypot(*(moved - jacobian @ unknowns).T)
-        scale = max(float(np.median(off)), _FINEST)
+        scale = max(float(np.median(off)), _LEAST_OFF)
         weights = 1 / (1 + (off / scale) ** 2) ** 2
     return unknowns[:3] / focal_px
 

@@ -15,7 +15,7 @@ from unshutter.estimators.base import View
 from unshutter.frames.angles import SURE_ENOUGH, PhotoSpeed, combined, ratio_from_angles, speed_of
 from unshutter.frames.camera import ROWS, Fit, Problem, steady
 from unshutter.frames.frame_motion import FrameMotion, KnownTurns
-from unshutter.frames.self_calibration import ReadoutRatio, fewer, focal_from_motion, ratio_from_motion
+from unshutter.frames.self_calibration import ReadoutRatio, fewer, focal_from_motion, ratio_from_motion, usual_focal
 from unshutter.frames.shots import GreyFrame, Shot
 from unshutter.frames.tracks import TRACKED_SIDE
 from unshutter.geometry.readout import Readout
@@ -174,18 +174,20 @@ class CameraMotion:
             return None, reason
         if self.ratio is None:
             return None, shot.why_unknown
-        if self._focal is None:
+        focal = self._focal
+        if focal is None and reason is not None:
+            focal = usual_focal(pairs[0])
+        if focal is None:
             long_enough = len(pairs) >= _CORE // 2
             focal = focal_from_motion(pairs, self.ratio.value)
             self._focal = focal if long_enough else None
-        else:
-            focal = self._focal
         starts = np.array(shot.times[: len(pairs) + 1]) - np.floor(shot.times[0])
         if self.turns is not None:
             moments = pairwise(shot.clock_s)
             pairs = [self.turns.without(pair, *moment) for pair, moment in zip(pairs, moments, strict=False)]
         fit = steady(Problem(pairs, focal, starts), self.ratio.value, self._stiffness_for(len(pairs)))
-        self._stiffness, self._windows = fit.stiffness, self._windows + 1
+        if reason is None:
+            self._stiffness, self._windows = fit.stiffness, self._windows + 1
         if fit.noise_px > _TOO_NOISY_PX:
             return None, Reason(Code.NO_COMMON_MOTION)
         return fit, reason

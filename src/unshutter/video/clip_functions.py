@@ -13,19 +13,23 @@ import cv2
 import numpy as np
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
+from unshutter.frames.frame_motion import FrameMotion
 from unshutter.frames.self_calibration import ReadoutRatio
 from unshutter.frames.sequence import CameraMotion, known_ratio
 from unshutter.frames.shots import GreyFrame
 from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion
 from unshutter.options import Camera, Clock, ClockKeywords, FrameModel, Reference
-from unshutter.options.description import from_keywords, takes_options, with_values
+from unshutter.options.description import check_time, from_keywords, takes_options, with_values
 from unshutter.photo.argument import check_size
+from unshutter.video.camera_path import CameraPath
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.frame_map import FrameMap, Scratch, warp_plane
 from unshutter.video.frame_motion import COPY_SIDE, FEWEST, small_motion, window_for
-from unshutter.video.options import ClipEdges, ClipUndo, RectifyClip
+from unshutter.video.options import ClipEdges, ClipUndo, RectifyClip, Steadiness
 from unshutter.video.outcome import ClipOutcome
+from unshutter.video.stabilisation import stabilised
+from unshutter.video.steady_view import SteadyView
 
 _MOST_BANDS = 4
 
@@ -115,9 +119,11 @@ class ClipFramesOptions(ClockKeywords, total=False):
     reference: Reference
     strength: float
     edges: ClipEdges
+    stabilize: float | None
+    zoom_limit: float | None
 
 
-@takes_options(ClipFramesOptions, Clock, Camera, ClipUndo)
+@takes_options(ClipFramesOptions, Clock, Camera, ClipUndo, Steadiness)
 def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFramesOptions]) -> Iterator[np.ndarray]:
     """Rectifies the frames of a clip that you decode yourself, by one motion of the camera for each whole frame.
 
@@ -131,13 +137,17 @@ def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFram
             without ``readout_ms`` and ``fps``, it is found from the frames, if they show it.
         focal_px: focal length [px of the frames]; by default it is found from the frames.
         edges: ``fill`` mirrors a frame in places that it did not see, ``keep`` leaves them black.
+        fps: frames per second, for ``readout_ms`` and for ``stabilize``, which takes 30 without it.
+        stabilize: also smooth the camera's path: movements shorter than so many seconds go. Frames are then gone
+            through twice, so ``frames`` must be a list, or an object that begins again each time it is iterated over;
+            the first frame comes out after the first pass.
         **options: the readout ratio in other words, and how motion is undone.
 
     Yields:
         Each frame as a new array, or the frame itself where it does not change.
 
     Raises:
-        UsageError: an option that cannot be, or arrays of another kind.
+        UsageError: an option that cannot be, arrays of another kind, or an iterator to stabilise.
         UnknownRatioError: the readout ratio was not stated, and the frames do not show it.
 
     Examples:
@@ -145,36 +155,73 @@ def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFram
         >>> sum(1 for frame in unshutter.rectify_clip_frames(frames, readout_ratio=0.6))
         10
     """
-    ratio = known_ratio(options.get("readout_ratio"), options.get("readout_ms"), options.get("fps"))
+    steadiness, fps = from_keywords(Steadiness, options), options.get("fps")
+    for_ratio = None if steadiness.stabilize is not None and options.get("readout_ms") is None else fps
+    ratio = known_ratio(options.get("readout_ratio"), options.get("readout_ms"), for_ratio)
     undo, readout = from_keywords(ClipUndo, options), Readout.parse(options.get("readout", "auto"))
     if undo.edges not in ("fill", "keep"):
         raise UsageError(f"frames of an iterator take edges fill or keep, not {undo.edges}")
     focal_px = from_keywords(Camera, {"focal_px": options.get("focal_px")}).focal_px
-    return _rectified(iter(frames), ratio, focal_px, readout, undo)
+    camera = CameraMotion(ratio, focal_px, readout, fewest=FEWEST, whole_path=steadiness.stabilize is not None)
+    if steadiness.stabilize is None:
+        return _rectified(iter(frames), camera, undo)
+    if iter(frames) is frames:
+        raise UsageError(
+            "stabilize goes through the frames twice: pass a list, or an object that begins again each time it is "
+            "iterated over"
+        )
+    check_time("frames", fps, "frames per second")
+    return _steady(frames, camera, undo, steadiness, fps or 30.0)
 
 
-def _rectified(
-    frames: Iterator[np.ndarray], ratio: ReadoutRatio | None, focal_px: float | None, readout: Readout, undo: ClipUndo
+def _rectified(frames: Iterator[np.ndarray], camera: CameraMotion, undo: ClipUndo) -> Iterator[np.ndarray]:
+    scratch = Scratch()
+    for frame, motion in _with_motion(frames, camera):
+        yield _undone(frame, small_motion(motion), undo, scratch)
+
+
+def _steady(
+    frames: Iterable[np.ndarray], camera: CameraMotion, undo: ClipUndo, steadiness: Steadiness, fps: float
 ) -> Iterator[np.ndarray]:
+    path, last = None, None
+    for frame, motion in _with_motion(iter(frames), camera):
+        path = path or CameraPath(undo, camera.readout, *camera.readout.frame_size(*frame.shape[:2]))
+        small, cut = small_motion(motion), last is not None and motion.scene != last.scene
+        path.add(small, motion.step_from(last, 0.5 / small.height), cut, len(path) / fps)
+        last = motion
+    if path is None:
+        return
+    steady, scratch = stabilised(path, steadiness, 1 / fps), Scratch()
+    for k, frame in enumerate(frames):
+        if k == len(path):
+            raise UsageError("the frames are more in the second pass than in the first")
+        yield _undone(frame, path.motion(k), undo, scratch, steady.view(k))
+
+
+def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator[tuple[np.ndarray, FrameMotion]]:
+    """Frames with their motion, some frames after they were taken.
+
+    Raises:
+        UnknownRatioError: the readout ratio is not known, and the frames do not show it.
+    """
     first = next(frames, None)
     if first is None:
         return
     _check(first, first)
-    camera = CameraMotion(ratio, focal_px, readout, window=window_for(first.nbytes), fewest=FEWEST)
+    camera.window, searched = window_for(first.nbytes), camera.ratio is None
     waiting: deque[np.ndarray] = deque()
 
     def grey_frames() -> Iterator[GreyFrame]:
         for frame in chain([first], frames):
             _check(frame, first)
             waiting.append(frame)
-            yield _grey_frame(frame, readout)
+            yield _grey_frame(frame, camera.readout)
 
-    scratch = Scratch()
     for motion in camera.motions(grey_frames()):
-        if motion.ratio_unknown and motion.reason is not None and ratio is None:
+        if motion.ratio_unknown and motion.reason is not None and searched:
             error = UnknownRatioError(str(motion.reason), motion.reason)
             raise error.with_advice("give readout_ratio, or readout_ms and fps")
-        yield _undone(waiting.popleft(), small_motion(motion), undo, scratch)
+        yield waiting.popleft(), motion
 
 
 def _check(frame: np.ndarray, first: np.ndarray) -> None:
@@ -200,12 +247,14 @@ def _grey_frame(frame: np.ndarray, readout: Readout) -> GreyFrame:
     return GreyFrame(height, width, np.ascontiguousarray(readout.turn(grey)))
 
 
-def _undone(frame: np.ndarray, motion: Motion, undo: ClipUndo, scratch: Scratch) -> np.ndarray:
+def _undone(
+    frame: np.ndarray, motion: Motion, undo: ClipUndo, scratch: Scratch, view: SteadyView | None = None
+) -> np.ndarray:
     motion = motion.rereferenced(undo.reference).scaled(undo.strength)
-    if motion.is_zero:
+    if motion.is_zero and view is None:
         return frame
     pixels, out = np.ascontiguousarray(frame), np.empty(frame.shape, frame.dtype)
     limit = int(np.iinfo(frame.dtype).max)
-    for rows, positions in FrameMap.of(motion, *frame.shape[:2]).positions(1, 1, scratch):
+    for rows, positions in FrameMap.of(motion, frame.shape[0], frame.shape[1], view).positions(1, 1, scratch):
         warp_plane(pixels, positions, out[rows], 0 if undo.edges == "keep" else None, limit)
     return out

@@ -4,40 +4,35 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
 import cv2
-import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.frames.self_calibration import ReadoutRatio
-from unshutter.frames.timing import SHARES
 from unshutter.geometry.readout import Readout
-from unshutter.gyro.gravity import has_gravity, up_directions
 from unshutter.progress import Steps, Watch
 from unshutter.reasons import Code, Reason
 from unshutter.storage.files import written_whole
 from unshutter.storage.new_folders import new_folder
 from unshutter.video import mp4_movie, pictures
-from unshutter.video.camera_path import CameraPath
 from unshutter.video.clip import Clip, SidePacket
 from unshutter.video.clip_gyro import ClipGyro, gyro_of_clip
 from unshutter.video.clip_motion_file import ClipMotion, load, motion_written
 from unshutter.video.clip_preview import write_preview
 from unshutter.video.encoders import Encoder
 from unshutter.video.film_file import FilmWriter, write_picture, writing
-from unshutter.video.frame_motion import MovingFrame
 from unshutter.video.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.options import Encode, RectifyClip
 from unshutter.video.outcome import ClipOutcome
 from unshutter.video.output_checks import are_pictures, check_targets, on_this_machine
+from unshutter.video.path_pass import watched, with_steady_views
 from unshutter.video.pipeline import Pipeline
 from unshutter.video.readout_choice import Visibility, readout_ratio_of_clip, too_little_to_see
-from unshutter.video.stabilisation import stabilised
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
@@ -78,7 +73,7 @@ def rectify_clip_file(
     outcome = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
     outcome.after_killed_run, outcome.gyro = after_killed_run, gyro
     if options.steadiness.stabilize is not None:
-        pipeline = _with_steady_views(pipeline, gyro, watch)
+        pipeline = with_steady_views(pipeline, gyro, watch)
         outcome.stabilisation = pipeline.stabilisation
     if visibility is not None and pipeline.unmoved is not None and _is_simple(clip, target, options):
         outcome.add_unchanged(visibility.frames, pipeline.unmoved)
@@ -139,41 +134,6 @@ def _pipeline(
     return pipeline, None, gyro
 
 
-def _with_steady_views(pipeline: Pipeline, gyro: ClipGyro | None, watch: Watch | None) -> Pipeline:
-    """The steps for a clip whose camera's path is smoothed: it is found in a first pass over the frames.
-
-    Raises:
-        UsageError: the horizon is to be level, but no log says which way is up.
-        UnshutterError: nothing says how the camera turned between frames.
-    """
-    clip, options, readout = pipeline.clip, pipeline.options, pipeline.readout
-    if options.steadiness.level:
-        _check_gravity(gyro)
-    path = CameraPath(options.undo, readout, *readout.frame_size(clip.height, clip.width))
-    with closing(pipeline.moving()) as items:
-        for moving in _watched(items, clip, options, watch):
-            path.add(moving.motion, moving.step, moving.cut, moving.frame.time or 0.0)
-    if pipeline.file_motion is not None and not any(map(path.step, range(len(path)))):
-        raise UnshutterError(
-            f"{options.motion} does not say how the camera turned between frames: it is of an earlier version; "
-            "write it again with --save-motion"
-        )
-    up = None
-    if options.steadiness.level and pipeline.gyro is not None:
-        up = up_directions(pipeline.gyro, np.array(path.times_s), SHARES[options.undo.reference])
-    return replace(pipeline, stabilisation=stabilised(path, options.steadiness, clip.interval_s, up))
-
-
-def _check_gravity(gyro: ClipGyro | None) -> None:
-    """Raises UsageError where no gyro log says which way is up."""
-    if gyro is None:
-        raise UsageError("--level needs a gyro log with acceleration, and the clip has no log: name one with --gyro")
-    if gyro.turns is None:
-        raise UsageError(f"--level needs the clip's gyro log ({gyro.origin}), which cannot be used: {gyro.reason}")
-    if not has_gravity(gyro.turns):
-        raise UsageError(f"--level needs acceleration, which the gyro log ({gyro.origin}) does not have")
-
-
 def _check_size(motion: ClipMotion, clip: Clip) -> None:
     """Raises UnshutterError where a motion file is of frames of another size."""
     if (motion.height, motion.width) != (clip.height, clip.width):
@@ -181,17 +141,6 @@ def _check_size(motion: ClipMotion, clip: Clip) -> None:
             f"the motion file is of frames of {motion.width}x{motion.height} px, the clip has "
             f"{clip.width}x{clip.height}: it is of another clip"
         )
-
-
-def _watched(
-    items: Generator[MovingFrame | SidePacket], clip: Clip, options: RectifyClip, watch: Watch | None
-) -> Iterator[MovingFrame]:
-    """The frames among the items, each of them reported as one that was looked at."""
-    steps = Steps("looking", clip.expected_frames(options.start, options.end), watch)
-    for item in items:
-        if not isinstance(item, SidePacket):
-            steps.advance()
-            yield item
 
 
 # ---- what is written --------------------------------------------------------------------------------------
@@ -205,7 +154,7 @@ def _write(
     warper = Warper(clip, options.undo)
     if options.undo.edges == "crop":
         with closing(pipeline.moving()) as items:
-            warper = Warper(clip, options.undo, common_window(warper, _watched(items, clip, options, watch)))
+            warper = Warper(clip, options.undo, common_window(warper, watched(items, clip, options, watch)))
     try:
         if encoder is None:
             _write_pictures(pipeline, warper, target, outcome, watch)

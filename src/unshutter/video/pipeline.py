@@ -87,7 +87,7 @@ class Pipeline:
             window=together,
             fewest=FEWEST,
             turns=self.gyro,
-            whole_path=self.options.steadiness.stabilize is not None,
+            whole_path=self.options.steadiness.stabilize is not None or self.options.save_motion is not None,
         )
         return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
 
