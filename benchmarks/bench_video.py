@@ -1,11 +1,14 @@
 """Whole-process time and peak memory of ``unshutter video`` beside the least that the same PyAV can do.
 
-    python benchmarks/bench_video.py CLIP [--preset veryfast] [--ratio 0.6] [--runs 5]
+    python benchmarks/bench_video.py CLIP [--preset veryfast] [--ratio 0.6] [--model camera] [--runs 5]
 
 The floor is one Python process that decodes the clip's film, warps the three planes of every frame by the identity
 (bicubic remap, maps made once) and encodes it with the same settings: decoding, warping and encoding beside each
 other, as unshutter does it. It copies no sound. Both run in turn after a warm-up; ratios are taken pair by pair, since
 machines are noisy. Processor time (user and system, all threads) stands beside, which other work disturbs less.
+
+A second table says where the processor time goes: the steps of the pipeline are run up to each one in turn, and each
+counts what it adds.
 """
 
 from __future__ import annotations
@@ -57,6 +60,46 @@ writer.mux(made.encode(None))
 writer.close()
 """
 
+# Prints the name of each step and the processor time of a frame [ms] up to and with it.
+STEPS = """
+import resource, sys
+import cv2
+from contextlib import closing
+from unshutter.frames.self_calibration import ReadoutRatio
+from unshutter.geometry.readout import Readout
+from unshutter.video.clip import Clip
+from unshutter.video.clip_rectification import rectify_clip_file
+from unshutter.video.frame_warper import Warper
+from unshutter.video.options import ClipUndo, Encode, RectifyClip, Shutter
+from unshutter.video.pipeline import Pipeline
+
+cv2.setNumThreads(1)
+source, out, preset, ratio, model = sys.argv[1], sys.argv[2], sys.argv[3], float(sys.argv[4]), sys.argv[5]
+options = RectifyClip(
+    Shutter(readout_ratio=ratio), ClipUndo(model=model), Encode(preset=preset, crf=18), overwrite=True
+)
+clip = Clip.look(source)
+pipeline = Pipeline(clip, options, ReadoutRatio(ratio, 0.0, "given"), Readout.TOP_TO_BOTTOM)
+
+def count(items):
+    with closing(items) as items:
+        return sum(1 for _ in items)
+
+steps = {
+    "decode": lambda: count(clip.items()),
+    "find the motion": lambda: count(pipeline.moving()),
+    "warp" if model == "camera" else "flow and warp": lambda: count(pipeline.rectified(Warper(clip, options.undo))),
+    "encode and write": lambda: rectify_clip_file(source, out, options).frames,
+}
+count(pipeline.moving())  # libraries are loaded
+for name, step in steps.items():
+    before = resource.getrusage(resource.RUSAGE_SELF)
+    frames = step()
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    ms = 1000 * (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / frames
+    print(name, ms, sep="\\t")
+"""
+
 
 def run(command: list[str]) -> tuple[float, float, float]:
     """(seconds, processor seconds, peak MB) of a process."""
@@ -72,6 +115,17 @@ def run(command: list[str]) -> tuple[float, float, float]:
     return seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000
 
 
+def steps_table(lines: list[str]) -> str:
+    """Where the processor time goes: milliseconds of a frame, and shares."""
+    until = [(name, float(ms)) for name, ms in (line.split("\t") for line in lines)]
+    whole, before = until[-1][1], 0.0
+    table = "| step | processor ms a frame | share |\n|---|---|---|\n"
+    for name, ms in until:
+        table += f"| {name} | {ms - before:.1f} | {100 * (ms - before) / whole:.0f} % |\n"
+        before = ms
+    return table + f"| all | {whole:.1f} | |"
+
+
 def spread(values: list[float]) -> str:
     return f"{statistics.median(values):.2f} ({min(values):.2f} … {max(values):.2f})"
 
@@ -81,16 +135,18 @@ def main() -> None:
     parser.add_argument("clip", type=Path)
     parser.add_argument("--preset", default="veryfast")
     parser.add_argument("--ratio", default="0.6")
+    parser.add_argument("--model", choices=("camera", "dense"), default="camera")
     parser.add_argument("--runs", type=int, default=5)
     given = parser.parse_args()
     threads = str(os.cpu_count() or 1)
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the command line does: its idle threads spin
     with tempfile.TemporaryDirectory() as folder:
         out = str(Path(folder) / f"out{given.clip.suffix}")
         commands = {
             "floor": [sys.executable, "-c", FLOOR, str(given.clip), out, given.preset, threads],
             "unshutter video": [
                 *(sys.executable, "-m", "unshutter", "video", str(given.clip), "-o", out, "--overwrite"),
-                *("--readout-ratio", given.ratio, "--preset", given.preset),
+                *("--readout-ratio", given.ratio, "--preset", given.preset, "--crf", "18", "--model", given.model),
             ],
         }
         for command in commands.values():
@@ -99,6 +155,8 @@ def main() -> None:
         for _ in range(given.runs):
             for name, command in commands.items():
                 measured[name].append(run(command))
+        by_step = [sys.executable, "-c", STEPS, str(given.clip), out, given.preset, given.ratio, given.model]
+        lines = subprocess.run(by_step, capture_output=True, text=True, check=True).stdout.splitlines()
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
     print(f"{given.clip.name}, {given.preset}, {threads} processors, {platform.processor()}, commit {commit}\n")
     print("| | s | processor s | MB | of the floor | processor time of the floor's |\n|---|---|---|---|---|---|")
@@ -110,6 +168,7 @@ def main() -> None:
             f"| {name} | {spread(list(times))} | {spread(list(processor))} | {max(memory):.0f} "
             f"| {spread(ratios)} | {spread(work)} |"
         )
+    print(f"\n{steps_table(lines)}")
 
 
 if __name__ == "__main__":

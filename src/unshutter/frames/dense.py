@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 _ROUNDS = 4  # of the fixed point
 _WINDOW = 0.11  # of the width: in which ways of moving are compared
+_NODES = 8  # px between places at which the plane's velocities are worked out
+_EVERY = 2  # px: they are compared at every second place, since a window holds thousands
 _SOFTNESS = 0.5  # grey levels: ways of moving that differ by less are mixed
 _DOUBT = 2.0  # grey levels by which one neighbour may explain a picture worse than the other
 _UNSEEN = 30.0  # grey levels that a way of moving costs where it leaves a frame
@@ -41,7 +43,7 @@ class Field:
         acceleration: [px of the copy / frame interval^2]; 0 from two frames alone.
         moment: of the picture, in frame intervals.
         timing: the clock of the copies.
-        cost: mean difference [grey levels] about each pixel of what the frames have for it.
+        cost: mean difference [grey levels] about every second pixel of what the frames have for it.
         still_cost: the same if nothing moved.
     """
 
@@ -49,8 +51,8 @@ class Field:
     acceleration: Float32[np.ndarray, "height width 2"] | float
     moment: float
     timing: Timing
-    cost: Float32[np.ndarray, "height width"]
-    still_cost: Float32[np.ndarray, "height width"]
+    cost: Float32[np.ndarray, "rows columns"]
+    still_cost: Float32[np.ndarray, "rows columns"]
 
     def shift(self, frame: float) -> Float32[np.ndarray, "height width 2"]:
         """How far from itself each pixel of the picture looks in a frame: (columns, rows) [px of the copy].
@@ -81,7 +83,8 @@ def joined(before: Field, after: Field) -> Field:
     since = (before.moment - before.timing.exposed(0, own_row)).astype(np.float32)  # frame 0 saw what is shown
     change = after.velocity - before.velocity
     steady = (after.velocity + before.velocity) / 2 + change * since
-    trust = 1 / (1 + np.exp(np.clip((after.cost - before.cost) / _DOUBT, -30, 30)))[..., None]  # in ``after``
+    trust = 1 / (1 + np.exp(np.clip((after.cost - before.cost) / _DOUBT, -30, 30)))  # in ``after``
+    trust = _everywhere(trust, row)[..., None]
     both = 2 * np.minimum(trust, 1 - trust)
     better = np.where(trust > 0.5, after.velocity, before.velocity)
     return Field(
@@ -114,19 +117,18 @@ def field_between(
         moment: of the picture, in frame intervals from the first row of frame 0.
         nearest: frame (0 or 1) that the picture is of.
     """
-    height, width = earlier.shape
-    plane = moved(flow.plane, pixel_grid(height, width)) - pixel_grid(height, width)
     ways = [
         _at_moment(_velocity(flow.forward, timing, +1), timing, 0, moment),
         _at_moment(_velocity(flow.backward, timing, -1), timing, 1, moment),
-        _at_moment(_velocity(plane, timing, +1), timing, 0, moment),
+        _plane_at_moment(flow.plane, timing, moment, *earlier.shape),
     ]
     if nearest == 1:
         ways[:2] = ways[1::-1]
     costs = np.stack([_cost(earlier, later, way, timing, moment) for way in ways])
     weights = np.exp((costs.min(axis=0) - costs) / _SOFTNESS)
     weights /= weights.sum(axis=0)
-    velocity = np.einsum("nhw,nhwc->nhwc", weights, np.stack(ways)).sum(axis=0)
+    shares = [_everywhere(weight, ways[0])[..., None] for weight in weights]
+    velocity = shares[0] * ways[0] + shares[1] * ways[1] + shares[2] * ways[2]
     return Field(
         velocity,
         0.0,
@@ -153,9 +155,22 @@ def _at_moment(velocity: np.ndarray, timing: Timing, frame: int, moment: float) 
     return bilinear(velocity, position)
 
 
-def _look(velocity: np.ndarray, moment: float, timing: Timing, frame: float) -> np.ndarray:
-    """P of p = q + V (tau(p) - t), where V is known at q: linear in p's row."""
-    grid = pixel_grid(*velocity.shape[:2])
+def _plane_at_moment(plane: np.ndarray, timing: Timing, moment: float, height: int, width: int) -> np.ndarray:
+    """Velocities at the pixels of the picture of a moment, of the plane of frame 0; smooth, so few are worked out."""
+    nodes = pixel_grid(-(-height // _NODES) + 1, -(-width // _NODES) + 1) * np.float32(_NODES)
+    position = nodes
+    for _ in range(_ROUNDS):
+        velocity = _velocity(moved(plane, position) - position, timing, +1)
+        position = nodes + velocity * (timing.exposed(0, position[..., 1:]) - moment).astype(np.float32)
+    velocity = _velocity(moved(plane, position) - position, timing, +1)
+    return bilinear(velocity.astype(np.float32), pixel_grid(height, width) / np.float32(_NODES))
+
+
+def _look(
+    velocity: np.ndarray, moment: float, timing: Timing, frame: float, grid: np.ndarray | None = None
+) -> np.ndarray:
+    """P of p = q + V (tau(p) - t), where V is known at q: linear in p's row; q are all pixels, or those of a grid."""
+    grid = pixel_grid(*velocity.shape[:2]) if grid is None else grid
     down = velocity[..., 1]
     row = (grid[..., 1] + down * (timing.start(frame) - moment)) / np.maximum(1 - timing.per_row * down, 0.1)
     ahead = timing.exposed(frame, row) - moment
@@ -165,11 +180,17 @@ def _look(velocity: np.ndarray, moment: float, timing: Timing, frame: float) -> 
 def _cost(
     earlier: np.ndarray, later: np.ndarray, velocity: Float[np.ndarray, "height width 2"], timing: Timing, moment: float
 ) -> np.ndarray:
-    """How unlike the two frames are where a velocity says that they show the same, averaged about each pixel."""
+    """How unlike the frames are where a velocity says that they show the same, averaged about every second pixel."""
     height, width = earlier.shape
-    in_earlier, in_later = (_look(velocity, moment, timing, frame) for frame in (0, 1))
+    grid, there = pixel_grid(height, width)[::_EVERY, ::_EVERY], velocity[::_EVERY, ::_EVERY]
+    in_earlier, in_later = (_look(there, moment, timing, frame, grid) for frame in (0, 1))
     difference = cv2.absdiff(bilinear(earlier, in_earlier), bilinear(later, in_later)).astype(np.float32)
     visible = inside(in_earlier, height, width) & inside(in_later, height, width)
     difference[~visible] = _UNSEEN
-    side = round(_WINDOW * width) | 1
+    side = round(_WINDOW * width / _EVERY) | 1
     return cv2.blur(difference, (side, side))
+
+
+def _everywhere(values: np.ndarray, like: np.ndarray) -> np.ndarray:
+    """Values that are known at every second pixel, at each pixel of a picture."""
+    return cv2.resize(values, like.shape[1::-1], interpolation=cv2.INTER_LINEAR)

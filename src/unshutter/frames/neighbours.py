@@ -91,20 +91,24 @@ def copy_side(height: int, width: int) -> int:
 
 
 def link(
-    earlier: UInt8[np.ndarray, "height width"], later: UInt8[np.ndarray, "height width"], apart: float = 1.0
+    earlier: UInt8[np.ndarray, "height width"],
+    later: UInt8[np.ndarray, "height width"],
+    apart: float = 1.0,
+    halvings: int = 0,
 ) -> Link:
     """The flow between two successive frames, from their small grey copies.
 
     Args:
         earlier, later: the copies.
         apart: time from the one to the other [frame intervals].
+        halvings: see :func:`flow_between`.
 
     Raises:
         UnshutterError: they show different things.
     """
     if earlier.shape != later.shape:
         later = cv2.resize(later, earlier.shape[::-1], interpolation=cv2.INTER_AREA)
-    flow = flow_between(earlier, later)
+    flow = flow_between(earlier, later, halvings)
     if flow.consistent < _LEAST_CONSISTENT:
         raise UnshutterError(
             f"the frames have too little in common ({100 * flow.consistent:.0f} % of the picture is found in both): "

@@ -14,6 +14,7 @@ from unshutter.photo.argument import check_size
 from unshutter.video.containers import (
     FrameTiming,
     Times,
+    bits_per_s,
     damaged,
     decoded,
     film_of,
@@ -35,6 +36,7 @@ _WHOLE = 0.03  # of a frame interval: times are taken to be this close to even o
 _LONGEST_GAP = 4  # frame intervals; what lies farther apart is no motion
 _PROGRESSIVE = (0, 1)  # FFmpeg's field orders: unknown, progressive
 _LEAD_S = 10.0  # s in which files that have no index have a key frame
+_LARGE = 6_000_000  # px: such frames are not decoded several at a time, for memory; other steps take far longer
 _NO_TABLES = ("mpegts", "mpeg", "h264", "hevc", "mpegvideo", "m4v", "mjpeg", "obu")  # whose lengths FFmpeg estimates
 
 
@@ -65,6 +67,7 @@ class Clip:
         expected: how much of it there should be.
         timing: when its frames are shown.
         pictures: of a sequence of pictures; None: a film.
+        bits_per_s: of the film's frames; 0: unknown.
     """
 
     path: str
@@ -82,6 +85,7 @@ class Clip:
     expected: ExpectedLength = field(repr=False)
     timing: FrameTiming = field(repr=False)
     pictures: PictureSequence | None = None
+    bits_per_s: float = 0.0
 
     @classmethod
     def look(cls, path: str | os.PathLike[str], fps: float | None = None, max_pixels: int = MAX_CLIP_PIXELS) -> Clip:
@@ -110,6 +114,7 @@ class Clip:
             start_s = (stream.start_time or 0) * base
             by_tables = bool(stream.duration) and kind not in _NO_TABLES
             interval, first, before = first_times(container, stream)
+            rate = 0.0 if pictures else bits_per_s(container, stream)
             frames = stream.frames or (round(float(length) / interval) if pictures else 0)
         end_s = start_s + float(length) if by_tables else None
         expected = ExpectedLength(
@@ -127,7 +132,8 @@ class Clip:
         begin = 0 if first is None else first - before * step
         timing = FrameTiming(begin, step, delay if kind == "avi" else None)
         lead_s = math.inf if first is None else _LEAD_S if kind in _NO_TABLES else 0.0
-        return cls(*stored, interval, frames, float(length), tags, ticks, beside, lead_s, expected, timing, pictures)
+        times = (interval, frames, float(length), tags, ticks, beside, lead_s, expected, timing)
+        return cls(*stored, *times, pictures, rate)
 
     @property
     def of_pictures(self) -> bool:
@@ -169,7 +175,7 @@ class Clip:
         """
         with self.opened() as container:
             film = film_of(container, self.path)
-            film.thread_type = "AUTO"
+            film.thread_type = "AUTO" if self.height * self.width < _LARGE else "SLICE"
             if start and start - self.lead_s > self.expected.start_s:
                 container.seek(int((start - self.lead_s) / film.time_base), stream=film)
             times, ending = Times(self.timing), Ending(self.path, self.expected)
@@ -225,6 +231,12 @@ class Clip:
                 f"{{clip}}: its frames change in size or kind at {frame.time or 0:.1f} s", clip=self.path
             )
         return frame
+
+
+def frame_bytes(clip: Clip) -> float:
+    """Memory that a decoded frame of a clip takes [bytes]."""
+    size = sum(plane.bands / plane.across / plane.down for plane in clip.pixels.planes)
+    return size * clip.height * clip.width * (1 if clip.pixels.depth == 8 else 2)
 
 
 def _check_size(place: str, width: int, height: int, most: int) -> None:

@@ -25,7 +25,7 @@ from unshutter.video.clip_gyro import ClipGyro, gyro_of_clip
 from unshutter.video.clip_motion_file import ClipMotion, load, motion_written
 from unshutter.video.clip_preview import write_preview
 from unshutter.video.encoders import Encoder
-from unshutter.video.film_file import FilmWriter, write_picture, writing
+from unshutter.video.film_file import FilmWriter, RateCallback, write_picture, writing
 from unshutter.video.frame_warper import NewFrame, Warper, common_window
 from unshutter.video.options import Encode, RectifyClip
 from unshutter.video.outcome import ClipOutcome
@@ -46,6 +46,7 @@ def rectify_clip_file(
     ratio: ReadoutRatio | None = None,
     watch: Watch | None = None,
     on_readout: ReadoutCallback | None = None,
+    on_rate: RateCallback | None = None,
 ) -> ClipOutcome:
     """Writes a clip without its rolling-shutter distortion. Prints nothing.
 
@@ -56,6 +57,7 @@ def rectify_clip_file(
         ratio: the readout ratio, if it is known already; unused where the options state it.
         watch: called for every frame.
         on_readout: called once the readout ratio is found here, which may be long before the clip is done.
+        on_rate: called early where the new film becomes much larger or smaller than the clip (see ``FilmWriter``).
 
     Raises:
         UsageError: options that do not fit the clip.
@@ -81,7 +83,7 @@ def rectify_clip_file(
         if outcome.written:
             _copy(clip, target, options.overwrite)
     else:
-        _write(pipeline, encoder, target, outcome, watch)
+        _write(pipeline, encoder, target, outcome, watch, on_rate)
     if options.preview is not None and outcome.written:
         write_preview(options.preview, clip, str(target), options.start or 0.0, outcome.frames, options.overwrite)
     if options.plot is not None:
@@ -147,7 +149,12 @@ def _check_size(motion: ClipMotion, clip: Clip) -> None:
 
 
 def _write(
-    pipeline: Pipeline, encoder: Encoder | None, target: Path, outcome: ClipOutcome, watch: Watch | None
+    pipeline: Pipeline,
+    encoder: Encoder | None,
+    target: Path,
+    outcome: ClipOutcome,
+    watch: Watch | None,
+    on_rate: RateCallback | None,
 ) -> None:
     """Writes the clip; pictures without an encoder."""
     clip, options = pipeline.clip, pipeline.options
@@ -159,7 +166,7 @@ def _write(
         if encoder is None:
             _write_pictures(pipeline, warper, target, outcome, watch)
         else:
-            _write_film(pipeline, warper, encoder, target, outcome, watch)
+            _write_film(pipeline, warper, encoder, target, outcome, watch, on_rate)
     except _NothingChangedError:
         outcome.written = False
 
@@ -182,7 +189,13 @@ def _is_simple(clip: Clip, target: Path, options: RectifyClip) -> bool:
 
 
 def _write_film(
-    pipeline: Pipeline, warper: Warper, encoder: Encoder, target: Path, outcome: ClipOutcome, watch: Watch | None
+    pipeline: Pipeline,
+    warper: Warper,
+    encoder: Encoder,
+    target: Path,
+    outcome: ClipOutcome,
+    watch: Watch | None,
+    on_rate: RateCallback | None,
 ) -> None:
     """Writes a film; its frames go into a copy of the clip's file where its kind allows that."""
     clip, options = pipeline.clip, pipeline.options
@@ -194,7 +207,7 @@ def _write_film(
         frames = stack.enter_context(tempfile.TemporaryFile(dir=target.parent)) if into_copy else None
         container = stack.enter_context(writing(part if frames is None else frames, target.suffix, clip.ticks))
         items = stack.enter_context(_counted(pipeline, warper, outcome, watch, all_streams=not into_copy))
-        film = FilmWriter(container, source, clip, encoder, not into_copy, warper.size, options.start or 0.0)
+        film = FilmWriter(container, source, clip, encoder, not into_copy, warper.size, options.start or 0.0, on_rate)
         for item in items:
             if isinstance(item, SidePacket):
                 film.add_packet(item.packet)

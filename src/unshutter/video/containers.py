@@ -140,6 +140,15 @@ def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
     return next((s for s in stated if abs(s - usual) <= 1.01 * stream.time_base), usual), first, before
 
 
+def bits_per_s(container: Any, stream: Any) -> float:
+    """Bits per second of a film's frames, as its file says, else of all that is in the file but sound; 0: unknown."""
+    stated = stream.codec_context.bit_rate or stream.metadata.get("BPS", "")
+    if stated and str(stated).isdecimal():
+        return float(stated)
+    sound = sum(each.codec_context.bit_rate or 0 for each in container.streams.audio if each.codec_context)
+    return float(max((container.bit_rate or 0) - sound, 0))
+
+
 # ---- when frames are shown -------------------------------------------------------------------------------
 
 

@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.video.clip import Clip
+from unshutter.video.clip import Clip, frame_bytes
 from unshutter.video.containers import av
 from unshutter.video.options import Encode
 
@@ -30,10 +30,12 @@ _CRF = {"libx264": 18, "libx265": 20, "libsvtav1": 24, "libvpx-vp9": 24}
 _X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", "slow", "slower", "veryslow"))
 _PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
 _QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
+_BY_RATE = {*_CRF, "mpeg4", "mpeg2video"}  # that can be given bits per second: those of a clip of the same kind
 _PRORES = {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"}
 _CONSTANT_RATE = {"mpeg1video", "mpeg2video"}  # whose frames are counted, and have no times of their own
 _COARSE = {"mpeg4", "msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"}  # whose times have at most 16 bits a second
 _MOST_TICKS = 65_535  # of these
+_LARGE = 10_000_000  # bytes of a frame: libx264 holds nearly twice that of each frame that it looks ahead
 _LAMBDA = 118  # FFmpeg's units of a quality of 1
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 
@@ -44,15 +46,17 @@ class Encoder:
 
     Attributes:
         name: as FFmpeg calls it.
-        options: of it.
-        qscale: quality of encoders that have no CRF; None: CRF.
         pixel_format: of the frames to encode; the clip's own, unless that is a sequence of pictures.
+        options: of it.
+        qscale: quality of encoders that have no CRF; None: CRF, or bits per second.
+        bits_per_s: that it is to take; None: as many as the quality needs.
     """
 
     name: str
     pixel_format: str
     options: dict[str, str] = field(default_factory=dict)
     qscale: int | None = None
+    bits_per_s: int | None = None
 
     @classmethod
     def choose(cls, clip: Clip, encode: Encode) -> Encoder:
@@ -70,19 +74,23 @@ class Encoder:
         name = _ENCODERS.get(name, name)
         format_ = _checked(name, clip)
         options = _speed(name, encode.preset)
-        if name in _QSCALE:
+        same_codec = name == _ENCODERS.get(clip.codec, clip.codec) and not clip.of_pictures
+        rate = round(clip.bits_per_s) if same_codec and encode.crf is None and name in _BY_RATE else 0
+        if name in _QSCALE and not rate:
             return cls(name, format_, options, round(encode.crf) if encode.crf is not None else _QSCALE[name])
-        if name in _CRF:
+        if name in _CRF and not rate:
             options["crf"] = f"{encode.crf if encode.crf is not None else _CRF[name]:g}"
-        elif encode.crf is not None:
+        elif encode.crf is not None and name not in _CRF:
             raise UsageError(f"{name} has no such quality: leave out --crf")
+        if name == "libx264" and frame_bytes(clip) > _LARGE:
+            options["rc-lookahead"] = "4"
         if name == "libvpx-vp9":
-            options |= {"b": "0", "row-mt": "1"}
+            options |= {"row-mt": "1"} if rate else {"b": "0", "row-mt": "1"}
         if name == "libx265":
             options["x265-params"] = ":".join(["log-level=error", *_hdr(clip, _x265_display, _x265_light)])
         if name == "libsvtav1" and (hdr := _hdr(clip, _svt_display, _svt_light)):
             options["svtav1-params"] = ":".join(hdr)
-        return cls(name, format_, options)
+        return cls(name, format_, options, bits_per_s=rate or None)
 
     def add_to(self, container: Any, like: VideoStream, clip: Clip, size: tuple[int, int]) -> VideoStream:
         """A stream of a container that this encodes.
@@ -110,6 +118,8 @@ class Encoder:
             context.sample_aspect_ratio = like.sample_aspect_ratio
         if self.qscale is not None:
             context.qscale, context.global_quality = True, self.qscale * _LAMBDA
+        if self.bits_per_s is not None:
+            context.bit_rate = self.bits_per_s
         if self.name == "mjpeg":
             stream.options["strict"] = "unofficial"
         if _ENCODERS.get(clip.codec, clip.codec) == self.name:

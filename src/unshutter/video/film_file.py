@@ -5,10 +5,10 @@ from __future__ import annotations
 import errno
 import io
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
 from unshutter.errors import UnshutterError
 from unshutter.video import pictures
@@ -18,6 +18,10 @@ from unshutter.video.encoders import Encoder
 
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
+
+RateCallback: TypeAlias = Callable[[float, float], None]  # called with bits per second of the clip and of the new film
+_TELLING_S = 2.0  # s of the new film that tell how large it becomes
+_ALIKE = 1.6  # times as many bits per second, or as few: less is not worth a word
 
 
 class FilmWriter:
@@ -31,6 +35,8 @@ class FilmWriter:
         copy: whether tags and other streams go in, too.
         size: height and width of the frames [px].
         start_s: of the old film, becomes the new one's beginning [s].
+        on_rate: called once, early, where the new film takes many more or fewer bits per second than the clip's: with
+            those of the clip and of the new one.
 
     Attributes:
         left_out: what of the file that came in did not find a place, for the user.
@@ -45,6 +51,7 @@ class FilmWriter:
         copy: bool,
         size: tuple[int, int],
         start_s: float = 0.0,
+        on_rate: RateCallback | None = None,
     ):
         self._container, self._pixel_format = container, encoder.pixel_format
         like = film_of(source, clip.path)
@@ -61,6 +68,7 @@ class FilmWriter:
                 container.set_chapters(source.chapters())
         self._shift = start_s  # becomes the moment 0
         self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
+        self._clip, self._on_rate, self._bytes, self._packets = clip, on_rate, 0, 0
         self._last = -(1 << 62)  # time of the frame before [units of the encoder]
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
@@ -94,7 +102,7 @@ class FilmWriter:
             ticks = round((frame.pts - round(self._shift / frame.time_base)) * frame.time_base / base)
             frame.pts = self._last = max(ticks, self._last + 1)
             frame.time_base = base
-        self._put(lambda: self._container.mux(self._stream.encode(frame)))
+        self._put(lambda: self._add_encoded(self._stream.encode(frame)))
 
     def add_packet(self, packet: Packet) -> None:
         """The next packet of another stream."""
@@ -112,8 +120,21 @@ class FilmWriter:
 
     def end(self) -> None:
         """After the last frame."""
-        self._put(lambda: self._container.mux(self._stream.encode(None)))
+        self._put(lambda: self._add_encoded(self._stream.encode(None)))
         self._put(self._container.close)
+
+    def _add_encoded(self, encoded: list[Packet]) -> None:
+        """The next packets of the film; compares their size with the clip's once there are enough of them."""
+        for packet in encoded:
+            self._bytes, self._packets = self._bytes + packet.size, self._packets + 1
+        self._container.mux(encoded)
+        seconds = self._packets * self._clip.interval_s
+        if self._on_rate is None or seconds < _TELLING_S or not self._clip.bits_per_s:
+            return
+        rate = 8 * self._bytes / seconds
+        if not 1 / _ALIKE < rate / self._clip.bits_per_s < _ALIKE:
+            self._on_rate(self._clip.bits_per_s, rate)
+        self._on_rate = None
 
     def _put(self, step: Any) -> None:
         try:

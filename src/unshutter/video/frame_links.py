@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 
 _ALMOST_ALL = 0.8  # of the picture is found in both frames
+_MOST_ROWS = 400  # short side [px] of the small copies of clips; of such large ones, the flow is found in half the size
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ class _Copied:
 
     @classmethod
     def at(cls, clip: Clip, moving: MovingFrame, readout: Readout, borrow: bool) -> _Copied:
-        side = copy_side(clip.height, clip.width)
+        side = min(copy_side(clip.height, clip.width), _MOST_ROWS)
         copy = np.ascontiguousarray(readout.turn(clip.pixels.grey(moving.frame, side)))
         # The frame itself may be written to before its neighbours are warped.
         planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []
@@ -152,7 +153,8 @@ def _connection(clip: Clip, current: _Copied, following: _Copied, ratio: float) 
     if apart is None or apart < ratio:
         return None
     try:
-        flow_to_next = link(current.copy, following.copy, apart)
+        halvings = int(min(current.copy.shape) >= _MOST_ROWS)
+        flow_to_next = link(current.copy, following.copy, apart, halvings)
     except UnshutterError:
         return None
     # Corners that went apart may mean a cut, or near and far that move very differently: then nearly all must be there.

@@ -13,7 +13,7 @@ from unshutter.frames.frame_motion import FrameMotion, Step
 from unshutter.frames.sequence import CameraMotion
 from unshutter.frames.shots import GreyFrame
 from unshutter.motion import Motion
-from unshutter.video.clip import Clip, SidePacket
+from unshutter.video.clip import Clip, SidePacket, frame_bytes
 from unshutter.video.steady_view import SteadyView
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ GYRO_ROWS = 257  # where a gyro says how the camera vibrated
 COPY_SIDE = 270  # px, short side of the copies in which corners are followed
 FEWEST = 8  # frames of a shot: what is shorter is more often a mistake than a cut
 _MARGIN = 4  # frames on both sides that only steady a window
-_CORE = (6, 24)  # fewest and most frames of a window
-_IN_MEMORY = 60_000_000  # bytes: frames that wait for their motion, and as many whose motion is known
+_CORE = (4, 24)  # fewest and most frames of a window
+_IN_MEMORY = 60_000_000  # bytes: frames that wait for their motion
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,12 @@ class MovingFrame:
 
 def window(clip: Clip) -> tuple[int, int]:
     """How many frames' motion is found together, and how many more steady it: see :func:`window_for`."""
-    size = sum(plane.bands / plane.across / plane.down for plane in clip.pixels.planes)
-    size *= clip.height * clip.width * (1 if clip.pixels.depth == 8 else 2)
-    return window_for(size)
+    return window_for(frame_bytes(clip))
 
 
-def window_for(frame_bytes: float) -> tuple[int, int]:
-    """How many frames' motion is found together, and how many more steady it: as memory allows for frames so large."""
-    return int(min(max(_IN_MEMORY / frame_bytes, _CORE[0]), _CORE[1])), _MARGIN
+def window_for(size: float) -> tuple[int, int]:
+    """How many frames' motion is found together, and how many more steady it: as memory allows for frames [bytes]."""
+    return int(min(max(_IN_MEMORY / size, _CORE[0]), _CORE[1])), _MARGIN
 
 
 def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side: int = COPY_SIDE) -> GreyFrame:

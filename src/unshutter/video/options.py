@@ -195,7 +195,8 @@ class Encode:
 
     Attributes:
         codec: encoder, as FFmpeg calls it; None: the clip's own.
-        crf: quality, smaller is better; None: one at which no loss is seen.
+        crf: quality, smaller is better; None: as many bits per second as the clip has; where that is of another codec,
+            or of pictures, a quality at which no loss is seen.
         preset: of libx264, libx265 and libsvtav1: fast or small; None: the encoder's own.
 
     Raises:
@@ -206,7 +207,9 @@ class Encode:
         None, "Encoder: libx264, libx265, libsvtav1, prores_ks, ffv1 ... Default: the clip's own codec.", names="word"
     )
     crf: float | None = option(
-        None, "Quality: lower looks better and makes larger files. Default: 18 (libx264), 20 (libx265), 24 (libsvtav1)."
+        None,
+        "Quality: lower looks better and makes larger files. Default: as many bits per second as the clip has; for "
+        "another codec than the clip's, 18 (libx264), 20 (libx265), 24 (libsvtav1).",
     )
     preset: str | None = option(
         None, "Speed of the encoder: ultrafast to veryslow (libx264, libx265), 13 to 0 (libsvtav1).", names="word"

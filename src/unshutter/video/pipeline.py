@@ -23,7 +23,7 @@ from unshutter.geometry.readout import Readout
 from unshutter.gyro.rows import GyroTurns
 from unshutter.motion import RowMotion
 from unshutter.reasons import Reason
-from unshutter.video.clip import Clip, SidePacket
+from unshutter.video.clip import Clip, SidePacket, frame_bytes
 from unshutter.video.clip_motion_file import ClipMotion
 from unshutter.video.frame_links import LinkedFrame, linked
 from unshutter.video.frame_motion import FEWEST, ROWS, MovingFrame, window, with_motion
@@ -35,8 +35,9 @@ from unshutter.warp.pixels import thread_count
 if TYPE_CHECKING:
     from av import VideoFrame
 
-_DECODED_AHEAD = 2  # frames; each is in memory
 _LINKED_AHEAD = 1  # frames; each is in memory
+_DECODED_AHEAD, _MOVING_AHEAD = 2, 8  # frames, if they are small
+_AHEAD_BYTES = 25_000_000  # of frames that wait between two steps
 _T = TypeVar("_T")
 _U = TypeVar("_U")
 _END = object()
@@ -69,7 +70,9 @@ class Pipeline:
 
     def moving(self, all_streams: bool = False) -> Generator[MovingFrame | SidePacket]:
         """The frames with their motion; with ``all_streams``, also the packets of the other streams."""
-        items = ahead(self.clip.items(self.options.start, self.options.end, all_streams), _DECODED_AHEAD)
+        at_most = max(1, int(_AHEAD_BYTES / frame_bytes(self.clip)))
+        frames = self.clip.items(self.options.start, self.options.end, all_streams)
+        items = ahead(frames, min(_DECODED_AHEAD, at_most))
         if self.stabilisation is not None:
             return _steady(self.stabilisation, items)
         if self.unmoved is not None:
@@ -89,7 +92,7 @@ class Pipeline:
             turns=self.gyro,
             whole_path=self.options.steadiness.stabilize is not None or self.options.save_motion is not None,
         )
-        return ahead(with_motion(self.clip, items, camera), together[0])  # while the next are looked at
+        return ahead(with_motion(self.clip, items, camera), min(_MOVING_AHEAD, at_most))  # while the next are looked at
 
     def rectified(self, warper: Warper, all_streams: bool = False) -> Generator[NewFrame | SidePacket]:
         """The frames to encode; with ``all_streams``, also the packets of the other streams."""

@@ -12,7 +12,7 @@ from unshutter.batch.inputs import RECTIFIED
 from unshutter.cli.arguments import Command, positional
 from unshutter.errors import UsageError, visible
 from unshutter.options import option
-from unshutter.video.options import RectifyClip
+from unshutter.video.options import Encode, RectifyClip
 from unshutter.video.pictures import is_pattern
 
 if TYPE_CHECKING:
@@ -58,7 +58,14 @@ def run(arguments: Arguments) -> int:
             bars.tell(_line_of(ratio, 1000 * interval_s))
 
         output = arguments.output or _output_for(arguments.clip)
-        outcome = rectify_clip_file(arguments.clip, output, arguments.options, watch=bars, on_readout=tell)
+        outcome = rectify_clip_file(
+            arguments.clip,
+            output,
+            arguments.options,
+            watch=bars,
+            on_readout=tell,
+            on_rate=lambda before, after: bars.tell(_rate_line(before, after, arguments.options.encode)),
+        )
     for line in _lines_of(outcome):
         print(visible(line), file=sys.stderr)
     return 0
@@ -101,6 +108,18 @@ def _line_of(ratio: ReadoutRatio, interval_ms: float) -> str:
     if ratio.source in ("motion", "gyro"):
         return f"unshutter: readout time {ms:.1f} +- {error:.1f} ms (--readout-ms {ms:.1f})"
     return f"unshutter: readout time {ms:.1f} ms, from {ratio.source} ({ratio.camera})"
+
+
+def _rate_line(before: float, after: float, encode: Encode) -> str:
+    """How much larger or smaller than the clip the new film becomes, and what to do about it."""
+    times = after / before
+    size = f"{times:.1f} times as large as" if times > 1 else f"{1 / times:.1f} times smaller than"
+    quality = encode.codec is None and encode.crf is not None
+    advice = "without --crf it has as many" if quality else "--crf chooses its quality, and with it the size"
+    return (
+        f"unshutter: the film will be about {size} the clip's: {after / 1e6:.1f} instead of {before / 1e6:.1f} "
+        f"million bits a second; {advice}"
+    )
 
 
 def _lines_of(outcome: ClipOutcome) -> Iterator[str]:

@@ -1,0 +1,73 @@
+"""How large new films become, and how many frames wait between the steps of a large clip."""
+
+from dataclasses import replace
+
+import pytest
+
+from support import clips
+from unshutter.cli import main
+from unshutter.frames.self_calibration import ReadoutRatio
+from unshutter.geometry.readout import Readout
+from unshutter.video import pipeline as steps
+from unshutter.video.clip import Clip, frame_bytes
+from unshutter.video.encoders import Encoder
+from unshutter.video.options import Encode, RectifyClip
+from unshutter.video.pipeline import Pipeline
+
+
+@pytest.fixture(scope="module")
+def greys():
+    return clips.moving(75)[1]
+
+
+def new_size(path, *flags):
+    out = path.with_name(f"out{path.suffix}")
+    command = ["video", str(path), "-o", str(out), "--readout-ratio", "0.6", "--preset", "veryfast", "--overwrite"]
+    assert main([*command, *flags]) == 0
+    return out.stat().st_size / path.stat().st_size
+
+
+@pytest.mark.parametrize("rate", ["150k", "3M"])
+@pytest.mark.parametrize("ending", [".mp4", ".mkv"])
+def test_a_film_takes_as_many_bits_as_the_clip(tmp_path, greys, rate, ending, capsys):
+    clip = clips.write(tmp_path / f"in{ending}", greys, options={"b": rate, "preset": "veryfast"})
+    assert 0.7 < new_size(clip) < 1.4
+    assert "bits a second" not in capsys.readouterr().err
+
+
+def test_a_film_that_becomes_much_larger_or_smaller_is_announced(tmp_path, greys, capsys):
+    clip = clips.write(tmp_path / "in.mp4", greys, options={"b": "400k", "preset": "veryfast"})
+    times = new_size(clip, "--crf", "5")
+    lines = capsys.readouterr().err.splitlines()
+    announced = next(k for k, line in enumerate(lines) if "times as large as the clip's" in line)
+    assert times > 1.6 and "without --crf" in lines[announced]
+    assert announced < next(k for k, line in enumerate(lines) if "straightened" in line)
+    assert new_size(clip, "--crf", "45") < 1 / 1.6
+    assert "times smaller than the clip's" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("encode", [Encode(crf=20), Encode(codec="libx265")])
+def test_a_quality_or_another_codec_is_followed_instead(tmp_path, greys, encode):
+    clip = Clip.look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
+    encoder = Encoder.choose(clip, encode)
+    assert encoder.bits_per_s is None and encoder.options["crf"] == "20"
+    assert Encoder.choose(clip, Encode()).bits_per_s and "crf" not in Encoder.choose(clip, Encode()).options
+
+
+def test_frames_that_wait_are_bounded_by_their_bytes(tmp_path, greys, monkeypatch):
+    small = Clip.look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
+    large = replace(small, height=2160, width=3840)
+    assert frame_bytes(large) == 2160 * 3840 * 1.5
+    bounds = []
+    monkeypatch.setattr(steps, "ahead", lambda items, most: bounds.append(most))
+    monkeypatch.setattr(steps, "with_motion", lambda *_: None)
+    for clip in (small, large):
+        Pipeline(clip, RectifyClip(), ReadoutRatio(0.6, 0.0, "given"), Readout.TOP_TO_BOTTOM).moving()
+    assert bounds == [2, 8, 2, 2]
+
+
+def test_large_frames_are_looked_ahead_of_less(tmp_path, greys):
+    small = Clip.look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
+    large = replace(small, height=2160, width=3840)
+    assert "rc-lookahead" not in Encoder.choose(small, Encode()).options
+    assert Encoder.choose(large, Encode()).options["rc-lookahead"] == "4"
