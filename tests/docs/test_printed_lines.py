@@ -8,14 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from support.clips import moving, shaken, write
 from unshutter.cli import main
 from unshutter.photo import Photo
-from unshutter_lab.synthesis.sequences import TurningCamera
 
 ROOT = Path(__file__).parents[2]
-DEMO = ROOT / "examples" / "demo.jpg"
-ORIGINAL = ROOT / "examples" / "original" / "basilica.webp"
+EXAMPLES = ROOT / "examples"
 PAGES = sorted((ROOT / "docs" / "tutorial").glob("*.md"))
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
@@ -35,16 +32,15 @@ def commands(lines: list[str]) -> list[list[str]]:
 def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Photos, frames and a clip under the names that the pages give them."""
     folder = tmp_path_factory.mktemp("material")
-    shutil.copy(DEMO, folder / "street.jpg")
-    Photo.open(ORIGINAL).save(folder / "house.jpg")
-    camera = TurningCamera(shaken(), 0.05, 3, 30.0, 0.7, 360, 480, 420.0)
-    for name, frame in zip("abc", camera.rendered(Photo.open(ORIGINAL).to_array(), noise=2.0), strict=True):
-        Photo.from_array(frame).save(folder / f"{name}.jpg", quality=92)
+    shutil.copy(EXAMPLES / "demo.jpg", folder / "street.jpg")
+    Photo.open(EXAMPLES / "original" / "basilica.webp").save(folder / "house.jpg")
+    for name in "abc":
+        shutil.copy(EXAMPLES / "burst" / f"{name}.jpg", folder)
     for several, names in (("frames", ["a.jpg", "b.jpg", "c.jpg"]), ("holiday", ["street.jpg", "house.jpg"])):
         (folder / several).mkdir()
         for name in names:
             shutil.copy(folder / name, folder / several)
-    write(folder / "walk.mp4", moving(75, shaken(4.0))[1])
+    shutil.copy(EXAMPLES / "walk.mp4", folder)
     return folder
 
 

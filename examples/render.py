@@ -1,0 +1,52 @@
+"""Renders the burst and the clip of this folder from its photo (needs unshutter-lab and the extra `video`).
+
+    python examples/render.py
+
+A camera in a hand turns before the photo, and is read out from top to bottom while it does.
+"""
+
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+
+from unshutter.photo import Photo
+from unshutter_lab.synthesis.rotation_log import RotationLog
+from unshutter_lab.synthesis.sequences import TurningCamera
+
+HERE = Path(__file__).parent
+FPS = 30
+HEIGHT, WIDTH = 480, 640
+BURST_RATIO, CLIP_RATIO = 0.7, 0.6  # readout time / time between frames; of the clip 20 ms
+
+
+def hand(degrees_per_s: float, shares: dict[float, float]) -> RotationLog:
+    """Three seconds of a hand that turns a camera: a sum of sines of some frequencies [Hz], each with its share."""
+    rng = np.random.default_rng(7)
+    times = np.arange(0, 3, 0.005)
+    rates = np.zeros((3, len(times)))
+    for hertz, share in shares.items():
+        strength, phase = rng.uniform(0.5, 1, (3, 1)), rng.uniform(0, 2 * np.pi, (3, 1))
+        rates += degrees_per_s * share * strength * np.sin(2 * np.pi * hertz * times + phase)
+    return RotationLog(times, *np.radians(rates))
+
+
+def main() -> None:
+    """Writes burst/ and walk.mp4."""
+    picture = Photo.open(HERE / "original" / "basilica.webp").to_array()
+    swing = TurningCamera(hand(110, {0.6: 1.0, 1.3: 0.3, 2.9: 0.24}), 0.8, 3, FPS, BURST_RATIO, HEIGHT, WIDTH, 560.0)
+    (HERE / "burst").mkdir(exist_ok=True)
+    for name, frame in zip("abc", swing.rendered(picture, noise=2.0), strict=True):
+        Photo.from_array(np.ascontiguousarray(frame)).save(HERE / "burst" / f"{name}.jpg", overwrite=True, quality=86)
+    walk = TurningCamera(hand(70, {2.3: 1.0, 3.9: 0.6}), 0.2, 75, FPS, CLIP_RATIO, HEIGHT, WIDTH, 700.0)
+    with av.open(str(HERE / "walk.mp4"), "w", options={"movflags": "faststart"}) as film:
+        stream = film.add_stream("libx264", Fraction(FPS), options={"crf": "24", "preset": "slow"})
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        for frame in walk.rendered(picture, noise=1.0):
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), "rgb24")))
+        film.mux(stream.encode(None))
+
+
+if __name__ == "__main__":
+    main()
