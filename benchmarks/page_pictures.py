@@ -30,6 +30,7 @@ def opened(browser: Browser, link: str, width: int, height: int, scheme: str) ->
     for number in range(1, len(PHOTOS) + 1):
         item = f"#thumbnails li:nth-child({number})"
         page.wait_for_selector(f"{item} [data-state=changed], {item} [data-state=alone]")
+    page.wait_for_function("() => [...document.querySelectorAll('#candidates canvas')].every(node => node.width > 1)")
     page.wait_for_timeout(500)
     return page
 
@@ -44,6 +45,9 @@ def opened_clip(browser: Browser, link: str, clip: Path, width: int, height: int
     page.wait_for_selector("#thumbnails [data-state=done]", timeout=180_000)
     page.wait_for_selector("#thumbnails li:nth-child(3) :is([data-state=changed], [data-state=alone])")
     page.wait_for_timeout(3000)  # the small pictures
+    page.click("#play")
+    page.wait_for_function("() => Number(document.querySelector('#play-at').value) > 0.3", timeout=180_000)
+    page.click("#play")
     return page
 
 

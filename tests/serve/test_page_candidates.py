@@ -31,6 +31,7 @@ def test_one_click_takes_a_candidate_and_saving_takes_it_too(page: Page, photo: 
     wait_for(page)
     shown = page.locator("#candidates button")
     expect(shown.first).to_contain_text("as it is")
+    expect(shown.nth(1)).to_contain_text("uneven motion")
     expect(shown.nth(1)).to_contain_text(" px · ")
     expect(page.locator("#candidates [aria-pressed=true]")).to_have_count(1)
     page.wait_for_function("() => [...document.querySelectorAll('#candidates canvas')].every(node => node.width > 40)")

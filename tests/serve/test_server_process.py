@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -83,3 +85,10 @@ def test_idle_it_takes_little(tmp_path: Path) -> None:
         assert client.get("/api/about").status_code == 200
         assert time.monotonic() - began < 10  # measured: docs/guide/page; others may work beside it
         assert rss(server.process.pid) < 80 * MB
+
+
+def test_the_server_itself_loads_no_arrays() -> None:
+    """NumPy, OpenCV and PyAV are for its workers: they would only delay the page."""
+    script = "import sys, unshutter.serve.app; print(*{'numpy', 'cv2', 'av', 'onnxruntime'} & set(sys.modules))"
+    answer = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == ""

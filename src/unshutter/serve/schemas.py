@@ -8,8 +8,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from unshutter.estimators.register import names
 from unshutter.options.description import Group, Option, describe
 from unshutter.serve.fields import PhotoOptions
+from unshutter.video.cameras import table
 from unshutter.video.options import RectifyClip
 
 _TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", Path: "string"}
@@ -23,9 +25,6 @@ def schemas(kind: type) -> dict[str, dict[str, Any]]:
 @cache
 def page_module() -> str:
     """The options as a JavaScript module: ``photo`` and ``clip``, name -> schema with the group and known values."""
-    from unshutter.estimators.register import names
-    from unshutter.video.cameras import table
-
     known = {"estimator": names(), "camera": sorted({mode.name for mode in table()})}
     lines = ["// Made by the program from its one description of options (serve/schemas.py).\n"]
     for word, kind in (("photo", PhotoOptions), ("clip", RectifyClip)):

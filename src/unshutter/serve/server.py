@@ -16,6 +16,7 @@ from typing import Any
 from unshutter import installation
 from unshutter.errors import UnshutterError
 from unshutter.serve.settings import Settings
+from unshutter.serve.store import temporary_folder
 
 _MOST_CONNECTIONS = 100
 _WAIT_S = 2  # for answers that are on their way when it ends
@@ -35,7 +36,6 @@ def serve(settings: Settings) -> int:
     except ImportError as error:
         raise UnshutterError(f"the page needs the extra: {installation.extra('web')} ({error})") from None
     from unshutter.serve.desk import Desk
-    from unshutter.serve.store import temporary_folder
 
     token = settings.token or secrets.token_urlsafe(18)
     for library in ("uvicorn", "python_multipart"):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import Find, Rectify, Undo
+from unshutter.photo import Photo
 from unshutter.serve.fields import ByHand
 from unshutter.serve.jobs.cache import OpenFile, digest, motion_of, opened, put
 from unshutter.serve.jobs.screen import pixels_of
@@ -16,7 +17,6 @@ from unshutter.serve.jobs.screen import pixels_of
 if TYPE_CHECKING:
     from unshutter.estimators.right_angles.drawn_lines import DrawnLine
     from unshutter.motion import Motion
-    from unshutter.photo import Photo
 
 NAME = "by-hand"  # which motions carry as their estimator
 

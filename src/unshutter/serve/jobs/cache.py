@@ -14,12 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from unshutter.errors import errors_in_one_line
+from unshutter.estimators.register import load, method
 from unshutter.options import Find, Neighbours
+from unshutter.photo import Photo
 
 if TYPE_CHECKING:
     from unshutter.motion import Motion
     from unshutter.motion.candidate import Candidate
-    from unshutter.photo import Photo
 
 Kind: TypeAlias = Literal["photo", "clip"]
 
@@ -89,8 +90,6 @@ class ProgressFile:
 
 def opened(open_file: OpenFile) -> Photo:
     """The photo, nothing of its pixels decoded yet."""
-    from unshutter.photo import Photo
-
     return Photo.open(open_file.path, open_file.max_pixels)
 
 
@@ -107,7 +106,6 @@ def motion_of(open_file: OpenFile, photo: Photo, find: Find) -> Motion:
 
 def candidates_of(open_file: OpenFile, photo: Photo, find: Find) -> tuple[Candidate, ...]:
     """The motions that fit a photo, estimated unless a job has done so before; first row as the reference."""
-    from unshutter.estimators.register import load, method
     from unshutter.rectification import photo_candidates
 
     kept = kept_candidates(open_file, find)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError
+from unshutter.geometry.readout import Readout
 from unshutter.serve.jobs.cache import OpenFile, ProgressFile, digest, errors_of, put
 from unshutter.serve.jobs.facts import ClipFacts, MomentResult, ReadoutTime, SavedClip
 from unshutter.serve.jobs.screen import as_jpeg
@@ -61,7 +62,6 @@ def after(open_file: OpenFile, options: RectifyClip, moment: int, longest: int |
     Raises:
         UsageError, UnshutterError: options that do not fit the clip, or its readout time is unknown.
     """
-    from unshutter.geometry.readout import Readout
     from unshutter.motion.verdict import LEAST_PX
     from unshutter.video.clip import Clip
     from unshutter.video.frame_warper import Warper
@@ -133,7 +133,6 @@ def ratio_of(
         UnshutterError: the clip does not show it.
     """
     from unshutter.frames.self_calibration import ReadoutRatio
-    from unshutter.geometry.readout import Readout
     from unshutter.video.readout_choice import readout_ratio_of_clip
 
     stated = options.shutter.ratio(clip.interval_s)
@@ -157,7 +156,6 @@ def moment_time(clip: Clip, options: RectifyClip, moment: int) -> float:
 def camera_of(clip: Clip, options: RectifyClip, ratio: ReadoutRatio) -> CameraMotion:
     """Finds the motion of a clip's frames."""
     from unshutter.frames.sequence import CameraMotion
-    from unshutter.geometry.readout import Readout
     from unshutter.video.frame_motion import FEWEST, window
 
     readout = Readout.parse(options.shutter.readout)

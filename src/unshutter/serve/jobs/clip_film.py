@@ -10,8 +10,10 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from unshutter.geometry.readout import Readout
 from unshutter.serve.jobs.cache import OpenFile, digest, errors_of
 from unshutter.serve.jobs.clip import camera_of, moment_time, ratio_of, upright_pixels
+from unshutter.video.containers import av
 from unshutter.video.options import RectifyClip
 
 if TYPE_CHECKING:
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 LONGEST_S = 8.0
 _SIDE = 640  # px, longer side of either half
 _MOST_FRAMES = 480
+_BIT_RATE = 12_000_000  # at most
 
 
 def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
@@ -54,7 +57,6 @@ def _pairs(
     """Small frames before and after, side by side, around a moment."""
     import numpy as np
 
-    from unshutter.geometry.readout import Readout
     from unshutter.video.frame_motion import MovingFrame, with_motion
     from unshutter.video.frame_warper import Warper
     from unshutter.warp.pixels import straighten
@@ -81,14 +83,15 @@ def _pairs(
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], rate: float) -> None:
-    from unshutter.video.containers import av
 
-    settings = {"deadline": "realtime", "cpu-used": "8", "crf": "12", "b": "4M", "g": "15"}  # quick, and easy to scrub
+    # quick, and with whole frames often enough to be scrubbed
+    settings = {"deadline": "realtime", "cpu-used": "8", "crf": "6", "qmax": "24", "g": "15"}
     with av().open(str(file), "w", format="webm") as container:
         stream = None
         for pair in pairs:
             if stream is None:
                 stream = container.add_stream("libvpx", rate=Fraction(rate).limit_denominator(1001), options=settings)
+                stream.bit_rate = _BIT_RATE
                 stream.height, stream.width, stream.pix_fmt = *pair.shape[:2], "yuv420p"
             container.mux(stream.encode(av().VideoFrame.from_ndarray(pair, format="rgb24")))
         if stream is not None:

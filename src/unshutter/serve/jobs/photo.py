@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from unshutter.batch.job import Job
+from unshutter.batch.work import finish_job
+from unshutter.estimators.register import load
+from unshutter.geometry.readout import Orientation
 from unshutter.options import Rectify
+from unshutter.photo import Photo
+from unshutter.photo.libvips import libvips
 from unshutter.serve.fields import ByHand
 from unshutter.serve.jobs.by_hand import Shape, motion_to_undo, undo_by_hand, with_motion_file
 from unshutter.serve.jobs.cache import (
@@ -27,7 +32,6 @@ if TYPE_CHECKING:
 
     from unshutter.motion import Motion
     from unshutter.options import Undo
-    from unshutter.photo import Photo
     from unshutter.warp.edges import EdgeDecision
 
 
@@ -38,8 +42,6 @@ def warm() -> int:
     """Loads what the first photo would wait for; returns the number of this process."""
     import unshutter.rectification
     import unshutter.warp.pixels  # noqa: F401
-    from unshutter.estimators.register import load
-    from unshutter.photo.libvips import libvips
 
     libvips()
     load().prepare()
@@ -77,8 +79,6 @@ def saved(open_file: OpenFile, target: Path, options: Rectify, hand: ByHand = _N
     Raises:
         UnshutterError, UsageError: something about the photo or the options makes it impossible.
     """
-    from unshutter.batch.work import finish_job
-
     names = {target: target.name, **neighbour_names(options.neighbours)}
     if options.motion is not None:
         names[options.motion] = "the motion"
@@ -175,7 +175,6 @@ def segments(open_file: OpenFile, options: Rectify, hand: ByHand = _NOT_BY_HAND)
 
 
 def _before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, Any]]:
-    from unshutter.geometry.readout import Orientation
 
     photo = opened(open_file)
     pixels = small_copy(open_file, photo, longest)
@@ -221,7 +220,6 @@ def _rectified_between(
     """The photo rectified by what its neighbours show, all of them as small as they are shown."""
     from unshutter.frames.frame import SequenceOptions
     from unshutter.frames.sequence_rectification import rectify_between
-    from unshutter.photo import Photo
     from unshutter.warp.edges import EdgePolicy, valid_window
 
     policy, frames = EdgePolicy(options.undo.edges), options.neighbours

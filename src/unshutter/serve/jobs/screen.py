@@ -8,6 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from unshutter.geometry.readout import Orientation, Readout
+from unshutter.photo import Photo
+from unshutter.photo.libvips import as_image, refusing
 from unshutter.serve.jobs.cache import OpenFile, put
 
 if TYPE_CHECKING:
@@ -15,7 +17,6 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from unshutter.photo import Photo
 
 _QUALITY = 88
 
@@ -56,8 +57,6 @@ def small_copy(open_file: OpenFile, photo: Photo, longest: int | None) -> np.nda
 
 def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
     """Stored pixels as a JPEG for the screen, upright."""
-    from unshutter.photo.libvips import as_image, refusing
-
     with refusing("cannot encode the copy for the screen"):
         return as_image(Orientation(orientation).upright(pixels)).jpegsave_buffer(Q=_QUALITY, keep=0)
 

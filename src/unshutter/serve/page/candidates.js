@@ -21,7 +21,7 @@ export class Candidates extends PictureRow {
     this.#numbers = listed.map(({ number }) => number);
     super.show(photo, listed.map((candidate) => {
       const [name, figures] = [words.candidate(candidate), words.candidateFigures(candidate)];
-      return { lines: [name, figures], label: words.candidateLabel(name, figures),
+      return { lines: [name, figures], label: words.candidateLabel(name, figures), title: words.candidateHelp,
         pressed: candidate.number === photo.candidate, blob: candidate.blob };
     }));
   }

@@ -3,7 +3,7 @@
 import { make } from "./nodes.js";
 import { paint } from "./strip.js";
 
-const SIDE = 96; // px, of the longer side
+const SIDE = 200; // px, of the longer side
 
 export class PictureRow {
   #subject = null;
@@ -16,15 +16,16 @@ export class PictureRow {
     this.buttons = [];
   }
 
-  // Shows buttons of a subject: [{lines, label, pressed, blob}]; none: nothing.
+  // Shows buttons of a subject: [{lines, label, title, pressed, blob}]; none: nothing.
   show(subject, choices) {
     this.node.hidden = !choices.length;
     if (subject !== this.#subject || this.buttons.length !== choices.length) this.#fill(subject, choices);
-    choices.forEach(({ lines, label, pressed, blob }, number) => {
+    choices.forEach(({ lines, label, title, pressed, blob }, number) => {
       const { button, canvas, said } = this.buttons[number];
       said.replaceChildren(...lines.map((line) => make("span", { class: "title" }, line)));
       button.setAttribute("aria-label", label);
       button.setAttribute("aria-pressed", pressed);
+      button.title = title ?? "";
       if (blob && blob !== this.#drawn[number]) paint(canvas, (this.#drawn[number] = blob), SIDE);
     });
   }

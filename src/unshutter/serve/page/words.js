@@ -1,6 +1,7 @@
 // All words of the page, in English. Another language is another file like this.
 
 const percent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
+const probability = (share) => (share < 0.01 ? "< 1 %" : share > 0.99 ? "> 99 %" : percent(share));
 const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
 export const LEAST_PX = 0.5; // less than this looks like no motion
 const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
@@ -137,8 +138,9 @@ export const words = {
   candidate: ({ kind, direction }) => kind === "pan"
     ? { left: "pan to the left", right: "pan to the right", up: "pan upwards", down: "pan downwards" }[direction]
     : { still: "as it is", hand: "hand shake", quadratic: "uneven motion", other: "motion" }[kind],
-  candidateFigures: ({ largest_px: px, probability }) =>
-    [px < LEAST_PX ? "" : pixels(px), probability === null ? "" : percent(probability)].filter(Boolean).join(" · "),
+  candidateFigures: ({ largest_px: px, probability: share }) =>
+    [px < LEAST_PX ? "" : pixels(px), share === null ? "" : probability(share)].filter(Boolean).join(" · "),
+  candidateHelp: "How far places would move, and how probable it is that the camera moved like that (not how exact the answer is)",
   candidateLabel: (name, figures) => `Take it: ${name}${figures ? ` (${figures})` : ""}`,
 
   // by hand
