@@ -52,6 +52,7 @@ SKIPPED = {
     "unshutter calibrate": "measures for hours: lab/tests/calibration calibrates a little",
     "unshutter evaluate": "measures on pictures that are not in the repository: lab/tests/evaluation draws some",
     "unshutter synthesize photos/ -o pairs/ --motion trajectory": "needs a recorded trajectory: lab/tests/synthesis",
+    "unshutter synthesize house.jpg -o film/": "needs a recorded trajectory: lab/tests/synthesis",
     "unshutter rectify street.jpg --estimator kandula2020@runs": "needs a trained network",
 }
 _EXTRAS = {".exr": "OpenEXR", "--plot": "matplotlib", " video ": "av", ".HEIC": "pi_heif", ".NEF": "rawpy"}

@@ -33,6 +33,14 @@ def test_no_film_at_all(tmp_path, capsys):
     refused(capsys, [text, "-o", tmp_path / "out.mp4"], 1, "no film that can be read")
 
 
+def test_what_cannot_be_is_reported_before_the_work(tmp_path, capsys, clip, monkeypatch):
+    monkeypatch.setattr("unshutter.video.clip_rectification.readout_ratio_of_clip", None)  # the long search
+    refused(capsys, [clip, "-o", tmp_path / "out.txt"], 1, "no film ends in '.txt': use .mp4, .mov or .mkv")
+    refused(capsys, [clip, "-o", tmp_path / "out.jpg"], 1, "'.jpg' is not a film", "out/%05d.jpg")
+    refused(capsys, [clip, "-o", tmp_path / "out.mp4", "--start", 99], 1, "in.mp4 ends at", "--start")
+    refused(capsys, [tmp_path / "photo.jpg"], 2, "is a photo, not a clip: unshutter rectify")
+
+
 @pytest.mark.parametrize("kind", ["concat", "hls"])
 def test_a_list_of_other_files_is_no_film(tmp_path, capsys, clip, kind):
     """What lists like these name would be opened, wherever it is."""

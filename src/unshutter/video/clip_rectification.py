@@ -69,6 +69,9 @@ def rectify_clip_file(
     clip = Clip.look(path, options.fps, options.max_pixels)
     if options.fps is not None and not clip.of_pictures:
         raise UsageError("--fps is for sequences of pictures: a film says it itself")
+    end_s = clip.expected.end_s
+    if options.start is not None and end_s is not None and options.start >= end_s:
+        raise UnshutterError(f"{{clip}} ends at {end_s:.1f} s: --start must come before that", clip=clip.path)
     clip.check_whole(options.start, options.end)
     encoder = Encoder.choose(clip, options.encode) if not are_pictures(target) else None
     pipeline, visibility, gyro = _pipeline(clip, options, ratio, watch, on_readout)

@@ -71,7 +71,10 @@ def opened(place: str, pictures: PictureSequence | None = None, fps: float | Non
         container = av().open(os.path.abspath(name), metadata_errors="replace", **arguments)
     except (OSError, ValueError, av().error.FFmpegError) as error:
         cause = error.strerror if isinstance(error, OSError) else ""
-        raise UnshutterError(f"cannot read {{clip}}: {cause or 'no film that can be read'}", clip=place) from None
+        raise UnshutterError(
+            f"cannot read {{clip}}: {cause or 'no film that can be read; the file may be cut off or damaged'}",
+            clip=place,
+        ) from None
     try:
         yield container
     finally:

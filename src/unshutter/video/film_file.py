@@ -146,6 +146,18 @@ class FilmWriter:
             raise UnshutterError(f"cannot encode the clip: {cause}") from None
 
 
+def check_ending(ending: str) -> None:
+    """Raises UnshutterError where no film that can be written ends so."""
+    if ending.lower() in pictures.ENDINGS:
+        raise UnshutterError(
+            f"'{ending}' is not a film: name a new folder for pictures, or a pattern: out/%05d{ending}"
+        )
+    names = (name for name in av().formats_available if not name.endswith("_pipe"))
+    formats = [each for each in map(av().format.ContainerFormat, names) if each.is_output]
+    if not any(ending.lower().lstrip(".") in each.extensions for each in formats):
+        raise UnshutterError(f"cannot write the clip: no film ends in '{ending}': use .mp4, .mov or .mkv")
+
+
 @contextmanager
 def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[Any]:
     """A container that is being written.
@@ -163,18 +175,14 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
         options = {"movie_timescale": str(ticks)}
         if isinstance(place, Path):
             options["movflags"] = "use_metadata_tags+faststart"
-    if ending.lower() in pictures.ENDINGS:
-        raise UnshutterError(
-            f"'{ending}' is not a film: name a new folder for pictures, or a pattern: out/%05d{ending}"
-        )
+    check_ending(ending)
     try:
         if isinstance(place, Path):
             container = av().open(str(place), "w", container_options=options)
         else:
             container = av().open(place, "w", format="mp4" if ending.lower() != ".mov" else "mov", options=options)
     except (ValueError, av().error.FFmpegError) as error:
-        cause = f"no film ends in '{ending}': use .mp4, .mov or .mkv" if isinstance(error, ValueError) else error
-        raise UnshutterError(f"cannot write the clip: {cause}") from None
+        raise UnshutterError(f"cannot write the clip: {error}") from None
     try:
         yield container
     finally:

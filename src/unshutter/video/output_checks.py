@@ -12,7 +12,7 @@ from unshutter.storage.journal import JsonLog
 from unshutter.storage.new_folders import remove_left_folders
 from unshutter.storage.places import place
 from unshutter.storage.protection import Protection
-from unshutter.video import pictures
+from unshutter.video import film_file, pictures
 from unshutter.video.clip_preview import check_ending
 from unshutter.video.options import RectifyClip
 
@@ -66,6 +66,7 @@ def check_targets(source: str, target: Path, options: RectifyClip) -> tuple[Json
     if are_pictures(target):
         leftovers = remove_left_folders(target.parent if pictures.is_pattern(str(target)) else target)
     else:
+        film_file.check_ending(target.suffix)
         check_target(target, options.overwrite)
         leftovers = remove_leftovers(target.parent)
     return JsonLog(options.json_log, protection) if options.json_log is not None else None, bool(leftovers)

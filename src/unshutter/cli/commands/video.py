@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from unshutter.batch.inputs import RECTIFIED
+from unshutter.batch.inputs import PHOTO_SUFFIXES, RECTIFIED
 from unshutter.cli.arguments import Command, positional
 from unshutter.errors import UsageError, visible
 from unshutter.options import option
@@ -47,6 +47,8 @@ class Arguments:
 
 def run(arguments: Arguments) -> int:
     """Rectifies the clip; returns the exit code."""
+    if not is_pattern(arguments.clip) and Path(arguments.clip).suffix.lower() in PHOTO_SUFFIXES:
+        raise UsageError(f"{arguments.clip} is a photo, not a clip: unshutter rectify {arguments.clip}")
     if arguments.try_ is not None:
         return _compare(arguments, arguments.try_)
     from unshutter.progress import Bars
@@ -68,6 +70,8 @@ def run(arguments: Arguments) -> int:
         )
     for line in _lines_of(outcome):
         print(visible(line), file=sys.stderr)
+    if arguments.options.preview is not None and outcome.written:
+        print(visible(f"before and after: {arguments.options.preview}"), file=sys.stderr)
     return 0
 
 
@@ -141,7 +145,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
     if outcome.gyro is not None:
         yield _gyro_line(outcome.gyro)
     if outcome.left_out:
-        yield f"unshutter: such files have no place for: {', '.join(outcome.left_out)}"
+        yield f"unshutter: not kept, since there is no place for it in the result: {', '.join(outcome.left_out)}"
     if outcome.gap_s is not None:
         at, seconds = outcome.gap_s
         hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"
