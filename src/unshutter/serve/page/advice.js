@@ -1,6 +1,6 @@
 // What to do next with a photo that was left unchanged: why, in a sentence, and buttons for what may help.
 
-import { make } from "./nodes.js";
+import { make, refill } from "./nodes.js";
 import { words } from "./words.js";
 
 const NOT_LIKELY = ["no-rolling-shutter", "asked-for-nothing", "strength-0", "hovered"]; // nothing is left to try
@@ -16,7 +16,7 @@ export class Advice {
   show(photo) {
     const lines = photo?.kind === "photo" && photo.state === "done" ? this.#lines(photo) : [];
     this.node.hidden = !lines.length;
-    this.node.replaceChildren(...lines);
+    refill(this.node, lines);
   }
 
   #lines(photo) {

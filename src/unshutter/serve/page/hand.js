@@ -2,7 +2,7 @@
 
 import { about } from "./described.js";
 import { KINDS } from "./lines.js";
-import { make } from "./nodes.js";
+import { make, refill } from "./nodes.js";
 import { button } from "./widgets.js";
 import { words } from "./words.js";
 
@@ -37,7 +37,7 @@ export class ByHand {
     this.photo = photo;
     this.lines.show(photo.lines);
     const numbers = {};
-    this.list.replaceChildren(...photo.lines.map(({ kind }, k) => {
+    refill(this.list, photo.lines.map(({ kind }, k) => {
       numbers[kind] = (numbers[kind] ?? 0) + 1;
       return make("li", { class: kind }, `${words.lineOf[kind]} ${numbers[kind]}`, make("button", { type: "button",
         "aria-label": words.lineRemove(words.lineOf[kind], numbers[kind]), onclick: () => this.lines.remove(k) }, "×"));

@@ -15,4 +15,10 @@ const put = (node, attributes, children) => {
 export const make = (name, attributes = {}, ...children) => put(document.createElement(name), attributes, children);
 export const draw = (name, attributes = {}, ...children) =>
   put(document.createElementNS(SVG, name), attributes, children);
+// Fills a node with others, unless it has the like already: what is under a pressed pointer must not be taken away.
+export function refill(node, children) {
+  const html = (nodes) => nodes.map((each) => each.outerHTML).join("");
+  if (html([...node.children]) !== html(children)) node.replaceChildren(...children);
+}
+
 export const by = (id) => document.getElementById(id);

@@ -1,6 +1,6 @@
 // A row of buttons with small pictures under the large one.
 
-import { make } from "./nodes.js";
+import { make, refill } from "./nodes.js";
 import { paint } from "./strip.js";
 
 const SIDE = 200; // px, of the longer side
@@ -22,7 +22,7 @@ export class PictureRow {
     if (subject !== this.#subject || this.buttons.length !== choices.length) this.#fill(subject, choices);
     choices.forEach(({ lines, label, title, pressed, blob }, number) => {
       const { button, canvas, said } = this.buttons[number];
-      said.replaceChildren(...lines.map((line) => make("span", { class: "title" }, line)));
+      refill(said, lines.map((line) => make("span", { class: "title" }, line)));
       button.setAttribute("aria-label", label);
       button.setAttribute("aria-pressed", pressed);
       button.title = title ?? "";
