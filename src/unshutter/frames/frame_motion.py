@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.camera import ROWS, Fit, turn_between
+from unshutter.frames.camera import ROWS, Fit, turn_between, turn_jacobian
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
 from unshutter.geometry.readout import Readout
@@ -43,7 +43,7 @@ class KnownTurns(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The camera's turn from a frame to the next, between their first rows.
+    """The camera's turn from a frame to the next, between their middle rows.
 
     Attributes:
         turn: [3] rotation vector [rad] (geometry/rotations.py).
@@ -126,8 +126,8 @@ class FrameMotion:
         assert self.fit is not None
         return self.fit.turn(self.at + after)
 
-    def step_from(self, before: FrameMotion | None, row: float = 0.0) -> Step | None:
-        """The camera's turn since the frame before, at a row (a share of the height); None where it is unknown."""
+    def step_from(self, before: FrameMotion | None) -> Step | None:
+        """The camera's turn since the frame before; None where it is unknown."""
         if before is None or before.scene != self.scene:
             return None
         joined = before.shot == self.shot
@@ -138,12 +138,24 @@ class FrameMotion:
             return None
         turn = np.zeros(3)
         if joined:
-            at = self.at + self.ratio * row
+            at = self.at + self.ratio / 2
             earlier, later = self.fit.turn(np.array([at - self.after, at]))
             turn = later - earlier
+        if self.turns is None and self.tracks is not None and len(self.tracks) >= _LEAST_TRACKS:
+            turn = turn + turn_between(self._left_of(self.tracks, self.fit), self.fit.focal_px)
         if self.turns is not None:
-            turn = turn + self.turns.from_frame(before.time_s, self.time_s, row)
+            turn = turn + self.turns.from_frame(before.time_s, self.time_s, 0.5)
         return Step(turn, self.fit.focal_px / ROWS)
+
+    def _left_of(self, tracks: Tracks, fit: Fit) -> Tracks:
+        """What the fit leaves of the tracks from the frame before: it is smooth in time, and may miss a jerk."""
+        unit = ROWS / tracks.height
+        begin, end = (np.clip((at[:, 1] + 0.5) / tracks.height, 0, 1) for at in (tracks.start, tracks.end))
+        turned = fit.turn(self.at + self.ratio * end) - fit.turn(self.at - self.after + self.ratio * begin)
+        middles = ((tracks.start + tracks.end) / 2 + 0.5) * unit
+        jacobian = turn_jacobian(middles, tracks.width * unit, fit.focal_px)[..., :3]
+        moved = np.einsum("nij,nj->ni", jacobian, turned * fit.focal_px) / unit
+        return replace(tracks, end=tracks.end - moved)
 
     def _step_of_pair(self) -> Step | None:
         """The camera's turn by the tracks from the frame before alone: as if all rows were taken at once."""

@@ -48,9 +48,9 @@ class CameraPath:
     steps: list[Float64[np.ndarray, "3"]] = field(default_factory=list)
     focals: list[float] = field(default_factory=list)
     borders: list[Float32[np.ndarray, "4 9"]] = field(default_factory=list)
-    _own_steps: list[Step | None] = field(default_factory=list)  # between first rows
+    _own_steps: list[Step | None] = field(default_factory=list)  # between middle rows
     _motions: list[_Rows | Reason | None] = field(default_factory=list)
-    _at_reference: np.ndarray = field(default_factory=lambda: np.eye(3))  # of the last frame, since its first row
+    _at_reference: np.ndarray = field(default_factory=lambda: np.eye(3))  # of the last frame, since its middle row
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -65,7 +65,7 @@ class CameraPath:
 
         Args:
             motion: of a small picture, first row as the reference.
-            step: turn since the frame before, between first rows; None where it is unknown.
+            step: turn since the frame before; None where it is unknown.
             cut: whether it shows another scene.
             time_s: when it is shown [s].
         """
@@ -73,7 +73,9 @@ class CameraPath:
         at_reference = np.eye(3)
         if isinstance(motion, RotationMotion):
             focal = motion.focal_px / motion.height
-            at_reference = rotation_matrix(motion.rotations[row_index(self.undo.reference, motion.height)])
+            rows = [row_index(reference, motion.height) for reference in ("middle", self.undo.reference)]
+            middle, reference = rotation_matrix(motion.rotations[rows])
+            at_reference = reference @ middle.T
         turn = np.full(3, np.nan)
         if step is not None and not cut:
             turn = rotation_vector(at_reference @ rotation_matrix(step.turn) @ self._at_reference.T)
@@ -93,7 +95,7 @@ class CameraPath:
         return kept.motion() if isinstance(kept, _Rows) else RowMotion.zero(ROWS, ROWS, reason=kept)
 
     def step(self, frame: int) -> Step | None:
-        """The camera's turn since the frame before, between first rows."""
+        """The camera's turn since the frame before, between middle rows."""
         return self._own_steps[frame]
 
 

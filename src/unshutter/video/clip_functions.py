@@ -187,7 +187,7 @@ def _steady(
     for frame, motion in _with_motion(iter(frames), camera):
         path = path or CameraPath(undo, camera.readout, *camera.readout.frame_size(*frame.shape[:2]))
         small, cut = small_motion(motion), last is not None and motion.scene != last.scene
-        path.add(small, motion.step_from(last, 0.5 / small.height), cut, len(path) / fps)
+        path.add(small, motion.step_from(last), cut, len(path) / fps)
         last = motion
     if path is None:
         return

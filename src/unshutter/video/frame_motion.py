@@ -103,7 +103,7 @@ def with_motion(
         while isinstance(item := waiting.popleft(), SidePacket):
             yield item
         small = small_motion(motion)
-        step = motion.step_from(last, 0.5 / small.height)
+        step = motion.step_from(last)
         yield MovingFrame(item, small, cut=last is not None and motion.scene != last.scene, step=step)
         last = motion
     for item in waiting:
