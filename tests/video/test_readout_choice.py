@@ -42,7 +42,7 @@ def test_what_does_not_show_takes_the_usual_value_and_says_so(tmp_path, run):
     assert record["found_by"] == "usual value" and record["rectified"] == 30
     low, high = record["plausible_ms"]
     assert 3 < low < 10 < record["readout_ms"] < 20 < high < 34
-    assert "does not show its readout time" in shown and "as usual for cameras and phones" in shown
+    assert "does not show its readout time" in shown and "typical of cameras and phones" in shown
     usual = clips.luma(out)
     _, _, best = run(clip, "--readout-ratio", "0.5", "--overwrite")
     assert clips.psnr(usual, clips.luma(best)) > clips.psnr(clips.luma(clip), clips.luma(best)) + 10
@@ -53,7 +53,7 @@ def test_a_make_tells_the_kind_of_camera(tmp_path, run):
         tmp_path / "in.mkv", clips.moving(30, slow(3.0))[1], "ffv1", tags={"make": "Apple", "model": "X"}
     )
     record, shown, _ = run(clip)
-    assert record["found_by"] == "usual value" and record["readout_ms"] < 12 and "usual for phones" in shown
+    assert record["found_by"] == "usual value" and record["readout_ms"] < 12 and "typical of phones" in shown
 
 
 def test_other_modes_of_a_known_camera_give_a_range(tmp_path, run):
@@ -64,7 +64,7 @@ def test_other_modes_of_a_known_camera_give_a_range(tmp_path, run):
     record, shown, _ = run(clip)
     assert record["found_by"] == "table of cameras" and record["readout_ms"] == pytest.approx(30.03, abs=0.1)
     assert record["plausible_ms"] == [pytest.approx(8.34), pytest.approx(33.33, abs=0.1)]
-    assert "30.0 ms is taken, as usual for GoPro HERO5 Black, other modes of this camera (8.3 to 33.3 ms)" in shown
+    assert "taking 30.0 ms, typical of GoPro HERO5 Black, other modes of this camera (8.3 to 33.3 ms)" in shown
 
 
 TAGS = {"container": {"movflags": "use_metadata_tags"}}
