@@ -29,6 +29,7 @@ def hand(degrees_per_s: float, shares: dict[float, float]) -> RotationLog:
     for hertz, share in shares.items():
         strength, phase = rng.uniform(0.5, 1, (3, 1)), rng.uniform(0, 2 * np.pi, (3, 1))
         rates += degrees_per_s * share * strength * np.sin(2 * np.pi * hertz * times + phase)
+    rates[0] *= 0.3  # up and down: the photo ends soon above the roof
     return RotationLog(times, *np.radians(rates))
 
 

@@ -63,6 +63,21 @@ def burst() -> None:
     both.jpegsave(str(HERE / "burst.jpg"), Q=86)
 
 
+def clip() -> None:
+    """Two seconds of the example's clip and what unshutter makes of them, side by side, as a short animation."""
+    import av
+    from PIL import Image
+
+    import unshutter
+
+    with av.open(str(HERE.parent.parent / "examples" / "walk.mp4")) as film:
+        frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    straight = unshutter.rectify_frames(frames, readout_ms=20, fps=30, model="camera", edges="fill", reference="middle")
+    pairs = [np.hstack([before[::2, ::2], after[::2, ::2]]) for before, after in zip(frames, straight, strict=False)]
+    first, *others = [Image.fromarray(pair) for pair in pairs[6:66:2]]
+    first.save(HERE / "clip.webp", save_all=True, append_images=others, duration=67, loop=0, quality=60, method=6)
+
+
 def time_against_rows() -> None:
     """When the rows of two frames are exposed, and what that does to a pole that moves evenly."""
     ratio, speed = 0.7, 0.3  # of a frame interval; frame widths per frame interval
@@ -141,5 +156,6 @@ if __name__ == "__main__":
     conventions()
     before_after()
     burst()
+    clip()
     time_against_rows()
     two_frames()
