@@ -67,6 +67,18 @@ def test_a_declined_photo_says_why_and_offers_next_steps(page: Page, grey: Path)
     expect(page.locator("#draw-upright")).to_be_focused()
 
 
+def test_an_answer_that_comes_while_an_offer_is_pressed_does_not_lose_the_click(page: Page, grey: Path) -> None:
+    drop(page, grey)
+    wait_for(page, "alone")
+    page.get_by_role("button", name="Was the camera moving? Try").hover()
+    page.mouse.down()
+    with page.expect_response("**/after?*strength=0.9*"):
+        page.locator("#strength-number").evaluate("n => { n.value = 90; n.dispatchEvent(new Event('change')) }")
+    page.wait_for_timeout(300)  # until the answer has been read and shown
+    with page.expect_request("**/after?*moving=true*"):
+        page.mouse.up()
+
+
 def test_a_wrong_neighbour_leaves_the_photo_usable(page: Page, photo: Path, tmp_path: Path) -> None:
     drop(page, photo)
     wait_for(page)

@@ -105,18 +105,3 @@ def test_another_way_to_find_the_motion_forgets_the_candidate(page: Page, photo:
     assert "candidate=" not in response.value.url
     assert json.loads(response.value.text())[0]["taken"] in (True, False)
     wait_for(page, "changed")
-
-
-def test_an_answer_that_comes_while_a_button_is_pressed_does_not_lose_the_click(page: Page, photo: Path) -> None:
-    drop(page, photo)
-    wait_for(page)
-    text = page.locator("#candidates button:first-child .title").first
-    expect(text).to_have_text("as it is")
-    expect(page.locator("#candidates canvas").nth(1)).not_to_have_attribute("width", "1")
-    text.hover()
-    page.mouse.down()
-    with page.expect_response("**/after?*strength=0.9*"):
-        page.locator("#strength-number").evaluate("n => { n.value = 90; n.dispatchEvent(new Event('change')) }")
-    wait_for(page, "changed")
-    page.mouse.up()
-    wait_for(page, "alone")
