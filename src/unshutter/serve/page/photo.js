@@ -34,11 +34,12 @@ export class Photo extends Opened {
         part === "both" ? this.#fetch("before", asked) : null,
         this.#fetchAfter(asked),
       ]);
+      const listed = !later && (await this.#listCandidates()); // before it is done: their row must not move the picture later
       this.become("done");
+      if (listed) this.#drawCandidates();
     } catch (error) {
-      return this.fail(error);
+      this.fail(error);
     }
-    if (!later) this.#listCandidates();
   }
 
   // Changes an option; another way to find the motion finds other candidates.
@@ -117,16 +118,24 @@ export class Photo extends Opened {
     return this.askFor(what, async () => ({ ...(what === "before" ? {} : await this.asked()), ...more }));
   }
 
-  // Asks what else the motion could be, and for small pictures of that, as long as nothing else is asked for.
+  // Asks what else the motion could be; whether there is something new to draw.
   async #listCandidates() {
-    const finding = Object.entries(this.options).filter(([name]) => ![...UNDOING, "candidate"].includes(name));
-    const options = Object.fromEntries(finding);
+    const options = this.#finding;
     const key = JSON.stringify(options);
-    if (this.between || this.#candidatesOf === key) return;
+    if (this.between || this.#candidatesOf === key) return false;
     this.#candidatesOf = key;
     try {
       this.candidates = await (await this.askFor("candidates", async () => options)).json();
-      this.tell();
+      return true;
+    } catch (error) {
+      return this.#forgetCandidates(error);
+    }
+  }
+
+  // Asks for small pictures of the candidates, as long as nothing else is asked for.
+  async #drawCandidates() {
+    const [key, options] = [this.#candidatesOf, this.#finding];
+    try {
       for (const [index, candidate] of this.candidates.entries()) {
         const asked = { ...options, candidate: index + 1, longest: SMALL, draft: 1, later: 1 };
         const answer = await this.askFor("after", async () => asked);
@@ -135,9 +144,20 @@ export class Photo extends Opened {
         this.tell();
       }
     } catch (error) {
-      if (!(error instanceof Refused)) throw error;
-      this.#candidatesOf = null; // asked for again with the next answer
+      this.#forgetCandidates(error);
     }
+  }
+
+  // They are asked for again with the next answer.
+  #forgetCandidates(error) {
+    if (!(error instanceof Refused)) throw error;
+    this.#candidatesOf = null;
+    return false;
+  }
+
+  // The options by which its motion is found.
+  get #finding() {
+    return Object.fromEntries(Object.entries(this.options).filter(([name]) => ![...UNDOING, "candidate"].includes(name)));
   }
 
   #linesAsText() {
