@@ -100,7 +100,8 @@ def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:
     cut.write_bytes(walk.read_bytes()[: walk.stat().st_size // 2])
     drop(page, cut)
     wait_for(page, "failed")
-    expect(page.locator("#stage .message")).to_have_text("Cannot read the clip: no film that can be read; the file may be cut off or damaged.")
+    text = "Cannot read the clip: no film that can be read; the file may be cut off or damaged."
+    expect(page.locator("#stage .message")).to_have_text(text)
 
 
 def test_without_the_extra(page: Page, server: Server, walk: Path) -> None:
