@@ -76,7 +76,10 @@ from unshutter.video.pipeline import Pipeline
 cv2.setNumThreads(1)
 source, out, preset, ratio, model = sys.argv[1], sys.argv[2], sys.argv[3], float(sys.argv[4]), sys.argv[5]
 options = RectifyClip(
-    Shutter(readout_ratio=ratio), ClipUndo(model=model), Encode(preset=preset, crf=18), overwrite=True
+    shutter=Shutter(readout_ratio=ratio),
+    undo=ClipUndo(model=model),
+    encode=Encode(preset=preset, crf=18),
+    overwrite=True,
 )
 clip = Clip.look(source)
 pipeline = Pipeline(clip, options, ReadoutRatio(ratio, 0.0, "given"), Readout.TOP_TO_BOTTOM)
