@@ -58,6 +58,7 @@ MAP = Command(
     "Write a photo's correction as a map for other programs: OpenCV (.npz) or an ST map (.exr, .tif).",
     Map,
     _map,
+    when_stopped="no half-written file is left",
     essentials={
         "source": "photo, or the motion file of one",
         "output": "map to write: .npz, .exr (extra `exr`) or .tif",
@@ -99,4 +100,9 @@ def _points(arguments: Points) -> int:
     return 0
 
 
-POINTS = Command("Move points of a photo to where they are in the straightened picture, or back.", Points, _points)
+POINTS = Command(
+    "Move points of a photo to where they are in the straightened picture, or back.",
+    Points,
+    _points,
+    when_stopped="no half-written file is left",
+)
