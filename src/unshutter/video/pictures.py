@@ -79,16 +79,25 @@ def is_pattern(place: str) -> bool:
 
 
 def _only_kind(folder: Path) -> tuple[str, int, str]:
-    """The text before the numbers of a folder's pictures, the count of their digits, and the text after them."""
-    kinds = {
-        (match[1], len(match[2]), match[3])
-        for name in os.listdir(folder)
-        if (match := _NAME.fullmatch(name)) and match[3].lower() in ENDINGS
-    }
+    """The text before the numbers of a folder's pictures, the fewest digits of these, and the text after them."""
+    numbers: dict[tuple[str, str], list[str]] = {}
+    for name in os.listdir(folder):
+        if (match := _NAME.fullmatch(name)) and match[3].lower() in ENDINGS:
+            numbers.setdefault((match[1], match[3]), []).append(match[2])
+    kinds = {(stem, fewest, ending) for (stem, ending), texts in numbers.items() for fewest in _digits(texts)}
     if len(kinds) != 1:
         what = "several kinds of numbered pictures" if kinds else "no numbered pictures (00001.png ...)"
-        raise UnshutterError(f"{folder} has {what} in it: say which with a pattern, such as {folder}/%05d.png")
+        stem, digits, ending = min(kinds, default=("", 5, ".png"))
+        pattern = f"{folder}/{stem.replace('%', '%%')}%0{digits}d{ending}"
+        raise UnshutterError(f"{folder} has {what} in it: say which with a pattern, such as {pattern}")
     return kinds.pop()
+
+
+def _digits(numbers: list[str]) -> set[int]:
+    """How many digits numbers are filled up to: one length where 9, 10 or 0009, 10000 follow each other; else all."""
+    fewest = min(map(len, numbers))
+    filled = any(len(number) > fewest and number.startswith("0") for number in numbers)
+    return set(map(len, numbers)) if filled else {fewest}
 
 
 def _numbers(folder: Path, stem: str, digits: int, ending: str) -> list[int]:
