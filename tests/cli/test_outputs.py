@@ -1,176 +1,21 @@
 """No option that names an output can touch what its command reads, under whatever name.
 
 The options are found by what their fields say that they name (options/description.py). A new one fails here until it
-stands in ``SCENES``, and then until it is safe.
+stands in ``SCENES`` (support/outputs.py), and then until it is safe.
 """
 
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-import unshutter
-from support import clips
 from support.batches import make_motion, make_photos
+from support.outputs import ELSEWHERE, NEEDS, SCENES, TINY, Scene, calibrate, film, film_by_motion
 from unshutter.cli import command_named, main, summaries
 from unshutter.cli.arguments import outputs
-
-WEIGHTS = Path(unshutter.__file__).parent / "weights" / "segment-transformer.npz"
-
-
-@dataclass
-class Scene:
-    """A command with files to read.
-
-    Attributes:
-        words: the command and its inputs.
-        inputs: all files that it then reads.
-        outputs: option -> ending of the files that it writes.
-        needed: options that cannot be left out -> where they may go.
-        code: with which it ends where all goes well.
-    """
-
-    words: list[object]
-    inputs: list[Path]
-    outputs: dict[str, str]
-    needed: dict[str, Path] = field(default_factory=dict)
-    overwrite: tuple[str, ...] = ("--overwrite",)
-
-
-def _photo(folder: Path) -> Scene:
-    make_photos(folder, ["a.jpg"])
-    motion = make_motion(folder / "m.json")
-    words = ["rectify", folder / "a.jpg", "--motion", motion]
-    ends = {"--output": ".jpg", "--save-motion": ".json", "--masks": "", "--json-log": ".jsonl", "--preview": ".png"}
-    return Scene(words, [folder / "a.jpg", motion], ends)
-
-
-def _photos(folder: Path) -> Scene:
-    """A folder, and weights of one's own."""
-    make_photos(folder, ["in/a.jpg", "in/b.png"])
-    weights = shutil.copyfile(WEIGHTS, folder / "w.npz")
-    inputs = [*sorted((folder / "in").iterdir()), weights]
-    words = ["rectify", folder / "in", "--estimator", f"segment-transformer@{weights}", "--keep-names"]
-    ends = {"--output": "", "--save-motion": "", "--masks": "", "--json-log": ".jsonl", "--preview": ".png"}
-    return Scene(words, inputs, ends | {"--manifest": ""}, {"--output": folder / "out"})
-
-
-def _neighbours(folder: Path) -> Scene:
-    make_photos(folder, ["a.jpg", "b.jpg", "c.jpg"])
-    words = ["rectify", folder / "b.jpg", "--before", folder / "a.jpg", "--after", folder / "c.jpg"]
-    ends = {"--output": ".jpg", "--save-motion": ".json", "--masks": "", "--json-log": ".jsonl", "--preview": ".png"}
-    return Scene([*words, "--readout-ratio", "0.5"], sorted(folder.glob("*.jpg")), ends)
-
-
-def _estimate(folder: Path) -> Scene:
-    make_photos(folder, ["a.jpg"])
-    weights = shutil.copyfile(WEIGHTS, folder / "w.npz")
-    words = ["estimate", folder / "a.jpg", "--estimator", f"segment-transformer@{weights}"]
-    return Scene(words, [folder / "a.jpg", weights], {"--output": ".json", "--plot": ".png"})
-
-
-def _map(folder: Path) -> Scene:
-    make_photos(folder, ["a.tif"])
-    weights = shutil.copyfile(WEIGHTS, folder / "w.npz")
-    words = ["map", folder / "a.tif", "--estimator", f"segment-transformer@{weights}"]
-    return Scene(words, [folder / "a.tif", weights], {"--output": ".tif"})
-
-
-def _points(folder: Path) -> Scene:
-    motion, table = make_motion(folder / "m.json"), folder / "t.csv"
-    table.write_text("x,y\n1,2\n")
-    return Scene(["points", motion, table], [motion, table], {"--output": ".csv"})
-
-
-VIDEO = {"--output": ".mp4", "--save-motion": ".json", "--preview": ".png", "--plot": ".png", "--json-log": ".jsonl"}
-
-
-def _film(folder: Path) -> Scene:
-    film = clips.write(folder / "a.mp4", clips.moving(6)[1])
-    words = ["video", film, "--readout-ratio", "0.6"]
-    return Scene(words, [film], VIDEO, {"--output": folder / "out.mp4"})
-
-
-def _film_by_motion(folder: Path) -> Scene:
-    scene = _film(folder)
-    motion = folder / "m.json"
-    assert main([*map(str, scene.words), "-o", str(folder / "first.mp4"), "--save-motion", str(motion)]) == 0
-    words = ["video", *scene.inputs, "--motion", motion]
-    return Scene(words, [*scene.inputs, motion], VIDEO, scene.needed)
-
-
-def _frames(folder: Path, pattern: str = "") -> Scene:
-    (folder / "in").mkdir()
-    made = clips.write(folder / "a.mp4", clips.moving(6)[1])
-    assert main(["video", str(made), "-o", str(folder / "in" / "%05d.png"), "--readout-ratio", "0.6"]) == 0
-    words = ["video", folder / "in" / pattern, "--readout-ratio", "0.6"]
-    ends = {**VIDEO, "--output": ".png"}
-    return Scene(words, sorted((folder / "in").iterdir()), ends, {"--output": folder / "out"})
-
-
-def _pattern(folder: Path) -> Scene:
-    return _frames(folder, "%05d.png")
-
-
-def _evaluate(folder: Path) -> Scene:
-    make_photos(folder, ["in/a.jpg"])
-    words = ["evaluate", "--data", folder / "in", "--estimators", "none", "--photos", 1, "--per-photo", 1]
-    return Scene([*words, "--jobs", 1], [folder / "in" / "a.jpg"], {"--output": ""})
-
-
-def _synthesize(folder: Path) -> Scene:
-    make_photos(folder, ["in/a.jpg"])
-    words = ["synthesize", folder / "in", "--size", 64, "--canvas", 70]
-    return Scene(words, [folder / "in" / "a.jpg"], {"--output": ""}, overwrite=())
-
-
-TINY = """
-model = "segment-transformer"
-steps = 1
-batch = 2
-[network]
-width = 16
-layers = 1
-heads = 2
-[data]
-tokens = 16
-drawn = 4
-"""
-
-
-def _train(folder: Path) -> Scene:
-    (folder / "tiny.toml").write_text(TINY)
-    return Scene(["train", "--config", folder / "tiny.toml"], [folder / "tiny.toml"], {"--out": ""}, overwrite=())
-
-
-def _calibrate(folder: Path) -> Scene:
-    make_photos(folder, [f"{name}/{name}.jpg" for name in ("val", "train", "ordinary")])
-    log = folder / "trajectories" / "log.npz"
-    log.parent.mkdir()
-    np.savez(log, t_s=np.arange(300) / 100, gyro_rad_s=np.zeros((300, 3)))
-    inputs = [*sorted(folder.rglob("*.jpg")), log]
-    return Scene(["calibrate", folder, "--jobs", 1], inputs, {"--output": ""})
-
-
-SCENES: dict[str, list[Callable[[Path], Scene]]] = {
-    "rectify": [_photo, _photos, _neighbours],
-    "estimate": [_estimate],
-    "map": [_map],
-    "points": [_points],
-    "video": [_film, _film_by_motion, _frames, _pattern],
-    "evaluate": [_evaluate],
-    "synthesize": [_synthesize],
-    "train": [_train],
-    "calibrate": [_calibrate],
-}
-ELSEWHERE = {("serve", "--folder")}  # test_the_page_never_takes_a_name_that_is_there
-NEEDS = {_film: "av", _film_by_motion: "av", _frames: "av", _pattern: "av", _evaluate: "matplotlib", _train: "torch"}
-NEEDS |= {_calibrate: "sklearn"}
 
 
 def all_outputs() -> set[tuple[str, str]]:
@@ -219,7 +64,7 @@ ALL = [(name, make) for name, scenes in SCENES.items() for make in scenes]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs links")
-@pytest.mark.parametrize(("command", "make"), ALL, ids=[f"{name}-{make.__name__.strip('_')}" for name, make in ALL])
+@pytest.mark.parametrize(("command", "make"), ALL, ids=[f"{name}-{make.__name__}" for name, make in ALL])
 def test_an_output_that_leads_to_an_input(command: str, make, tmp_path: Path, capsys, monkeypatch) -> None:
     pytest.importorskip(NEEDS.get(make, "unshutter"))
     monkeypatch.chdir(tmp_path)
@@ -242,13 +87,11 @@ def test_an_output_that_leads_to_an_input(command: str, make, tmp_path: Path, ca
 
 
 # a whole calibration takes seconds: lab/tests/calibration tries its folder
-FOLDERS = [(name, make) for name, make in ALL if make not in (_film, _film_by_motion, _calibrate)]
+FOLDERS = [(name, make) for name, make in ALL if make not in (film, film_by_motion, calibrate)]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs links")
-@pytest.mark.parametrize(
-    ("command", "make"), FOLDERS, ids=[f"{name}-{make.__name__.strip('_')}" for name, make in FOLDERS]
-)
+@pytest.mark.parametrize(("command", "make"), FOLDERS, ids=[f"{name}-{make.__name__}" for name, make in FOLDERS])
 @pytest.mark.parametrize("kind", ["symbolic", "hard"])
 def test_a_folder_of_links_to_inputs(command: str, make, kind: str, tmp_path: Path, capsys, monkeypatch) -> None:
     """Whatever a command writes into a folder: there are links to its inputs under all these names."""

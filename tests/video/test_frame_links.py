@@ -13,7 +13,7 @@ from unshutter.geometry.readout import Readout
 from unshutter.motion import RowMotion
 from unshutter.video.clip import Clip
 from unshutter.video.frame_links import linked
-from unshutter.video.frame_motion import MovingFrame
+from unshutter.video.moving_frames import MovingFrame
 from unshutter.video.planes import PixelFormat
 
 FRAMES = 12

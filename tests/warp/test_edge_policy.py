@@ -17,8 +17,8 @@ from unshutter.options.neighbours import Clock
 from unshutter.photo import Photo
 from unshutter.serve.jobs import photo as screen
 from unshutter.serve.jobs.cache import OpenFile
-from unshutter.video.frame_motion import MovingFrame
 from unshutter.video.frame_warper import Warper, common_window
+from unshutter.video.moving_frames import MovingFrame
 from unshutter.video.options import ClipUndo
 from unshutter.warp import edges
 from unshutter.warp.edges import EdgePolicy

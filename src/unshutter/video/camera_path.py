@@ -17,7 +17,7 @@ from unshutter.motion import Motion, RotationMotion, RowMotion
 from unshutter.motion.sampling import row_index
 from unshutter.reasons import Reason
 from unshutter.video.frame_margins import borders_of
-from unshutter.video.frame_motion import ROWS
+from unshutter.video.moving_frames import ROWS
 from unshutter.video.options import ClipUndo
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from unshutter.photo.argument import check_size
 from unshutter.video.camera_path import CameraPath
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.frame_map import FrameMap, Scratch, warp_plane
-from unshutter.video.frame_motion import COPY_SIDE, FEWEST, small_motion, window_for
+from unshutter.video.moving_frames import COPY_SIDE, FEWEST, small_motion, window_for
 from unshutter.video.options import ClipEdges, ClipUndo, RectifyClip, Steadiness
 from unshutter.video.outcome import ClipOutcome
 from unshutter.video.stabilisation import stabilised

@@ -22,7 +22,7 @@ from unshutter.gyro.synchronisation import Synchronisation, synchronised
 from unshutter.progress import Steps, Watch
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import Clip
-from unshutter.video.frame_motion import look
+from unshutter.video.moving_frames import look
 from unshutter.video.options import GYRO_OFF, Shutter
 from unshutter.video.pipeline import ahead
 from unshutter.video.readout_tags import readout_tag

@@ -22,7 +22,7 @@ from unshutter.storage.files import written_whole
 from unshutter.storage.plain_files import check_plain
 from unshutter.version import __version__
 from unshutter.video.clip import Clip
-from unshutter.video.frame_motion import GYRO_ROWS, ROWS, MovingFrame
+from unshutter.video.moving_frames import GYRO_ROWS, ROWS, MovingFrame
 
 FORMAT = "unshutter-clip-motion/1"
 _STRIDE = 4  # rows: of so many, the rotation of one is written

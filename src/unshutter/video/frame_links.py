@@ -19,7 +19,7 @@ from unshutter.frames.timing import Timing
 from unshutter.geometry.readout import Readout
 from unshutter.video.clip import Clip, SidePacket
 from unshutter.video.frame_map import FrameMap
-from unshutter.video.frame_motion import MovingFrame
+from unshutter.video.moving_frames import MovingFrame
 from unshutter.video.options import ClipUndo
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from unshutter.video.clip import Clip, SidePacket
 from unshutter.video.containers import av
 from unshutter.video.frame_links import Lender, LinkedFrame
 from unshutter.video.frame_map import FrameMap, Scratch, borrow_plane, on_plane, warp_plane
-from unshutter.video.frame_motion import MovingFrame
+from unshutter.video.moving_frames import MovingFrame
 from unshutter.video.options import ClipUndo
 from unshutter.warp.edges import EdgePolicy, valid_window
 from unshutter.warp.grid import Tile

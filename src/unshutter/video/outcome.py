@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from unshutter.options import FrameModel
     from unshutter.video.clip_gyro import ClipGyro
     from unshutter.video.stabilisation import Stabilisation
-from unshutter.video.frame_motion import MovingFrame
+from unshutter.video.moving_frames import MovingFrame
 
 _GAP, _GAP_S = 10, 1.0  # frame intervals and seconds without a frame that are reported
 

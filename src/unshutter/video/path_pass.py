@@ -15,7 +15,7 @@ from unshutter.progress import Steps, Watch
 from unshutter.video.camera_path import CameraPath
 from unshutter.video.clip import Clip, SidePacket
 from unshutter.video.clip_gyro import ClipGyro
-from unshutter.video.frame_motion import MovingFrame
+from unshutter.video.moving_frames import MovingFrame
 from unshutter.video.options import RectifyClip
 from unshutter.video.pipeline import Pipeline
 from unshutter.video.stabilisation import stabilised

@@ -26,8 +26,8 @@ from unshutter.reasons import Reason
 from unshutter.video.clip import Clip, SidePacket, frame_bytes
 from unshutter.video.clip_motion_file import ClipMotion
 from unshutter.video.frame_links import LinkedFrame, linked
-from unshutter.video.frame_motion import FEWEST, ROWS, MovingFrame, window, with_motion
 from unshutter.video.frame_warper import NewFrame, Warper
+from unshutter.video.moving_frames import FEWEST, ROWS, MovingFrame, window, with_motion
 from unshutter.video.options import RectifyClip
 from unshutter.video.stabilisation import Stabilisation
 from unshutter.warp.pixels import thread_count

@@ -20,7 +20,7 @@ from unshutter.progress import Steps, Watch
 from unshutter.reasons import Reason
 from unshutter.video import cameras
 from unshutter.video.clip import Clip
-from unshutter.video.frame_motion import look
+from unshutter.video.moving_frames import look
 from unshutter.video.options import ClipUndo, RectifyClip, Shutter
 from unshutter.video.pipeline import ahead
 from unshutter.video.readout_search import find_ratio

@@ -17,7 +17,7 @@ from unshutter.geometry.readout import Readout
 from unshutter.progress import Steps, Watch
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip import Clip
-from unshutter.video.frame_motion import look
+from unshutter.video.moving_frames import look
 from unshutter.video.pipeline import ahead
 
 _PART, _FEWEST = 60, 20  # frames that are asked together, and those that are worth asking

@@ -20,8 +20,8 @@ from unshutter.storage.protection import Protection
 from unshutter.video import pictures
 from unshutter.video.clip import Clip, SidePacket
 from unshutter.video.clip_preview import small_picture
-from unshutter.video.frame_motion import FEWEST, MovingFrame, window, with_motion
 from unshutter.video.frame_warper import Warper
+from unshutter.video.moving_frames import FEWEST, MovingFrame, window, with_motion
 from unshutter.video.options import RectifyClip
 from unshutter.video.output_checks import on_this_machine
 from unshutter.video.pipeline import Pipeline

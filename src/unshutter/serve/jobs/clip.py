@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.frames.sequence import CameraMotion
     from unshutter.video.clip import Clip
-    from unshutter.video.frame_motion import MovingFrame
+    from unshutter.video.moving_frames import MovingFrame
 
 MOMENTS = 5  # of a clip that are shown
 _AROUND = 12  # frames on both sides of a moment from which its motion is estimated
@@ -156,7 +156,7 @@ def moment_time(clip: Clip, options: RectifyClip, moment: int) -> float:
 def camera_of(clip: Clip, options: RectifyClip, ratio: ReadoutRatio) -> CameraMotion:
     """Finds the motion of a clip's frames."""
     from unshutter.frames.sequence import CameraMotion
-    from unshutter.video.frame_motion import FEWEST, window
+    from unshutter.video.moving_frames import FEWEST, window
 
     readout = Readout.parse(options.shutter.readout)
     return CameraMotion(ratio, options.shutter.focal_px, readout, window=window(clip), fewest=FEWEST)
@@ -171,7 +171,7 @@ def _frame_at(clip: Clip, time_s: float) -> VideoFrame:
 def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: float) -> MovingFrame:
     """The frame at a time [s] and its motion, which is kept next to the clip."""
     from unshutter.motion import Motion
-    from unshutter.video.frame_motion import MovingFrame, with_motion
+    from unshutter.video.moving_frames import MovingFrame, with_motion
 
     ratio = ratio_of(open_file, clip, options)
     file = open_file.path.with_name(f"moment-{digest(options.shutter, ratio, time_s)}.json")

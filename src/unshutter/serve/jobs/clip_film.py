@@ -33,7 +33,8 @@ def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
 
     Args:
         open_file: the clip.
-        options: what is done; the model of the motion is the camera's, and edges that would be cropped are kept.
+        options: what is done; the model of the motion is the camera's, edges that would be cropped are kept, and
+            the camera's path is not smoothed.
         moment: which of the moments, from 0.
 
     Raises:
@@ -57,15 +58,13 @@ def _pairs(
     """Small frames before and after, side by side, around a moment."""
     import numpy as np
 
-    from unshutter.video.frame_motion import MovingFrame, with_motion
     from unshutter.video.frame_warper import Warper
+    from unshutter.video.moving_frames import MovingFrame, with_motion
     from unshutter.warp.pixels import straighten
 
     ratio = ratio_of(open_file, clip, options)
-    readout, edges = (
-        Readout.parse(options.shutter.readout),
-        "keep" if options.undo.edges in ("keep", "crop") else "fill",
-    )
+    readout = Readout.parse(options.shutter.readout)
+    edges = "keep" if options.undo.edges in ("keep", "crop") else "fill"
     warper = Warper(clip, replace(options.undo, model="camera", edges=edges))
     start_s, end_s = options.span(clip.duration_s)
     first = max(moment_time(clip, options, moment) - LONGEST_S / 2, start_s)
