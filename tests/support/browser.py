@@ -3,6 +3,7 @@
 import os
 import re
 import shutil
+from base64 import b64encode
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,11 +32,14 @@ def browser() -> Iterator[Browser]:
 
 def drop(page: Page, *photos: Path) -> None:
     """Drops files on the page, as a file manager does."""
-    files = [{"name": photo.name, "data": list(photo.read_bytes())} for photo in photos]
+    files = [{"name": photo.name, "data": b64encode(photo.read_bytes()).decode()} for photo in photos]
     transfer = page.evaluate_handle(
         """files => {
             const transfer = new DataTransfer();
-            for (const { name, data } of files) transfer.items.add(new File([new Uint8Array(data)], name));
+            for (const { name, data } of files) {
+                const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
+                transfer.items.add(new File([bytes], name));
+            }
             return transfer;
         }""",
         files,
