@@ -1,4 +1,4 @@
-"""unshutter: one rolling-shutter photo in, the photo a global shutter would have taken out.
+"""unshutter removes rolling-shutter distortion from photos and video.
 
 import unshutter
 unshutter.rectify("street.jpg").save("street.rectified.jpg")
@@ -85,7 +85,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> object:
-    """Imports what is asked for when it is asked for, so that ``import unshutter`` stays fast."""
+    """Imports public names on first use, to keep ``import unshutter`` fast."""
     if name not in _HOMES:
         raise AttributeError(f"module 'unshutter' has no attribute '{name}'")
     from importlib import import_module

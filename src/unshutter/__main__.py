@@ -1,4 +1,4 @@
-"""``python -m unshutter``."""
+"""Runs the command line for ``python -m unshutter``."""
 
 from unshutter.cli import run
 

@@ -11,19 +11,19 @@ from typing import Self
 
 from unshutter.reasons import Code, Reason
 
-# Names of files and methods may hold line breaks, and codes that change a terminal.
+# Names of files and methods may contain line breaks and terminal control codes.
 _FIELD = re.compile(r"\{(\w+)\}")
 _VISIBLE = {code: ascii(chr(code))[1:-1] for code in (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)}
 
 
 def visible(text: str) -> str:
-    """The text as one line: what would break it, or change a terminal, is spelled out."""
+    """Escapes line breaks and control characters, so that the text fits on one line and cannot affect a terminal."""
     return text.translate(_VISIBLE)
 
 
 def suggestion(word: str, choices: Iterable[str]) -> str:
-    """``did you mean rectify?`` for the choice most like a word; empty where none is like it."""
-    import difflib  # not above: few words are wrong
+    """Suggests the choice closest to a mistyped word, ``did you mean rectify?``; empty if none is close."""
+    import difflib  # imported here because it is rarely needed
 
     known = list(choices)
     close = [
@@ -34,9 +34,9 @@ def suggestion(word: str, choices: Iterable[str]) -> str:
 
 
 class UnshutterError(Exception):
-    """Something about the input makes the job impossible; the message is one line for the user (exit code 1).
+    """The input cannot be processed; the message is one line for the user (exit code 1).
 
-    Files that a message mentions are fields of the error, so that each surface can call them by its own names: the
+    Files that a message mentions are fields of the error, so that each interface can use its own names for them: the
     command line shows paths, the page says "the photo".
 
         raise UnshutterError("{photo} is empty (0 bytes)", photo=path)
@@ -48,8 +48,8 @@ class UnshutterError(Exception):
 
     Attributes:
         files: field -> path, as text.
-        subject: path of the file that was worked on; a message that does not mention it begins with it. Empty: none.
-        names: path -> what the file is called instead.
+        subject: path of the file being processed; a message that does not mention it is prefixed with it. Empty: none.
+        names: path -> name to show instead.
     """
 
     def __init__(self, message: str = "", *more: object, **files: object):
@@ -60,7 +60,7 @@ class UnshutterError(Exception):
 
     @property
     def sentence(self) -> str:
-        """The message, with the names of its files."""
+        """The message with its fields replaced by file names."""
 
         def name(field: re.Match[str]) -> str:
             path = self.files.get(field[1])
@@ -76,29 +76,29 @@ class UnshutterError(Exception):
 
 
 class MissingFileError(UnshutterError, FileNotFoundError):
-    """A photo, a motion file or weights that are not there."""
+    """A photo, a motion file or weights do not exist."""
 
 
 class WeightsError(UnshutterError):
-    """Weights that cannot be used, whatever the photo."""
+    """The weights cannot be used for any photo."""
 
 
 class CropTooSmallError(UnshutterError):
-    """A crop that would leave next to nothing of a picture.
+    """Cropping would leave almost nothing of the picture.
 
     Attributes:
-        share_left: share of the picture's area that it would leave; None: not known.
+        share_left: share of the picture's area that would be left; None: unknown.
     """
 
     share_left: float | None = None
 
     @classmethod
     def leaving(cls, share_left: float, subject: str) -> CropTooSmallError:
-        """With its message.
+        """Creates the error with its message.
 
         Args:
             share_left: share of the area that the crop would leave.
-            subject: what the picture is called: ``photo``, ``frame``.
+            subject: word for the picture in the message: ``photo``, ``frame``.
         """
         percent = 100 * share_left
         error = cls(f"cropping would leave {percent:.0f} % of the {subject}: use other edges, keep or fill")
@@ -107,38 +107,38 @@ class CropTooSmallError(UnshutterError):
 
 
 class UsageError(UnshutterError):
-    """The request itself is wrong, whatever the input (exit code 2)."""
+    """The request itself is invalid, regardless of the input (exit code 2)."""
 
 
 class UnknownRatioError(UnshutterError):
-    """Frames do not show the readout ratio of their camera, and the user has not given it.
+    """The frames do not show their camera's readout ratio, and the user has not specified it.
 
     Attributes:
-        reason: why they do not; its code is ``RATIO_UNKNOWN``, or ``READOUT_TIME_UNKNOWN`` for a clip.
-        advice: what the user can do, in the words of the command line, of Python or of the page; each adds its own.
+        reason: why the frames do not show it; its code is ``RATIO_UNKNOWN``, or ``READOUT_TIME_UNKNOWN`` for a clip.
+        advice: what the user can do, phrased for the command line, Python or the page; each adds its own.
     """
 
     def __init__(self, message: str, reason: Reason | None = None, advice: str = ""):
-        super().__init__(message, reason, advice)  # all three, so that other processes can pass it on
+        super().__init__(message, reason, advice)  # all three, so that the error can be pickled
         self.advice = advice
         self.reason = Reason.stated(message) if reason is None else reason
 
     @property
     def sentence(self) -> str:
-        """The message, and the advice."""
+        """The message followed by the advice."""
         return f"{super().sentence}: {self.advice}" if self.advice else super().sentence
 
     @classmethod
     def because(cls, cause: Reason) -> Self:
-        """The error of frames that do not show the ratio for this cause."""
+        """Creates the error for frames that do not show the ratio, with the cause."""
         return cls._of(Reason.of(Code.RATIO_UNKNOWN, because=str(cause.code), why=str(cause)))
 
     def of_clip(self) -> Self:
-        """This error as it is reported of a whole clip."""
+        """Returns the error as reported for a whole clip."""
         return self._of(replace(self.reason, code=Code.READOUT_TIME_UNKNOWN))
 
     def with_advice(self, advice: str) -> Self:
-        """This error with what the user can do about it."""
+        """Returns the error with advice for the user."""
         return type(self)(self.args[0], self.reason, advice)
 
     @classmethod
@@ -148,14 +148,14 @@ class UnknownRatioError(UnshutterError):
 
 @contextmanager
 def errors_in_one_line(subject: object = "", names: Mapping[str, str] | None = None) -> Iterator[None]:
-    """Errors in the block become UnshutterErrors about a file; UNSHUTTER_DEBUG=1 shows unexpected ones as they are.
+    """Converts errors in the block to UnshutterErrors about a file; UNSHUTTER_DEBUG=1 lets unexpected ones through.
 
     Args:
-        subject: the file that the block works on, named by messages that do not mention it; empty: none.
-        names: path -> what a file is called in messages instead.
+        subject: the file that the block processes; added to messages that do not mention it. Empty: none.
+        names: path -> name to show in messages instead.
 
     Raises:
-        UnshutterError: whatever went wrong, but for a BrokenPipeError, which is not about the file.
+        UnshutterError: for any error except BrokenPipeError, which is not about the file.
     """
     try:
         yield
@@ -163,7 +163,7 @@ def errors_in_one_line(subject: object = "", names: Mapping[str, str] | None = N
         error.subject = error.subject or str(subject)
         error.names.update(names or {})
         raise
-    except BrokenPipeError:  # the reader of our output went away
+    except BrokenPipeError:  # the process reading our output has exited
         raise
     except MemoryError:
         raise _about("not enough memory", subject) from None
@@ -171,7 +171,7 @@ def errors_in_one_line(subject: object = "", names: Mapping[str, str] | None = N
         if os.environ.get("UNSHUTTER_DEBUG"):
             raise
         line = " ".join(str(error).split())
-        if isinstance(error, OSError):  # a full disc, say
+        if isinstance(error, OSError):  # for example, a full disc
             raise _about(error.strerror or line, subject) from error
         unexpected = f"unexpected {type(error).__name__}: {line} (please report it; UNSHUTTER_DEBUG=1 shows more)"
         raise _about(unexpected, subject) from error

@@ -1,4 +1,4 @@
-"""What can be installed besides the core: the extras, and unshutter-lab; with the command that installs each here."""
+"""Optional parts, the extras and unshutter-lab, and the commands that install them here."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ LAB_COMMANDS = frozenset(("synthesize", "evaluate", "train", "calibrate"))
 
 
 def plugins(group: str) -> EntryPoints:
-    """What installed packages, the lab among them, add to ``unshutter.estimators`` or ``unshutter.commands``."""
+    """Returns the entry points of installed packages in ``unshutter.estimators`` or ``unshutter.commands``."""
     from importlib.metadata import entry_points  # slow to import, and rarely needed
 
     return entry_points(group=group)
 
 
 def extra(name: str) -> str:
-    """The command that installs an extra, from the place that unshutter itself comes from.
+    """Returns the command that installs an extra from where unshutter itself was installed.
 
     Args:
-        name: of the extra, ``web``.
+        name: the extra, such as ``web``.
     """
     sources = _sources()
     return f"pip install {shlex.quote(f'{sources}[{name}]' if sources else f'unshutter[{name}]')}"
 
 
 def lab(name: str = "") -> str:
-    """The command that installs unshutter-lab, from the place that unshutter itself comes from.
+    """Returns the command that installs unshutter-lab from where unshutter itself was installed.
 
     Args:
-        name: of an extra of its own; empty: none.
+        name: one of the lab's own extras; empty: none.
     """
     sources = _sources()
     package = str(sources / "lab") if sources else "unshutter-lab"
@@ -46,12 +46,12 @@ def lab(name: str = "") -> str:
 
 
 def _sources() -> Path | None:
-    """The folder of sources that this package lies in, or was installed from; None: a package index."""
+    """Returns the source folder that this package is in or was installed from; None if installed from an index."""
     here = Path(__file__).resolve().parents[2]
     if (here / "pyproject.toml").is_file():
         return here
     from importlib.metadata import PackageNotFoundError, distribution
-    from urllib.request import url2pathname  # slow to import, too: it brings what talks to servers
+    from urllib.request import url2pathname  # also slow to import: it loads the HTTP client
 
     with suppress(PackageNotFoundError, ValueError, KeyError, TypeError):
         url = json.loads(distribution("unshutter").read_text("direct_url.json") or "")["url"]

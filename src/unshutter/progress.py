@@ -1,4 +1,4 @@
-"""What the user sees while many photos are worked on: a bar where there is a terminal, and lines above it."""
+"""Progress shown while many photos are processed: a bar on a terminal, with messages above it."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any, TypeAlias
 
 from unshutter.errors import visible
 
-Watch: TypeAlias = Callable[[str, int, int], None]  # called with what is counted, how many are done, and the total
+Watch: TypeAlias = Callable[[str, int, int], None]  # called with the items' name, the number done and the total
 
 
 class Progress:
-    """A progress bar on standard error; nothing when that is not a terminal or there is only one photo.
+    """A progress bar on standard error; shows nothing if that is not a terminal or there is only one item.
 
     Args:
-        total: how many there are.
+        total: number of items.
         what: plural noun for the items.
     """
 
@@ -34,13 +34,13 @@ class Progress:
             self._bar.stop()
 
     def advance(self, count: int = 1) -> None:
-        """So many more are done."""
+        """Marks ``count`` more items as done."""
         if self._bar is not None:
             self._bar.advance(self._task, count)
             self._bar.update(self._task, rate=rate(self._bar.tasks[self._task].speed))
 
     def tell(self, line: str) -> None:
-        """One line for the user, above the bar when there is one; whatever names hold, it is one."""
+        """Prints one line for the user, above the bar if there is one; control characters are escaped."""
         line = visible(line)
         if self._bar is not None:
             self._bar.console.print(line, markup=False, highlight=False, soft_wrap=True)
@@ -49,31 +49,31 @@ class Progress:
 
 
 class Steps:
-    """Counts the steps of some work and reports each to a callback; prints nothing.
+    """Counts the steps of a task and reports each to a callback; prints nothing.
 
     Args:
         what: plural noun for the steps.
-        total: how many there are.
-        watch: the callback; None: nobody watches.
+        total: number of steps.
+        watch: the callback; None: no reports.
     """
 
     def __init__(self, what: str, total: int, watch: Watch | None):
         self._what, self._total, self._watch, self._done = what, total, watch, 0
 
     def advance(self, count: int = 1) -> None:
-        """So many more steps are done."""
+        """Marks ``count`` more steps as done."""
         self._done += count
         if self._watch is not None:
             self._watch(self._what, self._done, self._total)
 
     def advance_to(self, done: int) -> None:
-        """So many steps are done in all."""
+        """Sets the number of completed steps; does nothing if that many are done already."""
         if done > self._done:
             self.advance(done - self._done)
 
 
 class Bars:
-    """Progress bars for the terminal, one after the other: a callback for work that counts several kinds of steps."""
+    """Progress bars on the terminal, one after another: a callback for work that counts several kinds of steps."""
 
     def __init__(self) -> None:
         self._what, self._done = "", 0
@@ -88,7 +88,7 @@ class Bars:
         self._bar = None
 
     def __call__(self, what: str, done: int, total: int) -> None:
-        """So many steps are done, of the kind ``what``."""
+        """Shows that ``done`` of ``total`` steps of the kind ``what`` are complete."""
         if self._bar is None or what != self._what:
             self.__exit__()
             self._what, self._done, self._bar = what, 0, Progress(total, what)
@@ -96,19 +96,19 @@ class Bars:
         self._done = done
 
     def tell(self, line: str) -> None:
-        """Shows one line above the bar."""
+        """Prints one line above the bar."""
         (self._bar or Progress(1)).tell(line)
 
 
 def rate(per_second: float | None) -> str:
-    """A speed as one says it: ``2.5/s``, or ``4.0 s each``."""
+    """Formats a speed: ``2.5/s``, or ``4.0 s each``."""
     if not per_second:
         return ""
     return f"{per_second:.1f}/s" if per_second >= 1 else f"{1 / per_second:.1f} s each"
 
 
 def _bar() -> Any:
-    """How far, how fast, how long yet."""
+    """Creates the bar: progress, speed and remaining time."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

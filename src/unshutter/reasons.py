@@ -1,8 +1,8 @@
-"""Reasons: why no motion was found, or why one is not undone, as a code and its figures; and their English sentences.
+"""Reasons why no motion was found or a motion is not undone: a code with its figures, and the English sentences.
 
-The program branches on codes and never on sentences. Each surface chooses its words: Python, the command line and the
-logs take the sentences below, the page has its own (serve/page/words.js). Advice on what to do next belongs to the
-surface, since it names a flag or a button.
+The program branches on codes, never on sentences. Each interface has its own wording: Python, the command line and the
+logs use the sentences below; the page has its own (serve/page/words.js). Advice on what to do next belongs to the
+interface, since it names a flag or a button.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 
 class Cause(StrEnum):
-    """Why a photo is left unchanged, as it is counted."""
+    """Category under which an unchanged photo is counted."""
 
     NO_MOTION = "no motion"
     NO_EVIDENCE = "nothing to go by"
@@ -24,7 +24,7 @@ class Cause(StrEnum):
 
 
 class MotionSource(StrEnum):
-    """Where a motion comes from if not from the photo's pixels: the name of what found it."""
+    """Source of a motion that was not estimated from the photo's pixels."""
 
     FILM = "film"
     FLIGHT = "flight"
@@ -34,10 +34,10 @@ SOURCES = {MotionSource.FILM: "by the film inside it", MotionSource.FLIGHT: "by 
 
 
 class Code(StrEnum):
-    """What a reason is. Codes are part of logs, manifests and the API of ``unshutter serve``."""
+    """Code of a reason, as used in logs, manifests and the API of ``unshutter serve``."""
 
-    # one photo: what an estimator says
-    STATED = "stated"  # a sentence of another package's method
+    # one photo: from an estimator
+    STATED = "stated"  # a sentence from another package's method
     TOO_LONG = "too-long"
     TOO_FEW_SEGMENTS = "too-few-segments"
     NO_RIGHT_ANGLES = "no-right-angles"
@@ -46,13 +46,13 @@ class Code(StrEnum):
     NO_ROLLING_SHUTTER = "no-rolling-shutter"
     HOVERED = "hovered"
     FILM_STOOD_STILL = "film-stood-still"
-    # the film inside a photo: why it says nothing
+    # the film inside a photo: why it cannot be used
     FILM_TOO_SHORT = "film-too-short"
     FILM_DIFFERS = "film-differs"
     FILM_STABILISED = "film-stabilised"
     IMPOSSIBLE_MOTION = "impossible-motion"
     ASKED_FOR_NOTHING = "asked-for-nothing"
-    # one photo: what the verdict says
+    # one photo: from the verdict
     NO_MOTION = "no-motion"
     NO_VISIBLE_MOTION = "no-visible-motion"
     STRENGTH_0 = "strength-0"
@@ -72,8 +72,8 @@ class Code(StrEnum):
     TOO_LITTLE_TO_FOLLOW = "too-little-to-follow"
     SCENES_DIFFER = "scenes-differ"
     FRAMES_DISAGREE = "frames-disagree"
-    RATIO_UNKNOWN = "ratio-unknown"  # of frames
-    READOUT_TIME_UNKNOWN = "readout-time-unknown"  # of a clip
+    RATIO_UNKNOWN = "ratio-unknown"  # for frames
+    READOUT_TIME_UNKNOWN = "readout-time-unknown"  # for a clip
     GYRO_TOO_CALM = "gyro-too-calm"
     GYRO_TOO_SHORT = "gyro-too-short"
     GYRO_DISAGREES = "gyro-disagrees"
@@ -87,7 +87,7 @@ class Code(StrEnum):
     NO_CLEAR_PART = "no-clear-part"
 
 
-# Code -> its sentence, with the names of its figures.
+# Code -> sentence, with the names of its figures in braces.
 SENTENCES = {
     Code.STATED: "{sentence}",
     Code.TOO_LONG: "the photo's sides differ by more than {aspect:g} times",
@@ -139,11 +139,11 @@ SENTENCES = {
 
 @dataclass(frozen=True)
 class Reason:
-    """Why there is no motion, or why one is not undone.
+    """Why no motion was found, or why a motion is not undone.
 
     Attributes:
-        code: what it is.
-        figures: name -> number or words that its sentence takes, in pairs.
+        code: the kind of reason.
+        figures: (name, value) pairs to insert into the sentence.
     """
 
     code: Code
@@ -151,20 +151,20 @@ class Reason:
 
     @classmethod
     def of(cls, code: Code, **figures: float | int | str) -> Reason:
-        """A reason with its figures by name."""
+        """Creates a reason from keyword figures."""
         return cls(code, tuple(figures.items()))
 
     @classmethod
     def stated(cls, sentence: str) -> Reason:
-        """A reason in words of its own, as other packages' methods and old motion files give it."""
+        """Creates a reason from a free-form sentence, as provided by other packages' methods and old motion files."""
         return cls.of(Code.STATED, sentence=sentence)
 
     @classmethod
     def from_json(cls, data: Any) -> Reason:
-        """Reads what :meth:`as_json` wrote; unknown codes keep their sentence.
+        """Reads the output of :meth:`as_json`; a reason with an unknown code keeps its sentence.
 
         Raises:
-            TypeError, ValueError, KeyError: it is not of this form.
+            TypeError, ValueError, KeyError: the data do not have this form.
         """
         code, figures = str(data["code"]), dict(data["figures"])
         if code not in set(Code):
@@ -174,14 +174,14 @@ class Reason:
         return reason
 
     def __str__(self) -> str:
-        """The sentence."""
+        """The reason as an English sentence."""
         return SENTENCES[self.code].format(**dict(self.figures))
 
     def as_json(self) -> dict[str, Any]:
-        """Code, figures and sentence, for programs."""
+        """Returns code, figures and sentence for use by programs."""
         return {"code": str(self.code), "figures": dict(self.figures), "sentence": str(self)}
 
 
 def pixels(px: float) -> str:
-    """A length as people read it: ``41 px``, ``4.1 px``."""
+    """Formats a length for people: ``41 px``, ``4.1 px``."""
     return f"{px:.0f} px" if px >= 10 else f"{px:.1f} px"

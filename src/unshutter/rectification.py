@@ -1,4 +1,4 @@
-"""From a photo to its motion, and from both to the picture that a global shutter would have taken."""
+"""Estimates the motion of a photo and undoes it: the functions behind the public API for single photos."""
 
 from __future__ import annotations
 
@@ -58,12 +58,12 @@ def estimate(photo: Any, **options: Unpack[LinesOptions]) -> Motion:
     Args:
         photo: what :func:`rectify` takes.
         estimator: name (``unshutter models`` lists them) or one made by :func:`unshutter.load`; not used with lines.
-        lines: that a person drew along things in the photo, or a file of them: the motion is found from them, and has
+        lines: lines that a person drew along things in the photo, or a file of them; the motion found from them has
             no confidence.
         **options: what is known of the camera, and the reference row of the motion.
 
     Returns:
-        The motion for the photo's full size; zero, with a ``reason``, where the photo does not say enough.
+        The motion at the photo's full size; zero, with a ``reason``, if the photo does not show enough.
 
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
@@ -86,7 +86,7 @@ def estimate(photo: Any, **options: Unpack[LinesOptions]) -> Motion:
 
 @takes_options(EstimateOptions, Camera, Undo, Find)
 def candidates(photo: Any, **options: Unpack[EstimateOptions]) -> tuple[Candidate, ...]:
-    """Finds the few motions that fit a photo; a person sees at a glance which of them is right.
+    """Finds the few motions that fit a photo, from which a person can easily choose.
 
     Args:
         photo: what :func:`rectify` takes.
@@ -94,7 +94,7 @@ def candidates(photo: Any, **options: Unpack[EstimateOptions]) -> tuple[Candidat
         **options: what is known of the camera, and the reference row of the motions.
 
     Returns:
-        First the one that :func:`estimate` returns. The photo as it is counts as one.
+        The motion that :func:`estimate` returns comes first. Leaving the photo unchanged counts as a candidate.
 
     Raises:
         UnshutterError: the photo cannot be read or used; UsageError: unknown estimator, readout or reference.
@@ -121,20 +121,20 @@ def rectify(photo: Image, **options: Unpack[RectifyOptions]) -> Image: ...
 def rectify(photo: Any, **options: Unpack[RectifyOptions]) -> Any:
     """Removes rolling-shutter distortion from a photo.
 
-    A photo is left unchanged, to the byte, where its motion is not sure enough, or would move nothing by half a pixel.
+    The photo is left unchanged, byte for byte, if its motion is too uncertain or moves nothing by half a pixel.
 
     Args:
         photo: path, encoded file as bytes or open in binary mode, pixels [H, W] or [H, W, 1..4] (uint8, uint16, or
-            floating point from 0 to 1), Pillow image (of which only the pixels count), or a Photo.
+            floating point from 0 to 1), Pillow image (only its pixels are used), or a Photo.
         estimator: name, or an estimator made by :func:`unshutter.load`; not used when ``motion`` is given.
         motion: undo this motion, or that of this motion file, instead of estimating one; it is resized to the photo
             when its aspect fits.
         **options: what is known of the camera, and how the motion is undone.
 
     Returns:
-        The kind of thing that it was given. A path, an open file or a Photo gives a :class:`Rectified`, bytes give
+        The same kind of object as the input. A path, an open file or a Photo gives a :class:`Rectified`, bytes give
         bytes of the same format, an array gives an array of the same type, a Pillow image one of the same mode and
-        ``info``. To learn whether anything was undone, call :func:`rectified`: it gives a :class:`Rectified` for all.
+        ``info``. To see what was done, call :func:`rectified`, which always returns a :class:`Rectified`.
 
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
@@ -159,7 +159,7 @@ def rectify(photo: Any, **options: Unpack[RectifyOptions]) -> Any:
 
 @takes_options(RectifyOptions, Camera, Undo, Find)
 def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
-    """Removes rolling-shutter distortion from a photo, and reports what was found and done.
+    """Removes rolling-shutter distortion from a photo and reports the motion found and whether it was undone.
 
     Args:
         photo: what :func:`rectify` takes.
@@ -169,7 +169,7 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
         **options: what is known of the camera, and how the motion is undone.
 
     Returns:
-        A :class:`Rectified`, whatever kind of photo was given.
+        A :class:`Rectified`, whatever the type of the input.
 
     Raises:
         UnshutterError: the photo or motion cannot be used; UsageError: an option is not one of its choices.
@@ -180,7 +180,7 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
         (False, 'no visible motion, confidence 0.9...')
     """
     camera, undoing = from_keywords(Camera, options), from_keywords(Undo, options)
-    if not (is_file(photo) or is_bytes(photo)):  # pixels, of which programs know the coordinates
+    if not (is_file(photo) or is_bytes(photo)):  # arrays: the calling program may rely on pixel coordinates
         undoing = undoing.keeping_coordinates()
     estimator, motion = options.get("estimator", DEFAULT_ESTIMATOR), options.get("motion")
     if motion is not None:
@@ -191,7 +191,7 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
     check_size(source.height, source.width)
     if motion is None:
         grey_px = method(estimator).grey_px if isinstance(estimator, str) else None
-        source.start_decoding(grey_px=grey_px)  # while the estimator is loaded
+        source.start_decoding(grey_px=grey_px)  # in parallel with loading the estimator
         camera = camera.for_least_confidence(undoing.min_confidence)
         possible = photo_candidates(source, _loaded(estimator), camera)
         return replace(undo(source, chosen(possible, camera.candidate), undoing, camera.readout), candidates=possible)
@@ -203,7 +203,7 @@ def rectified(photo: Any, **options: Unpack[RectifyOptions]) -> Rectified:
 
 
 def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion:
-    """The motion of a photo, first row as the reference.
+    """Estimates the motion of a photo, with the first row as the reference.
 
     Raises:
         UnshutterError: the photo is too small, damaged or gone.
@@ -212,10 +212,10 @@ def estimate_photo(photo: Photo, estimator: Estimator, camera: Camera) -> Motion
 
 
 def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) -> Motion:
-    """The motion that lines show which a person drew along things in a photo, first row as the reference.
+    """Finds a photo's motion from lines that a person drew along things in it, with the first row as the reference.
 
     Raises:
-        UsageError: no lines.
+        UsageError: there are no lines.
     """
     from unshutter.estimators.right_angles.drawn_motion import motion_from_lines
     from unshutter.estimators.segment_network import SegmentNetwork
@@ -227,7 +227,7 @@ def motion_of_lines(photo: Photo, lines: Sequence[DrawnLine], camera: Camera) ->
 def photo_candidates(
     photo: Photo, estimator: Estimator, camera: Camera, reference: Reference = "first"
 ) -> tuple[Candidate, ...]:
-    """The motions that fit a photo, the one to undo first: what its film says, else what the estimator finds.
+    """Finds the motions that fit a photo, best first: from the film inside it, otherwise from the estimator.
 
     Raises:
         UnshutterError: the photo is too small, damaged or gone.
@@ -245,10 +245,10 @@ def photo_candidates(
 
 
 def _film_evidence(view: View, estimator: Estimator) -> FilmEvidence | None:
-    """What the film inside a photo says; None where there is no film, or it is not asked."""
+    """Returns the evidence from the film inside a photo; None if there is no film or it is not to be used."""
     if view.camera.no_film or isinstance(estimator, DoNothing) or view.photo.film() is None:
         return None
-    from unshutter.motion_photo.motion import film_motion  # here: few photos have one
+    from unshutter.motion_photo.motion import film_motion  # imported here because few photos have a film
 
     return film_motion(view)
 

@@ -1,4 +1,4 @@
-"""Rectified: a photo as a global shutter would have taken it, or as it was, and why."""
+"""Rectified: the outcome for one photo, with its new pixels or the reason why it was left unchanged."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Result:
-    """What became of a photo, by itself or with the help of its neighbours.
+    """Outcome for a photo, processed by itself or with its neighbours.
 
     Attributes:
         photo: the new pixels with the metadata of the original; the original itself where it was left unchanged.
@@ -37,21 +37,21 @@ class Result:
 
     @property
     def changed(self) -> bool:
-        """Whether anything was undone; if not, :attr:`reason` says why."""
+        """Whether anything was undone; if not, :attr:`reason` explains why."""
         return self.verdict.changes
 
     @property
     def reason(self) -> str:
-        """Why the photo was left unchanged, ``not sure: confidence 0.01``; empty where it was changed."""
+        """Why the photo was left unchanged, such as ``not sure: confidence 0.01``; empty if it was changed."""
         return self.verdict.sentence
 
     @property
     def pixels(self) -> np.ndarray:
-        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to."""
+        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16; treat as read-only."""
         return self.photo.pixels
 
     def to_array(self) -> np.ndarray:
-        """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
+        """Returns a copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
         return self.photo.to_array()
 
     def save(
@@ -63,12 +63,12 @@ class Result:
         subsampling: Subsampling | None = None,
         keep_times: bool = False,
     ) -> tuple[str, ...]:
-        """Writes the picture; the format is that of the file name's ending. See :meth:`Photo.save`.
+        """Writes the picture in the format that the file extension names. See :meth:`Photo.save`.
 
-        A photo that was left unchanged is copied byte for byte, unless it is to be another format, or coded otherwise.
+        An unchanged photo is copied byte for byte, unless another format or encoding is requested.
 
         Returns:
-            The metadata that such files have no place for, in words, as in ``("IPTC",)``.
+            The names of metadata that the format cannot hold, such as ``("IPTC",)``.
 
         Raises:
             UnshutterError: the file cannot be written, exists (without ``overwrite``) or is the original.
@@ -86,7 +86,7 @@ class Result:
     def encode(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
     ) -> Encoded:
-        """The picture as an encoded file, and what of its metadata did not go in; else as :meth:`save`.
+        """Encodes the picture as :meth:`save` does; returns the file and the names of metadata that it cannot hold.
 
         Args:
             format, quality, subsampling: see :meth:`Photo.to_bytes`.
@@ -102,17 +102,17 @@ class Result:
 
 @dataclass(frozen=True, repr=False)
 class Rectified(Result):
-    """A rectified photo, or one that was left unchanged, since nothing sure was found that would be worth undoing.
+    """A rectified photo, or one left unchanged because no sufficiently certain, visible motion was found.
 
     Attributes:
         photo: the new pixels with the metadata of the original; the original itself where it was left unchanged.
-        motion: what was undone, in the readout frame: none at all where the photo was left unchanged.
+        motion: the motion that was undone, in the readout frame; zero if the photo was left unchanged.
         original: the photo as it was read.
         found: the motion that was found or given, undone or not.
-        verdict: whether it was undone, and why not.
-        edges: ``keep``, ``crop`` or ``fill``: what was done about places that the photo did not see.
-        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
-        candidates: the motions that fit the photo, first the one that counts by default; empty where the motion was
+        verdict: whether the motion was undone, and why not.
+        edges: ``keep``, ``crop`` or ``fill``: how areas that the photo did not see were handled.
+        whole: share of the photo's area that a crop leaves; None if no crop was computed.
+        candidates: the motions that fit the photo, the default one first; empty if the motion was
             given. Their motions have the first row as the reference.
     """
 
@@ -131,7 +131,7 @@ class Rectified(Result):
 
     @property
     def valid(self) -> np.ndarray:
-        """[H, W] bool: where the rolling-shutter photo shows what belongs there (before any crop or fill)."""
+        """Mask [H, W] bool of the pixels that the rolling-shutter photo shows (before any crop or fill)."""
         from unshutter.warp.pixels import validity_mask
 
         return validity_mask(self.motion)
@@ -141,17 +141,17 @@ class Rectified(Result):
 
 
 def undo(photo: Photo, motion: Motion, options: Undo, readout: str = "auto") -> Rectified:
-    """The photo with a motion undone, where :func:`judged` allows it; else unchanged, and its pixels are not looked at.
+    """Undoes a motion if :func:`judged` allows it; otherwise returns the photo unchanged, without decoding its pixels.
 
     Args:
         photo: the photo.
-        motion: its motion; of another size if the aspect fits.
+        motion: its motion; the size may differ if the aspect ratio fits.
         options: reference row, strength, edges, least confidence.
-        readout: direction in which the stored pixels were read; ``auto``: the motion's.
+        readout: direction in which the stored pixels were read out; ``auto``: the motion's.
 
     Raises:
         UsageError: another readout direction than the motion's.
-        UnshutterError: another aspect, a motion that cannot be undone, a photo that is too small or damaged.
+        UnshutterError: the aspect ratios differ, the motion cannot be undone, or the photo is too small or damaged.
     """
     check_size(photo.height, photo.width)
     estimate, verdict = judged(motion, options, photo.height, photo.width, readout)
@@ -164,7 +164,7 @@ def undo(photo: Photo, motion: Motion, options: Undo, readout: str = "auto") -> 
 
 
 def judged(motion: Motion, options: Undo, height: int, width: int, readout: str = "auto") -> tuple[Motion, Verdict]:
-    """A motion as it would be undone in a stored picture of height x width [px], and whether it is.
+    """Returns the motion to undo in a stored picture of height x width [px], and the verdict on whether to undo it.
 
     Raises:
         UsageError: another readout direction than the motion's; UnshutterError: another aspect.
@@ -175,7 +175,7 @@ def judged(motion: Motion, options: Undo, height: int, width: int, readout: str 
 
 
 def fitted(motion: Motion, height: int, width: int, readout: str = "auto") -> Motion:
-    """A motion resized for a stored picture of height x width [px].
+    """Resizes a motion for a stored picture of height x width [px].
 
     Raises:
         UsageError: another readout direction than the motion's; UnshutterError: another aspect.

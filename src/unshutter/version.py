@@ -1,3 +1,3 @@
-"""The version, written once (pyproject.toml reads it here)."""
+"""The version number, defined only here (pyproject.toml reads it)."""
 
 __version__ = "1.1.0"

@@ -1,1 +1,1 @@
-"""Batches: one job for each of many photos, their results, failures and progress."""
+"""Batches: runs one job for each of many photos and reports results, failures and progress."""

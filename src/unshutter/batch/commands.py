@@ -1,4 +1,4 @@
-"""The commands that work on many photos: ``unshutter rectify`` and ``unshutter estimate``."""
+"""The commands that process many photos: ``unshutter rectify`` and ``unshutter estimate``."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
     if request.save.keep_times:
         check_have_times(jobs)
     protection = protection_of(inputs, jobs, into, request, run)
-    # results next to their photos, and that of a single photo, are known by their names alone
+    # results next to their photos, and the result of a single photo, are identified by their names and need no manifest
     home = manifest_folder(inputs, into, run)
     options = digest_of(request, motion) if home is not None else ""
     manifest = Manifest(home, options, whole_paths=run.manifest is not None) if home is not None else None
@@ -79,7 +79,7 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
     if request.neighbours.sequence and plan.to_do:
         plan.to_do, ratio = with_motions(plan.to_do, list(inputs.photos), request, run.max_pixels)
     lookahead = None
-    if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done here
+    if run.jobs is run.scheduler is run.timeout is None and plan.to_do:  # the work is done in this process
         sources = [job.source for job in plan.to_do]
         lookahead = Lookahead(sources, request.find_alone, run.max_pixels, request.undo)
     with Report(len(jobs) + len(inputs.unreadable), len(plan.to_do), run.json_log, inputs, protection) as report:
@@ -89,7 +89,7 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
         _report_before_work(plan, inputs, report)
         prepare_folders(jobs, inputs, into, protection)
         with _workers_for(run) as workers:
-            here = {"lookahead": lookahead} if lookahead else {}  # nothing that could be sent to another process
+            here = {"lookahead": lookahead} if lookahead else {}  # only for this process
             work = partial(do_job, request=request, motion=motion, **here)
             Batch(work, workers, manifest, report, protection).run(plan.to_do)
         report.save_preview()
@@ -97,12 +97,12 @@ def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, reque
 
 
 def _workers_for(run: Run) -> AbstractContextManager[Workers]:
-    """The workers that a run asks for: a cluster, processes, or this process."""
+    """Returns the workers that the options of a run call for: a cluster, processes, or this process."""
     if run.scheduler is not None:
         return cluster(run.scheduler)
     if run.jobs is run.timeout is None:
         return this_process()
-    from unshutter.batch.processes import processes  # not above: for one photo, multiprocessing would take 7 ms
+    from unshutter.batch.processes import processes  # imported here: for one photo, multiprocessing would take 7 ms
 
     if run.jobs is not None:
         return processes(run.jobs, run.timeout)
@@ -154,14 +154,14 @@ class Estimates:
     """The options of ``unshutter estimate``.
 
     Attributes:
-        find: how its motion is found; where it gives the time of the readout, the speed is added.
+        find: how motions are found; if it specifies the readout time, the output includes the speed.
         reference: row that counts as not moving.
-        plot: file to draw the motion into; None: none.
-        candidates: whether all motions that fit are listed.
-        lines: file of lines that were drawn along things in the photo; None: none.
+        plot: file to draw the motion into; None: no plot.
+        candidates: whether to list all motions that fit.
+        lines: file of lines that a person drew along things in the photo; None: none.
 
     Raises:
-        UsageError: options that do not go together.
+        UsageError: some options exclude each other.
     """
 
     find: Find
@@ -222,7 +222,7 @@ def estimate_files(
 
 
 def _estimated(ahead: PhotoAhead, request: Estimates) -> Motion:
-    """The photo's motion: of the lines that were drawn, if any were."""
+    """Returns the photo's motion, from the drawn lines if there are any."""
     if request.lines is None:
         return ahead.motion()
     from unshutter.estimators.right_angles.drawn_lines import read_lines
@@ -242,7 +242,7 @@ def _report_if_left_alone(motion: Motion, photo: Place, tell: Tell) -> None:
 
 
 def _candidates_as_text(photo: Photo, source: Place, request: Estimates, tell: Tell) -> str:
-    """The candidates of a photo as JSON; each is also reported in a line."""
+    """Returns the candidates of a photo as JSON, and reports each in a line."""
     from unshutter.motion.candidate import candidates_to_json
     from unshutter.rectification import photo_candidates
 
@@ -259,7 +259,7 @@ def _remove_leftovers(targets: list[Place]) -> None:
 
 
 def _estimate_as_text(motion: Motion, photo: Place, request: Estimates) -> str:
-    """The motion as text; drawn, too, with ``--plot``."""
+    """Returns the motion as JSON; also plots it if ``--plot`` was given."""
     from unshutter.motion.speed import json_with_speed
 
     readout_ms = request.find.camera.readout_ms

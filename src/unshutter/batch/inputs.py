@@ -1,4 +1,4 @@
-"""Which photos are meant, and which files were passed over, and why."""
+"""Finds the photos named by the user, and records which files were skipped and why."""
 
 from __future__ import annotations
 
@@ -24,19 +24,18 @@ FILM_SUFFIXES = frozenset(
 )
 RECTIFIED = ".rectified"
 _OURS = "unshutter-manifest"
-_NO_PHOTOS = "no photos"  # of files in a folder, as logs count them
+_NO_PHOTOS = "no photos"  # reason for skipping files in a folder, as counted in logs
 
 
 @dataclass
 class Inputs:
-    """The photos that were meant.
+    """The photos to process.
 
     Attributes:
-        photos: each with its folder inside the given one (``.`` for photos named one by one).
-        many: whether several were meant.
-        unreadable: folders that could not be looked into, and why.
-        passed_over: files in the given folders that were not taken: reason -> their endings, each as often as it was
-            there.
+        photos: photo -> its folder relative to the given one (``.`` for photos named one by one).
+        many: whether the user named several photos or a folder.
+        unreadable: (folder, error) of each folder that cannot be read.
+        passed_over: files in the given folders that were skipped: reason -> number of files with each extension.
     """
 
     photos: dict[Place, PurePosixPath] = field(default_factory=dict)
@@ -45,15 +44,15 @@ class Inputs:
     passed_over: dict[str, Counter[str]] = field(default_factory=dict)
 
     def pass_over(self, reason: str, name: PurePosixPath) -> None:
-        """Notes a file that is not taken."""
+        """Records a file that is skipped."""
         self.passed_over.setdefault(reason, Counter())[name.suffix.lower()] += 1
 
     def counts(self) -> dict[str, int]:
-        """How many files were not taken, by reason."""
+        """Returns the number of skipped files by reason."""
         return {reason: endings.total() for reason, endings in self.passed_over.items()}
 
     def not_taken(self) -> str:
-        """A line about what was passed over; empty where nothing was."""
+        """Describes the skipped files in a line; empty if there are none."""
         text = []
         for reason, endings in sorted(self.passed_over.items(), key=lambda item: (-item[1].total(), item[0])):
             names = [ending or "no ending" for ending, _ in endings.most_common(5)]
@@ -64,24 +63,24 @@ class Inputs:
 
 
 def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | None = None) -> Inputs:
-    """The photos that were meant, folders expanded with all that is below them, sorted.
+    """Finds the photos to process, expanding folders recursively; the contents of a folder are sorted.
 
-    In folders are passed over: hidden files and folders, links to folders, pictures that unshutter wrote next to
-    their originals (``*.rectified.*``), and the folder that results go to.
+    Skipped in folders are hidden files and folders, links to folders, pictures that unshutter wrote next to their
+    originals (``*.rectified.*``), and the output folder.
 
     Args:
         sources: photos and folders; paths or fsspec URLs.
-        leave_out: folder that results go to.
+        leave_out: the output folder.
 
     Raises:
-        UnshutterError: a folder without photos.
-        UsageError: no sources.
+        UnshutterError: a folder contains no photos.
+        UsageError: there are no sources.
     """
     inputs = Inputs()
     for source in map(place, sources):
         if source.suffix.lower() in FILM_SUFFIXES and not places.is_folder(source):
             raise UsageError(f"{source} is a film, not a photo: unshutter video {source}")
-        may_be_folder = isinstance(source, Path) or not source.suffix  # asking a store takes a while
+        may_be_folder = isinstance(source, Path) or not source.suffix  # queries to a store are slow
         if not (may_be_folder and places.is_folder(source)):
             inputs.photos.setdefault(source, PurePosixPath())
             continue
@@ -103,7 +102,7 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
 
 
 def _in_words(reason: str, count: int) -> str:
-    """Why so many files were not taken."""
+    """Phrases the reason why ``count`` files were skipped."""
     if reason == _NO_PHOTOS:
         return "is not a photo" if count == 1 else "are not photos"
     if reason == "films":
@@ -130,16 +129,16 @@ def _is_meant(relative: PurePosixPath, inputs: Inputs) -> bool:
 
 
 def _in_folder(folder: Place, leave_out: Place | None, inputs: Inputs) -> list[PurePosixPath]:
-    """All files below a folder, relative to it, in order."""
+    """Lists all files below a folder, relative to it, in order."""
     if not isinstance(folder, Path):
         results = way(folder, leave_out) if leave_out is not None else None
         if results == PurePosixPath():
-            results = None  # next to the originals: known by their names
+            results = None  # results are next to the originals and recognised by their names
         return [name for name in objects_below(folder) if results is None or not name.is_relative_to(results)]
     paths: list[PurePosixPath] = []
     results = os.path.realpath(leave_out) if isinstance(leave_out, Path) else None
     if results == os.path.realpath(folder):
-        results = None  # as above
+        results = None  # results are next to the originals
 
     def note(error: OSError) -> None:
         inputs.unreadable.append((str(error.filename), error.strerror or str(error)))
@@ -160,7 +159,7 @@ def _in_folder(folder: Place, leave_out: Place | None, inputs: Inputs) -> list[P
 
 
 def _no_file(path: Path) -> str:
-    """Why there is no file to read; empty where there is one."""
+    """Explains why a path is not a readable file; empty if it is one."""
     try:
         return "" if stat.S_ISREG(path.stat().st_mode) else "pipes or devices"
     except OSError:

@@ -1,4 +1,4 @@
-"""A job of a batch: one photo and where its result goes; and how it went."""
+"""The job of processing one photo, and its outcome."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """One photo and where its result goes.
+    """One photo and the places for its results.
 
     Attributes:
         source: the photo.
         target: its rectified picture.
-        motion_target: its motion file, if there is to be one.
-        mask_target: the mask of its valid pixels, if there is to be one.
-        preview_px: long side [px] of the pictures before and after, 0 for their own size; None: no such pictures.
-        overwrite: whether the target may replace what is there.
-        max_pixels: of a photo that is read.
-        may_repeat: whether an earlier attempt may have written the outputs, before its worker died or its run was
-            killed: what is there stays if it is the same, byte for byte.
-        left: digests of picture, motion file and mask as an earlier run left them from this photo: what still has them
-            may be replaced.
-        recorded: whether the manifest wants digests of what is written.
-        motion: what its neighbours in a sequence say of its motion; None: it is found, or given for all photos.
+        motion_target: its motion file; None: not written.
+        mask_target: the mask of its valid pixels; None: not written.
+        preview_px: long side [px] of the before and after pictures, 0 for full size; None: no preview.
+        overwrite: whether outputs may replace existing files.
+        max_pixels: pixel limit for photos that are read.
+        may_repeat: whether an earlier attempt may have written outputs before its worker died or its run was killed;
+          existing files with identical bytes are then kept.
+        left: digests of picture, motion file and mask that an earlier run wrote for this photo; files that still have
+          these digests may be replaced.
+        recorded: whether the manifest needs digests of the outputs.
+        motion: its motion, found from its neighbours in a sequence; None: estimated, or shared by all photos.
         before, after: its neighbours in a sequence.
     """
 
@@ -51,31 +51,31 @@ class Job:
 
     @property
     def targets(self) -> tuple[Place, Place | None, Place | None]:
-        """The picture, the motion file, the mask; None for those that are not written."""
+        """Picture, motion file and mask; None for those that are not written."""
         return self.target, self.motion_target, self.mask_target
 
     @property
     def outputs(self) -> list[Place]:
-        """All of them that are to be written."""
+        """The targets that are to be written."""
         return [target for target in self.targets if target is not None]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a job went.
+    """The outcome of a job.
 
     Attributes:
-        error: one line; empty where all went well.
-        usage: the error is about the request rather than the photo.
-        unknown_ratio: the error is that the frames do not show the readout ratio of their camera.
-        note: something that the user should know.
-        model: how the motion of a photo with neighbours was described (frames/frame.py); else empty.
+        error: one line; empty on success.
+        usage: whether the error concerns the request rather than the photo.
+        unknown_ratio: whether the frames do not show their camera's readout ratio.
+        note: further information for the user.
+        model: motion model used for a photo with neighbours (frames/frame.py); otherwise empty.
         verdict: whether the photo was changed, and why not.
-        seconds: that it took.
+        seconds: duration of the job.
         source_is: fingerprint of the photo that was read.
         outputs_are: fingerprints of the job's outputs; None for a picture that was not written.
-        digests: of their bytes, where they are recorded.
-        preview: pictures before and after, for a preview.
+        digests: digests of the outputs, if they are recorded.
+        preview: the before and after pictures for a preview.
     """
 
     error: str = ""
@@ -92,5 +92,5 @@ class Outcome:
 
     @property
     def is_written(self) -> bool:
-        """Whether there is a picture: of a photo left unchanged, there may be none."""
+        """Whether a picture was written; for an unchanged photo there may be none."""
         return self.outputs_are[:1] != (None,)

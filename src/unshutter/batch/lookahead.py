@@ -1,4 +1,4 @@
-"""Looking ahead: while one photo is worked on, the next is opened and decoded, and its motion estimated."""
+"""Lookahead: opens, decodes and analyses the next photo while the current one is being processed."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 
 
 class Lookahead:
-    """Photos in the order of a batch, each begun while the one before it is worked on; two are held at a time.
+    """Photos of a batch in order, each started while the previous one is processed; two are held at a time.
 
-    The first is opened and decoded while the estimator is loaded. The results are those of a run that does not look
-    ahead.
+    The first is opened and decoded while the estimator is loaded. The results do not differ from those of a run without
+    lookahead.
 
     Args:
-        places: the photos, in the order in which they will be taken; some may be left out.
-        find: how their motion is found; None: no motion is needed.
+        places: the photos, in the order in which they will be taken; some may be skipped.
+        find: how motions are found; None: no motion is needed.
         max_pixels: see ``Photo.open``.
-        undo: how their motion will be undone; None: their pixels are not needed.
+        undo: how motions will be undone; None: pixels are not needed.
 
     Raises:
-        UsageError, UnshutterError: the estimator cannot be loaded. (Errors of a photo are raised where it is taken.)
+        UsageError, UnshutterError: the estimator cannot be loaded. (Errors of a photo are raised when it is taken.)
     """
 
     def __init__(
@@ -44,26 +44,26 @@ class Lookahead:
         self.estimator: Estimator | None = None
         self._thread = ThreadPoolExecutor(1)
         self._waiting = deque(places)
-        libvips()  # here: two threads that import at once mostly wait for each other
+        libvips()  # imported here: two threads importing at once mostly block each other
         self._next = self._begin(self._waiting.popleft()) if places else None
         import numpy  # noqa: F401 (what the decoder needs next)
 
         if find is not None:
             self.estimator = load(find.estimator)
         if self._next is not None:
-            self._next.look(self._thread, whole=True)  # all pixels, too: there is no other work yet
+            self._next.look(self._thread, whole=True)  # decode all pixels as well: there is no other work yet
         if self.estimator is not None:
-            self.estimator.prepare()  # while segments are looked for
+            self.estimator.prepare()  # while line segments are being detected
 
     def take(self, place: Place) -> PhotoAhead:
-        """The photo of a place; the next one is begun."""
+        """Returns the photo of a place, and starts the next one."""
         photo = self._next
         if photo is None or photo.place != place:
             photo = self._begin(place)
             photo.look(self._thread)
-            if place not in self._waiting:  # it is taken once more
+            if place not in self._waiting:  # requested a second time
                 return photo
-            while self._waiting.popleft() != place:  # some were left out
+            while self._waiting.popleft() != place:  # some were skipped
                 pass
         self._next = self._begin(self._waiting.popleft()) if self._waiting else None
         if self._next is not None:
@@ -75,12 +75,12 @@ class Lookahead:
 
 
 class PhotoAhead:
-    """A photo that is opened, decoded and looked at ahead of the work on it.
+    """A photo that is opened, decoded and analysed ahead of its turn.
 
     Args:
-        place: of the photo.
+        place: place of the photo.
         options: the lookahead that it belongs to.
-        thread: that opens it.
+        thread: thread in which to open it.
     """
 
     def __init__(self, place: Place, options: Lookahead, thread: ThreadPoolExecutor) -> None:
@@ -90,18 +90,18 @@ class PhotoAhead:
         self._looking = None
 
     def look(self, thread: ThreadPoolExecutor, whole: bool = False) -> None:
-        """Estimates its motion in a thread, after it has been opened there.
+        """Starts estimating the motion in a thread, once the photo has been opened there.
 
         Args:
-            thread: where to.
-            whole: decode all pixels at the same time; else once the motion is known to change them.
+            thread: the executor.
+            whole: whether to decode all pixels at the same time; otherwise once the motion is known to change them.
         """
         if self._options.estimator is not None:
             self._looking = thread.submit(self._estimate, whole)
 
     @property
     def photo(self) -> Photo:
-        """The photo, open.
+        """The opened photo; waits until it is open.
 
         Raises:
             UnshutterError: it cannot be opened.
@@ -109,7 +109,7 @@ class PhotoAhead:
         return self._opening.result()
 
     def motion(self) -> Motion:
-        """Its motion, first row as the reference.
+        """Returns the motion, with the first row as the reference.
 
         Raises:
             UnshutterError: see :func:`unshutter.rectification.estimate_photo`.
@@ -117,9 +117,9 @@ class PhotoAhead:
         if self._looking is not None:
             try:
                 return self._looking.result()
-            except WeightsError:  # it may have taken a minute
+            except WeightsError:  # loading may have taken a minute: no second attempt
                 raise
-            except UnshutterError:  # once more, for its message: libvips mixes those of two threads
+            except UnshutterError:  # repeat it alone for its message: libvips mixes those of two threads
                 return self._estimate()
         return self._estimate()
 
@@ -145,5 +145,5 @@ class PhotoAhead:
 
 
 def open_photo(place: Place, max_pixels: int = MAX_PIXELS) -> Photo:
-    """The photo of a place, a file or an object behind a URL; errors are those of ``Photo.open``."""
+    """Opens the photo of a place, a file or an object behind a URL; errors are those of ``Photo.open``."""
     return Photo.open(place, max_pixels) if isinstance(place, Path) else Photo.from_bytes(read_place(place), max_pixels)

@@ -1,4 +1,4 @@
-"""The loop of a batch: jobs to workers, outcomes to the manifest and the report."""
+"""The main loop of a batch: passes jobs to workers, and outcomes to the manifest and the report."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ Work = Callable[[Job], Outcome]
 
 
 def check_outputs(job: Job, protection: Protection) -> None:
-    """Checks that a job may write its outputs, as far as that is quickly found out.
+    """Checks that a job may write its outputs, as far as a quick check can tell.
 
     Raises:
-        UnshutterError: an input, a link, or what nobody said may be replaced is in the way.
+        UnshutterError: an input, a link, or a file that must not be replaced is in the way.
     """
     for target in job.outputs:
         protection.check(target)
-    perhaps_ours = job.may_repeat or job.left[0] is not None  # the worker will see
+    perhaps_ours = job.may_repeat or job.left[0] is not None  # the worker checks the digest
     check_place(job.target, job.overwrite or perhaps_ours, job.source)
 
 
 class Batch:
-    """Jobs on their way to workers.
+    """Runs jobs on workers.
 
     Args:
-        work: does a job; it and the jobs are pickled where workers are other processes.
-        workers: who does it.
-        manifest: of the output folder; None for results that no run will look for again.
-        report: what the user learns.
-        protection: of the files that the run reads.
+        work: performs a job; pickled along with the jobs if the workers are other processes.
+        workers: the workers.
+        manifest: of the output folder; None if no later run will look for the results.
+        report: progress and messages for the user.
+        protection: protects the files that the run reads.
     """
 
     def __init__(
@@ -59,13 +59,13 @@ class Batch:
         self._protection = protection or Protection([])
         self._stopping = False
         self._running: dict[Future[Outcome], Job] = {}
-        self._later: deque[Job] = deque()  # until another run has finished them, or is known to be dead
+        self._later: deque[Job] = deque()  # deferred until another run has finished them or is known to be dead
 
     def run(self, jobs: Iterable[Job]) -> None:
-        """Does all of them.
+        """Runs all jobs.
 
         Raises:
-            UnshutterError: nothing more can be done, as when the manifest cannot be written.
+            UnshutterError: the run cannot continue, for example because the manifest cannot be written.
         """
         waiting = deque(jobs)
         try:
@@ -90,7 +90,7 @@ class Batch:
                 self._manifest.close()
 
     def _submit(self, job: Job) -> Future[Outcome]:
-        """The job's future; a broken one if a worker has just died, before anybody noticed."""
+        """Submits the job; returns a failed future if a worker has just died unnoticed."""
         try:
             return self._workers.executor.submit(self._work, job)
         except BrokenExecutor as error:
@@ -105,7 +105,7 @@ class Batch:
         return self._manifest.begun_by_another(job)
 
     def _may_start(self, job: Job) -> bool:
-        """Whether there is anything to do that may be done; reports it if not."""
+        """Whether the job still needs doing and is allowed; reports it if not."""
         if self._manifest is not None and self._manifest.finished_by_another(job):
             self._report.skipped(job)
             return False
@@ -119,7 +119,7 @@ class Batch:
         return True
 
     def _begun(self, job: Job) -> Job:
-        """The job as it is given away."""
+        """Records the start of a job and returns it as it is sent to the worker."""
         if self._manifest is not None:
             self._manifest.begin(job)
             job = replace(job, recorded=True)
@@ -128,7 +128,7 @@ class Batch:
         return replace(job, may_repeat=True)
 
     def _collect(self) -> None:
-        """Waits for at least one job; nothing to wait for, no wait."""
+        """Waits for at least one running job to end; returns at once if there is none."""
         crashed: dict[Future[Outcome], Job] = {}
         for future in wait(self._running, return_when=FIRST_COMPLETED).done:
             job = self._running.pop(future)
@@ -142,15 +142,15 @@ class Batch:
                 self._finish(job, Outcome(line))
             else:
                 self._finish(job, future.result())
-        if crashed and self._stopping:  # whoever stopped this process may have ended its workers, too
+        if crashed and self._stopping:  # the signal that stopped this process may also have ended its workers
             self._running = {}
         elif crashed:
-            crashed |= self._running  # all that a broken executor had
+            crashed |= self._running  # all jobs of a broken executor
             self._running = {}
             self._go_on_after(crashed)
 
     def _go_on_after(self, crashed: dict[Future[Outcome], Job]) -> None:
-        """Finds out which of the jobs cost its worker the life, and does the others again."""
+        """Finds out which of the jobs killed its worker, and restarts the others."""
         overdue = {future for future in crashed if self._workers.is_overdue(future)}
         self._workers.executor = self._workers.renew()
         for folder in {job.target.parent for job in crashed.values()}:
@@ -181,7 +181,7 @@ class Batch:
         return Outcome(f"{job.source}: given up after {limit_s:g} s (--timeout gives it longer)", seconds=limit_s)
 
     def _put_off(self, job: Job) -> bool:
-        """After a failure: whether it is because another run does the same at the same moment; then once more."""
+        """Defers a failed job, and returns True, if another run is working on the same result."""
         if self._manifest is None or job.overwrite or job.may_repeat:
             return False
         self._manifest.refresh()
@@ -207,20 +207,20 @@ class Batch:
             self._report.failed(job.source, outcome.error, outcome.seconds)
 
     def _stop(self) -> None:
-        """Drops what has not begun, lets the rest come to its end."""
+        """Drops jobs that have not started and waits for the others."""
         self._stopping = True
         for future in list(self._running):
             if future.cancel():
                 del self._running[future]
         if self._running:
-            with suppress(OSError):  # the terminal was closed
+            with suppress(OSError):  # the terminal is closed
                 self._report.tell("unshutter: finishing the photos that are at work (Ctrl-C again to drop them)")
         while self._running:
             self._collect()
 
 
 def _error_of(future: Future[Outcome]) -> BaseException | None:
-    """What a future that is done has raised; a scheduler that goes cancels all that it had."""
+    """Returns the exception of a completed future; a scheduler that shuts down cancels all its jobs."""
     try:
         return future.exception()
     except CancelledError as cancelled:

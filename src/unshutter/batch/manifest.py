@@ -1,13 +1,13 @@
-"""The manifest in an output folder: which results are finished, from what, and how; so that a run can go on.
+"""The manifest in an output folder: records which results are finished, so that an interrupted run can resume.
 
-It is a journal, one JSON record a line, only ever added to. Before work on a result begins, a record announces it; when
-the result exists under its name, a second one describes it. Whatever happens in between, the next run finds
-a result that was begun and not finished, and does it again. A record that was cut short counts for nothing.
+It is an append-only journal with one JSON record per line. Before work on a result begins, a record announces it; when
+the result exists under its final name, a second record describes it. Whatever happens in between, the next run finds a
+result that was begun but not finished, and repeats it. Truncated records are ignored.
 
-A result counts as finished by its size and time, which are quick to look up. It is only replaced if it still has the
-digest with which it was left.
+Whether a result is finished is judged by its size and time, which are quick to look up. It is replaced only if it still
+has the digest recorded for it.
 
-How it is stored, for files and for objects behind a URL, :mod:`unshutter.storage.journal` says.
+:mod:`unshutter.storage.journal` stores it, in files and in objects behind a URL.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ Verdict = Literal["finished", "another's", "open"]
 
 
 class Manifest:
-    """What is known about the results in a folder; nothing is written before the first record.
+    """The known state of the results in a folder; nothing is written before the first record.
 
     Args:
-        folder: that it lies in, mostly that of the results.
-        options: digest of the options that make a result what it is.
-        whole_paths: whether results are recorded by whole paths; by default as seen from the folder, which may then be
-            moved with its results.
+        folder: folder that contains the manifest, usually that of the results.
+        options: digest of the options that affect results.
+        whole_paths: whether to record absolute paths of results; by default, they are relative to the folder, which can
+          then be moved with its results.
 
     Raises:
-        UnshutterError: there is a manifest that cannot be read.
+        UnshutterError: the existing manifest cannot be read.
     """
 
     def __init__(self, folder: Place, options: str, whole_paths: bool = False):
@@ -46,19 +46,19 @@ class Manifest:
         self._options = options
         self._whole_paths = whole_paths
         self._entries: dict[str, dict[str, Any]] = {}
-        self._news: set[str] = set()  # results that other runs have had to do with since this one started
+        self._news: set[str] = set()  # results that other runs have started or finished since this one started
         self._journal = open_journal(folder, NAME, self.run)
         self.refresh()
         self._news.clear()
 
-    # ---- what is known ---------------------------------------------------------------------------------
+    # ---- reading ---------------------------------------------------------------------------------------
 
     def verdict(self, job: Job) -> Verdict:
-        """What there is where a job's results go.
+        """Classifies the existing results of a job.
 
         Returns:
-            finished: they are there, from this very photo with these very options, as they were left. another's: they
-            were made from another photo. open: there is work to do.
+            finished: they are there, unmodified, from this photo with these options. another's: they come from
+            another photo. open: there is work to do.
         """
         entry = self._entries.get(self._key(job.target))
         if entry is None:
@@ -71,10 +71,10 @@ class Manifest:
         return "finished" if done and all(self._is_as_left(entry, target) for target in job.outputs) else "open"
 
     def prepared(self, job: Job) -> Job:
-        """A job with what is known of results that are there already.
+        """Adds what the manifest knows about existing results to a job.
 
-        The word of a manifest, which anybody may have written, is not enough to replace a file: it must be the one
-        that was left there, by its digest, which is computed when the job is done.
+        A manifest, which anybody may have written, is not sufficient reason to replace a file: the file must have the
+        recorded digest, which is computed when the job runs.
         """
         entry = self._entries.get(self._key(job.target))
         if entry is None:
@@ -83,13 +83,13 @@ class Manifest:
         return replace(job, left=left, may_repeat=entry["state"] == "begun")
 
     def _is_as_left(self, entry: dict[str, Any], target: Place) -> bool:
-        """Whether a file is the one that was left: by size and time, else (it was copied) by its digest."""
+        """Whether a file is unmodified: by size and time, or (if it was copied) by its digest."""
         left = self._left(entry, target)
         recorded = entry.get("outputs", {}).get(self._key(target))
         return recorded == fingerprint(target) or (left is not None and digest(target) == left)
 
     def _left(self, entry: dict[str, Any], target: Place | None) -> str | None:
-        """The digest with which a result was left, if what is there may have it: it has the size."""
+        """Returns the digest recorded for a result if the existing file can have it, judging by its size."""
         if target is None:
             return None
         key, now = self._key(target), fingerprint(target)
@@ -99,12 +99,12 @@ class Manifest:
         return digests.get(key) if recorded.partition(":")[0] == now.partition(":")[0] else None
 
     def begun_by_another(self, job: Job) -> bool:
-        """Whether another run has begun this result, and not finished; it may be dead."""
+        """Whether another run, which may be dead, has begun this result and not finished it."""
         entry = self._entries.get(self._key(job.target), {})
         return entry.get("state") == "begun" and entry.get("run") != self.run
 
     def is_contested(self, job: Job) -> bool:
-        """Whether another run, too, has begun this result since this one started."""
+        """Whether another run has also begun this result since this one started."""
         return self._key(job.target) in self._news
 
     def finished_by_another(self, job: Job) -> bool:
@@ -112,7 +112,7 @@ class Manifest:
         return self.is_contested(job) and self.verdict(job) == "finished"
 
     def refresh(self) -> None:
-        """Takes in what other runs have added. Not seen: runs that write to objects.
+        """Reads what other runs have added; runs that write to objects are not visible.
 
         Raises:
             UnshutterError: the manifest cannot be read.
@@ -120,21 +120,21 @@ class Manifest:
         for line in self._journal.news().splitlines():
             try:
                 record = json.loads(line)
-            except (ValueError, RecursionError):  # cut short by the end of its run, or damaged
+            except (ValueError, RecursionError):  # truncated when its run ended, or damaged
                 continue
             if not (isinstance(record, dict) and isinstance(record.get("target"), str)):
                 continue
             target = record["target"]
             if isinstance(record.get("outputs", {}), dict):
-                # what a result was when it was last finished stays known while it is done again
+                # details of a finished result are kept while it is repeated
                 self._entries[target] = {"state": "", **self._entries.get(target, {}), **record}
                 if record.get("run") != self.run:
                     self._news.add(target)
 
-    # ---- what is added ---------------------------------------------------------------------------------
+    # ---- writing ---------------------------------------------------------------------------------------
 
     def begin(self, job: Job) -> None:
-        """Work on a result begins.
+        """Records that work on a result begins.
 
         Raises:
             UnshutterError: the manifest cannot be written.
@@ -142,7 +142,7 @@ class Manifest:
         self._add(self._record(job, "begun"))
 
     def end(self, job: Job, outcome: Outcome) -> None:
-        """It ended, one way or the other.
+        """Records that a job has ended, successfully or not.
 
         Raises:
             UnshutterError: the manifest cannot be written.
@@ -169,7 +169,7 @@ class Manifest:
         }
 
     def _key(self, target: Place) -> str:
-        """A result's name in the records."""
+        """Returns a result's name in the records."""
         inside = None if self._whole_paths else way(self._folder, target)
         return str(inside or absolute(target).as_posix())
 
@@ -178,7 +178,7 @@ class Manifest:
         self.refresh()
 
     def flush(self) -> None:
-        """Writes what is not yet written; to be called between :meth:`begin` and the work.
+        """Writes pending records; call it between :meth:`begin` and the work.
 
         Raises:
             UnshutterError: the manifest cannot be written.
@@ -186,7 +186,7 @@ class Manifest:
         self._journal.flush()
 
     def close(self) -> None:
-        """Ends what this run has to say.
+        """Writes pending records and closes the journal.
 
         Raises:
             UnshutterError: the manifest cannot be written.

@@ -1,4 +1,4 @@
-"""What a run of ``unshutter rectify`` is to do: its jobs, what is finished already, and what must not be written to."""
+"""Plans a run of ``unshutter rectify``: its jobs, finished results, and the files that must not be overwritten."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from unshutter.storage.files import check_target, remove_leftovers
 from unshutter.storage.places import Place, absolute, fingerprint, make_folder, place
 from unshutter.storage.protection import Protection
 
-# of a result: those in the first digests, and those whose defaults may yet change
+# options of a result that the first digests contained, or whose defaults may still change
 _ALWAYS_COUNTED = frozenset(
     {
         *("estimator", "focal_px", "quality", "readout", "reference", "roll_deg", "strength", "edges", "tilt_deg"),
@@ -40,7 +40,7 @@ _ALWAYS_COUNTED = frozenset(
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where the results of a run go.
+    """Destinations of a run's results.
 
     Attributes:
         pictures: file (one photo) or folder; None: next to the photos.
@@ -55,7 +55,7 @@ class Outputs:
 
 @dataclass
 class Plan:
-    """The jobs of a batch by what is to be done about them."""
+    """The jobs of a batch: to do, finished or refused."""
 
     to_do: list[Job] = field(default_factory=list)
     finished: list[Job] = field(default_factory=list)
@@ -63,10 +63,10 @@ class Plan:
 
 
 def with_coordinates(request: Rectify, into: Outputs) -> Rectify:
-    """The request, with whole pictures where motion files or masks refer to their pixels.
+    """Adapts the request to keep whole pictures if motion files or masks refer to their pixels.
 
     Raises:
-        UsageError: masks of pictures that are cropped.
+        UsageError: masks are requested for cropped pictures.
     """
     if into.masks is not None and request.undo.edges == "crop":
         raise UsageError("--masks are for whole pictures: leave out --edges crop")
@@ -78,10 +78,10 @@ def with_coordinates(request: Rectify, into: Outputs) -> Rectify:
 
 
 def _with_camera_motion(request: Rectify) -> Rectify:
-    """The request, with the motion model that a motion file can hold.
+    """Adapts the request to a motion model that a motion file can hold.
 
     Raises:
-        UsageError: what is asked for needs another one.
+        UsageError: other options need a different model.
     """
     neighbours = request.neighbours
     if model_for(neighbours.model, neighbours.at, request.undo) == "dense":
@@ -92,13 +92,13 @@ def _with_camera_motion(request: Rectify) -> Rectify:
 
 
 def jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list[Job]:
-    """A job for each photo."""
+    """Creates a job for each photo."""
     rectified = partial(picture_name, format=request.save.format, keep=request.save.keep_names)
     pictures = into.pictures
     targets = plan_targets(inputs, pictures, rectified) if pictures is not None else next_to_photos(inputs, rectified)
     motions = plan_targets(inputs, into.motions, motion_names(inputs)) if into.motions else {}
     masks = mask_targets(inputs, into.masks, targets) if into.masks else {}
-    where = absolute if run.scheduler is not None else lambda path: path  # other machines have other ways
+    where = absolute if run.scheduler is not None else lambda path: path  # other machines: other working folders
     preview_px = 0 if len(targets) == 1 else SHEET_PX
     return [
         Job(
@@ -115,17 +115,21 @@ def jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list[
 
 
 def check_have_times(jobs: list[Job]) -> None:
-    """Raises UsageError where a photo or its result is not a file: objects have times that only their store sets."""
+    """Checks that photos and results are files with ``--keep-times``: only the store sets times of objects.
+
+    Raises:
+        UsageError: one of them is behind a URL.
+    """
     for where in (file for job in jobs for file in (job.source, job.target)):
         if not isinstance(where, Path):
             raise UsageError(f"--keep-times is for files, and {where} is behind a URL: leave it out")
 
 
 def protection_of(inputs: Inputs, jobs: list[Job], into: Outputs, request: Rectify, run: Run) -> Protection:
-    """What no output may be written over.
+    """Collects the files that no output may overwrite.
 
     Raises:
-        UsageError: one name stands for two files of the run.
+        UsageError: one name is used for two files of the run.
     """
     weights = weights_file(request.find.estimator)
     home = manifest_folder(inputs, into, run)
@@ -156,7 +160,11 @@ def protection_of(inputs: Inputs, jobs: list[Job], into: Outputs, request: Recti
 
 
 def check_neighbours(request: Rectify, photos: int, run: Run) -> None:
-    """Raises UsageError where the request does not go with a photo's neighbours."""
+    """Checks the request for a photo with neighbours.
+
+    Raises:
+        UsageError: it names several photos, or a scheduler.
+    """
     if not request.neighbours:
         return
     if photos > 1:
@@ -166,7 +174,7 @@ def check_neighbours(request: Rectify, photos: int, run: Run) -> None:
 
 
 def digest_of(request: Rectify, motion: str | None) -> str:
-    """Changes when results would. An option that is younger than digests counts only where it is not at its default."""
+    """Returns a digest of all options that affect results. Newer options are included only if not at their defaults."""
     weights = weights_file(request.find.estimator)
     facts = {"motion": motion, "weights": "" if weights is None else fingerprint(weights), "overwrite": None}
     neighbours = request.neighbours
@@ -175,15 +183,15 @@ def digest_of(request: Rectify, motion: str | None) -> str:
             value = vars(group)[each.name]
             if each.name in _ALWAYS_COUNTED or (each.default is not MISSING and value != each.default):
                 facts[each.name] = value
-    for name in ("format", "keep_names"):  # the result's name says them
+    for name in ("format", "keep_names"):  # already part of the result's name
         facts.pop(name, None)
-    from hashlib import sha256  # not above: see plain_files.digest
+    from hashlib import sha256  # imported here: see plain_files.digest
 
     return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Place | None:
-    """The folder of the manifest; None for results that no run will look for again.
+    """Returns the folder of the manifest; None if no later run will look for the results.
 
     Raises:
         UsageError: a folder is named for a single photo, or the name is that of a file.
@@ -198,7 +206,7 @@ def manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Place | None:
 
 
 def plan_for(jobs: list[Job], manifest: Manifest | None, overwrite: bool) -> Plan:
-    """The jobs, sorted by what the manifest knows of their results."""
+    """Sorts the jobs by the state of their results in the manifest."""
     if manifest is None:
         return Plan(jobs)
     plan = Plan()
@@ -215,13 +223,13 @@ def plan_for(jobs: list[Job], manifest: Manifest | None, overwrite: bool) -> Pla
 
 
 def prepare_folders(jobs: list[Job], inputs: Inputs, into: Outputs, protection: Protection) -> None:
-    """Makes the folders that results go to, and clears them of what killed runs left."""
+    """Creates the output folders and removes files left there by killed runs."""
     goals = (into.pictures, into.motions, into.masks)
     for goal, places in zip(goals, zip(*(job.targets for job in jobs), strict=True), strict=False):
         for folder in dict.fromkeys(where.parent for where in places if where is not None):
             try:
                 protection.check_folder(folder)
-            except UnshutterError:  # as each of its photos will say
+            except UnshutterError:  # each of its photos will report it
                 continue
             if goal is not None and (goal is into.masks or is_folder(place(goal), inputs.many)):
                 make_folder(folder)

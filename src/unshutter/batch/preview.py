@@ -1,4 +1,4 @@
-"""A picture of what a run did: each photo before and after, side by side."""
+"""The preview of a run: one picture with each photo before and after, side by side."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     from unshutter.result import Rectified
 
 SHEET_PX = 320  # long side of each picture of a sheet
-MOST_PHOTOS = 500  # on a sheet
-_ACROSS = 3  # photos side by side
-_GAP = 8  # px; for a single photo more, with its size
+MOST_PHOTOS = 500  # per sheet
+_ACROSS = 3  # photos per row
+_GAP = 8  # px; larger for a large single photo
 _WHITE, _BLACK = 255, (0, 0, 0)
 
 
 class Preview:
-    """Gathers pictures before and after, and writes them as one.
+    """Collects before and after pictures, and writes them as one.
 
     Args:
-        path: of the picture; its ending names the format.
-        overwrite: whether it may replace what is there.
+        path: file to write; its extension names the format.
+        overwrite: whether an existing file may be replaced.
     """
 
     def __init__(self, path: Path, overwrite: bool):
@@ -37,7 +37,7 @@ class Preview:
         self._left_out = 0
 
     def add(self, job: Job, outcome: Outcome) -> None:
-        """Adds a photo that was done."""
+        """Adds a processed photo."""
         if outcome.preview is None:
             return
         verdict = outcome.verdict
@@ -51,7 +51,7 @@ class Preview:
         self._add(f"{job.source.name}: {summary}", outcome.preview)
 
     def add_finished(self, job: Job) -> None:
-        """Adds a photo whose result an earlier run left.
+        """Adds a photo whose result already exists from an earlier run.
 
         Raises:
             UnshutterError: the photo or its result cannot be read.
@@ -59,7 +59,7 @@ class Preview:
         if job.preview_px is None:
             return
         before = open_photo(job.source, job.max_pixels).upright(job.preview_px)
-        is_written = fingerprint(job.target) is not None  # of an unchanged photo, there may be no result
+        is_written = fingerprint(job.target) is not None  # an unchanged photo may have no result
         after = open_photo(job.target, job.max_pixels).upright(job.preview_px) if is_written else before
         self._add(f"{job.source.name}: finished already", (before, after))
 
@@ -70,7 +70,7 @@ class Preview:
             self._pairs.append((caption, pair))
 
     def save(self) -> str:
-        """Writes the picture; gives a line about it.
+        """Writes the picture; returns a line about it.
 
         Raises:
             UnshutterError: it cannot be written, or is too large for its format.
@@ -83,11 +83,11 @@ class Preview:
 
 
 def before_and_after(result: Rectified | RectifiedFrame, longest_px: int) -> tuple[np.ndarray, np.ndarray]:
-    """The photo and its result, upright, [H, W, 3] uint8 sRGB each.
+    """Returns the photo and its result, upright, [H, W, 3] uint8 sRGB each.
 
     Args:
-        result: what became of the photo.
-        longest_px: long side that both are made smaller to; 0: real pixels.
+        result: the outcome for the photo.
+        longest_px: long side to which both are reduced; 0: full size.
 
     Raises:
         UnshutterError: the photo is damaged.
@@ -97,7 +97,7 @@ def before_and_after(result: Rectified | RectifiedFrame, longest_px: int) -> tup
 
 
 def _sheet(pairs: list[tuple[str, tuple[np.ndarray, np.ndarray]]]) -> np.ndarray:
-    """uint8 [H, W, 3] of all pairs, captioned, row by row."""
+    """Arranges all pairs, captioned, in rows; returns uint8 [H, W, 3]."""
     import numpy as np
 
     tiles = [_tile(caption, *pair) for caption, pair in pairs]
@@ -116,7 +116,7 @@ def _sheet(pairs: list[tuple[str, tuple[np.ndarray, np.ndarray]]]) -> np.ndarray
 
 
 def _tile(caption: str, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Both pictures side by side, middles level, under their caption."""
+    """Places both pictures side by side, vertically centred, under their caption."""
     import numpy as np
 
     gap = max(_GAP, before.shape[1] // 100)
@@ -131,7 +131,7 @@ def _tile(caption: str, before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 def _title(caption: str, width: int) -> np.ndarray:
-    """[H, width, 3] of a line of text. OpenCV's font has ASCII only."""
+    """Draws a line of text, [H, width, 3]; OpenCV's font is ASCII only."""
     import cv2
     import numpy as np
 

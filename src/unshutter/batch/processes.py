@@ -1,4 +1,4 @@
-"""Workers that are processes of this machine, and end themselves when a job takes too long."""
+"""Worker processes on this machine, which exit when a job takes too long."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from typing import Any
 from unshutter.batch.workers import Workers
 from unshutter.storage.files import remove_own_parts
 
-LONGEST_JOB_S = 1800.0  # unless the user says otherwise: the largest photo takes minutes on a slow processor
+LONGEST_JOB_S = 1800.0  # unless the user chooses another limit: the largest photo takes minutes on a slow processor
 
 
 @contextmanager
 def processes(count: int, timeout_s: float | None = None, all_processors: bool = False) -> Iterator[Workers]:
-    """Processes on this machine.
+    """Starts worker processes on this machine.
 
     Args:
-        count: how many.
-        timeout_s: longest time of a job; by default half an hour.
-        all_processors: whether each uses all processors, rather than one.
+        count: number of processes.
+        timeout_s: longest duration of a job; half an hour by default.
+        all_processors: whether each uses all processors rather than one.
     """
     limit_s = LONGEST_JOB_S if timeout_s is None else timeout_s
 
@@ -47,9 +47,10 @@ def processes(count: int, timeout_s: float | None = None, all_processors: bool =
 
 
 def _keep_tracker_from_hanging_up() -> None:
-    """Starts multiprocessing's helper, which outlives the workers, such that SIGHUP does not end it before them.
+    """Starts multiprocessing's resource tracker, which outlives the workers, with SIGHUP ignored.
 
-    Python sees to the same for SIGINT and SIGTERM. Else its successor would complain that it knows nothing.
+    Python does so for SIGINT and SIGTERM only. A tracker ended by SIGHUP would be replaced by one that complains of
+    unknown resources.
     """
     from multiprocessing import resource_tracker
 
@@ -60,9 +61,9 @@ def _keep_tracker_from_hanging_up() -> None:
 
 
 def settle_worker() -> None:
-    """Makes a worker process use one processor, leave Ctrl-C to its parent, and end when its parent does.
+    """Restricts a worker process to one processor, leaves Ctrl-C to its parent, and ends it when its parent ends.
 
-    When terminated, it removes what it has half written.
+    When terminated, it removes its partial files.
     """
     for name in ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[name] = "1"
@@ -73,7 +74,7 @@ def settle_worker() -> None:
 
 
 def settle_only_worker() -> None:
-    """Makes a worker process leave Ctrl-C to its parent, and end when its parent does; it uses all processors."""
+    """Leaves Ctrl-C to a worker's parent, and ends the worker when its parent ends; it uses all processors."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)  # Windows has no SIGHUP
@@ -84,11 +85,11 @@ def settle_only_worker() -> None:
 
 def _end(number: int, _frame: object) -> None:
     remove_own_parts()
-    os._exit(128 + number)  # an exception would be taken for the job's, and the worker go on
+    os._exit(128 + number)  # an exception would count as the job's, and the worker would continue
 
 
 def _end_with_parent() -> None:
-    """A killed parent cannot notify its workers, and they would wait for work indefinitely."""
+    """Ends this worker when its parent ends: a killed parent cannot notify workers, which would wait indefinitely."""
     from multiprocessing import parent_process
     from multiprocessing.connection import wait
 
@@ -99,18 +100,18 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-_clock: Any = None  # in a worker: when the job in each place began
+_clock: Any = None  # in a worker: start times of the jobs, by slot
 
 
 class TimedPool(ProcessPoolExecutor):
-    """A pool whose workers end themselves when a job takes too long: nothing else stops a decoder that hangs.
+    """A pool whose workers exit when a job takes too long: nothing else stops a decoder that hangs.
 
-    The end of one worker breaks the pool, as every worker's death does; :meth:`is_overdue` says whose job it was.
+    A worker's exit breaks the pool, as any worker's death does; :meth:`is_overdue` identifies the job responsible.
 
     Args:
-        count: of processes.
-        timeout_s: longest time of a job.
-        settle: what a new process does first.
+        count: number of processes.
+        timeout_s: longest duration of a job.
+        settle: called first in each new process.
     """
 
     def __init__(self, count: int, timeout_s: float, settle: Callable[[], None]):
@@ -124,7 +125,7 @@ class TimedPool(ProcessPoolExecutor):
         super().__init__(count, mp_context=context, initializer=_settle, initargs=(self._began, settle))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """See ProcessPoolExecutor."""
+        """Submits a job and assigns it a slot for its start time."""
         place = self._free.pop() if self._free else None
         if place is not None:
             self._began[place] = 0
@@ -139,7 +140,7 @@ class TimedPool(ProcessPoolExecutor):
             self._free.append(self._places.pop(future))
 
     def is_overdue(self, future: Future[Any]) -> bool:
-        """Whether a job that was not done when the pool broke had been given all its time."""
+        """Whether an unfinished job had used up its time when the pool broke."""
         place = self._places.get(future)
         began = 0.0 if place is None else self._began[place]
         return began > 0 and time.monotonic() - began >= self._timeout_s
@@ -152,7 +153,7 @@ def _settle(clock: Any, settle: Callable[[], None]) -> None:
 
 
 def _timed(place: int | None, timeout_s: float, fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-    """Does a job; ends this process if it takes too long, whatever keeps it busy: the watch needs no Python."""
+    """Runs a job; ends this process if it takes too long, even in native code: the watchdog does not need Python."""
     if place is not None:
         _clock[place] = time.monotonic()
     with open(os.devnull, "w") as nowhere:

@@ -1,4 +1,4 @@
-"""What the user learns of a batch: messages, progress, the JSON log, the count, the exit code."""
+"""Reports a batch to the user: messages, progress, the JSON log, the summary and the exit code."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from unshutter.storage.protection import Protection
 if TYPE_CHECKING:
     from unshutter.motion.verdict import Verdict  # not imported above: NumPy comes with it, and decoding starts first
 
-Tell = Callable[[str], None]  # says a line to the user
+Tell = Callable[[str], None]  # prints a line for the user
 
 _NO_VISIBLE_MOTION = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION}
 _BY_ITSELF = {*_NO_VISIBLE_MOTION, Code.NO_RIGHT_ANGLES, Code.TOO_FEW_SEGMENTS, Code.TOO_FAST_FOR_HANDS}
 
 
 class Report:
-    """Counts how photos fared and tells of it.
+    """Counts and reports the outcomes of a batch.
 
     Args:
-        total: photos in all.
-        to_do: those of them that there is work to do for.
-        log: JSON log to add to, one event a line.
-        inputs: the photos, and what was passed over.
-        protection: of the files that the run reads.
+        total: number of photos in all.
+        to_do: number of photos with work to do.
+        log: JSON log to append to, one event per line.
+        inputs: the photos, and the files that were skipped.
+        protection: protects the files that the run reads.
 
     Raises:
-        UnshutterError: the log cannot be written, or there is a file that is not such a log.
+        UnshutterError: the log cannot be written, or the existing file is not such a log.
     """
 
     def __init__(
@@ -55,13 +55,13 @@ class Report:
         self.total = total
         self.counts = {"done": 0, "skipped": 0, "failed": 0}
         self._changed = 0
-        self._left: Counter[Cause] = Counter()  # photos that were left as they are
+        self._left: Counter[Cause] = Counter()  # photos that were left unchanged
         self._start = time.monotonic()
         self._inputs = inputs or Inputs()
         self._log = JsonLog(log, protection or Protection([])) if log is not None else None
         self._bar = Progress(to_do)
-        self.preview: Preview | None = None  # to be made of what is done
-        self._advised: set[Any] = set()  # folders for which the next step was named
+        self.preview: Preview | None = None  # set if one is to be written
+        self._advised: set[Any] = set()  # folders for which the next step was already suggested
 
     def __enter__(self) -> Report:
         self._bar.__enter__()
@@ -76,7 +76,7 @@ class Report:
         self._note("end", **summary, seconds=round(time.monotonic() - self._start, 3))
 
     def done(self, job: Job, outcome: Outcome) -> None:
-        """A photo was changed, or is left unchanged."""
+        """Reports a photo that was changed or left unchanged."""
         verdict = outcome.verdict
         extras = {name: value for name in ("model", "note") if (value := getattr(outcome, name))}
         self._count(
@@ -103,7 +103,7 @@ class Report:
         self._bar.advance()
 
     def _next_step(self, job: Job, verdict: Verdict | None) -> str:
-        """What may have a declined photo moved; once for each folder."""
+        """Suggests how to get an unchanged photo corrected; once per folder."""
         step = next_step(verdict) if verdict is not None else ""
         if not step or job.source.parent in self._advised:
             return ""
@@ -111,7 +111,7 @@ class Report:
         return step
 
     def save_preview(self) -> None:
-        """Writes the picture of what was done, if there is to be one, and reports it.
+        """Writes the preview, if there is one, and reports it.
 
         Raises:
             UnshutterError: it cannot be written.
@@ -120,20 +120,20 @@ class Report:
             self.tell(self.preview.save())
 
     def skipped(self, job: Job) -> None:
-        """A photo's result was there when the batch began, or another run was faster."""
+        """Counts a photo whose result existed when the batch began or was finished by another run."""
         self._count("skipped", job.source, target=str(job.target))
         if self.preview is not None:
-            with suppress(UnshutterError):  # the sheet does without
+            with suppress(UnshutterError):  # then the preview omits this photo
                 self.preview.add_finished(job)
 
     def failed(self, photo: str | Place, error: str, seconds: float = 0.0) -> None:
-        """A photo came to nothing."""
+        """Reports a photo that failed."""
         self._count("failed", photo, error=error, **({"seconds": round(seconds, 3)} if seconds else {}))
         self.tell(f"unshutter: {error}")
         self._bar.advance()
 
     def tell(self, line: str) -> None:
-        """One line for the user."""
+        """Prints one line for the user."""
         self._bar.tell(line)
 
     def _count(self, fate: str, photo: str | Place, **facts: Any) -> None:
@@ -143,18 +143,18 @@ class Report:
     def _note(self, event: str, **facts: Any) -> None:
         if self._log is None:
             return
-        log, self._log = self._log, None  # one that cannot be written is complained of once
+        log, self._log = self._log, None  # report a log that cannot be written only once
         log.add(event, at=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), **facts)
         self._log = log
 
     def _fates(self) -> str:
-        """How many photos were changed, and why not: ``3 changed, 2 left as they are (2 not sure)``."""
+        """Counts changed photos, and unchanged ones by cause: ``3 changed, 2 left unchanged (2 not sure)``."""
         causes = self._left.most_common()
         line = f"{self._changed} changed, {self._left.total()} left unchanged"
         return f"{line} ({', '.join(f'{count} {cause}' for cause, count in causes)})" if causes else line
 
     def exit_code(self) -> int:
-        """The code that the command ends with; says how it went."""
+        """Prints the summary; returns the exit code of the command."""
         seconds, done, skipped = time.monotonic() - self._start, self.counts["done"], self.counts["skipped"]
         if self.total > 1:
             speed = f" ({rate(done / seconds)})" if done else ""
@@ -173,7 +173,7 @@ def _spoken(seconds: float) -> str:
 
 
 def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
-    """Does ``one`` for each photo, goes on past those that fail; returns the exit code."""
+    """Calls ``one`` for each photo, continuing past failures; returns the exit code."""
     files = list(inputs.photos)
     failed = len(inputs.unreadable)
     with Progress(len(files)) as bar:
@@ -195,19 +195,19 @@ def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
 
 
 def exit_code(failed: int, total: int) -> int:
-    """1 if something failed, and says how much."""
+    """Returns 1 if something failed, and prints how many photos did."""
     if failed:
         print(f"unshutter: {failed} of {total} photos failed", file=sys.stderr)
     return 1 if failed else 0
 
 
 def about(verdict: Verdict) -> str:
-    """The verdict, what became of the film inside the photo, and what to do where something can be done."""
+    """Describes the verdict, why a film inside the photo was not used, and what the user can do."""
     return "; ".join(filter(None, (verdict.described(), verdict.film_sentence, advice(verdict))))
 
 
 def advice(verdict: Verdict) -> str:
-    """The option that would have the photo moved; empty where there is none."""
+    """Names the option with which the photo would be changed; empty if there is none."""
     if verdict.reason is None or verdict.confidence is None:
         return ""
     if verdict.reason.code is Code.UNSURE:
@@ -217,7 +217,7 @@ def advice(verdict: Verdict) -> str:
 
 
 def next_step(verdict: Verdict) -> str:
-    """What to do about a photo that by itself does not show that it moved; empty where there is nothing to do."""
+    """Suggests options for a photo that does not show by itself that it moved; empty if there is nothing to suggest."""
     if verdict.reason is None or verdict.reason.code not in _BY_ITSELF:
         return ""
     moved = "if the camera moved: --moving; " if verdict.reason.code in _NO_VISIBLE_MOTION else ""
@@ -225,6 +225,6 @@ def next_step(verdict: Verdict) -> str:
 
 
 def _one_digit(confidence: float) -> float:
-    """Rounded down to one digit that counts: 0.36 -> 0.3, 0.036 -> 0.03, 0.0036 -> 0."""
+    """Rounds down to one significant digit: 0.36 -> 0.3, 0.036 -> 0.03, 0.0036 -> 0."""
     steps = 10 if confidence >= 0.1 else 100
     return math.floor(steps * confidence) / steps

@@ -1,4 +1,4 @@
-"""``unshutter rectify --sequence``: the motions of all frames are found before each becomes a job of its own."""
+"""``unshutter rectify --sequence``: finds the motions of all frames before each frame becomes a separate job."""
 
 from __future__ import annotations
 
@@ -19,13 +19,17 @@ if TYPE_CHECKING:
     from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.frames.sequence import CameraMotion, GreyFrame
 
-_LONGEST_INTERVAL = timedelta(seconds=10)  # of neighbours that say anything
-_MANY = 2.5  # usual intervals that are a gap
-_RESOLUTION = timedelta(seconds=2)  # cameras that say whole seconds seem to jitter by so much
+_LONGEST_INTERVAL = timedelta(seconds=10)  # between neighbours that are worth comparing
+_MANY = 2.5  # a gap is longer than this many usual intervals
+_RESOLUTION = timedelta(seconds=2)  # apparent jitter of cameras that record whole seconds
 
 
 def check_sequence(request: Rectify, photos: int) -> None:
-    """Raises UsageError where the photos cannot be a sequence."""
+    """Checks that the photos can be a sequence.
+
+    Raises:
+        UsageError: there are fewer than two photos.
+    """
     if request.neighbours.sequence and photos < 2:
         raise UsageError("--sequence needs several photos: name them in order, or their folder")
 
@@ -33,19 +37,19 @@ def check_sequence(request: Rectify, photos: int) -> None:
 def with_motions(
     jobs: list[Job], photos: list[Place], request: Rectify, max_pixels: int
 ) -> tuple[list[Job], ReadoutRatio | None]:
-    """The jobs, each with the motion of its photo.
+    """Returns the jobs, each with the motion of its photo.
 
-    Every folder is a sequence of its own, and so are the photos between two that cannot be read; the jobs of those
-    report why they cannot.
+    Each folder is a separate sequence, split by unreadable photos; the jobs of those photos report why they cannot be
+    read.
 
     Args:
         jobs: those that remain to be done.
-        photos: all photos in order: finished ones are neighbours, too.
-        request: what is done to all photos.
-        max_pixels: of a photo.
+        photos: all photos in order, including finished ones, which are neighbours, too.
+        request: the options for all photos.
+        max_pixels: pixel limit of a photo.
 
     Returns:
-        The jobs, and the readout ratio that the frames show; None: the user has stated it, or nothing moves.
+        The jobs, and the readout ratio found from the frames; None: the user has stated it, or nothing moves.
 
     Raises:
         UnknownRatioError: the user has not stated the readout ratio, and the frames do not show it.
@@ -56,7 +60,7 @@ def with_motions(
     stated_ratio = known_ratio(clock.ratio) if clock.is_known else None
     finder = CameraMotion(stated_ratio, camera.focal_px, camera.direction)
     readable: list[Place] = []
-    pairs: list[tuple[Place, Place]] = []  # photos that follow one another
+    pairs: list[tuple[Place, Place]] = []  # consecutive photos
     frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))
     motions = dict(zip(map(absolute, readable), frame_motions, strict=True))
     unknown = next((motion.reason for motion in frame_motions if motion.ratio_unknown), None)
@@ -72,10 +76,10 @@ def with_motions(
 def _grey_frames(
     finder: CameraMotion, photos: list[Place], readable: list[Place], pairs: list[tuple[Place, Place]], max_pixels: int
 ) -> Iterator[GreyFrame | None]:
-    """Grey copies of the photos; None where the sequence is interrupted.
+    """Yields grey copies of the photos; None where the sequence is interrupted.
 
-    It is interrupted between folders, at photos that cannot be read, and where photos were not taken at even intervals.
-    Photos are added to ``readable``, and photos that follow one another to ``pairs``.
+    It is interrupted between folders, at unreadable photos, and at gaps in time. Readable photos are appended to
+    ``readable``, and pairs of consecutive photos to ``pairs``.
     """
     last: tuple[Place, datetime | None] | None = None
     interval: timedelta | None = None
@@ -102,11 +106,11 @@ def _grey_frames(
 
 
 def _is_gap(since: timedelta | None, interval: timedelta | None) -> bool:
-    """Whether photos lie apart in time.
+    """Whether there is a gap in time between two photos.
 
     Args:
-        since: from one photo to the next; None: unknown.
-        interval: the longest so far between those of the sequence; None: there is none yet.
+        since: time from one photo to the next; None: unknown.
+        interval: the longest interval in the sequence so far; None: there is none yet.
     """
     if since is None:
         return False

@@ -1,4 +1,4 @@
-"""Where the result of each photo goes, each to a place of its own."""
+"""Assigns each result of a batch a place of its own."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from unshutter.errors import UsageError
 from unshutter.photo.formats import WRITTEN, of_suffix
 from unshutter.storage.places import Place, place
 
-# Names that end like this are meant as files, also where several things need a folder.
+# Names with these extensions are meant as files, even if a folder is needed.
 _FILE_SUFFIXES = {*PHOTO_SUFFIXES, *FILM_SUFFIXES, ".json", ".gif", ".bmp", ".jp2", ".jxl", ".psd", ".mpo", ".zip"}
 
 
 def picture_name(photo: Place, format: str | None = None, keep: bool = False) -> str:
-    """Name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``.
+    """Returns the name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``.
 
-    A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``: cameras write ``a.jpg``
-    next to it.
+    A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``, because cameras write
+    ``a.jpg`` next to it.
 
     Args:
-        photo: which photo.
-        format: of the result; by default the photo's, or the one that follows a format that is only read.
-        keep: ``a.jpg`` -> ``a.jpg``, and in another format ``a.heic`` -> ``a.avif``.
+        photo: the photo.
+        format: format of the result; by default the photo's, or the output format for a photo in a read-only format.
+        keep: whether to keep the name: ``a.jpg`` -> ``a.jpg``, and in another format ``a.heic`` -> ``a.avif``.
     """
     own = of_suffix(photo.suffix)
     kind = format or (own.written_as if own else "")
@@ -39,10 +39,10 @@ def picture_name(photo: Place, format: str | None = None, keep: bool = False) ->
 
 
 def motion_names(inputs: Inputs) -> Callable[[Place], str]:
-    """Names of the photos' motion files: ``a.jpg`` -> ``a.json``; ``a.heic`` -> ``a.heic.json``.
+    """Returns a function that names photos' motion files: ``a.jpg`` -> ``a.json``; ``a.heic`` -> ``a.heic.json``.
 
-    Where ``a.jpg`` and ``a.png`` are to go to one folder, both keep their whole name, ``a.jpg.json``, in whatever order
-    they come. Capitals make no difference: to some file systems they are none.
+    If ``a.jpg`` and ``a.png`` go to the same folder, both keep their whole names, as in ``a.jpg.json``, regardless of
+    their order. Names are compared case-insensitively, as some file systems do.
     """
     asked = Counter(
         (inside, name.casefold())
@@ -63,10 +63,10 @@ def _short_name(photo: Place) -> str:
 
 
 def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[[Place], str]) -> dict[Place, Place]:
-    """Where each photo's result goes: a file, or a folder that gets the structure of the folders of photos.
+    """Assigns each photo's result a place: a file, or one in a folder that mirrors the folders of photos.
 
     Raises:
-        UsageError: two photos would share a result, or a folder is needed where there is a file.
+        UsageError: two photos would share a result, or a folder is needed but there is a file.
     """
     goal = place(output)
     if not is_folder(goal, inputs.many):
@@ -77,10 +77,10 @@ def plan_targets(inputs: Inputs, output: str | os.PathLike[str], name: Callable[
 
 
 def mask_targets(inputs: Inputs, folder: str, pictures: dict[Place, Place]) -> dict[Place, Place]:
-    """Where the mask of each result goes: under its picture's whole name and ``.png``, as COLMAP looks for it.
+    """Assigns each result's mask a place: the picture's whole name plus ``.png``, as COLMAP expects.
 
     Raises:
-        UsageError: there is a file where the folder should be.
+        UsageError: there is a file instead of the folder.
     """
     goal = place(folder)
     check_is_folder(goal, folder, "masks need")
@@ -88,12 +88,12 @@ def mask_targets(inputs: Inputs, folder: str, pictures: dict[Place, Place]) -> d
 
 
 def next_to_photos(inputs: Inputs, name: Callable[[Place], str]) -> dict[Place, Place]:
-    """Results next to their photos."""
+    """Assigns each result a place next to its photo."""
     return _all_different({photo: photo.with_name(name(photo)) for photo in inputs.photos})
 
 
 def is_folder(goal: Place, many: bool) -> bool:
-    """Whether results go into it rather than become it; a name without an ending is meant as a folder."""
+    """Whether a place is a folder for results rather than a single result; a name without extension means a folder."""
     return many or not goal.suffix or (isinstance(goal, Path) and goal.is_dir())
 
 
@@ -102,11 +102,11 @@ def check_is_folder(goal: Place, named: str | os.PathLike[str], what: str) -> No
 
     Args:
         goal: the place.
-        named: as the user wrote it; a slash at its end says that it is a folder.
-        what: goes there, with its verb: ``masks need``.
+        named: as the user wrote it; a trailing slash means a folder.
+        what: the contents, with a verb for the message: ``masks need``.
 
     Raises:
-        UsageError: there is a file, or it has the name of one.
+        UsageError: there is a file, or the name is that of a file.
     """
     there = isinstance(goal, Path) and goal.is_dir()
     if isinstance(goal, Path) and goal.exists() and not there:
@@ -116,15 +116,15 @@ def check_is_folder(goal: Place, named: str | os.PathLike[str], what: str) -> No
 
 
 def check_named_once(named: Iterable[tuple[str, Place | None]]) -> None:
-    """Checks that no place was named for two things, one of which would replace the other.
+    """Checks that no place was named for two purposes, one of which would overwrite the other.
 
     Args:
-        named: what a place is for, and the place: outputs, and the inputs that are not photos.
+        named: (purpose, place) of outputs, and of inputs that are not photos.
 
     Raises:
-        UsageError: one was.
+        UsageError: a place was named twice.
     """
-    real_folder = cache(os.path.realpath)  # most lie in a few
+    real_folder = cache(os.path.realpath)  # cached: most files share a few folders
     taken: dict[str, str] = {}
     for what, where in named:
         if where is not None:

@@ -1,4 +1,4 @@
-"""What a worker does with one photo, in this process, in another, or on another machine."""
+"""Processes one photo in a worker: in this process, in another, or on another machine."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 
 def do_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Lookahead | None = None) -> Outcome:
-    """Does the job; what goes wrong is in the outcome.
+    """Runs the job; errors are returned in the outcome.
 
     Args:
-        job: what to do.
+        job: the job.
         request: options of all jobs of a batch.
-        motion: text of the motion file that ``request`` names: other machines may not have it.
-        lookahead: where the photo comes from; by default it is read now.
+        motion: text of the motion file named in ``request``, which other machines may not have.
+        lookahead: source of opened photos; by default the photo is read now.
     """
     start = time.perf_counter()
     try:
@@ -46,21 +46,21 @@ def do_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Loo
 
 
 def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Lookahead | None = None) -> Outcome:
-    """Does the job.
+    """Runs the job.
 
     Args:
-        job: see :func:`do_job`, for all of these.
+        job: see :func:`do_job` for all arguments.
         request: options of all jobs of a batch.
         motion: text of a motion file.
-        lookahead: where the photo comes from.
+        lookahead: source of opened photos.
 
     Raises:
-        UnshutterError, UsageError: something about the photo or the options makes it impossible.
+        UnshutterError, UsageError: the photo or the options make it impossible.
     """
     over_picture, over_motion, over_mask = (
         _may_replace(job, *output) for output in zip(job.targets, job.left, strict=True)
     )
-    source_is = fingerprint(job.source)  # before it is read: a photo that changes meanwhile counts as changed
+    source_is = fingerprint(job.source)  # taken before reading: a photo that is modified later counts as changed
     if lookahead is None:
         lookahead = Lookahead([job.source], request.find_alone, job.max_pixels, request.undo)
     ahead = lookahead.take(job.source)
@@ -81,7 +81,7 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead:
     else:
         about = ""
         if job.left[0] is not None and digest(job.target) == job.left[0]:
-            remove(job.target)  # of a run with other options
+            remove(job.target)  # left by a run with other options
     outputs = [target if written or target is not job.target else None for target in job.outputs]
     return Outcome(
         verdict=result.verdict,
@@ -95,7 +95,7 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead:
 
 
 def _alone(ahead: PhotoAhead, request: Rectify, motion: str | None) -> Rectified:
-    """A photo by what it says itself, or by the motion that all photos share."""
+    """Rectifies a photo by itself, or with the motion shared by all photos."""
     from unshutter.result import undo
 
     estimate = ahead.motion() if motion is None else _parsed(motion)
@@ -103,7 +103,7 @@ def _alone(ahead: PhotoAhead, request: Rectify, motion: str | None) -> Rectified
 
 
 def _between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame:
-    """A photo by what its neighbours say."""
+    """Rectifies a photo with the help of its neighbours."""
     from unshutter.frames.frame import RectifiedFrame, SequenceOptions
     from unshutter.frames.sequence_rectification import rectify_between
     from unshutter.result import undo
@@ -125,13 +125,13 @@ def _between(photo: Photo, job: Job, request: Rectify) -> RectifiedFrame:
         return rectify_between(photo, before, after, options, job.motion)
     except UsageError:
         raise
-    except UnshutterError:  # the flow says nothing: what there is of the camera's motion, or the photo as it is
+    except UnshutterError:  # no optical flow: use what is known of the camera's motion, or keep the photo
         motion = job.motion.motion(request.undo.reference or "first")
         return RectifiedFrame.of(undo(photo, motion, request.undo), "camera")
 
 
 def _about_edges(result: Rectified | RectifiedFrame) -> str:
-    """What was done about places that the photo did not see, where nobody may have asked for just that."""
+    """Describes how areas that the photo did not see were handled, if the user may not have asked for it."""
     if result.whole is None:
         return ""
     share = f"{math.floor(100 * result.whole)} %"
@@ -141,10 +141,10 @@ def _about_edges(result: Rectified | RectifiedFrame) -> str:
 
 
 def _may_replace(job: Job, target: Place | None, left: str | None) -> bool:
-    """Whether an output may replace what is there: the user allows it, or an earlier run wrote it.
+    """Whether an output may replace an existing file, because the user allows it or an earlier run wrote it.
 
     Raises:
-        UnshutterError: something is in the way.
+        UnshutterError: a file that must not be replaced exists.
     """
     if target is None:
         return False
@@ -156,18 +156,18 @@ def _may_replace(job: Job, target: Place | None, left: str | None) -> bool:
 
 @lru_cache(maxsize=1)
 def _parsed(text: str) -> Motion:
-    """The motion that all photos of a batch are given, read once per process."""
+    """Parses the motion shared by all photos of a batch, once per process."""
     from unshutter.motion import Motion
 
     return Motion.from_json(text)
 
 
 def save_picture(result: Rectified | RectifiedFrame, job: Job, overwrite: bool, save: Save) -> str:
-    """Writes a job's result; the format is that of the name's ending.
+    """Writes a job's result in the format that the file extension names.
 
     Returns:
-        What the user should know: what of the metadata did not go into the file, and whether a photo that was left as
-        it is had to be encoded all the same. Mostly empty.
+        A note for the user, usually empty: metadata that the file cannot hold, and whether an unchanged photo had to be
+        encoded.
 
     Raises:
         UsageError, UnshutterError: see ``Photo.save``.
@@ -193,7 +193,7 @@ def save_picture(result: Rectified | RectifiedFrame, job: Job, overwrite: bool, 
 
 
 def mask_file(result: Rectified | RectifiedFrame) -> bytes:
-    """A PNG of the picture's pixels, as they are stored: 255 where the photo shows what belongs there, else 0."""
+    """Returns a PNG of the size of the stored picture: 255 where the photo shows the scene, otherwise 0."""
     import numpy as np
 
     return Photo.from_array(result.valid.astype(np.uint8) * 255).to_bytes("png")

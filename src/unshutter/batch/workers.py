@@ -1,4 +1,4 @@
-"""Who does the work, a ``concurrent.futures.Executor``: this process, or a Dask cluster (or processes.py)."""
+"""Workers behind a ``concurrent.futures.Executor``: this process or a Dask cluster (processes: processes.py)."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class Workers:
     """An executor and how to use it.
 
     Attributes:
-        executor: that jobs are given to.
-        at_once: jobs that it is given before the first has ended: enough that nobody waits.
-        renew: gives a new executor after a worker died and took the old one with it.
-        elsewhere: whether jobs may be done twice, when a worker dies that nobody has heard from.
-        timeout_s: longest time of a job; None: no limit.
-        is_overdue: whether a job whose worker died had been given all its time.
+        executor: runs the jobs.
+        at_once: number of jobs to submit before the first has ended, enough to keep all workers busy.
+        renew: creates a new executor after a worker's death broke the old one.
+        elsewhere: whether a job may run twice because a worker died unnoticed.
+        timeout_s: longest duration of a job; None: no limit.
+        is_overdue: whether a job whose worker died had used up its time.
     """
 
     executor: Executor
@@ -35,10 +35,10 @@ class Workers:
 
 
 class InThisProcess(Executor):
-    """Does each job when it is given, before anything else."""
+    """An executor that runs each job immediately when it is submitted."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """The future is there when the job is done."""
+        """Runs the job and returns a completed future."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -49,13 +49,13 @@ class InThisProcess(Executor):
 
 @contextmanager
 def this_process() -> Iterator[Workers]:
-    """One photo after the other; libvips works on each with all processors."""
+    """Processes one photo after another in this process; libvips uses all processors for each."""
     yield Workers(InThisProcess(), 1, InThisProcess)
 
 
 @contextmanager
 def _quiet_loggers() -> Iterator[None]:
-    """Keeps Dask from writing tracebacks to the terminal when its scheduler goes: a line of ours reports it."""
+    """Keeps Dask from printing tracebacks when its scheduler shuts down, which unshutter reports itself."""
     loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
     before = [logger.level for logger in loggers]
     for logger in loggers:
@@ -69,10 +69,10 @@ def _quiet_loggers() -> Iterator[None]:
 
 @contextmanager
 def cluster(address: str) -> Iterator[Workers]:
-    """The workers of a Dask scheduler, which need unshutter and the same view of the files.
+    """Connects to the workers of a Dask scheduler, which need unshutter and the same view of the files.
 
     Raises:
-        UnshutterError: the extra is missing, or nobody answers at the address.
+        UnshutterError: the extra is missing, or the address does not respond.
     """
     try:
         from distributed import Client

@@ -1,4 +1,4 @@
-"""The command line: what each command is called, takes and prints. The work is done elsewhere."""
+"""The command line: names, arguments and output of the commands, whose work is done elsewhere."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from unshutter.cli.signals import Stopped, stop_on_signals
 from unshutter.errors import UnshutterError, UsageError, suggestion
 from unshutter.version import __version__
 
-# name -> where it is in commands/, and what it does. Other packages add commands by entry points.
+# name -> (its variable in commands/, summary). Other packages add commands by entry points.
 COMMANDS = {
     "rectify": ("photos:RECTIFY", "straighten photos: write what a global shutter would have seen"),
     "video": ("video:COMMAND", "straighten a clip: every frame as a global shutter would have seen it"),
@@ -37,26 +37,26 @@ _ABOUT = "Removes rolling-shutter distortion from photos and video. Originals ar
 
 
 def run() -> NoReturn:
-    """The program: :func:`main`, and the end of the process with its exit code."""
+    """Runs the program: calls :func:`main` and exits with its exit code."""
     stop_on_signals()
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # names of files need not be text, and a terminal may know few letters
+        if isinstance(stream, io.TextIOWrapper):  # not every file name is printable on every terminal
             stream.reconfigure(errors="backslashreplace")
     code = main()
     for stream in filter(None, (sys.stdout, sys.stderr)):
         try:
             stream.flush()
-        except BrokenPipeError:  # the reader of our output went away
+        except BrokenPipeError:  # the process reading our output has exited
             code = code or 1
         except OSError as error:
             code = code or _say(f"cannot write the output: {error.strerror}", 1)
-    gc.freeze()  # with the process all memory goes: to look for cycles in it would only take time
+    gc.freeze()  # the process is about to end: searching for reference cycles would only take time
     sys.exit(code)
 
 
 def main(words: list[str] | None = None) -> int:
-    """Runs the command line; returns the exit code: 0 done, 1 something failed, 2 wrong usage."""
-    # NumPy's own threads are hardly used, but while it is imported they spin on the cores that decode.
+    """Runs the command line; returns the exit code: 0 success, 1 something failed, 2 wrong usage."""
+    # NumPy's own threads are rarely used, but while it is imported they spin on the cores that decode.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         return _run_command(sys.argv[1:] if words is None else words)
@@ -64,13 +64,13 @@ def main(words: list[str] | None = None) -> int:
         return _say(str(error), 2)
     except UnshutterError as error:
         return _say(str(error), 1)
-    except BrokenPipeError:  # the reader of our output went away
+    except BrokenPipeError:  # the process reading our output has exited
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except OSError as error:  # what is printed goes to a full disc, say
+    except OSError as error:  # for example, output goes to a full disc
         what = error.strerror or str(error)
         return _say(f"{error.filename}: {what}" if error.filename else what, 1)
-    except ImportError as error:  # a library is missing or damaged, or Ctrl-C came while one was loaded
+    except ImportError as error:  # a library is missing or damaged, or Ctrl-C came while one was being loaded
         cause = " ".join(str(error).split())
         return _say(f"cannot load a library that it needs; if that persists, install it again: {cause}", 1)
     except MemoryError:
@@ -91,7 +91,7 @@ def _run_command(words: list[str]) -> int:
         command = command_named(name)
         try:
             arguments = parse(name, command, words[1:])
-        except SystemExit:  # its help was asked for
+        except SystemExit:  # help was requested
             return 0
         try:
             return command.run(arguments)
@@ -101,10 +101,10 @@ def _run_command(words: list[str]) -> int:
 
 
 def command_for_file(name: str) -> str:
-    """The command for a first word that is not a command but a file: ``rectify``, ``video``; else empty."""
+    """Returns the command for a first word that is a file, ``rectify`` or ``video``; empty if it is not one."""
     if name.startswith("-") or name in (*COMMANDS, "help"):
         return ""
-    from unshutter.batch.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES  # not above: most first words are commands
+    from unshutter.batch.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES  # imported here: most first words are commands
 
     suffix = PurePath(name).suffix.lower()
     if suffix in FILM_SUFFIXES:
@@ -117,10 +117,10 @@ def _exit_code(stop: KeyboardInterrupt) -> int:
 
 
 def command_named(name: str) -> Command:
-    """The command of that name: one of ours, or of another installed package.
+    """Finds a command by name, built in or from another installed package.
 
     Raises:
-        UsageError: there is none, or it comes with unshutter-lab, which is not installed.
+        UsageError: it does not exist, or it comes with unshutter-lab, which is not installed.
     """
     if name in COMMANDS:
         module, _, variable = COMMANDS[name][0].partition(":")
@@ -136,7 +136,7 @@ def command_named(name: str) -> Command:
 
 
 def summaries() -> dict[str, str]:
-    """Each command, those of other installed packages last -> what it does."""
+    """Returns the summaries of all commands by name, those of other installed packages last."""
     installed = {entry.name: entry.load().summary for entry in installation.plugins(_GROUP)}
     return {name: summary for name, (_, summary) in COMMANDS.items()} | installed
 
@@ -152,6 +152,6 @@ def _help() -> str:
 
 
 def _say(message: str, code: int) -> int:
-    with suppress(OSError):  # the terminal was closed
+    with suppress(OSError):  # the terminal is closed
         print(f"unshutter: {message}", file=sys.stderr)
     return code

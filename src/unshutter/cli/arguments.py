@@ -1,8 +1,9 @@
-"""From a frozen dataclass to a command line: its fields are the arguments, dataclasses among them groups of options.
+"""Builds a command line from a frozen dataclass: fields become arguments, nested dataclasses groups of options.
 
-A field's type says how its word is read, its default whether it may be left out, ``option(default, help)`` what
-``--help`` prints. argparse does the rest. (cyclopts would do all of this, but no photo can be decoded before its name
-is known: cyclopts takes 39 ms to import and to parse, argparse 4, and a whole 12-megapixel photo 470.)
+A field's type determines how its argument is parsed, its default whether it may be omitted, and ``option(default,
+help)`` what ``--help`` prints; argparse does the rest. (cyclopts could do all of this, but decoding cannot start before
+the photo's name is known: import and parsing take 39 ms with cyclopts and 4 with argparse; a 12-megapixel photo takes
+470 in all.)
 """
 
 from __future__ import annotations
@@ -31,11 +32,11 @@ class Command:
     """A command of the program.
 
     Attributes:
-        description: what it does: a line, and after an empty one what else there is to know.
-        arguments: dataclass of what it takes.
-        run: does it; takes such a value, returns the exit code.
-        when_stopped: what is true once it was stopped in the middle.
-        essentials: the options of the short help, each with what it says there in a line; empty: the help is whole.
+        description: what it does: a one-line summary, then an empty line and further details.
+        arguments: dataclass of its arguments.
+        run: runs it with such a value; returns the exit code.
+        when_stopped: message for a command that was interrupted: the state of its results.
+        essentials: options in the short help with their one-line descriptions; empty: the help shows all options.
     """
 
     description: str
@@ -46,27 +47,27 @@ class Command:
 
     @property
     def summary(self) -> str:
-        """What it does, as it stands in a list of commands."""
+        """The summary for a list of commands."""
         line = self.description.partition("\n")[0].rstrip(".")
         return line[:1].lower() + line[1:]
 
 
 def positional(help: str, names: Names, optional: bool = False) -> Any:
-    """A field that is given by its place, without a flag; a list may be left empty if it is optional."""
+    """Defines a positional argument; an optional list may be empty."""
     return field(metadata={"help": help, "names": names, "positional": True, "optional": optional})
 
 
 def required(help: str, names: Names, short: str | None = None) -> Any:
-    """A field whose flag must be given."""
+    """Defines an option that must be given."""
     return field(metadata={"help": help, "names": names, "short": short})
 
 
 def parse(name: str, command: Command, words: Sequence[str]) -> Any:
-    """The command's arguments from the words that follow its name.
+    """Parses the words that follow a command's name into its arguments.
 
     Raises:
-        UsageError: words that the command does not know, or values that it does not take.
-        SystemExit: help was asked for, and printed.
+        UsageError: unknown words or invalid values.
+        SystemExit: help was requested and printed.
     """
     parser = _Parser(name, command)
     add_arguments(parser, command.arguments)
@@ -80,9 +81,9 @@ def parse(name: str, command: Command, words: Sequence[str]) -> Any:
 
 
 def _with_bare_values(words: Sequence[str], kind: type) -> list[str]:
-    """The words, with a value for each flag that may stand alone and does: no number follows it.
+    """Adds the default value to each flag that may be used without one and is not followed by a number.
 
-    argparse would take whatever follows for its value, be it the name of a file.
+    argparse would use whatever follows as its value, even a file name.
     """
     bare = {_flag(each): each.more["bare"] for each in options_of(kind) if "bare" in each.more}
     followers = [*words[1:], ""][: len(words)]
@@ -101,7 +102,7 @@ def _is_number(word: str) -> bool:
 
 
 class _Parser(argparse.ArgumentParser):
-    """argparse's, whose complaints are UsageErrors of one line."""
+    """An argparse parser that raises UsageErrors of one line."""
 
     def __init__(self, name: str, command: Command):
         super().__init__(
@@ -116,14 +117,18 @@ class _Parser(argparse.ArgumentParser):
             self.add_argument(*names, action="store_true", help=f"show {shown}", default=argparse.SUPPRESS)
 
     def check_flags(self, words: Sequence[str]) -> None:
-        """Raises UsageError for a flag that the command does not have, with one that it has and that is like it."""
-        known = self._option_string_actions  # argparse has no other way to them
+        """Checks that the command has all flags among the words.
+
+        Raises:
+            UsageError: a flag is unknown; the message suggests a similar one.
+        """
+        known = self._option_string_actions  # argparse offers no public access
         for word in words:
             flag = word.partition("=")[0]
             if len(flag) > 2 and flag.startswith("--") and " " not in word and flag not in known:
                 self.error(f"unknown option {flag}: {suggestion(flag, known) or 'leave it out'}")
 
-    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:  # argparse calls it for every value
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:  # called by argparse for every value
         if arg_string == "-":
             self.error(f"{_name(action)}: '-' is not a name here; name a file, or leave it out")
         try:
@@ -131,7 +136,7 @@ class _Parser(argparse.ArgumentParser):
         except argparse.ArgumentError:
             self.error(f"{_name(action)} takes {_KINDS.get(action.type, 'another value')}, not '{arg_string}'")
 
-    def _check_value(self, action: argparse.Action, value: Any) -> None:  # and this
+    def _check_value(self, action: argparse.Action, value: Any) -> None:  # likewise
         if action.choices is not None and value not in action.choices:
             choices = ", ".join(action.choices)
             guess = f": {suggestion(value, action.choices)}" if suggestion(value, action.choices) else ""
@@ -143,12 +148,12 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _name(action: argparse.Action) -> str:
-    """What a message calls an argument: its long flag, or its name where it has none."""
+    """Returns the name of an argument in messages: its long flag, or its own name if it has none."""
     return action.option_strings[0] if action.option_strings else str(action.metavar)
 
 
 def _short_parser(name: str, command: Command) -> argparse.ArgumentParser:
-    """A parser for the short help: what the command takes, and the options that most people need, a line for each."""
+    """Creates the parser for the short help: positional arguments and essential options, one line each."""
     options = list(options_of(command.arguments))
     parser = _Parser(name, replace(command, description=command.description.partition("\n")[0]))
     for each in options:
@@ -165,7 +170,7 @@ def _short_parser(name: str, command: Command) -> argparse.ArgumentParser:
 
 
 def _wrapped(text: str) -> str:
-    """The paragraphs of a text with lines that fit the terminal."""
+    """Wraps the paragraphs of a text to the width of the terminal."""
     width = max(shutil.get_terminal_size().columns - 2, 20)
     paragraphs = (" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
     return "\n\n".join(textwrap.fill(paragraph, width) for paragraph in paragraphs)
@@ -177,12 +182,12 @@ def _usage(kind: type) -> str:
 
 
 def outputs(kind: type) -> list[str]:
-    """The options that name what a command writes, as flags: ``--output``."""
+    """Lists the flags of a command's options that name outputs, such as ``--output``."""
     return [_flag(each) for each in options_of(kind) if each.more.get("names") == "output"]
 
 
 def add_arguments(parser: argparse.ArgumentParser, kind: type) -> None:
-    """Adds the arguments of a dataclass; a group for each dataclass in it."""
+    """Adds the arguments of a dataclass, with a group for each nested dataclass."""
     _add_to(parser, parser, kind)
 
 
@@ -196,7 +201,7 @@ def _add_to(parser: argparse.ArgumentParser, group: Any, kind: type) -> None:
 
 
 def _argument(option: Option) -> tuple[list[str], dict[str, Any]]:
-    """Names and properties of an argument, as argparse takes them."""
+    """Returns the names and properties of an argument for argparse."""
     properties: dict[str, Any] = {"help": option.help.replace("%", "%%")}
     if option.several:
         properties["nargs"] = "*" if option.more.get("optional") else "+"
@@ -220,10 +225,10 @@ def _argument(option: Option) -> tuple[list[str], dict[str, Any]]:
 
 
 def _path(word: str) -> Path:
-    """A path, or what a URL of a file of this machine leads to.
+    """Parses a path, or a URL that leads to a file on this machine.
 
     Raises:
-        UsageError: a URL that leads elsewhere.
+        UsageError: the URL leads elsewhere.
     """
     if "://" not in word:
         return Path(word)

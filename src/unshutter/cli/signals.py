@@ -1,4 +1,4 @@
-"""SIGTERM and SIGHUP end the program as Ctrl-C does: nothing half-written is left, what was finished is kept."""
+"""SIGTERM and SIGHUP end the program as Ctrl-C does: finished results are kept, partial files removed."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import signal
 
 
 class Stopped(KeyboardInterrupt):
-    """The program was asked to end.
+    """Raised when a signal asks the program to end.
 
     Attributes:
-        exit_code: of a program that a signal ended, as shells count.
+        exit_code: the shell's exit code for a program ended by this signal.
     """
 
     def __init__(self, number: int):
@@ -18,7 +18,7 @@ class Stopped(KeyboardInterrupt):
 
 
 def stop_on_signals() -> None:
-    """From now on, these signals raise :class:`Stopped`; one that is ignored, as under ``nohup``, stays so."""
+    """Makes these signals raise :class:`Stopped`; signals that are ignored, as under ``nohup``, remain ignored."""
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)  # Windows has no SIGHUP
         if number is not None and signal.getsignal(number) == signal.SIG_DFL:

@@ -1,1 +1,1 @@
-"""The commands of ``unshutter``; ``COMMANDS`` in the package above says where each is."""
+"""The commands of ``unshutter``; ``COMMANDS`` in the parent package lists where each is defined."""

@@ -1,4 +1,4 @@
-"""``unshutter completion``: from the whole command line as one parser, shtab writes what shells need."""
+"""``unshutter completion``: generates shell completion scripts with shtab from one parser of all commands."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ from unshutter.cli import command_named, summaries
 from unshutter.cli.arguments import HELP_ALL, Command, add_arguments
 from unshutter.errors import UnshutterError
 
-SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # that shtab knows
+SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # supported by shtab
 _FILES = {"PATH", "FILE", "FOLDER"}  # metavars
 
 
 @dataclass(frozen=True)
 class Completion:
-    """What the command takes."""
+    """Arguments of ``unshutter completion``."""
 
     shell: str = field(metadata={"help": "The shell that is to complete.", "positional": True, "choices": SHELLS})
 
 
 def run(arguments: Completion) -> int:
-    """Prints the script."""
+    """Prints the completion script."""
     print(completion_script(arguments.shell))
     return 0
 
 
 def completion_script(shell: str) -> str:
-    """What a shell is to read, so that it completes commands, options, their choices, methods and files.
+    """Returns the script with which a shell completes commands, options, choices, methods and files.
 
     Args:
         shell: one of :data:`SHELLS`.
 
     Raises:
-        UnshutterError: shtab is too old to know the shell.
+        UnshutterError: the installed shtab does not support the shell.
     """
     import shtab
 
@@ -43,10 +43,10 @@ def completion_script(shell: str) -> str:
 
 
 def _whole_parser(files: object) -> argparse.ArgumentParser:
-    """A parser of all commands, which is never asked to parse.
+    """Creates a parser of all commands for shtab; it is never used to parse.
 
     Args:
-        files: what shtab is given where an argument is a file or folder.
+        files: shtab's marker for arguments that are files or folders.
     """
     whole = argparse.ArgumentParser("unshutter")
     whole.add_argument("--version", action="store_true", help="print the version")
@@ -56,13 +56,13 @@ def _whole_parser(files: object) -> argparse.ArgumentParser:
         parser = commands.add_parser(name, help=what)
         add_arguments(parser, command.arguments)
         parser.add_argument(HELP_ALL, action="store_true", help="show all options")
-        for action in parser._actions:  # argparse has no other way to them, and shtab takes the same
+        for action in parser._actions:  # argparse offers no public access, and shtab uses it too
             _complete(action, files)
     return whole
 
 
 def _complete(action: argparse.Action, files: object) -> None:
-    """Tells shtab what an argument may be, as far as its parser does not."""
+    """Adds completions that shtab cannot derive from the parser."""
     from unshutter.estimators.register import names
 
     if action.choices is not None:
@@ -70,7 +70,7 @@ def _complete(action: argparse.Action, files: object) -> None:
     if action.dest in ("estimator", "estimators"):
         action.choices = names()
     elif action.metavar in _FILES or not action.option_strings:
-        action.complete = files  # type: ignore[attr-defined]  # where shtab looks
+        action.complete = files  # type: ignore[attr-defined]  # read by shtab
 
 
 COMPLETION = Command(

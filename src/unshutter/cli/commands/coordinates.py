@@ -1,4 +1,4 @@
-"""``unshutter map`` and ``unshutter points``: a correction for other programs, as a map or for single points."""
+"""``unshutter map`` and ``unshutter points``: export a correction as a map, or apply it to single points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unshutter.options import Find, Reference, option
 
 @dataclass(frozen=True)
 class Map:
-    """What ``unshutter map`` takes."""
+    """Arguments of ``unshutter map``."""
 
     source: Path = positional("Photo, or the motion file (.json) of one.", "input")
     output: Path = required(
@@ -72,7 +72,7 @@ MAP = Command(
 
 @dataclass(frozen=True)
 class Points:
-    """What ``unshutter points`` takes."""
+    """Arguments of ``unshutter points``."""
 
     motion: Path = positional("Motion file (.json) of the photo.", "input")
     table: Path = positional(

@@ -1,4 +1,4 @@
-"""``unshutter models`` and ``unshutter cameras``: lists of what is known."""
+"""``unshutter models`` and ``unshutter cameras``: list methods, and cameras with known readout times."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from unshutter.cli.arguments import Command, positional
 
 @dataclass(frozen=True)
 class Models:
-    """``unshutter models`` takes no arguments."""
+    """Arguments of ``unshutter models``: none."""
 
 
 def _models(arguments: Models) -> int:
-    """Prints the list."""
+    """Prints the list of methods."""
     from unshutter.estimators.catalogue import as_text, list_models
 
     print(as_text(list_models()))
@@ -25,13 +25,13 @@ MODELS = Command("List the methods: what each does, how large it is, how well it
 
 @dataclass(frozen=True)
 class Cameras:
-    """What ``unshutter cameras`` takes."""
+    """Arguments of ``unshutter cameras``."""
 
     word: list[str] = positional("List only cameras with these words in their name.", "word", optional=True)
 
 
 def _cameras(arguments: Cameras) -> int:
-    """Prints the list."""
+    """Prints the list of cameras."""
     from unshutter.video.cameras import as_text, listed
 
     print(as_text(listed(" ".join(arguments.word))))

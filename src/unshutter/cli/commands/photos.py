@@ -1,4 +1,4 @@
-"""``unshutter rectify`` and ``unshutter estimate``."""
+"""``unshutter rectify`` and ``unshutter estimate``: process photos."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from unshutter.options import MAX_PIXELS, Find, Neighbours, Rectify, Reference, 
 
 @dataclass(frozen=True)
 class RectifyPhotos:
-    """What ``unshutter rectify`` takes."""
+    """Arguments of ``unshutter rectify``."""
 
     photos: list[str] = positional(
         "Photos, or folders of photos, including the folders below. With the extra `dask` also URLs (s3://...).",
@@ -82,7 +82,7 @@ run that was stopped goes on when the same command is given again.""",
 
 @dataclass(frozen=True)
 class Estimate:
-    """What ``unshutter estimate`` takes."""
+    """Arguments of ``unshutter estimate``."""
 
     photos: list[Path] = positional("Photos, or folders of photos, including the folders below.", "input")
     output: Path | None = option(

@@ -1,4 +1,4 @@
-"""``unshutter serve``."""
+"""``unshutter serve``: runs the page in the browser."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def run(arguments: Settings) -> int:
     try:
         return serve(arguments)
     except KeyboardInterrupt as stop:
-        if isinstance(stop, Stopped):  # by a signal that says more than that it is time to end
+        if isinstance(stop, Stopped):  # a signal that means more than the end of the session
             raise
         return 0
 

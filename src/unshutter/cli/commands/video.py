@@ -1,4 +1,4 @@
-"""``unshutter video``."""
+"""``unshutter video``: rectifies a clip."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Arguments:
-    """What the command takes."""
+    """Arguments of ``unshutter video``."""
 
     clip: str = positional("A film (.mp4, .mov, .mkv ...), a folder of numbered pictures, or frames/%05d.png.", "input")
     output: str | None = option(
@@ -76,10 +76,10 @@ def run(arguments: Arguments) -> int:
 
 
 def _output_for(clip: str) -> str:
-    """Where the result goes by default: ``walk.mp4`` -> ``walk.rectified.mp4``, ``frames`` -> ``frames-rectified``.
+    """Returns the default output: ``walk.mp4`` -> ``walk.rectified.mp4``, ``frames`` -> ``frames-rectified``.
 
     Raises:
-        UsageError: the clip is a pattern of names.
+        UsageError: the clip is a pattern of names, for which there is no default.
     """
     if is_pattern(clip):
         raise UsageError("pictures named by a pattern need --output: a film, a new folder, or a pattern")
@@ -88,7 +88,7 @@ def _output_for(clip: str) -> str:
 
 
 def _compare(arguments: Arguments, times: str) -> int:
-    """Writes the sheet of several readout times; returns the exit code."""
+    """Writes the sheet that compares several readout times; returns the exit code."""
     from unshutter.progress import Bars
     from unshutter.video.readout_trial import parsed_times, write_trial
 
@@ -102,7 +102,7 @@ def _compare(arguments: Arguments, times: str) -> int:
 
 
 def _line_of(ratio: ReadoutRatio, interval_ms: float) -> str:
-    """The readout time and where it comes from, in a form that can be used again."""
+    """Describes the readout time and its source, in a form that can be reused as an option."""
     ms, error = interval_ms * ratio.value, interval_ms * ratio.error
     if ratio.plausible is not None:
         low, high = interval_ms * ratio.plausible.lowest, interval_ms * ratio.plausible.highest
@@ -115,7 +115,7 @@ def _line_of(ratio: ReadoutRatio, interval_ms: float) -> str:
 
 
 def _rate_line(before: float, after: float, encode: Encode) -> str:
-    """How much larger or smaller than the clip the new film becomes, and what to do about it."""
+    """Compares the new film's size with the clip's, and names the option that changes it."""
     times = after / before
     size = f"{times:.1f} times as large as" if times > 1 else f"{1 / times:.1f} times smaller than"
     quality = encode.codec is None and encode.crf is not None
@@ -127,7 +127,7 @@ def _rate_line(before: float, after: float, encode: Encode) -> str:
 
 
 def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
-    """What was done, a line for each thing that the user should know."""
+    """Yields the result and warnings for the user, one line each."""
     if outcome.after_killed_run:
         yield "unshutter: an earlier run was killed here; this one started from the beginning"
     note, by_camera = "", outcome.rectified - outcome.dense
@@ -153,7 +153,7 @@ def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
 
 
 def _steady_line(stabilisation: Stabilisation) -> str:
-    """What smoothing the camera's path came to."""
+    """Describes the result of smoothing the camera's path."""
     said = f"unshutter: path smoothed, {100 * (1 - 1 / stabilisation.zoom):.1f} % of width and height cut off"
     if stabilisation.limited:
         said += f", less smooth than asked for about {stabilisation.limited} frames (--zoom-limit allows more)"
@@ -163,7 +163,7 @@ def _steady_line(stabilisation: Stabilisation) -> str:
 
 
 def _gyro_line(gyro: ClipGyro) -> str:
-    """What came of the clip's gyro log."""
+    """Describes how the clip's gyro log was used, or why it was not."""
     if gyro.reason is not None or gyro.turns is None:
         return f"unshutter: gyro log ({gyro.origin}) not used: {gyro.reason}"
     alignment = gyro.turns.alignment
