@@ -27,9 +27,9 @@ class Job:
         overwrite: whether outputs may replace existing files.
         max_pixels: pixel limit for photos that are read.
         may_repeat: whether an earlier attempt may have written outputs before its worker died or its run was killed;
-          existing files with identical bytes are then kept.
+            existing files with identical bytes are then kept.
         left: digests of picture, motion file and mask that an earlier run wrote for this photo; files that still have
-          these digests may be replaced.
+            these digests may be replaced.
         recorded: whether the manifest needs digests of the outputs.
         motion: its motion, found from its neighbours in a sequence; None: estimated, or shared by all photos.
         before, after: its neighbours in a sequence.

@@ -34,7 +34,7 @@ class Manifest:
         folder: folder that contains the manifest, usually that of the results.
         options: digest of the options that affect results.
         whole_paths: whether to record absolute paths of results; by default, they are relative to the folder, which can
-          then be moved with its results.
+            then be moved with its results.
 
     Raises:
         UnshutterError: the existing manifest cannot be read.

@@ -1,1 +1,1 @@
-"""Motions for other programs and for people: maps, points, plots."""
+"""Exports motions for other programs and for people: maps, points, plots."""

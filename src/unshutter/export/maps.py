@@ -1,8 +1,8 @@
-"""A motion as a map that other programs apply: for cv2.remap (NPZ), and as an ST map (EXR, TIFF).
+"""Exports a motion as a map for other programs: for cv2.remap (NPZ), or as an ST map (EXR, TIFF).
 
-Convention: maps are for **stored** pixels (readout.py). Inside the package positions are (col, row) with
-pixel centres at whole numbers. An ST map says the same as shares of the picture, from its bottom left corner:
-s = (col + 0.5) / W to the right, t = 1 - (row + 0.5) / H upwards, as Nuke's STMap reads them.
+Convention: maps are for **stored** pixels (readout.py). Inside the package, positions are (col, row) with
+pixel centres at whole numbers. An ST map expresses positions as fractions of the picture, from its bottom left corner:
+s = (col + 0.5) / W to the right, t = 1 - (row + 0.5) / H upwards, as read by Nuke's STMap.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ SUFFIXES = (".npz", ".exr", ".tif", ".tiff")
 
 @dataclass(frozen=True, eq=False)
 class PixelMap:
-    """Where each pixel of one picture looks in another of the same size; stored orientation.
+    """The position in one picture that each pixel of another picture of the same size shows; stored orientation.
 
     Attributes:
-        col, row: float32 [H, W], position that the pixel shows [px], exact to 0.01 px where ``valid``.
+        col, row: float32 [H, W], position shown by the pixel [px], accurate to 0.01 px where ``valid``.
         valid: bool [H, W], whether that position lies inside the picture.
     """
 
@@ -44,11 +44,11 @@ class PixelMap:
 
     @classmethod
     def of(cls, motion: Motion, inverse: bool = False) -> PixelMap:
-        """The map of a motion.
+        """Computes the map of a motion.
 
         Args:
-            motion: for exactly the size that the map is to have.
-            inverse: False: each GS pixel looks in the RS photo (rectifies). True: each RS pixel looks in the
+            motion: motion for exactly the size of the map.
+            inverse: False: each GS pixel samples the RS photo (rectifies). True: each RS pixel samples the
                 GS picture (distorts).
 
         Raises:
@@ -60,13 +60,13 @@ class PixelMap:
         return cls(col, row, grid.inside(col, row))
 
     def st(self) -> np.ndarray:
-        """The ST map: float32 [H, W, 3], first row on top: s, t, and 1 where valid, else 0."""
+        """Returns the ST map: float32 [H, W, 3], top row first: s, t, and 1 where valid, else 0."""
         height, width = self.col.shape
         s, t = (self.col + 0.5) / width, 1 - (self.row + 0.5) / height
         return np.stack([s, t, self.valid], axis=-1).astype(np.float32)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Writes the map, whole or not at all.
+        """Writes the map atomically.
 
         Args:
             path: ``.npz``: arrays ``map_x`` and ``map_y`` (col and row) for cv2.remap. ``.exr`` (extra
@@ -74,7 +74,7 @@ class PixelMap:
             overwrite: whether an existing file may be replaced.
 
         Raises:
-            UsageError: another ending; UnshutterError: the file exists, cannot be written, or the package
+            UsageError: unknown extension; UnshutterError: the file exists, cannot be written, or the package
                 for EXR is missing.
         """
         target = Path(path)
@@ -100,14 +100,14 @@ def map_file(
     size: str | None = None,
     overwrite: bool = False,
 ) -> Motion:
-    """Writes the map of a photo or of a motion file.
+    """Writes the map of a photo or a motion file.
 
     Args:
         source: photo whose motion is estimated, or a motion file (``.json``).
         target, overwrite: see :meth:`PixelMap.save`.
-        find: how the motion is found, by default as :func:`unshutter.estimate` does; of a motion file, only the
-            readout direction may be given.
-        reference: row at whose moment the GS picture is taken; by default the motion's own, else the first.
+        find: how the motion is found, by default as :func:`unshutter.estimate` does; for a motion file, only the
+            readout direction may be specified.
+        reference: row whose time of exposure the GS picture shows; by default the motion's own, otherwise the first.
         inverse: see :meth:`PixelMap.of`.
         size: ``WxH`` of the map in stored pixels, for a scaled copy of the photo; by default the photo's.
 
@@ -115,7 +115,7 @@ def map_file(
         The motion that the map applies.
 
     Raises:
-        UnshutterError: the photo, motion or target cannot be used; UsageError: an option cannot.
+        UnshutterError: the photo, motion or target cannot be used; UsageError: an option is invalid.
 
     Examples:
         >>> motion = map_file(Path("street.jpg"), Path("street.npz"))
@@ -140,7 +140,7 @@ def map_file(
 
 
 def _parse_size(size: str) -> tuple[int, int]:
-    """(height, width) of a size written WxH."""
+    """Parses a size of the form WxH into (height, width)."""
     sides = size.lower().split("x")
     if len(sides) != 2 or not all(side.isascii() and side.isdigit() and 1 <= len(side) <= 9 for side in sides):
         raise UsageError(f"cannot understand the size '{size}': write it like 1920x1080")
@@ -151,10 +151,10 @@ def _parse_size(size: str) -> tuple[int, int]:
 
 
 def check_map_target(target: Path, overwrite: bool, original: Path | None = None) -> None:
-    """Refuses a file name that no map can be written to.
+    """Checks that a map can be written to a file name.
 
     Raises:
-        UsageError: an ending that maps do not have; UnshutterError: as :func:`unshutter.storage.files.check_target`, or
+        UsageError: unknown extension; UnshutterError: see :func:`unshutter.storage.files.check_target`, or
             the package that writes EXR is missing.
 
     Examples:
@@ -192,5 +192,5 @@ def _write_exr(path: Path, st: np.ndarray) -> None:
 
 def _write_tiff(path: Path, st: np.ndarray) -> None:
     with refusing("cannot write the TIFF file"):
-        image = libvips().Image.new_from_array(st).copy(interpretation="srgb")  # else it is written as linear light
-        image.tiffsave(str(path), compression="deflate")  # no predictor: not all readers know that of floats
+        image = libvips().Image.new_from_array(st).copy(interpretation="srgb")  # otherwise written as linear light
+        image.tiffsave(str(path), compression="deflate")  # no predictor: not all readers support it for floats

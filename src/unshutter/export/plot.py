@@ -1,4 +1,4 @@
-"""Pictures of motions (extra ``plot``)."""
+"""Plots motions (extra ``plot``)."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 def plot_motion(motion: Motion, path: str | os.PathLike[str], title: str = "", readout_ms: float | None = None) -> None:
-    """Draws t_x [px] and r_z [deg] over the rows, first row on top, into a PNG, SVG or PDF file.
+    """Plots t_x [px] and r_z [deg] against the row, top row first, into a PNG, SVG or PDF file.
 
-    Above stands how far it moves the photo, or why the photo would be left unchanged.
-    With the time of the readout, the speed, too: across and along the rows [px/s], and angular [deg/s].
+    The title states how far the motion moves the photo, or why the photo would be left unchanged.
+    With the readout time, speeds are also plotted: across and along the rows [px/s], and angular [deg/s].
 
     Raises:
         UnshutterError: matplotlib is not installed, or the file cannot be written.
@@ -63,15 +63,15 @@ def plot_turns(
     title: str = "",
     overwrite: bool = True,
 ) -> None:
-    """Draws how fast a camera turned while a clip was taken, into a PNG, SVG or PDF file.
+    """Plots how fast the camera turned during a clip, into a PNG, SVG or PDF file.
 
     Args:
-        times_s: when each frame is shown [s].
-        rates_deg_s: angular velocity about x (pitch), y (yaw) and z (roll) [deg/s]; NaN where it is not known.
-        cuts_s: when the scene changes [s].
-        path: the file.
-        title: stands above.
-        overwrite: whether a file may be replaced.
+        times_s: time at which each frame is shown [s].
+        rates_deg_s: angular velocity about x (pitch), y (yaw) and z (roll) [deg/s]; NaN where unknown.
+        cuts_s: times of scene changes [s].
+        path: file to write.
+        title: title of the plot.
+        overwrite: whether an existing file may be replaced.
 
     Raises:
         UnshutterError: matplotlib is not installed, or the file cannot be written.
@@ -90,11 +90,11 @@ def plot_turns(
 
 
 def check_plot(path: Path) -> None:
-    """Refuses a plot that could not be written, before any work.
+    """Checks that a plot can be written, before any work is done.
 
     Raises:
         UnshutterError: matplotlib is not installed.
-        UsageError: it does not know such files.
+        UsageError: matplotlib does not support the file type.
     """
     known = _figure(1).canvas.get_supported_filetypes()
     if path.suffix.lower().removeprefix(".") not in known:
@@ -102,7 +102,7 @@ def check_plot(path: Path) -> None:
 
 
 def _figure(width: float) -> Figure:
-    """An empty figure [inches]."""
+    """Creates an empty figure of this width [inches]."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
@@ -114,5 +114,5 @@ def _save(figure: Figure, path: Path, overwrite: bool = True) -> None:
     try:
         with written_whole(path, overwrite) as part:
             figure.savefig(part, dpi=150)
-    except ValueError as error:  # an ending that matplotlib does not know
+    except ValueError as error:  # an extension that matplotlib does not support
         raise UnshutterError(f"cannot write {path}: {str(error).splitlines()[0]}") from None

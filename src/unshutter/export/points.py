@@ -1,6 +1,6 @@
-"""Points of a picture moved by a motion: from the photo to the rectified picture, and back; and tables of them.
+"""Moves points by a motion, from the photo to the rectified picture or back, and reads and writes tables of points.
 
-Convention: positions are those of **stored** pixels (readout.py), (col, row), pixel centres at whole numbers.
+Convention: positions refer to **stored** pixels (readout.py): (col, row), pixel centres at whole numbers.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from unshutter.warp.grid import gs_to_rs_map, rs_to_gs_map
 def move_points(
     motion: Motion, col: np.ndarray, row: np.ndarray, inverse: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where points of the RS photo are in the GS picture, or with ``inverse`` the other way round.
+    """Moves points of the RS photo to their positions in the GS picture, or with ``inverse`` the other way round.
 
     Args:
-        motion: of the photo, for its full size.
+        motion: motion of the photo, for its full size.
         col, row: stored positions [px], any shape.
         inverse: GS -> RS instead of RS -> GS.
 
     Returns:
-        (col, row) [px], float64. Outside the photo the motion is carried on, which is a guess.
+        (col, row) [px], float64. Outside the photo the motion is extrapolated, which is a guess.
 
     Raises:
         UnshutterError: the motion turns faster than rows are read.
@@ -42,19 +42,19 @@ def move_points(
         (array([70.]), array([240.]))
     """
     position = gs_to_rs_map(motion) if inverse else rs_to_gs_map(motion)
-    with np.errstate(all="ignore"):  # far outside, Newton's method may run away
+    with np.errstate(all="ignore"):  # far outside, Newton's method may diverge
         moved = position(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
     return moved[0], moved[1]
 
 
 @dataclass(frozen=True)
 class PointTable:
-    """A CSV file of points, all other columns kept as they are.
+    """A CSV file of points; all other columns are preserved.
 
     Attributes:
-        header: names of the columns, None where the file has none.
-        rows: the fields of every line that is not empty.
-        x, y: the columns that hold the position.
+        header: names of the columns; None if the file has none.
+        rows: the fields of every non-empty line.
+        x, y: indices of the columns that hold the position.
     """
 
     header: list[str] | None
@@ -64,10 +64,10 @@ class PointTable:
 
     @classmethod
     def read(cls, path: Path) -> PointTable:
-        """Reads a table, with a header that names columns x and y, or without one: then x and y come first.
+        """Reads a table whose header names columns x and y, or one without a header whose first columns are x and y.
 
         Raises:
-            UnshutterError: it cannot be read, or a line is not a point (which is named).
+            UnshutterError: the file cannot be read, or a line (named in the message) is not a point.
         """
         lines = _filled_lines(path)
         if not lines:
@@ -94,19 +94,19 @@ class PointTable:
 
     @property
     def positions(self) -> tuple[np.ndarray, np.ndarray]:
-        """(x, y) of every point, float64 [N]."""
+        """Positions (x, y) of all points, float64 [N]."""
         x, y = (np.array([float(fields[k]) for fields in self.rows]) for k in (self.x, self.y))
         return x, y
 
     def moved_to(self, x: np.ndarray, y: np.ndarray) -> PointTable:
-        """This table with other positions, written with four decimals."""
+        """Returns a table with other positions, written with four decimals."""
         rows = [list(fields) for fields in self.rows]
         for fields, new_x, new_y in zip(rows, x, y, strict=True):
             fields[self.x], fields[self.y] = f"{new_x:.4f}", f"{new_y:.4f}"
         return PointTable(self.header, rows, self.x, self.y)
 
     def write(self, path: Path, overwrite: bool = True) -> None:
-        """Writes the table as CSV, UTF-8, whole or not at all; by default it replaces what is there."""
+        """Writes the table atomically as UTF-8 CSV; replaces an existing file by default."""
         with written_whole(path, overwrite) as part, part.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream, lineterminator="\n")
             writer.writerows(([self.header] if self.header else []) + self.rows)
@@ -115,17 +115,17 @@ class PointTable:
 def move_file(
     motion: Motion, source: Path, target: Path, inverse: bool = False, first_pixel: float = 0.0, overwrite: bool = False
 ) -> tuple[int, int]:
-    """Moves the points of a CSV file into another.
+    """Moves the points of one CSV file and writes them to another.
 
     Args:
-        motion: of the photo, for its full size.
+        motion: motion of the photo, for its full size.
         source, target: CSV files (:class:`PointTable`).
         inverse: GS -> RS instead of RS -> GS.
         first_pixel: coordinate of the first pixel's centre in the files: 0 (OpenCV, unshutter), 0.5 (COLMAP).
         overwrite: whether the target may be replaced.
 
     Returns:
-        How many points there are, and how many of them the photo does not show.
+        The number of points, and how many of them lie outside the photo.
 
     Raises:
         UnshutterError: a file or the motion cannot be used.
@@ -152,7 +152,7 @@ def move_file(
 
 
 def _filled_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Number and fields of every line of a CSV file that is not empty."""
+    """Reads line number and fields of every non-empty line of a CSV file."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream)
@@ -164,7 +164,7 @@ def _filled_lines(path: Path) -> list[tuple[int, list[str]]]:
 
 
 def _number(field: str) -> float | None:
-    """The finite number that a field holds, else None."""
+    """Parses a finite number; returns None if the field is not one."""
     try:
         value = float(field)
     except ValueError:

@@ -1,10 +1,10 @@
-"""What can be asked for: one frozen value for each kind of question, checked once, when it is made.
+"""Options as frozen dataclasses, one for each subject, validated on creation.
 
-The Python API, the command line, batches and their workers pass these values on as they are. A field's ``help`` is what
-``unshutter COMMAND --help`` prints; its flag is its name with dashes. To add an option, add a field here and use it
+The Python API, the command line, batches and their workers pass these values on unchanged. A field's ``help`` is shown
+by ``unshutter COMMAND --help``; its flag is its name with dashes. To add an option, add a field here and use it
 where the work is done.
 
-Nothing here imports NumPy: a photo is being decoded before that.
+Nothing here imports NumPy, because the photo starts being decoded before that.
 """
 
 from unshutter.options.camera import (

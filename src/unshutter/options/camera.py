@@ -1,4 +1,4 @@
-"""How a motion is found: the method, and what is known of the camera."""
+"""Options for finding a motion: the method, and known facts about the camera."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from unshutter.geometry.readout import Readout
 from unshutter.options.description import check_time, option
 
 DEFAULT_ESTIMATOR = "segment-manhattan"
-MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond, up is no longer up
+MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond these, up is no longer up
 
 
 def check_focal(focal_px: float | None) -> None:
-    """Raises UsageError where this is neither None nor a positive focal length [px]."""
+    """Checks a focal length [px]; None is allowed.
+
+    Raises:
+        UsageError: it is not positive.
+    """
     if focal_px is not None and not 0 < focal_px < math.inf:
         raise UsageError(f"the focal length must be positive, got {focal_px:g} px")
 
@@ -25,11 +29,11 @@ class Camera:
     """What you know about the camera.
 
     Attributes:
-        at_any_odds: whether the likeliest motion is asked for even where none at all is likelier; a least confidence
-            of 0 asks for it (:meth:`for_least_confidence`).
+        at_any_odds: whether to accept the likeliest motion even if no motion at all is likelier; set by a least
+            confidence of 0 (:meth:`for_least_confidence`).
 
     Raises:
-        UsageError: an unknown direction, a focal length or time that is not positive, an angle out of range.
+        UsageError: unknown direction, a focal length or time that is not positive, or an angle out of range.
     """
 
     readout: str = option(
@@ -82,15 +86,19 @@ class Camera:
 
     @property
     def direction(self) -> Readout:
-        """The readout direction, ``auto`` resolved."""
+        """The readout direction, with ``auto`` resolved."""
         return Readout.parse(self.readout)
 
     def for_least_confidence(self, least: float) -> Camera:
-        """This camera for motions of at least this confidence; 0 asks for the likeliest motion, however unsure."""
+        """Adapts the options to a least confidence of motions; 0 accepts the likeliest motion, however unsure."""
         return replace(self, at_any_odds=least == 0 and self.candidate is None)
 
     def check_unused(self) -> None:
-        """Raises UsageError where more than the readout direction is given although no motion is to be found."""
+        """Checks that only the readout direction is set, as required when no motion is to be found.
+
+        Raises:
+            UsageError: another field is set.
+        """
         if self != Camera(self.readout):
             raise UsageError(
                 "focal length, roll, tilt, exposure, readout time, --moving, --no-film and --candidate are for finding "
@@ -99,7 +107,7 @@ class Camera:
 
 
 class CameraKeywords(TypedDict, total=False):
-    """The fields of :class:`Camera` as keywords of Python's functions."""
+    """Keyword arguments corresponding to the fields of :class:`Camera`."""
 
     readout: str
     focal_px: float | None
@@ -118,7 +126,7 @@ class Find:
 
     Attributes:
         estimator: name of the method, or NAME@FILE with weights of your own.
-        camera: what is known of the camera.
+        camera: known facts about the camera.
     """
 
     estimator: str = option(

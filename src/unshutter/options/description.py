@@ -1,7 +1,7 @@
-"""The one description of options: what the command line, forms, OpenAPI and Python's keywords are made from.
+"""Describes options in one place, for the command line, forms, OpenAPI and Python keywords.
 
-An option is a field of a frozen dataclass, made with :func:`option`. Its name, type, default and help are written
-there; :func:`describe` reads them.
+An option is a field of a frozen dataclass, created with :func:`option`, which defines its type, default and help;
+:func:`describe` reads them.
 """
 
 from __future__ import annotations
@@ -20,44 +20,48 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from unshutter.errors import UsageError
 
-# What the word of an option names: a file or folder that is read, one that is written, or neither.
+# What an option's value names: a file or folder that is read, one that is written, or neither.
 Names = Literal["input", "output", "word"]
 
 T = TypeVar("T")
 
 
 def option(default: Any, help: str, **more: Any) -> Any:
-    """A field that is an option.
+    """Defines a field that is an option.
 
     Args:
-        default: its value where it is not used.
-        help: what it does, for all surfaces.
-        more: ``names`` (:data:`Names`), which a path or text needs: a test gives every option that names an output the
-            names of all inputs; ``metavar``, ``choices``, ``limits`` (the least and the most that a number may be) and
-            ``short`` (``-o``); ``bare``, the value of its flag alone, where the command line takes it without one;
-            ``page=False`` where the page and its API do not offer it.
+        default: value if the option is not used.
+        help: description of the option, for all interfaces.
+        more: ``names`` (:data:`Names`), required for paths and text: a test gives every option that names an output the
+            names of all inputs; ``metavar``, ``choices``, ``limits`` (minimum and maximum of a number) and ``short``
+            (``-o``); ``bare``, the value of the flag alone if the command line accepts it without a value;
+            ``page=False`` if the page and its API do not offer the option.
     """
     return field(default=default, metadata={"help": help, **more})
 
 
 def check_time(name: str, time: float | None, unit: str) -> None:
-    """Raises UsageError where this is neither None nor a positive time."""
+    """Checks a time; None is allowed.
+
+    Raises:
+        UsageError: it is not positive.
+    """
     if time is not None and not 0 < time < math.inf:
         raise UsageError(f"the {name} must take a positive time, got {time:g} {unit}")
 
 
 @dataclass(frozen=True)
 class Option:
-    """An option as its field describes it.
+    """An option as described by its field.
 
     Attributes:
-        key: its name in Python, ``roll_deg``.
-        type: of its value (of each, where it takes several), without None.
-        default: its value where it is not used; ``dataclasses.MISSING`` where it must be used.
-        help: what it does.
-        choices: the values that it takes; empty: any of its type.
+        key: its name in Python, such as ``roll_deg``.
+        type: type of its value, or of each value of a list, without None.
+        default: value if the option is not used; ``dataclasses.MISSING`` if it is required.
+        help: description of the option.
+        choices: allowed values; empty: any value of the type.
         several: whether it takes a list of values.
-        more: what else the field says, see :func:`option`.
+        more: further metadata of the field, see :func:`option`.
     """
 
     key: str
@@ -70,23 +74,23 @@ class Option:
 
     @property
     def name(self) -> str:
-        """Its name in forms and, after two dashes, on the command line: ``roll-deg``."""
+        """The name in forms and, after two dashes, on the command line: ``roll-deg``."""
         return self.key.rstrip("_").replace("_", "-")
 
     @property
     def limits(self) -> tuple[float, float] | None:
-        """The least and the most that a number may be, for forms; None: it has no limits that a form could check."""
+        """Minimum and maximum of a number, for forms; None if there are no limits that a form could check."""
         return self.more.get("limits")
 
     @property
     def on_page(self) -> bool:
-        """Whether the page and its API offer it."""
+        """Whether the page and its API offer the option."""
         return self.more.get("page", True)
 
 
 @dataclass(frozen=True)
 class Group:
-    """Options that belong together, a dataclass of their own.
+    """A group of options that belong together, defined by their own dataclass.
 
     Attributes:
         key: name of the field that holds them.
@@ -98,13 +102,13 @@ class Group:
 
     @property
     def title(self) -> str:
-        """What the group is about: the first line of its docstring."""
+        """The title of the group: the first line of its dataclass's docstring."""
         return (self.kind.__doc__ or "").partition("\n")[0].rstrip(".")
 
 
 @functools.cache
 def describe(kind: type) -> tuple[Option | Group, ...]:
-    """The options of a dataclass and its groups, in order; fields without a help are neither."""
+    """Returns the options and groups of a dataclass in order; fields without help are skipped."""
     hints = typing.get_type_hints(kind)
     described: list[Option | Group] = []
     for each in dataclasses.fields(kind):
@@ -116,7 +120,7 @@ def describe(kind: type) -> tuple[Option | Group, ...]:
 
 
 def options_of(kind: type) -> Iterator[Option]:
-    """The options of a dataclass, those of its groups among them."""
+    """Yields the options of a dataclass, including those of its groups."""
     for each in describe(kind):
         if isinstance(each, Group):
             yield from options_of(each.kind)
@@ -125,14 +129,14 @@ def options_of(kind: type) -> Iterator[Option]:
 
 
 def with_values(kind: type[T], value: Callable[[Option], Any]) -> T:
-    """A dataclass of options.
+    """Creates a dataclass of options.
 
     Args:
-        kind: which one.
-        value: gives the value of an option.
+        kind: the dataclass.
+        value: returns the value of an option.
 
     Raises:
-        UsageError: values that do not go together.
+        UsageError: values are invalid or exclude each other.
     """
     return kind(
         **{
@@ -156,7 +160,7 @@ def _option(each: dataclasses.Field, annotation: Any) -> Option:
 
 
 def _without_none(annotation: Any) -> Any:
-    """T of ``T | None``."""
+    """Extracts T from ``T | None``."""
     if isinstance(annotation, types.UnionType) or get_origin(annotation) is typing.Union:
         (annotation,) = (one for one in get_args(annotation) if one is not type(None))
     return annotation
@@ -165,18 +169,18 @@ def _without_none(annotation: Any) -> Any:
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
-_MARK = "**options: "  # the line of a docstring that the options' own lines replace
+_MARK = "**options: "  # the docstring line that is replaced by the lines of the options
 _WIDTH = 120
 
 
 def takes_options(keywords: type, *kinds: type) -> Callable[[F], F]:
-    """A decorator for functions that end in ``**options: Unpack[KEYWORDS]``.
+    """Decorates a function that ends in ``**options: Unpack[KEYWORDS]``.
 
-    It gives the function the signature and the docstring of all these keywords, and has it refuse others.
+    The function gets the signature and documentation of all these keywords, and rejects others.
 
     Args:
         keywords: the TypedDict.
-        kinds: dataclasses of options; the first that has an option describes it.
+        kinds: dataclasses of options; the first one that has an option provides its description.
     """
 
     def decorate(function: F) -> F:
@@ -199,10 +203,10 @@ def takes_options(keywords: type, *kinds: type) -> Callable[[F], F]:
 
 
 def from_keywords(kind: type[T], options: Mapping[str, Any]) -> T:
-    """A dataclass of options with the values that keywords give; other keywords are for others.
+    """Creates a dataclass of options from keywords; keywords that are not among its options are ignored.
 
     Raises:
-        UsageError: a value that it does not take.
+        UsageError: a value is invalid.
     """
     return kind(**{each.key: options[each.key] for each in options_of(kind) if each.key in options})
 
@@ -221,7 +225,7 @@ def _parameters(keywords: type, kinds: tuple[type, ...]) -> list[inspect.Paramet
 
 
 def _with_options(docstring: str, keywords: type, kinds: tuple[type, ...]) -> str:
-    """A docstring whose line for ``**options`` gives way to one for each that it does not document itself."""
+    """Replaces a docstring's line for ``**options`` with one line for each option not documented in the docstring."""
     helps = {each.key: each.help for kind in reversed(kinds) for each in options_of(kind)}
     lines: list[str] = []
     for line in docstring.splitlines():

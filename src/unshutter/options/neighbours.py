@@ -1,4 +1,4 @@
-"""The frames before and after a photo, and how fast they were taken and read out."""
+"""Options for the frames before and after a photo, and for their timing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ FrameModel = Literal["camera", "dense"]
 
 
 def check_ratio(ratio: float | None) -> None:
-    """Raises UsageError for a readout ratio that cannot be; None, an unknown one, can."""
+    """Checks a readout ratio; None, for unknown, is allowed.
+
+    Raises:
+        UsageError: it is not above 0 and at most 1.
+    """
     if ratio is not None and not 0 < ratio <= 1:
         raise UsageError(
             f"the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, got {ratio:g}"
@@ -27,11 +31,11 @@ class Clock:
     """How fast frames were taken and read out.
 
     Attributes:
-        readout_ratio: time in which a frame is read out / time from frame to frame.
-        readout_ms, fps: the same by readout time [ms] and frames per second.
+        readout_ratio: readout time of a frame / time from frame to frame.
+        readout_ms, fps: readout time [ms] and frames per second, as an alternative.
 
     Raises:
-        UsageError: both ways at once, or numbers that cannot be.
+        UsageError: both alternatives are used, or a number is impossible.
     """
 
     readout_ratio: float | None = option(
@@ -40,7 +44,7 @@ class Clock:
         limits=(0, 1),
     )
     fps: float | None = option(None, "Frames per second; with the readout time, instead of the ratio.", metavar="N")
-    readout_ms: float | None = None  # a flag of the camera's
+    readout_ms: float | None = None  # set by the camera's option of this name
 
     def __post_init__(self) -> None:
         if self.readout_ratio is not None and self.fps is not None:
@@ -53,7 +57,7 @@ class Clock:
 
     @property
     def is_known(self) -> bool:
-        """Whether the ratio was given, in one way or the other."""
+        """Whether the ratio was specified, directly or by readout time and frame rate."""
         return self.readout_ratio is not None or (self.readout_ms is not None and self.fps is not None)
 
     @property
@@ -61,7 +65,7 @@ class Clock:
         """Readout time / frame interval.
 
         Raises:
-            UsageError: it was not given.
+            UsageError: it was not specified.
         """
         if self.readout_ratio is not None:
             return self.readout_ratio
@@ -74,17 +78,17 @@ class Clock:
 
 
 class ClockKeywords(TypedDict, total=False):
-    """The fields of :class:`Clock` as keywords of Python's functions."""
+    """Keyword arguments corresponding to the fields of :class:`Clock`."""
 
     readout_ratio: float | None
     fps: float | None
 
 
 def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameModel | None:
-    """How motion is described: as asked for, else as other options need it; None: as the frames say.
+    """Chooses the motion model: as requested, otherwise as other options require; None: as the frames suggest.
 
     Raises:
-        UsageError: an unknown model, or options of which no one model can do all.
+        UsageError: the model is unknown, or no single model supports all options.
     """
     if model not in (None, *get_args(FrameModel)):
         raise UsageError(f"unknown model '{model}': choose camera or dense")
@@ -102,10 +106,10 @@ class Neighbours:
     """Frames taken just before and after the photo.
 
     Attributes:
-        clock: how fast frames were taken and read out.
+        clock: timing of the frames.
 
     Raises:
-        UsageError: options for neighbours without any.
+        UsageError: options for neighbours are used without any neighbour.
     """
 
     before: Path | None = option(

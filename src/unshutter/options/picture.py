@@ -1,4 +1,4 @@
-"""How the rectified picture is made and written: the motion undone, the file encoded."""
+"""Options for computing and writing the rectified picture: undoing the motion, encoding the file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Literal, TypedDict, get_args
 from unshutter.errors import UsageError
 from unshutter.options.description import option
 
-MIN_CONFIDENCE = 0.02  # of a motion that is undone, unless a user says otherwise
+MIN_CONFIDENCE = 0.02  # least confidence of a motion that is undone, unless the user sets another
 MOST_STRENGTH = 2.0
 
 Reference = Literal["first", "middle", "last"]
@@ -16,19 +16,27 @@ Edges = Literal["auto", "keep", "crop", "fill", "borrow"]
 
 
 def check_edges(edges: str) -> None:
-    """Raises UsageError where nothing is known of such edges, or they need more than the photo."""
+    """Checks a choice of edges that needs only the photo.
+
+    Raises:
+        UsageError: it is unknown, or needs other frames.
+    """
     if edges not in get_args(Edges) or edges == "borrow":
         raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
 
 
 def check_strength(strength: float) -> None:
-    """Raises UsageError for a share of the motion that is negative or above :data:`MOST_STRENGTH`."""
+    """Checks the share of the motion to undo.
+
+    Raises:
+        UsageError: it is negative or above :data:`MOST_STRENGTH`.
+    """
     if not 0 <= strength <= MOST_STRENGTH:
         raise UsageError(f"strength must lie between 0 and {MOST_STRENGTH:g}, got {strength:g}")
 
 
 class UndoKeywords(TypedDict, total=False):
-    """The fields of :class:`Undo` as keywords of Python's functions."""
+    """Keyword arguments corresponding to the fields of :class:`Undo`."""
 
     reference: Reference | None
     strength: float
@@ -41,7 +49,7 @@ class Undo:
     """How a motion is undone.
 
     Raises:
-        UsageError: a value that is none of its choices.
+        UsageError: a value is not one of its choices.
     """
 
     reference: Reference | None = option(
@@ -75,14 +83,14 @@ class Undo:
             raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
 
     def keeping_coordinates(self) -> Undo:
-        """These options with automatic edges kept: for results whose coordinates are those of the photo."""
+        """Returns the options with automatic edges set to keep, for results that keep the photo's coordinates."""
         return replace(self, edges="keep") if self.edges == "auto" else self
 
     def at_any_confidence(self) -> Undo:
-        """These options for a motion from the user, which is undone whatever its confidence.
+        """Returns the options for a motion from the user, which is undone regardless of its confidence.
 
         Raises:
-            UsageError: a least confidence is asked for, too.
+            UsageError: a least confidence is set as well.
         """
         if self.min_confidence not in (0, MIN_CONFIDENCE):
             raise UsageError("a given motion is undone whatever its confidence: leave out the least confidence")
@@ -98,15 +106,15 @@ class Save:
     """How a picture is written.
 
     Attributes:
-        format: of the file; None: the photo's own, AVIF for HEIC, 16-bit TIFF for raw files.
-        quality: of JPEG, WebP and AVIF, 1 to 100; None: like the original.
-        subsampling: of the chroma of JPEG and AVIF; None: like the original.
+        format: format of the file; None: the photo's own, AVIF for HEIC, 16-bit TIFF for raw files.
+        quality: quality of JPEG, WebP and AVIF, 1 to 100; None: like the original.
+        subsampling: chroma subsampling of JPEG and AVIF; None: like the original.
         keep_times: whether the file gets the access and modification time of the original.
-        only_changed: photos that are left unchanged are not written.
-        keep_names: results get the names of their photos; only into another folder.
+        only_changed: whether to skip writing photos that are left unchanged.
+        keep_names: whether results keep the names of their photos; only in another folder.
 
     Raises:
-        UsageError: a value that is none of its choices.
+        UsageError: a value is not one of its choices.
     """
 
     format: PictureFormat | None = option(

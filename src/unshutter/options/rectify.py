@@ -1,4 +1,4 @@
-"""All that is done to a photo."""
+"""All options for rectifying a photo."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class Rectify:
 
     Attributes:
         find: how the motion is found.
-        motion: motion file to undo instead; None: the motion is found.
-        undo: how it is undone.
+        motion: motion file to undo; None: the motion is found.
+        undo: how the motion is undone.
         save: how the picture is written.
-        neighbours: frames before and after that say how the camera moved; without them, the photo alone does.
+        neighbours: frames before and after that show how the camera moved; without them, only the photo is used.
 
     Raises:
-        UsageError: a motion together with a focal length, roll, tilt or least confidence, which are for finding one;
-            neighbours, and what does not go with them.
+        UsageError: a motion is combined with focal length, roll, tilt or least confidence, used to find one; or
+            neighbours with options that do not apply to them.
     """
 
     find: Find = field(default_factory=Find)
@@ -44,16 +44,16 @@ class Rectify:
         save: Save = _SAVE,
         neighbours: Neighbours = _NEIGHBOURS,
     ) -> Rectify:
-        """What users ask for, and what follows from it.
+        """Combines the user's options and applies their consequences.
 
-        A given motion is undone whatever its confidence, results of a sequence keep their coordinates, and a least
-        confidence of 0 asks for the likeliest motion.
+        A given motion is undone regardless of its confidence, results of a sequence keep their coordinates, and a least
+        confidence of 0 accepts the likeliest motion.
 
         Args:
-            find, motion, undo, save, neighbours: as users give them.
+            find, motion, undo, save, neighbours: the user's options.
 
         Raises:
-            UsageError: options that do not go together.
+            UsageError: some options exclude each other.
         """
         asked = cls(find, motion, undo, save, neighbours)
         if motion is not None:
@@ -85,15 +85,15 @@ class Rectify:
             raise UsageError("--at and --reference both set the moment of the picture: choose one")
         if (camera.readout_ms is None) != (neighbours.clock.fps is None) and not neighbours.fallback:
             raise UsageError("--readout-ms and --fps go together: what counts is their product")
-        _ = self.clock  # raises where the numbers cannot be
+        _ = self.clock  # raises for impossible numbers
         model_for(neighbours.model, neighbours.at, self.undo)
 
     @property
     def clock(self) -> Clock:
-        """How fast the neighbours were taken and read out."""
+        """Timing of the neighbouring frames."""
         return replace(self.neighbours.clock, readout_ms=self.find.camera.readout_ms)
 
     @property
     def find_alone(self) -> Find | None:
-        """How the motion is found from each photo alone; None: it is not."""
+        """How the motion is found from each photo alone; None if it is not."""
         return None if self.motion is not None or self.neighbours or self.neighbours.sequence else self.find

@@ -1,4 +1,4 @@
-"""How a command works through its photos."""
+"""Options for how a command processes its photos."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 from unshutter.errors import UsageError
 from unshutter.options.description import option
 
-_LONGEST_TIMEOUT_S = 86_400  # a day
-MAX_PIXELS = 1_000_000_000  # of a photo, unless a user allows more
+_LONGEST_TIMEOUT_S = 86_400  # one day
+MAX_PIXELS = 1_000_000_000  # per photo, unless the user allows more
 
 
 @dataclass(frozen=True)
@@ -17,20 +17,20 @@ class Run:
     """How a command works through its photos; none of this changes the results.
 
     Attributes:
-        overwrite: whether outputs that exist may be replaced; originals never are.
-        jobs: processes on this machine; None: this one.
+        overwrite: whether existing outputs may be replaced; originals never are.
+        jobs: number of processes on this machine; None: this process.
         scheduler: address of a Dask scheduler; None: none.
-        dry_run: only say what would be done.
-        json_log: file to add what happens to, one JSON object a line.
+        dry_run: only report what would be done.
+        json_log: file to append events to, one JSON object per line.
         manifest: folder for the manifest; None: that of the results.
-        preview: picture to make of all photos, before and after side by side.
-        max_pixels: photos with more are refused.
-        timeout: time after which a photo is given up [s]; None: half an hour where processes do the work, else no
-            limit. With a limit, but without ``jobs``, one other process does the work: a decoder that hangs cannot be
-            stopped in this one.
+        preview: picture of all photos before and after, side by side; None: none.
+        max_pixels: photos with more pixels are refused.
+        timeout: time limit per photo [s]; None: half an hour if processes do the work, otherwise no limit. With a limit
+            but without ``jobs``, one other process does the work, because a decoder that hangs cannot be stopped in
+            this one.
 
     Raises:
-        UsageError: a number below 1, both ``jobs`` and ``scheduler``, or a time limit for a scheduler's workers.
+        UsageError: a number is below 1, both ``jobs`` and ``scheduler`` are set, or a time limit with a scheduler.
     """
 
     overwrite: bool = option(False, "Replace outputs that exist already, finished ones too.")

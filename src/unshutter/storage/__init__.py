@@ -1,1 +1,1 @@
-"""Files and objects: written whole or not at all, never over an original."""
+"""Writes files and objects atomically, and never over an original."""

@@ -1,9 +1,9 @@
-"""Files are written whole or not at all, never over an original, and never through a link.
+"""Writes files atomically, never over an original and never through a link.
 
-A name in the way of a result may be anything: a photo of the same run, a link to one, a pipe. So nothing is opened for
-writing under its final name. A file is made under a new name (``O_EXCL``) next to it and renamed when it is complete,
-which replaces a link rather than what it leads to; without ``overwrite`` by a hard link, which fails where there is
-anything at all. Only journals and logs are added to in place: ``plain_files.py`` refuses what is not a plain file.
+An existing file of the result's name may be anything: a photo of the same run, a link to one, a pipe. Therefore nothing
+is opened for writing under its final name. A file is created under a new name (``O_EXCL``) next to it and renamed
+when complete, which replaces a link rather than its target; without ``overwrite``, a hard link is used, which fails if
+the name exists. Only journals and logs are appended to in place: ``plain_files.py`` rejects anything but plain files.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from unshutter.storage.plain_files import NEVER_FOLLOW, open_plain, same_bytes
 
 try:
     import fcntl
-except ImportError:  # Windows, where a file that is open can neither be replaced nor removed anyway
+except ImportError:  # Windows, where open files can be neither replaced nor removed anyway
     fcntl = None
 
 _PART = re.compile(r"\.unshutter-[0-9a-f]{16}\.part(\..*)?")
-_LEFT_S = 3600  # without locks, a temporary file this old is nobody's
+_LEFT_S = 3600  # without locks, a temporary file of this age counts as abandoned
 _NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EXDEV)
 _parts: set[Path] = set()  # temporary files of this process
 
-Times: TypeAlias = tuple[int, int]  # of the last access and the last change [ns]
+Times: TypeAlias = tuple[int, int]  # of the last access and the last modification [ns]
 
 
 def check_target(target: Path, overwrite: bool, *originals: Path | None) -> None:
-    """Checks that a file may be written, before the work on what goes into it begins.
+    """Checks that a file may be written, before its contents are computed.
 
     Args:
-        target: file to be written.
+        target: file to write.
         overwrite: whether an existing file may be replaced.
-        originals: files that are never replaced, whatever their names.
+        originals: files that are never replaced, under any name.
 
     Raises:
-        UnshutterError: it may not be written, or cannot.
+        UnshutterError: the file cannot be written or must not be replaced.
     """
     try:
         for original in originals:
@@ -73,26 +73,26 @@ def check_target(target: Path, overwrite: bool, *originals: Path | None) -> None
 def written_whole(
     target: Path, overwrite: bool = True, mode_of: Path | None = None, times_ns: Times | None = None
 ) -> Iterator[Path]:
-    """An empty temporary file next to ``target`` that takes its place when the block ends well, and goes otherwise.
+    """Creates an empty temporary file that replaces ``target`` if the block succeeds, and is removed otherwise.
 
-    The bytes are on the disc before the name is, so that not even a power cut leaves a half-written file under it.
+    The contents are flushed to disc before renaming, so that not even a power cut leaves a partial file of this name.
 
     Args:
-        target: file to be written.
-        overwrite: whether an existing file is replaced. Without, one with the very same bytes stays, and all is well:
-            somebody has done the same work before.
-        mode_of: file whose permissions the new one gets; by default those of any new file.
-        times_ns: that it gets, where the file system can keep them; by default now.
+        target: file to write.
+        overwrite: whether an existing file is replaced. If not, an existing file with identical bytes is kept without
+            an error, because the same work has already been done.
+        mode_of: file whose permissions are copied; by default those of any new file.
+        times_ns: times to set, if the file system can store them; by default the current time.
 
     Raises:
-        UnshutterError: the system refuses, the target is a link, or it exists and may not be replaced.
+        UnshutterError: the system refuses, the target is a link, or it exists and must not be replaced.
     """
     part = target.with_name(f".unshutter-{os.urandom(8).hex()}.part{target.suffix}")
     held = None
     try:
         mode = _permissions(mode_of)
         _parts.add(part)
-        held = _make_and_hold(part, 0o666 if mode is None else 0o600)  # nobody reads along meanwhile
+        held = _make_and_hold(part, 0o666 if mode is None else 0o600)  # unreadable to others until complete
         yield part
         _to_disc(part, mode, times_ns)
         _take_name(part, target, overwrite)
@@ -107,7 +107,7 @@ def written_whole(
 
 
 def times_of(path: Path) -> Times | None:
-    """When a file was last read and changed [ns]; None where there is none."""
+    """Returns the times of a file's last access and modification [ns]; None if there is no file."""
     with suppress(OSError, ValueError):
         status = path.stat()
         return status.st_atime_ns, status.st_mtime_ns
@@ -115,7 +115,7 @@ def times_of(path: Path) -> Times | None:
 
 
 def remove_leftovers(folder: Path) -> int:
-    """Removes the temporary files that killed runs left in a folder, not those of runs at work; returns how many."""
+    """Removes temporary files left by killed runs, but not those of active runs; returns their number."""
     removed = 0
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
@@ -126,7 +126,7 @@ def remove_leftovers(folder: Path) -> int:
 
 
 def remove_own_parts() -> None:
-    """Removes the temporary files of this process, which is about to be ended from outside."""
+    """Removes the temporary files of this process, which is about to be terminated."""
     for part in list(_parts):
         with suppress(OSError):
             part.unlink(missing_ok=True)
@@ -143,27 +143,27 @@ def _permissions(model: Path | None) -> int | None:
 
 
 def _make_and_hold(part: Path, mode: int) -> int | None:
-    """Makes an empty file and locks it for as long as this process lives, which is how others know that it does."""
+    """Creates an empty file and locks it for the lifetime of this process, which shows others that it is in use."""
     while True:
         descriptor = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | NEVER_FOLLOW, mode)
         if fcntl is None:
             os.close(descriptor)
             return None
-        with suppress(OSError):  # a file system without locks
+        with suppress(OSError):  # the file system does not support locks
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         if os.fstat(descriptor).st_nlink:
             return descriptor
-        os.close(descriptor)  # taken for a leftover between the two steps
+        os.close(descriptor)  # removed as a leftover between the two steps
 
 
 def _to_disc(part: Path, mode: int | None, times_ns: Times | None) -> None:
     descriptor = os.open(part, os.O_RDWR | NEVER_FOLLOW)
     try:
         if mode is not None:
-            with suppress(OSError):  # a file system without permissions
+            with suppress(OSError):  # the file system does not support permissions
                 os.chmod(part, mode)
         if times_ns is not None:
-            with suppress(OSError, OverflowError):  # times that the file system cannot keep
+            with suppress(OSError, OverflowError):  # the file system cannot store these times
                 os.utime(part, ns=times_ns)
         os.fsync(descriptor)
     finally:
@@ -171,7 +171,7 @@ def _to_disc(part: Path, mode: int | None, times_ns: Times | None) -> None:
 
 
 def _take_name(part: Path, target: Path, overwrite: bool) -> None:
-    """Gives the finished file its name."""
+    """Renames the finished file."""
     if overwrite:
         if target.is_symlink():
             raise UnshutterError(
@@ -179,7 +179,7 @@ def _take_name(part: Path, target: Path, overwrite: bool) -> None:
             )
         return os.replace(part, target)
     try:
-        os.link(part, target)  # fails where there is anything; a rename would replace it
+        os.link(part, target)  # fails if the name exists, where a rename would replace the file
     except FileExistsError:
         if not same_bytes(part, target):
             raise _exists(target) from None
@@ -194,7 +194,7 @@ def _take_name(part: Path, target: Path, overwrite: bool) -> None:
 
 
 def _removed_if_left(part: Path) -> bool:
-    """Removes a temporary file unless somebody still writes it."""
+    """Removes a temporary file unless it is still being written."""
     if fcntl is not None:
         with open(open_plain(part, os.O_RDONLY), "rb") as stream:
             try:
@@ -202,9 +202,9 @@ def _removed_if_left(part: Path) -> bool:
             except BlockingIOError:
                 return False
             except OSError:
-                pass  # a file system without locks: by age
+                pass  # the file system does not support locks: decide by age
             else:
-                part.unlink()  # while the lock is held: a writer that has just made it finds out
+                part.unlink()  # while holding the lock, so that a writer that has just created the file notices
                 return True
     left = time.time() - part.stat().st_mtime > _LEFT_S
     if left:

@@ -1,8 +1,8 @@
-"""Files of lines that are only ever added to, one JSON record each: journals of a folder, and JSON logs.
+"""Append-only files with one JSON record per line: journals of a folder, and JSON logs.
 
-Several runs may write to a journal. In a folder of files it is one file, ``NAME.jsonl``. Objects cannot be added to:
-behind a URL each run writes pieces, ``NAME/RUN-NUMBER.jsonl``, and makes one of them in the end. A log is a file of the
-user's choice, which may hold the events of earlier runs.
+Several runs may write to a journal. In a folder of files it is one file, ``NAME.jsonl``. Objects cannot be appended to:
+behind a URL, each run writes pieces, ``NAME/RUN-NUMBER.jsonl``, and merges them at the end. A log is a file chosen by
+the user, which may contain events of earlier runs.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 class Journal(ABC):
-    """A journal as one run sees it; nothing is written before the first line."""
+    """A journal as seen by one run; nothing is written before the first line."""
 
     @abstractmethod
     def news(self) -> bytes:
-        """The whole lines that this run has not seen yet, its own among them.
+        """Returns the complete lines that this run has not seen yet, including its own.
 
         Raises:
             UnshutterError: the journal cannot be read.
@@ -35,7 +35,7 @@ class Journal(ABC):
 
     @abstractmethod
     def add(self, line: str) -> None:
-        """Adds a line.
+        """Appends a line.
 
         Raises:
             UnshutterError: the journal cannot be written.
@@ -43,7 +43,7 @@ class Journal(ABC):
 
     @abstractmethod
     def flush(self) -> None:
-        """Writes what is not yet written.
+        """Writes pending lines.
 
         Raises:
             UnshutterError: the journal cannot be written.
@@ -51,25 +51,25 @@ class Journal(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """The run has nothing more to say; errors as :meth:`flush`."""
+        """Ends this run's part of the journal; errors as for :meth:`flush`."""
 
 
 def open_journal(folder: Place, name: str, run: str) -> Journal:
-    """The journal of a folder.
+    """Opens the journal of a folder.
 
     Args:
-        folder: where it lies.
-        name: of the journal.
-        run: name of this run, which no other run has.
+        folder: the folder.
+        name: name of the journal.
+        run: unique name of this run.
 
     Raises:
-        UnshutterError: there is one that cannot be read.
+        UnshutterError: the existing journal cannot be read.
     """
     return FileJournal(folder, name) if isinstance(folder, Path) else ObjectJournal(folder, name, run)
 
 
 class FileJournal(Journal):
-    """One file, which each line reaches at once. One that is a link, or has a second name, is refused."""
+    """A journal in one file, to which each line is written at once. Links and files with a second name are refused."""
 
     def __init__(self, folder: Path, name: str):
         self._path = folder / f"{name}.jsonl"
@@ -102,19 +102,19 @@ class FileJournal(Journal):
             raise UnshutterError(f"cannot write {self._path}: {error.strerror}") from None
 
     def flush(self) -> None:
-        """Nothing is kept back."""
+        """Does nothing, because lines are not buffered."""
 
     def close(self) -> None:
-        """Nothing is left to do."""
+        """Does nothing, because lines are not buffered."""
 
 
 class ObjectJournal(Journal):
-    """Objects, one for all lines between two calls of :meth:`flush`; later additions of other runs are not seen."""
+    """A journal in objects, one for the lines between two calls of :meth:`flush`; later lines of other runs are not seen."""
 
     def __init__(self, folder: UPath, name: str, run: str):
         self._folder, self._name, self._run = folder, name, run
         self._lines: list[str] = []  # of this run
-        self._pieces: list[int] = [0]  # how many of the lines were written with each
+        self._pieces: list[int] = [0]  # number of lines written up to each piece
         names = [below for below in objects_below(folder) if below.parts[0] == name and below.suffix == ".jsonl"]
         self._unseen = b"\n".join(read_place(folder / below) for below in names)
 
@@ -135,7 +135,7 @@ class ObjectJournal(Journal):
             self._pieces.append(len(self._lines))
 
     def close(self) -> None:
-        """Makes one of the pieces."""
+        """Merges the pieces into one."""
         self.flush()
         if len(self._pieces) > 2:
             write_place("".join(self._lines).encode(), self._piece(0))
@@ -146,18 +146,18 @@ class ObjectJournal(Journal):
         return self._folder / self._name / f"{self._run}-{number:06}.jsonl"
 
 
-_FIRST_WORDS = b'{"event":'  # of every log
+_FIRST_WORDS = b'{"event":'  # at the start of every log
 
 
 class JsonLog:
-    """A log to add to. Another file of that name, such as a photo, is left alone.
+    """A log to append to; any other file of that name, such as a photo, is left unchanged.
 
     Args:
-        path: of the log; made when it is missing, in a folder that exists.
-        protection: of the files that the run reads.
+        path: the log; created if missing, in an existing folder.
+        protection: protects the files that the run reads.
 
     Raises:
-        UnshutterError: it cannot be written, is an input of the run, or no such log.
+        UnshutterError: the file cannot be written, is an input of the run, or is not such a log.
     """
 
     def __init__(self, path: Path, protection: Protection):
@@ -175,7 +175,7 @@ class JsonLog:
             os.close(descriptor)
 
     def add(self, event: str, **about: Any) -> None:
-        """Adds an event.
+        """Appends an event.
 
         Raises:
             UnshutterError: the log cannot be written.

@@ -1,4 +1,4 @@
-"""Pictures larger than memory should hold: arrays that lie in a temporary file, which the system pages in and out."""
+"""Arrays too large for memory, kept in a temporary file that the system pages in and out."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import IO, TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np  # not imported above: decoding, which starts first, can do without
 
-SPILL_BYTES = 1 << 31  # arrays above this lie in a file
+SPILL_BYTES = 1 << 31  # larger arrays are kept in a file
 
 
 def new_array(shape: tuple[int, ...], dtype: np.dtype | type) -> np.ndarray:
-    """An array to be filled, in memory or, when it is large, in a file that goes when nobody needs it any more."""
+    """Creates an uninitialised array in memory or, if large, in a file that is removed when no longer used."""
     import numpy as np
 
     if math.prod(shape) * np.dtype(dtype).itemsize <= SPILL_BYTES:
@@ -22,7 +22,7 @@ def new_array(shape: tuple[int, ...], dtype: np.dtype | type) -> np.ndarray:
 
 
 def nameless_file() -> IO[bytes]:
-    """A temporary file that goes when nobody has it open or mapped any more, however its process ends."""
-    import tempfile  # not above: most photos do without
+    """Opens a temporary file that is removed once it is neither open nor mapped, however its process ends."""
+    import tempfile  # imported here: most photos do not need it
 
     return tempfile.TemporaryFile(prefix="unshutter-")

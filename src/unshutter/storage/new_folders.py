@@ -1,4 +1,4 @@
-"""Folders that get their name when they are complete; what killed runs left of theirs is removed by the next one."""
+"""Folders that get their final name when complete; leftovers of killed runs are removed by the next run."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ except ImportError:  # Windows
     fcntl = None
 
 _PART = re.compile(r"\.unshutter-[0-9a-f]{16}\.part")
-_LEFT_S = 3600  # without locks, a temporary folder to which nothing came for so long is nobody's
+_LEFT_S = 3600  # without locks, a temporary folder unchanged for this long counts as abandoned
 _FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_NOFOLLOW", 0)
 
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """A temporary folder that takes the place of ``folder`` when the block ends well, and goes otherwise.
+    """Creates a temporary folder that replaces ``folder`` if the block succeeds, and is removed otherwise.
 
     Raises:
-        UnshutterError: there is something of that name, or it cannot be made.
+        UnshutterError: the name exists, or the folder cannot be created.
     """
     if os.path.lexists(folder) and not (folder.is_dir() and not folder.is_symlink() and not os.listdir(folder)):
         raise UnshutterError(f"{folder} exists already: pictures go into a new folder")
@@ -47,13 +47,13 @@ def new_folder(folder: Path) -> Iterator[Path]:
 
 
 def remove_left_folders(folder: Path) -> int:
-    """Removes what killed runs left next to a folder that is to be made, not what runs at work are filling.
+    """Removes leftovers of killed runs next to a folder to be created, but not the folders of active runs.
 
     Args:
-        folder: that is to be made. What version 1.0 left of it had its name, and is removed, too.
+        folder: folder to be created. Leftovers of version 1.0, which contain its name, are removed as well.
 
     Returns:
-        How many were removed.
+        The number of folders removed.
     """
     removed, older = 0, re.compile(rf"\.{re.escape(folder.name)}\.[0-9a-f]{{8}}\.part")
     with suppress(OSError), os.scandir(folder.parent) as entries:
@@ -68,22 +68,22 @@ def remove_left_folders(folder: Path) -> int:
 
 
 def _make_and_hold(part: Path) -> int | None:
-    """Makes a folder and locks it for as long as this process lives, which is how others know that it does."""
+    """Creates a folder and locks it for the lifetime of this process, which shows others that it is in use."""
     while True:
         part.mkdir()
         if fcntl is None:
             return None
         descriptor = os.open(part, _FOLDER)
-        with suppress(OSError):  # a file system without locks
+        with suppress(OSError):  # the file system does not support locks
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(descriptor), part.stat()):
                 return descriptor
-        os.close(descriptor)  # taken for a leftover between the two steps
+        os.close(descriptor)  # removed as a leftover between the two steps
 
 
 def _removed_if_left(part: Path) -> bool:
-    """Removes a temporary folder unless somebody still fills it."""
+    """Removes a temporary folder unless it is still being filled."""
     if fcntl is None:
         return _removed_if_old(part)
     descriptor = os.open(part, _FOLDER)
@@ -91,10 +91,10 @@ def _removed_if_left(part: Path) -> bool:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # a file system without locks
+    except OSError:  # the file system does not support locks
         return _removed_if_old(part)
     else:
-        shutil.rmtree(part)  # while the lock is held: one who has just made it finds out
+        shutil.rmtree(part)  # while holding the lock, so that a process that has just created the folder notices
         return True
     finally:
         os.close(descriptor)

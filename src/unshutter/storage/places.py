@@ -1,15 +1,15 @@
-"""Where photos come from and results go: files, or objects behind an fsspec URL (``s3://``, ``gs://``, ``memory://``).
+"""Places of photos and results: files, or objects behind an fsspec URL (``s3://``, ``gs://``, ``memory://``).
 
-A place is a ``Path``, or for a URL the ``UPath`` of universal-pathlib, which has the same interface: name, suffix,
-parent, ``/`` and so on work on both. What a batch must do differently for the two stands in this file and in
-``journal.py``, and nowhere else: files are written under another name and renamed, objects with one put, which the
-stores make visible whole or not at all. Whatever a store raises becomes one line here.
+A place is a ``Path`` or, for a URL, the ``UPath`` of universal-pathlib, which has the same interface: name, suffix,
+parent, ``/`` and so on work for both. Only this file and ``journal.py`` distinguish the two in a batch: files are
+written under a temporary name and renamed, objects uploaded with a single put, which stores make visible atomically.
+Errors of any store become one line here.
 
-Importing universal-pathlib takes 10 ms, what it does for its first URL 70 ms: it is imported when a URL is named.
+Importing universal-pathlib takes 10 ms and its first URL another 70 ms, so it is imported only when a URL is used.
 
-fsspec chains URLs: ``simplecache::s3://b/a.jpg`` is an object behind a cache, ``dir://a.jpg::file:///d`` a file of a
-folder, ``zip://a.jpg::file:///d/b.zip`` one in an archive. The same file has any number of such names, so names are
-never compared, only what they lead to.
+fsspec chains URLs: ``simplecache::s3://b/a.jpg`` is an object behind a cache, ``dir://a.jpg::file:///d`` a file in a
+folder, ``zip://a.jpg::file:///d/b.zip`` a file in an archive. One file can have any number of such names, so names are
+never compared, only the files that they lead to.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 Place: TypeAlias = "Path | UPath"
 
-# What stores call that which changes when an object does.
+# Fields of object metadata, in different stores, that change with the content.
 _STAMPS = ("ETag", "etag", "md5Hash", "generation", "mtime", "LastModified", "last_modified", "updated", "created")
 
 
 def place(text: str | os.PathLike[str]) -> Place:
-    """What the user named: a path, or an fsspec URL. A URL that leads to a file of this machine is that file's path.
+    """Parses a path or an fsspec URL from the user; a URL of a file on this machine becomes that file's path.
 
     Raises:
-        UnshutterError: universal-pathlib is missing, or knows no such protocol.
+        UnshutterError: universal-pathlib is missing, or does not support the protocol.
     """
     if not isinstance(text, str) or "://" not in text:
         return Path(text)
@@ -52,12 +52,12 @@ def place(text: str | os.PathLike[str]) -> Place:
 
 
 def absolute(where: Place) -> Place:
-    """The place as other processes and machines can find it."""
+    """Returns the place in a form that other processes and machines can find."""
     return Path(os.path.abspath(where)) if isinstance(where, Path) else where
 
 
 def way(folder: Place, where: Place) -> PurePosixPath | None:
-    """The way from a folder to a place in or below it; None where it is elsewhere."""
+    """Returns the relative path from a folder to a place in it (or the folder itself); None if it is elsewhere."""
     folder, where = absolute(folder), absolute(where)
     if isinstance(folder, Path) != isinstance(where, Path):
         return None
@@ -68,7 +68,7 @@ def way(folder: Place, where: Place) -> PurePosixPath | None:
 
 
 def is_folder(where: Place) -> bool:
-    """Whether there is a folder of this name, or objects whose names begin with it and a slash.
+    """Whether the place is an existing folder, or a prefix (with a slash) of object names.
 
     Raises:
         UnshutterError: the store cannot be reached.
@@ -80,20 +80,20 @@ def is_folder(where: Place) -> bool:
 
 
 def objects_below(folder: UPath) -> list[PurePosixPath]:
-    """The names of all objects below a folder, relative to it, in order.
+    """Lists all objects below a folder, relative to it, sorted.
 
     Raises:
         UnshutterError: the store cannot be reached.
     """
     with _one_line(folder):
-        folder.fs.invalidate_cache()  # others write there, too
+        folder.fs.invalidate_cache()  # others may have written there
         root = folder.path.rstrip("/")
         paths = sorted(folder.fs.find(folder.path))
     return [PurePosixPath(path[len(root) :].lstrip("/")) for path in paths]
 
 
 def fingerprint(where: Place) -> str | None:
-    """Changes when the content does: size and time, or what a store has; None where there is nothing.
+    """Returns a string that changes with the content: size and time, or the store's metadata; None if nothing exists.
 
     Raises:
         UnshutterError: the store cannot be reached.
@@ -114,10 +114,10 @@ def fingerprint(where: Place) -> str | None:
 
 
 def read_place(where: Place) -> bytes:
-    """All bytes of a file or an object.
+    """Reads all bytes of a file or an object.
 
     Raises:
-        UnshutterError: it cannot be read.
+        UnshutterError: the place cannot be read.
     """
     with _one_line(where):
         return where.read_bytes()
@@ -126,17 +126,17 @@ def read_place(where: Place) -> bytes:
 def write_place(
     data: bytes, target: Place, overwrite: bool = True, mode_of: Place | None = None, times_ns: Times | None = None
 ) -> None:
-    """Writes a file or an object whole.
+    """Writes a file or an object atomically.
 
     Args:
-        data: its bytes.
-        target: where to.
-        overwrite: whether what is there is replaced; without, the very same bytes may be there already.
+        data: its contents.
+        target: the place.
+        overwrite: whether existing contents may be replaced; identical bytes are accepted in any case.
         mode_of: file whose permissions a new file gets.
-        times_ns: that a new file gets; objects have times of their own.
+        times_ns: times for a new file; objects cannot be given any.
 
     Raises:
-        UnshutterError: it cannot be written, or exists and may not be replaced.
+        UnshutterError: the place cannot be written, or exists and must not be replaced.
     """
     if isinstance(target, Path):
         with written_whole(target, overwrite, mode_of if isinstance(mode_of, Path) else None, times_ns) as part:
@@ -151,7 +151,7 @@ def write_place(
 
 
 def digest(where: Place) -> str | None:
-    """A hash of a file's or an object's content; None where there is nothing, or something else.
+    """Returns a hash of the contents of a file or an object; None if there is neither.
 
     Raises:
         UnshutterError: the store cannot be reached.
@@ -162,13 +162,13 @@ def digest(where: Place) -> str | None:
 
 
 def remove(where: Place) -> None:
-    """Removes a file of ours; what cannot be removed stays."""
+    """Removes a file or object written by unshutter; failures are ignored."""
     with suppress(OSError, UnshutterError), _one_line(where):
         where.unlink(missing_ok=True)
 
 
 def make_folder(folder: Place) -> None:
-    """Makes a folder and those above it; object stores need none.
+    """Creates a folder and its parents; object stores do not need them.
 
     Raises:
         UnshutterError: the system refuses.
@@ -181,7 +181,7 @@ def make_folder(folder: Place) -> None:
 
 
 def check_place(target: Place, overwrite: bool, original: Place | None = None) -> None:
-    """As :func:`unshutter.storage.files.check_target`, for both kinds of places."""
+    """Checks a file as :func:`unshutter.storage.files.check_target` does, or an object."""
     if isinstance(target, Path):
         return check_target(target, overwrite, original if isinstance(original, Path) else None)
     if target == original:
@@ -192,7 +192,7 @@ def check_place(target: Place, overwrite: bool, original: Place | None = None) -
 
 @contextmanager
 def _one_line(where: Place | str) -> Iterator[None]:
-    """Turns whatever is raised into one line that names the place."""
+    """Converts any exception into an UnshutterError of one line that names the place."""
     try:
         yield
     except UnshutterError:
@@ -203,18 +203,18 @@ def _one_line(where: Place | str) -> Iterator[None]:
         ) from None
     except FileNotFoundError:
         raise UnshutterError("cannot reach {file}: no such file or folder", file=where) from None
-    except Exception as error:  # every store has its own
+    except Exception as error:  # each store has its own exceptions
         raise UnshutterError(
             f"cannot reach {{file}}: {' '.join(str(error).split()) or type(error).__name__}", file=where
         ) from None
 
 
 _LOCAL = ("file", "local")
-_CACHES = ("simplecache", "filecache", "blockcache", "cached")  # of the same names as what is behind them
+_CACHES = ("simplecache", "filecache", "blockcache", "cached")  # caches use the names of the files behind them
 
 
 def local_file(url: str) -> Path | None:
-    """The file of this machine that a URL stands for; None where it is elsewhere, or inside another file."""
+    """Returns the file on this machine that a URL stands for; None if it is elsewhere, or inside another file."""
     *links, last = url.split("::")
     path = _end(last)
     for link in reversed(links):
@@ -229,22 +229,22 @@ def local_file(url: str) -> Path | None:
 
 
 def file_below(url: str) -> Path | None:
-    """The file of this machine that a URL's bytes lie in, such as an archive; None where they are elsewhere."""
+    """Returns the file on this machine that contains a URL's bytes, such as an archive; None if they are elsewhere."""
     return local_file(url) or _end(url.split("::")[-1])
 
 
 def object_behind(where: UPath) -> tuple[str, str]:
-    """What a URL leads to: the kind of store, and the name in it."""
+    """Resolves a URL to the kind of store and the name in it."""
     name = where.path
     store: Any = where.fs
-    while (inner := getattr(store, "fs", None)) is not None:  # a cache, or a folder
+    while (inner := getattr(store, "fs", None)) is not None:  # a cache or a folder
         name = posixpath.join(store.path, name.lstrip("/")) if "dir" in _protocols(store) else name
         store = inner
     return type(store).__name__, posixpath.normpath(name).lstrip("/")
 
 
 def _end(link: str) -> Path | None:
-    """The file that the last link of a chain names."""
+    """Returns the file named by the last link of a chain; None if it is elsewhere."""
     protocol, named, path = link.partition("://")
     if not named:
         return Path(link)

@@ -1,4 +1,4 @@
-"""Files that are opened under the name they have: nothing but a file, and nothing that leads to another."""
+"""Opens files in place, refusing anything but plain files: no links, pipes or devices."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from pathlib import Path
 
 from unshutter.errors import UnshutterError
 
-# A link is not followed, a pipe not waited for, a line end not translated.
+# Do not follow links, do not wait for pipes, do not translate line ends.
 NEVER_FOLLOW = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 
 
 def open_plain(path: Path, flags: int) -> int:
-    """Opens a file in place and returns its descriptor; never waits, as a pipe would.
+    """Opens a file in place and returns its descriptor; never blocks, as a pipe could.
 
     Raises:
-        FileNotFoundError: it is not there, and ``flags`` do not say that it is to be made.
-        UnshutterError: it is a link, a pipe, a device or a folder; it has a second name (a hard link) and would be
-            written under that, too; or the system refuses.
+        FileNotFoundError: the file does not exist, and ``flags`` do not create it.
+        UnshutterError: it is a link, a pipe, a device or a folder; it is opened for writing and has a second name (a
+            hard link); or the system refuses.
     """
     writing = flags & (os.O_WRONLY | os.O_RDWR)
     doing = "write" if writing else "read"
@@ -48,13 +48,13 @@ def open_plain(path: Path, flags: int) -> int:
 
 
 def add_bytes(descriptor: int, data: bytes) -> None:
-    """Adds bytes to a file, all of them; OSError, with the system's reason, where they find no room."""
+    """Writes all bytes to an open file; raises OSError if that fails."""
     while data:
         data = data[os.write(descriptor, data) :]
 
 
 def is_torn(descriptor: int) -> bool:
-    """Whether a file of lines, open to be read, ends in the middle of one, as after a full disc."""
+    """Whether a text file, open for reading, ends without a line break, for example after a full disc."""
     size = os.lseek(descriptor, 0, os.SEEK_END)
     if not size:
         return False
@@ -63,7 +63,7 @@ def is_torn(descriptor: int) -> bool:
 
 
 def add_text(path: Path, text: str) -> None:
-    """Adds text to a file, which is made where there is none.
+    """Appends text to a file, creating it if necessary.
 
     Raises:
         UnshutterError: it is not a plain file, or the system refuses.
@@ -78,10 +78,10 @@ def add_text(path: Path, text: str) -> None:
 
 
 def check_plain(path: Path) -> None:
-    """Checks that reading a file would come to an end: a pipe may wait indefinitely, and so may a device.
+    """Checks that reading a file comes to an end; pipes and devices may block indefinitely.
 
     Raises:
-        UnshutterError: it is a pipe, a socket or a device. (What is missing, says who opens it.)
+        UnshutterError: it is a pipe, a socket or a device. (A missing file is reported when it is opened.)
     """
     with suppress(OSError, ValueError):
         mode = path.stat().st_mode
@@ -90,8 +90,8 @@ def check_plain(path: Path) -> None:
 
 
 def digest(path: Path) -> str | None:
-    """A hash of a plain file's content; None where there is no such file."""
-    from hashlib import file_digest  # not above: it takes 15 ms, and a single photo does without
+    """Returns a hash of a plain file's contents; None if there is no such file."""
+    from hashlib import file_digest  # imported here: it takes 15 ms, and a single photo does not need it
 
     try:
         with open(_open_unnoticed(path), "rb") as stream:
@@ -101,15 +101,15 @@ def digest(path: Path) -> str | None:
 
 
 def digest_of(data: bytes) -> str:
-    """A hash of bytes, equal to that of a file with this content."""
+    """Returns a hash of bytes, equal to that of a file with these contents."""
     digest = _new_hash()
     digest.update(data)
     return digest.hexdigest()
 
 
 def _open_unnoticed(path: Path) -> int:
-    """Opens a file to be read without a new access time, which it may have from its photo; where that is allowed."""
-    with suppress(UnshutterError):  # only its owner may, and only where the system can
+    """Opens a file for reading, if possible without updating its access time, which may be a copy of its photo's."""
+    with suppress(UnshutterError):  # allowed only for the file's owner, and only on some systems
         return open_plain(path, os.O_RDONLY | getattr(os, "O_NOATIME", 0))
     return open_plain(path, os.O_RDONLY)
 
@@ -121,7 +121,7 @@ def _new_hash():
 
 
 def same_bytes(one: Path, other: Path) -> bool:
-    """Whether both are plain files of the same content."""
+    """Whether both are plain files with identical contents."""
     try:
         with open(open_plain(one, os.O_RDONLY), "rb") as first, open(open_plain(other, os.O_RDONLY), "rb") as second:
             if os.fstat(first.fileno()).st_size != os.fstat(second.fileno()).st_size:

@@ -1,4 +1,4 @@
-"""What a run must not write to: the files that it reads, and whatever a link leads to."""
+"""Protects the files that a run reads, and the targets of links, from being written to."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from unshutter.storage.places import Place, file_below, object_behind, way
 
 
 class Protection:
-    """Keeps a run from writing to its own inputs, whatever names and links lead to them.
+    """Prevents a run from writing to its own inputs, under any name and through any link.
 
-    The one rule for all writers of all commands. Two names are of one file when they have the same device and inode
-    (which capitals and links do not change), or the same real path where a file system has no inodes; URLs are followed
-    to the file or object that they end in. The inputs are looked at when a file is in the way of a result, not before.
+    All writers of all commands use this rule. Two names refer to the same file if they have the same device and inode
+    (independent of case and links), or the same real path on file systems without inodes; URLs are resolved to the file
+    or object that they lead to. Inputs are examined only when a result's name exists.
 
     Args:
-        inputs: files that the run reads; of a folder, those in it that it reads.
-        folders: that the user named for results: links below them are not followed. (Those above are the user's way
-            of naming them.)
+        inputs: files that the run reads; for a folder, the files in it that the run reads.
+        folders: output folders named by the user: links below them are not followed. (Links above them are part of the
+            name that the user chose.)
     """
 
     def __init__(self, inputs: Iterable[Place | None], folders: Iterable[Place | None] = ()):
         self._inputs = [place for place in inputs if place is not None]
         self._folders = [place for place in folders if place is not None]
-        self._looked_at: set[Place] = set()  # folders behind no link
+        self._looked_at: set[Place] = set()  # folders without links in their paths
 
     def check(self, target: Place | None) -> None:
-        """Checks a place before something is written there.
+        """Checks a place before it is written.
 
         Raises:
-            UnshutterError: it is an input, or lies behind a link.
+            UnshutterError: it is an input, or behind a link.
         """
         if target is None:
             return
@@ -45,12 +45,12 @@ class Protection:
         self.check_folder(target.parent)
 
     def check_all_in(self, folder: Path) -> None:
-        """Checks a folder that gets files of whatever names: none of the files in it is an input.
+        """Checks that a folder that will receive files of arbitrary names contains no input.
 
         Raises:
-            UnshutterError: one is.
+            UnshutterError: it contains one.
         """
-        with suppress(OSError):  # there is no folder yet
+        with suppress(OSError):  # the folder does not exist yet
             for name in sorted(os.listdir(folder)):
                 if self._is_input(folder / name):
                     raise UnshutterError(
@@ -58,10 +58,10 @@ class Protection:
                     )
 
     def check_folder(self, folder: Place) -> None:
-        """Checks a folder before it is made, or something is written there.
+        """Checks a folder before it is created or written to.
 
         Raises:
-            UnshutterError: it lies behind a link.
+            UnshutterError: it is behind a link.
         """
         if folder in self._looked_at:
             return
@@ -90,7 +90,7 @@ class Protection:
 
     @cached_property
     def _files(self) -> list[Path]:
-        """The inputs of this machine, and the archives that inputs lie in."""
+        """The inputs on this machine, and the archives that contain inputs."""
         files = [place if isinstance(place, Path) else file_below(str(place)) for place in self._inputs]
         return [file for file in files if file is not None]
 
@@ -109,8 +109,8 @@ class Protection:
 
     @cached_property
     def _real_paths(self) -> set[str]:
-        """Of the inputs, and of the links that some of them are."""
-        real_folder = cache(os.path.realpath)  # most lie in a few folders
+        """Real paths of the inputs, and the paths of those that are links."""
+        real_folder = cache(os.path.realpath)  # cached: most files share a few folders
         paths = set()
         for file in self._files:
             path = os.path.join(real_folder(file.parent), file.name)
