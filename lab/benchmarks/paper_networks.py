@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from results import REAL, TEST
@@ -21,24 +22,43 @@ from unshutter_lab.evaluation.results import Results
 
 DOCS = Path("docs/results")
 PAGE, READING = DOCS / "paper-networks.md", DOCS / "paper-networks-reading.md"  # the reading is written by hand
-NAMES = {"kandula2020-cpu-ablation": "whole", "kandula2020-": ""}  # of networks -> of rows
+WHOLE = "whole"  # the row that others are compared with
+NAMES = {"kandula2020-cpu-long-pictures": WHOLE, "kandula2020-": ""}  # of networks -> of rows
+DRAWS = 4000  # of photos and seeds, for an interval
 
 
-def median_epe(results: Results, network: str, folder: str) -> float:
-    return float(np.median(results.values("epe", estimator=network, group=folder, suite="256 px")))
+def epe(results: Results, network: str, folder: str) -> dict[str, list[float]]:
+    """Photo -> errors [px] of its pictures."""
+    records = results.chosen(estimator=network, group=folder, suite="256 px")
+    return _by_photo(records, lambda record: record["epe"])
 
 
-def gain_db(results: Results, network: str, folder: str) -> float:
-    of_row = results.chosen(estimator=network, group=folder, suite="middle row")
-    pictures = [r for r in of_row if r.get("psnr") is not None]
-    return float(np.mean([r["psnr"] - r["psnr_input"] for r in pictures]))
+def gain_db(results: Results, network: str, folder: str) -> dict[str, list[float]]:
+    """Photo -> gains [dB] of its pictures."""
+    records = results.chosen(estimator=network, group=folder, suite="middle row")
+    pictures = [record for record in records if record.get("psnr") is not None]
+    return _by_photo(pictures, lambda record: record["psnr"] - record["psnr_input"])
 
 
-Figure = Callable[[Results, str, str], float]
-# protocol -> (title, folders, options, figure, how it is written)
-RUNS: dict[str, tuple[str, list[str], list[str], Figure, str]] = {
-    "synthetic": ("Synthetic motions: median EPE", TEST, ["--photos", "40", "--per-photo", "2"], median_epe, "{:.2f}"),
-    "pairs": ("Real pairs, middle row: mean gain in PSNR [dB]", REAL, [], gain_db, "{:+.2f}"),
+def _by_photo(records: list[dict[str, Any]], value: Callable[[dict[str, Any]], float]) -> dict[str, list[float]]:
+    values: dict[str, list[float]] = {}
+    for record in records:
+        values.setdefault(record["photo"], []).append(value(record))
+    return values
+
+
+Figure = Callable[[Results, str, str], dict[str, list[float]]]
+# protocol -> (title, folders, options, figure, mean of a folder's figures, how it is written)
+RUNS: dict[str, tuple[str, list[str], list[str], Figure, Callable[..., Any], str]] = {
+    "synthetic": (
+        "Synthetic motions: median EPE [px of 256 rows]",
+        TEST,
+        ["--photos", "40", "--per-photo", "2"],
+        epe,
+        np.median,
+        "{:.2f}",
+    ),
+    "pairs": ("Real pairs, middle row: mean gain in PSNR [dB]", REAL, [], gain_db, np.mean, "{:+.2f}"),
 }
 
 
@@ -52,7 +72,7 @@ def main() -> None:
     if not networks:
         sys.exit(f"paper_networks: no {given.runs}/seedN/NAME/model.onnx: lab/benchmarks/ablations.py trains them")
     parts = [READING.read_text().strip()]
-    for protocol, (title, folders, options, figure, form) in RUNS.items():
+    for protocol, (title, folders, options, figure, middle, form) in RUNS.items():
         words = ["evaluate", "--protocol", protocol, "--data", *(str(given.data / folder) for folder in folders)]
         estimators = ["none", "kandula2020", *(f"kandula2020@{path}" for path in networks)]
         words += [*options, "--estimators", ",".join(estimators)]
@@ -60,23 +80,52 @@ def main() -> None:
         command = [sys.executable, "-m", "unshutter", *words, "-o", str(output), "--jobs", given.jobs, "--overwrite"]
         if subprocess.run(command).returncode:
             sys.exit(f"paper_networks: stopped; what was measured is kept in {output}")
-        parts += [f"## {title}", table(Results.load(output / "results.json"), networks, figure, form)]
+        parts += [f"## {title}", table(Results.load(output / "results.json"), networks, figure, middle, form)]
     PAGE.write_text("\n\n".join(parts) + "\n\n[All results](index.md)\n")
     print(f"wrote {PAGE}")
 
 
-def table(results: Results, networks: list[Path], figure: Figure, form: str) -> str:
-    """A row for each network, in a column for each folder its figure for each seed, and the mean of them all."""
+def table(results: Results, networks: list[Path], figure: Figure, middle: Callable[..., Any], form: str) -> str:
+    """A row for each network: its figures, means of the seeds, and its difference from the whole network."""
     folders = results.distinct("group")
     rows: dict[str, list[str]] = {name: [name] for name in ("none", "kandula2020")}
     for path in networks:
         rows.setdefault(row_name(path.parent.name), []).append(f"kandula2020@{path}")
-    lines = ["| | " + " | ".join([*folders, "mean"]) + " |", "|---" * (len(folders) + 2) + "|"]
-    for row, seeds in rows.items():
-        values = np.array([[figure(results, network, folder) for network in seeds] for folder in folders])
-        cells = [" / ".join(form.format(value) for value in of_seeds) for of_seeds in [*values, values.mean(0)]]
+    values = {row: [[figure(results, n, folder) for folder in folders] for n in seeds] for row, seeds in rows.items()}
+    lines = ["| | " + " | ".join([*folders, "mean", "difference from whole"]) + " |", "|---" * (len(folders) + 3) + "|"]
+    for row, seeds in values.items():
+        of_folders = [np.mean([middle(_all(of_seed[k])) for of_seed in seeds]) for k in range(len(folders))]
+        cells = [form.format(value) for value in (*of_folders, np.mean(of_folders))]
+        is_ablation = row != WHOLE and len(seeds) == len(values.get(WHOLE, [])) > 1
+        cells.append(_difference(seeds, values[WHOLE]) if is_ablation else "")
         lines.append(f"| {row} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def _all(values: dict[str, list[float]]) -> list[float]:
+    return [value for of_photo in values.values() for value in of_photo]
+
+
+def _difference(row: list[list[dict[str, list[float]]]], whole: list[list[dict[str, list[float]]]]) -> str:
+    """Mean difference, paired by photo and seed, and its 95 % interval: photos and seeds drawn with replacement."""
+    differences = np.array(
+        [
+            [
+                np.mean(of_row[photo]) - np.mean(of_whole[photo])
+                for of_row, of_whole in zip(*pair, strict=True)
+                for photo in of_whole
+            ]
+            for pair in zip(row, whole, strict=True)
+        ]
+    )
+    dice = np.random.default_rng(0)
+    seeds, photos = differences.shape
+    drawn = [
+        differences[dice.integers(seeds, size=seeds)][:, dice.integers(photos, size=photos)].mean()
+        for _ in range(DRAWS)
+    ]
+    low, high = np.percentile(drawn, (2.5, 97.5))
+    return f"{differences.mean():+.2f} ({low:+.2f} to {high:+.2f})"
 
 
 def row_name(network: str) -> str:

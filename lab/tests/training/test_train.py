@@ -272,8 +272,8 @@ def test_the_shipped_configurations_are_found_by_name(tmp_path: Path, monkeypatc
     assert {"segment-transformer", "kandula2020", "rengarajan2017-vanilla-bn-cpu"} <= set(shipped_configs())
     for name in shipped_configs():
         assert isinstance(load_config(name), TrainConfig)
-    short = load_config("kandula2020-no-edges", base="kandula2020-cpu-ablation")
-    assert (short.steps, short.network["width"], short.loss["rectified_edges"]) == (200, 16, 0)
+    short = load_config("kandula2020-no-edges", base="kandula2020-cpu-long-pictures")
+    assert (short.steps, short.network["width"], short.loss["rectified_edges"]) == (150, 16, 0)
 
 
 def test_a_file_of_ones_own_builds_on_a_shipped_configuration(tmp_path: Path) -> None:
