@@ -38,37 +38,38 @@ class Camera:
 
     readout: str = option(
         "auto",
-        "Direction in which the sensor was read, if an editor has turned the file. Default: that of a given motion, "
-        "else what the photo shows, else top-to-bottom.",
+        "Direction in which the sensor was read out, if an editor has rotated the file. Default: taken from "
+        "--motion or found in the photo, otherwise top-to-bottom.",
         choices=("auto", *Readout),
     )
     focal_px: float | None = option(
         None,
-        "Focal length in px of the photo, for methods that use it. Default: EXIF's, else 0.85 (width + height).",
+        "Focal length in px of the photo, for methods that use it. Default: from EXIF, otherwise 0.85 "
+        "(width + height).",
     )
     roll_deg: float | None = option(
         None,
-        "How far the camera was turned clockwise from upright in degrees, if you know it, for methods that use it.",
+        "Camera roll in degrees, clockwise from upright, if you know it; for methods that use it.",
         limits=(-MOST_ROLL_DEG, MOST_ROLL_DEG),
     )
     tilt_deg: float | None = option(
         None,
-        "How far the camera looked up in degrees, if you know it; -90 is straight down.",
+        "Camera tilt in degrees, if you know it: positive is up, -90 straight down.",
         limits=(-MOST_TILT_DEG, MOST_TILT_DEG),
     )
     exposure_s: float | None = option(
-        None, "Exposure time of the photo, in seconds. Default: EXIF's.", metavar="SECONDS"
+        None, "Exposure time of the photo, in seconds. Default: from EXIF.", metavar="SECONDS"
     )
     readout_ms: float | None = option(
         None,
-        "Readout time, from the first row to the last, in milliseconds. Default: what is usual for such cameras.",
+        "Readout time, from the first row to the last, in milliseconds. Default: the usual time for such a camera.",
         metavar="MS",
     )
     moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
     no_film: bool = option(False, "Do not use the film that belongs to a motion photo or Live Photo.")
     candidate: int | None = option(
         None,
-        "Take this motion of those that `unshutter estimate --candidates` lists, however unsure, instead of the first.",
+        "Undo candidate N from `unshutter estimate --candidates`, however unsure, instead of the first.",
         metavar="N",
     )
     at_any_odds: bool = False

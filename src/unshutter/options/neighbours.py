@@ -40,10 +40,13 @@ class Clock:
 
     readout_ratio: float | None = option(
         None,
-        "Time to read out a frame / time from frame to frame, 0 to 1. Default: found from a sequence, if it shows it.",
+        "Readout time of a frame divided by the time between frames, 0 to 1. Default: found from a sequence, if "
+        "possible.",
         limits=(0, 1),
     )
-    fps: float | None = option(None, "Frames per second; with the readout time, instead of the ratio.", metavar="N")
+    fps: float | None = option(
+        None, "Frames per second; together with the readout time, it replaces the ratio.", metavar="N"
+    )
     readout_ms: float | None = None  # set by the camera's option of this name
 
     def __post_init__(self) -> None:
@@ -113,28 +116,28 @@ class Neighbours:
     """
 
     before: Path | None = option(
-        None, "Frame taken just before the photo by the same camera; shows what moved.", names="input"
+        None, "Frame taken by the same camera just before the photo. It shows what moved.", names="input"
     )
     after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.", names="input")
     sequence: bool = option(
         False,
-        "The photos are frames of one camera at even intervals, in the order given (in folders: by name). Finds their "
-        "motions from each other, and the readout ratio, too, if you do not give it.",
+        "The photos are frames from one camera at even intervals, in the order given (in folders: by name). "
+        "Their motions are found from one another, and so is the readout ratio unless you give it.",
         page=False,
     )
     clock: Clock = field(default_factory=Clock)
     at: float | None = option(
         None,
-        "Moment of the picture, instead of a reference row, in frame intervals from the photo's first row: with "
-        "--after, 0.5 is halfway to the next frame.",
+        "Moment that the result shows, instead of that of a reference row. In frame intervals, "
+        "counted from the photo's first row: with --after, 0.5 is halfway to the next frame.",
     )
     model: FrameModel | None = option(
         None,
-        "camera: one motion for the whole picture. dense: near and far move differently. Default: the one that fits "
-        "the frames.",
+        "camera: one motion for the whole picture. dense: near and far objects may move differently. "
+        "Default: the one that fits the frames.",
     )
     fallback: bool = option(
-        False, "If the neighbours show no motion, use the photo alone. Default: leave the photo unchanged."
+        False, "If the neighbouring frames show no motion, use the photo alone. Default: leave the photo unchanged."
     )
 
     def __post_init__(self) -> None:

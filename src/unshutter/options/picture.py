@@ -53,22 +53,22 @@ class Undo:
     """
 
     reference: Reference | None = option(
-        None, "Row at whose moment the picture is taken. Default: that of a given motion, else first."
+        None, "Row whose capture time the result shows. Default: taken from --motion, otherwise first."
     )
     strength: float = option(
         1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.", limits=(0, MOST_STRENGTH)
     )
     edges: Edges = option(
         "auto",
-        "Places the photo did not see: keep them empty (black, transparent with alpha), crop them away, or fill them "
-        "with a mirror image of the photo. auto crops if that leaves at least 80 % of it, and keeps them otherwise and "
-        "where coordinates are those of the whole photo: with masks, saved motions and sequences, and for arrays and "
-        "Pillow images in Python. borrow takes them from the neighbouring frames. Default: auto.",
+        "Areas outside the original photo: keep them empty (black, or transparent with alpha), crop them away, "
+        "or fill them with a mirror image of the photo. auto crops if at least 80 % of the photo is left; "
+        "otherwise it keeps them, as it does where coordinates refer to the whole photo: with masks, saved motions and "
+        "sequences, and for arrays and Pillow images in Python. borrow takes them from the neighbouring frames. Default: auto.",
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
-        "Leave a photo unchanged if its motion is less sure than this; 0 undoes the likeliest motion, however unsure. "
-        "A motion that you give is undone whatever its confidence. "
+        "Leave a photo unchanged if the confidence in its motion is below this; 0 undoes the likeliest motion, however "
+        "unsure. A motion that you supply is undone whatever its confidence. "
         f"Default: {MIN_CONFIDENCE:g}.",
         limits=(0, 1),
     )
@@ -118,18 +118,18 @@ class Save:
     """
 
     format: PictureFormat | None = option(
-        None, "Format of the results. Default: the photo's own; AVIF for HEIC, 16-bit TIFF for raw files."
+        None, "File format of the results. Default: same as the photo; AVIF for HEIC, 16-bit TIFF for raw files."
     )
     quality: int | None = option(
-        None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: like the original.", limits=(1, 100)
+        None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: close to the original's.", limits=(1, 100)
     )
     subsampling: Subsampling | None = option(
-        None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: like the original."
+        None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: same as the original."
     )
-    keep_times: bool = option(False, "Give each result the access and modification time of its photo.", page=False)
+    keep_times: bool = option(False, "Give each result the access and modification times of its photo.", page=False)
     only_changed: bool = option(False, "Write only photos that change. Default: copy the others.", page=False)
     keep_names: bool = option(
-        False, "Give results the names of their photos, in the folder that --output names.", page=False
+        False, "Keep the photos' file names for the results, in the folder set by --output.", page=False
     )
 
     def __post_init__(self) -> None:

@@ -33,24 +33,26 @@ class Run:
         UsageError: a number is below 1, both ``jobs`` and ``scheduler`` are set, or a time limit with a scheduler.
     """
 
-    overwrite: bool = option(False, "Replace outputs that exist already, finished ones too.")
-    jobs: int | None = option(None, "Number of processes, each on one processor. Default: this one alone.")
+    overwrite: bool = option(False, "Replace existing outputs, including finished ones.")
+    jobs: int | None = option(None, "Number of processes, each on one processor. Default: a single process.")
     scheduler: str | None = option(
         None,
         "Address (tcp://HOST:PORT) of a Dask scheduler; its workers do the work (needs the extra `dask`).",
         names="word",
     )
-    dry_run: bool = option(False, "Say what would be done, and write nothing.")
-    json_log: Path | None = option(None, "Append what happens to this file, one JSON object a line.", names="output")
+    dry_run: bool = option(False, "List what would be done without writing anything.")
+    json_log: Path | None = option(
+        None, "Append a log of the run to this file, one JSON object per line.", names="output"
+    )
     manifest: str | None = option(
         None,
-        "Keep the list of finished results (unshutter-manifest.jsonl) in this folder. Default: with the results.",
+        "Keep the list of finished results (unshutter-manifest.jsonl) in this folder. Default: next to the results.",
         metavar="FOLDER",
         names="output",
     )
     preview: Path | None = option(
         None,
-        "Also make this picture: before and after, side by side; for a folder, a sheet of all its photos.",
+        "Also write this picture: before and after, side by side; for a folder, a contact sheet of all its photos.",
         metavar="FILE",
         names="output",
     )

@@ -35,18 +35,16 @@ class Settings:
         UnshutterError: there is no such folder.
     """
 
-    port: int = option(DEFAULT_PORT, f"Port to listen on; 0 takes one that is free. Default: {DEFAULT_PORT}.")
+    port: int = option(DEFAULT_PORT, f"Port to listen on; 0 picks a free one. Default: {DEFAULT_PORT}.")
     open: bool = option(False, "Open the page in the browser.")
-    folder: Path | None = option(
-        None, "Folder that the page may save to. Default: it offers downloads only.", names="output"
-    )
+    folder: Path | None = option(None, "Folder that the page may save to. Default: downloads only.", names="output")
     max_mb: int | None = option(
-        None, f"Refuse photos and clips that are larger, in megabytes. Default: {_PHOTO_MB}; clips {_CLIP_MB}."
+        None, f"Refuse photos and clips above this size, in megabytes. Default: {_PHOTO_MB}; clips {_CLIP_MB}."
     )
     max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
     token: str | None = option(
         None,
-        "Word that lets a browser or program in, at least 8 letters and digits. Default: a new one every time.",
+        "Access token for browsers and programs, at least 8 letters and digits. Default: a new one every time.",
         names="word",
     )
     host: str = option("127.0.0.1", "Address to listen on. Default: 127.0.0.1, this machine only.", names="word")

@@ -109,7 +109,10 @@ class FileJournal(Journal):
 
 
 class ObjectJournal(Journal):
-    """A journal in objects, one for the lines between two calls of :meth:`flush`; later lines of other runs are not seen."""
+    """A journal in objects, one for the lines between two calls of :meth:`flush`.
+
+    Lines that other runs add later are not seen.
+    """
 
     def __init__(self, folder: UPath, name: str, run: str):
         self._folder, self._name, self._run = folder, name, run

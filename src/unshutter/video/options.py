@@ -48,11 +48,12 @@ class Shutter:
         None, "Readout time of a frame, if you know it. Default: from the clip or the table of cameras.", metavar="MS"
     )
     readout_ratio: float | None = option(
-        None, "The same as a share of the time between two frames, above 0 and at most 1."
+        None, "Readout time as a share of the time between two frames, above 0 and at most 1."
     )
     camera: str | None = option(
         None,
-        "Name of the camera in the table of readout times; `unshutter cameras` lists them. Default: by its tags.",
+        "Name of the camera in the table of readout times; `unshutter cameras` lists them. Default: from the "
+        "clip's metadata.",
         names="word",
     )
     readout: str = option(
@@ -129,7 +130,8 @@ class ClipUndo:
     )
     model: FrameModel = option(
         "camera",
-        "camera: one motion for the whole frame. dense: near and far move differently; slower. Default: camera.",
+        "camera: one motion for the whole frame. dense: near and far objects may move differently; slower. "
+        "Default: camera.",
     )
 
     def __post_init__(self) -> None:
@@ -161,19 +163,19 @@ class Steadiness:
 
     stabilize: float | None = option(
         None,
-        f"Also smooth the camera's path: movements shorter than so many seconds go ({USUAL_PERIOD_S:g} without a "
-        "number). Frames are enlarged until no border shows.",
+        "Also smooth the camera's path: removes movements shorter than this many seconds "
+        f"({USUAL_PERIOD_S:g} if you give no number). Frames are enlarged until no border shows.",
         metavar="SECONDS",
         bare=USUAL_PERIOD_S,
     )
     zoom_limit: float | None = option(
         None,
-        "Most of the width and height that --stabilize may cut off, in per cent; where that is too little, it "
+        "Largest share of the width and height that --stabilize may cut off, in per cent; if that is not enough, it "
         f"smooths less. Default: {_ZOOM_LIMIT:g}.",
         metavar="PERCENT",
     )
     level: bool = option(
-        False, "With --stabilize: keep the horizon level. Needs a gyro log with acceleration.", page=False
+        False, "With --stabilize, keep the horizon level. Needs a gyro log that includes acceleration.", page=False
     )
 
     def __post_init__(self) -> None:

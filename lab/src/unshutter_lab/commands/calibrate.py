@@ -28,8 +28,8 @@ class Arguments:
     )
     photos: int | None = option(None, "Use at most N photos of each folder, chosen by the seed. Default: all.")
     seed: int = option(0, "Same seed and data, same file. Default: 0.")
-    jobs: int | None = option(None, "Number of processes. Default: one for each processor.")
-    overwrite: bool = option(False, "Delete a run with other settings that the folder holds.")
+    jobs: int | None = option(None, "Number of processes. Default: one per processor.")
+    overwrite: bool = option(False, "Delete an earlier run with other settings from the folder.")
 
 
 def run(arguments: Arguments) -> int:

@@ -33,7 +33,7 @@ class Arguments:
         "tables.",
         "input",
     )
-    estimators: str = option("all", "Names with commas between them, or all. Default: all.", names="word")
+    estimators: str = option("all", "Names separated by commas, or all. Default: all.", names="word")
     protocol: ProtocolName = option("synthetic", "What is measured (docs/research/evaluate.md). Default: synthetic.")
     output: Path = option(
         Path("evaluation"),
@@ -55,8 +55,8 @@ class Arguments:
         "For pairs of consecutive frames: readout time / frame interval, one number for each folder. Then also finds "
         "motion from neighbours.",
     )
-    jobs: int | None = option(None, "Number of processes. Default: one for each processor.")
-    overwrite: bool = option(False, "Delete a run with other settings that the folder holds.")
+    jobs: int | None = option(None, "Number of processes. Default: one per processor.")
+    overwrite: bool = option(False, "Delete an earlier run with other settings from the folder.")
 
 
 def run(arguments: Arguments) -> int:
@@ -78,4 +78,4 @@ def run(arguments: Arguments) -> int:
     return 1 if unusable else 0
 
 
-COMMAND = Command("Measure methods side by side on the same pictures.", Arguments, run)
+COMMAND = Command("Compare methods on the same pictures.", Arguments, run)

@@ -34,4 +34,4 @@ def run(arguments: Arguments) -> int:
     return synthesize_files(arguments.photos, arguments.output, arguments.pictures)
 
 
-COMMAND = Command("Make rolling-shutter pictures with known motion from undistorted photos.", Arguments, run)
+COMMAND = Command("Make rolling-shutter pictures with a known motion from undistorted photos.", Arguments, run)

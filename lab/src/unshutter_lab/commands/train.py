@@ -61,4 +61,4 @@ def run(arguments: Arguments) -> int:
     return 0
 
 
-COMMAND = Command("Train a network as a configuration says (needs the extra `train`).", Arguments, run)
+COMMAND = Command("Train a network from a configuration (needs the extra `train`).", Arguments, run)

@@ -96,7 +96,7 @@ class SynthesizeClip:
         UsageError: numbers that cannot be.
     """
 
-    video: bool = option(False, "Make a clip with sound instead of pictures: rs.mp4, and gs.mp4 as it should be.")
+    video: bool = option(False, "Make a clip with sound instead of pictures: rs.mp4, and the undistorted gs.mp4.")
     seconds: float = option(5.0, "Length of the clip in seconds. Default: 5.", metavar="S")
     fps: float = option(30.0, "Frames per second. Default: 30.", metavar="N")
     frame: str = option(

@@ -17,7 +17,7 @@ _FILES = {"PATH", "FILE", "FOLDER"}  # metavars
 class Completion:
     """Arguments of ``unshutter completion``."""
 
-    shell: str = field(metadata={"help": "The shell that is to complete.", "positional": True, "choices": SHELLS})
+    shell: str = field(metadata={"help": "Shell to write completions for.", "positional": True, "choices": SHELLS})
 
 
 def run(arguments: Completion) -> int:
@@ -74,7 +74,7 @@ def _complete(action: argparse.Action, files: object) -> None:
 
 
 COMPLETION = Command(
-    """Print what a shell needs to complete unshutter's commands, options and their values.
+    """Print a shell completion script for unshutter's commands, options and values.
 
 bash: unshutter completion bash > ~/.local/share/bash-completion/completions/unshutter
 zsh:  unshutter completion zsh > FOLDER/_unshutter

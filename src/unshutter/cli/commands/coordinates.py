@@ -22,15 +22,15 @@ class Map:
         "output",
         short="-o",
     )
-    inverse: bool = option(False, "The map that distorts: from the straightened picture back to the photo.")
+    inverse: bool = option(False, "Write the inverse map, from the straightened picture back to the photo.")
     size: str | None = option(
         None,
-        "Width and height of the map, for a scaled copy of the photo. Default: the photo's own.",
+        "Width and height of the map, for a scaled copy of the photo. Default: same as the photo.",
         metavar="WxH",
         names="word",
     )
     reference: Reference | None = option(
-        None, "Row at whose moment the picture is taken. Default: the motion file's, else first."
+        None, "Row whose capture time the result shows. Default: taken from the motion file, otherwise first."
     )
     overwrite: bool = option(False, "Replace a map that exists already.")
     find: Find = field(default_factory=Find)

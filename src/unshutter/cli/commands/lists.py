@@ -20,7 +20,7 @@ def _models(arguments: Models) -> int:
     return 0
 
 
-MODELS = Command("List the methods: what each does, how large it is, how well it does.", Models, _models)
+MODELS = Command("List the methods: what each one does, its size and its accuracy.", Models, _models)
 
 
 @dataclass(frozen=True)

@@ -20,19 +20,21 @@ class RectifyPhotos:
     )
     output: str | None = option(
         None,
-        "File to write (one photo), or folder (several), which gets the structure of the given ones. "
+        "File to write (one photo), or folder (several photos; subfolders are kept). "
         "Default: NAME.rectified.EXT next to each photo.",
         short="-o",
         metavar="PATH",
         names="output",
     )
-    motion: Path | None = option(None, "Undo the motion in this JSON file instead of finding it.", names="input")
+    motion: Path | None = option(
+        None, "Undo the motion in this JSON file (from --save-motion) instead of finding one.", names="input"
+    )
     save_motion: str | None = option(
         None, "Also write the motion: a JSON file (one photo) or a folder (several).", metavar="PATH", names="output"
     )
     masks: str | None = option(
         None,
-        "Also write masks of the pixels that the photo saw into this folder: NAME.EXT.png, as COLMAP reads them.",
+        "Also write a mask of the valid pixels of each result into this folder: NAME.EXT.png, as COLMAP expects.",
         metavar="FOLDER",
         names="output",
     )
@@ -91,11 +93,11 @@ class Estimate:
         short="-o",
         names="output",
     )
-    reference: Reference = option("first", "Row that counts as not moving. Default: first.")
+    reference: Reference = option("first", "Row that the motion is measured from. Default: first.")
     candidates: bool = option(
         False,
-        "List the few motions that fit each photo, with kind, probability and expected error, instead of the first "
-        "alone. rectify --candidate N undoes one of them.",
+        "List all motions that fit each photo, with kind, probability and expected error, instead of only the "
+        "likeliest. rectify --candidate N undoes one of them.",
     )
     plot: Path | None = option(
         None,
@@ -105,7 +107,7 @@ class Estimate:
     )
     lines: Path | None = option(
         None,
-        "Lines that you drew along things in one photo (JSON, docs/guide/by-hand.md): its motion is found from them.",
+        "Find the photo's motion from lines that you drew in it (JSON, docs/guide/by-hand.md).",
         metavar="FILE",
         names="input",
     )
