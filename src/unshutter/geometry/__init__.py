@@ -1,1 +1,1 @@
-"""The geometry of a rolling shutter: rows, rotations, the direction of the readout."""
+"""The geometry of a rolling shutter: rows, rotations and the readout direction."""

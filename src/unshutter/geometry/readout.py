@@ -1,7 +1,7 @@
-"""How stored pixels lie: the direction in which the sensor read them out, and EXIF's orientation for viewers.
+"""Orientation of the stored pixels: the sensor's readout direction, and EXIF's orientation for viewers.
 
-Convention: everything inside the package works in the **readout frame**: the picture turned (never
-mirrored) so that the line read first is the top row. Only this file knows how to get there and back.
+Convention: everything inside the package works in the **readout frame**: the picture rotated (never
+mirrored) so that the line read first is the top row. Only this file converts to this frame and back.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Readout(StrEnum):
-    """Direction in which the lines of the *stored* pixels were read, first to last."""
+    """Direction in which the lines of the *stored* pixels were read out, first to last."""
 
     TOP_TO_BOTTOM = "top-to-bottom"
     BOTTOM_TO_TOP = "bottom-to-top"
@@ -25,10 +25,10 @@ class Readout(StrEnum):
 
     @classmethod
     def parse(cls, word: str) -> Readout:
-        """Reads a direction; ``auto`` is top-to-bottom, the order in which cameras store what they read.
+        """Parses a direction; ``auto`` is top-to-bottom, the order in which cameras store lines.
 
         Raises:
-            UsageError: the word names no direction.
+            UsageError: the word is not a direction.
         """
         if word == "auto":
             return cls.TOP_TO_BOTTOM
@@ -40,26 +40,26 @@ class Readout(StrEnum):
 
     @property
     def quarter_turns(self) -> int:
-        """Counter-clockwise quarter turns that bring stored pixels into the readout frame."""
+        """Counter-clockwise quarter turns that rotate stored pixels into the readout frame."""
         return {"top-to-bottom": 0, "right-to-left": 1, "bottom-to-top": 2, "left-to-right": 3}[self.value]
 
     @property
     def sideways(self) -> bool:
-        """Whether lines are columns of the stored pixels."""
+        """Whether readout lines are columns of the stored pixels."""
         return self.quarter_turns % 2 == 1
 
     def frame_size(self, height: int, width: int) -> tuple[int, int]:
-        """(height, width) of the readout frame of stored pixels of that size; its own inverse."""
+        """Returns (height, width) of the readout frame for stored pixels of that size, or the reverse."""
         return (width, height) if self.sideways else (height, width)
 
     def turn(self, pixels: np.ndarray) -> np.ndarray:
-        """Stored pixels [H, W, ...] -> readout frame."""
+        """Rotates stored pixels [H, W, ...] into the readout frame."""
         import numpy as np
 
         return np.rot90(pixels, self.quarter_turns)
 
     def points_to_frame(self, col, row, height: int, width: int):
-        """Stored pixel positions (of a stored picture height x width) -> positions in the readout frame."""
+        """Converts stored pixel positions (in a stored picture of height x width) to positions in the readout frame."""
         last_col, last_row = width - 1, height - 1
         return {
             0: lambda: (col, row),
@@ -69,7 +69,7 @@ class Readout(StrEnum):
         }[self.quarter_turns]()
 
     def points_to_stored(self, col, row, height: int, width: int):
-        """Positions in the readout frame -> positions in the stored picture of height x width."""
+        """Converts positions in the readout frame to positions in the stored picture of height x width."""
         last_col, last_row = width - 1, height - 1
         return {
             0: lambda: (col, row),
@@ -80,10 +80,10 @@ class Readout(StrEnum):
 
 
 def scene_up(orientation: int, readout: Readout) -> tuple[int, int]:
-    """Unit vector (right, down) that points to the scene's top in the readout frame.
+    """Returns the unit vector (right, down) that points to the top of the scene in the readout frame.
 
     Args:
-        orientation: EXIF orientation 1-8 of the stored pixels; anything else counts as 1.
+        orientation: EXIF orientation 1-8 of the stored pixels; any other number counts as 1.
         readout: readout direction of the stored pixels.
     """
     right, down = Orientation(orientation).scene_up
@@ -92,7 +92,7 @@ def scene_up(orientation: int, readout: Readout) -> tuple[int, int]:
     return right, down
 
 
-# What a viewer does to the stored pixels: quarter turns clockwise, after mirroring them left to right or not.
+# (quarter turns clockwise, whether mirrored left to right before) that a viewer applies to stored pixels.
 _STEPS = {
     **{1: (0, False), 6: (1, False), 3: (2, False), 8: (3, False)},
     **{2: (0, True), 7: (1, True), 4: (2, True), 5: (3, True)},
@@ -100,7 +100,7 @@ _STEPS = {
 
 
 class Orientation(IntEnum):
-    """What a viewer does to stored pixels before it shows them; the values are EXIF's. Any other number counts as 1."""
+    """The transformation that a viewer applies to stored pixels, with EXIF's values. Any other number counts as 1."""
 
     NORMAL = 1
     FLIP_LEFT_RIGHT = 2
@@ -117,61 +117,61 @@ class Orientation(IntEnum):
 
     @classmethod
     def of_steps(cls, quarter_turns: int, mirrored: bool = False) -> Orientation:
-        """The orientation that mirrors left to right or not, then makes that many quarter turns clockwise."""
+        """Returns the orientation that optionally mirrors left to right, then makes some quarter turns clockwise."""
         return next(cls(value) for value, steps in _STEPS.items() if steps == (quarter_turns % 4, mirrored))
 
     @property
     def quarter_turns(self) -> int:
-        """Quarter turns clockwise, 0 to 3, made after the mirroring."""
+        """Quarter turns clockwise, 0 to 3, made after mirroring."""
         return _STEPS[self][0]
 
     @property
     def mirrored(self) -> bool:
-        """Whether the stored pixels are mirrored left to right, before they are turned."""
+        """Whether the stored pixels are mirrored left to right before they are rotated."""
         return _STEPS[self][1]
 
     @property
     def swaps_sides(self) -> bool:
-        """Whether the width of the upright picture is the height of the stored one."""
+        """Whether upright and stored pictures have width and height swapped."""
         return self.quarter_turns % 2 == 1
 
     def then(self, other: Orientation) -> Orientation:
-        """The single orientation that does what this one and then the other one do."""
+        """Returns the single orientation equivalent to this one followed by the other one."""
         turns = -self.quarter_turns if other.mirrored else self.quarter_turns
         return Orientation.of_steps(turns + other.quarter_turns, self.mirrored != other.mirrored)
 
     def size(self, height: int, width: int) -> tuple[int, int]:
-        """(height, width) of the upright picture of a stored one of that size, and the reverse."""
+        """Returns (height, width) of the upright picture for a stored one of that size, or the reverse."""
         return (width, height) if self.swaps_sides else (height, width)
 
     def upright(self, pixels: np.ndarray) -> np.ndarray:
-        """Stored pixels [H, W, ...] -> a view of them as a viewer shows them."""
+        """Returns a view of stored pixels [H, W, ...] as shown by a viewer."""
         import numpy as np
 
         return np.rot90(pixels[:, ::-1] if self.mirrored else pixels, -self.quarter_turns)
 
     def stored(self, pixels: np.ndarray) -> np.ndarray:
-        """Pixels [H, W, ...] as a viewer shows them -> a view of them as they are stored."""
+        """Returns a view of upright pixels [H, W, ...] as they are stored."""
         import numpy as np
 
         turned = np.rot90(pixels, self.quarter_turns)
         return turned[:, ::-1] if self.mirrored else turned
 
     def upright_point(self, across, down):
-        """A place in the stored picture, as shares of its width and height -> its shares of the upright picture's."""
+        """Converts a position in the stored picture to the upright picture, as fractions of width and height."""
         across = 1 - across if self.mirrored else across
         for _ in range(self.quarter_turns):
             across, down = 1 - down, across
         return across, down
 
     def stored_point(self, across, down):
-        """A place in the upright picture, as shares of its width and height -> its shares of the stored picture's."""
+        """Converts a position in the upright picture to the stored picture, as fractions of width and height."""
         for _ in range(self.quarter_turns):
             across, down = down, 1 - across
         return 1 - across if self.mirrored else across, down
 
     def upright_direction(self, right: int, down: int) -> tuple[int, int]:
-        """A direction in the stored picture -> the same direction in the upright one, both as (right, down)."""
+        """Converts a direction (right, down) in the stored picture to the upright one."""
         right = -right if self.mirrored else right
         for _ in range(self.quarter_turns):
             right, down = -down, right

@@ -1,4 +1,4 @@
-"""The rolling-shutter geometry of a camera that turns about all three axes, for NumPy arrays and torch tensors alike.
+"""Rolling-shutter geometry of a camera that rotates about all three axes, for NumPy arrays and torch tensors alike.
 
 Convention: camera axes are columns to the right (x), rows down (y), and the viewing direction (z). With coordinates
 about the picture's centre, a position is the direction d = (col, row, f), f the focal length in pixels. A point that
@@ -6,12 +6,12 @@ the global-shutter (GS) picture shows in direction d_gs appears in the rolling-s
 
     d_rs ~ R(row_rs) d_gs,        R = exp([r_x, r_y, r_z]_x)
 
-where R is the rotation of the RS row that saw it: the row homography K R K^-1. Signs are those of geometry.py:
+where R is the rotation of the RS row that saw the point: the row homography K R K^-1. Signs are those of rows.py:
 
     r_z alone is Eq. 1 with t_x = 0;   r_y > 0 moves the centre by f tan(r_y) columns to the right;
     r_x > 0 moves it by f tan(r_x) rows up.
 
-Rotations between two rows lie on the shortest arc between theirs. Nothing is linearised.
+Rotations between two rows are interpolated on the shortest arc. Nothing is linearised.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from unshutter.geometry.rows import Array, constant, namespace
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float
 
-# (row) -> (R [..., 3, 3], its rate w [..., 3] per row: dR / d row = [w]_x R), leading shape that of row
+# (row) -> (R [..., 3, 3], its rate w [..., 3] per row: dR / d row = [w]_x R), leading shape as row
 RowRotation = Callable[[Array], tuple[Array, Array]]
-_SETTLED_PX = 1e-6  # of a Newton step
-_SMALL = 1e-4  # rad; below it three terms of a series are exact to double precision
+_SETTLED_PX = 1e-6  # size of a Newton step at convergence
+_SMALL = 1e-4  # rad; below this, three terms of a series are exact to double precision
 
 
 def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]:
-    """Rodrigues' formula: rotation vectors [..., 3] (axis times angle [rad]) -> matrices [..., 3, 3].
+    """Converts rotation vectors [..., 3] (axis times angle [rad]) to matrices [..., 3, 3] by Rodrigues' formula.
 
     Examples:
         >>> np.round(rotation_matrix(np.array([0.0, 0.0, np.pi / 2])) @ [1, 0, 0], 3)  # a quarter turn clockwise
@@ -54,7 +54,7 @@ def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]:
 
 
 def rotation_vector(matrices: Float[Array, "*at 3 3"]) -> Float[Array, "*at 3"]:
-    """Matrices [..., 3, 3] -> rotation vectors [..., 3]: the inverse of :func:`rotation_matrix` below half a turn.
+    """Converts matrices [..., 3, 3] to rotation vectors [..., 3], inverting :func:`rotation_matrix` below half a turn.
 
     Examples:
         >>> rotation_vector(rotation_matrix(np.array([0.1, 0.2, 0.3]))).round(3)
@@ -63,7 +63,7 @@ def rotation_vector(matrices: Float[Array, "*at 3 3"]) -> Float[Array, "*at 3"]:
     xp = namespace(matrices)
     m = matrices
     twice = xp.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], axis=-1)
-    square = xp.sum(twice * twice, axis=-1) / 4  # of the sine
+    square = xp.sum(twice * twice, axis=-1) / 4  # squared sine
     small = square < _SMALL**2
     sine = xp.sqrt(xp.where(small, xp.ones_like(square), square))
     cosine = (m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2] - 1) / 2
@@ -79,16 +79,16 @@ def rotate_position(
     focal_px: float,
     center: tuple,
 ) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
-    """The homography K R K^-1: where a position goes when the camera's picture is turned by R.
+    """Applies the homography K R K^-1: moves positions as when the camera's picture is rotated by R.
 
     Args:
-        col, row: positions [px], of one shape [...].
-        rotation: [..., 3, 3], of each position.
+        col, row: positions [px], of the same shape [...].
+        rotation: [..., 3, 3], rotation for each position.
         focal_px: focal length [px].
         center: (col, row) of the principal point [px].
 
     Returns:
-        (col, row) [px]; NaN where the direction turns behind the camera.
+        (col, row) [px]; NaN where the rotated direction is behind the camera.
 
     Examples:
         >>> turn = rotation_matrix(np.array([0.0, np.arctan(0.1), 0.0]))  # about the vertical axis
@@ -103,16 +103,16 @@ def rotate_position(
 def rotated_rs_to_gs(
     col: Float[Array, "*at"], row: Float[Array, "*at"], row_rotation: RowRotation, focal_px: float, center: tuple
 ) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
-    """RS positions -> GS positions, closed form: each row's homography undone.
+    """Converts RS positions to GS positions in closed form, undoing each row's homography.
 
     Args:
-        col, row: RS positions [px], of one shape.
+        col, row: RS positions [px], of the same shape.
         row_rotation: RS row -> its rotation; see :func:`row_rotation_from_samples`.
         focal_px: focal length [px].
         center: (col, row) of the principal point [px].
 
     Returns:
-        (col, row) of the GS positions [px]; NaN where the direction lies behind the camera.
+        (col, row) of the GS positions [px]; NaN where the direction is behind the camera.
 
     Examples:
         >>> turns = row_rotation_from_samples(rotation_matrix(np.zeros((480, 3))))  # the camera stood still
@@ -132,21 +132,21 @@ def rotated_gs_to_rs(
     center: tuple,
     steps: int = 8,
 ) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
-    """GS positions -> RS positions, the exact inverse of :func:`rotated_rs_to_gs`.
+    """Converts GS positions to RS positions, the exact inverse of :func:`rotated_rs_to_gs`.
 
-    Newton's method on the RS row v, which must be the row to which its own rotation takes the point. The residual
+    Newton's method on the RS row v, which must be the row to which its own rotation moves the point. The residual
     is below 1e-3 px for rotations up to 15 degrees about each axis over the rows (tested). In torch the derivative
     is that of the implicit function: all steps but the last run on constants.
 
     Args:
-        col, row: GS positions [px], of one shape.
+        col, row: GS positions [px], of the same shape.
         row_rotation: RS row -> its rotation and rate.
         focal_px: focal length [px].
         center: (col, row) of the principal point [px].
-        steps: Newton steps at most.
+        steps: maximum number of Newton steps.
 
     Returns:
-        (col, row) of the RS positions [px]; NaN where the direction turns behind the camera.
+        (col, row) of the RS positions [px]; NaN where the rotated direction is behind the camera.
 
     Examples:
         >>> turns = row_rotation_from_samples(rotation_matrix(np.linspace([0, 0, 0], [0, 0.1, 0], 480)))
@@ -167,13 +167,13 @@ def rotated_gs_to_rs(
     residual, slope = _row_residual(v, col, row, row_rotation, focal_px, center)
     v = v - residual / constant(slope)
     rotation, _ = row_rotation(v)
-    return rotate_position(col, row, rotation, focal_px, center)[0] + 0.0 * v, v  # both NaN or none
+    return rotate_position(col, row, rotation, focal_px, center)[0] + 0.0 * v, v  # both NaN or neither
 
 
 def _row_residual(
     v: Array, col: Array, row: Array, row_rotation: RowRotation, focal_px: float, center: tuple
 ) -> tuple[Array, Array]:
-    """Row v less the row on which the rotation of row v shows the point, and the slope of that in v."""
+    """Returns v minus the row on which the rotation of row v shows the point, and its derivative with respect to v."""
     rotation, rate = row_rotation(v)
     x, y, z = _turned(col, row, rotation, focal_px, center)
     residual = v - (y / z * focal_px + center[1])
@@ -183,7 +183,7 @@ def _row_residual(
 
 
 def _turned(col: Array, row: Array, rotation: Array, focal_px: float, center: tuple) -> tuple[Array, Array, Array]:
-    """R d of the positions' directions d; z is NaN where it is not in front of the camera."""
+    """Returns R d for the directions d of positions; z is NaN where it is not in front of the camera."""
     xp = namespace(rotation)
     dx, dy = (col - center[0]) / focal_px, (row - center[1]) / focal_px
     x, y, z = (rotation[..., i, 0] * dx + rotation[..., i, 1] * dy + rotation[..., i, 2] for i in range(3))
@@ -191,9 +191,9 @@ def _turned(col: Array, row: Array, rotation: Array, focal_px: float, center: tu
 
 
 def row_rotation_from_samples(rotations: Float[Array, "rows 3 3"]) -> RowRotation:
-    """Row rotations from one sample per row, on the shortest arc between them; constant beyond first and last row.
+    """Interpolates one rotation per row on the shortest arc; constant beyond the first and last row.
 
-    Arcs do not depend on the pose from which rotations are counted, so that a change of the reference is exact.
+    Arcs do not depend on the pose that rotations refer to, so a change of the reference is exact.
 
     Args:
         rotations: matrices at rows 0 ... H - 1, shape [H, 3, 3].

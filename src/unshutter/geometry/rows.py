@@ -1,14 +1,14 @@
-"""The rolling-shutter geometry, written once, for NumPy arrays and torch tensors alike.
+"""Rolling-shutter geometry, implemented once for NumPy arrays and torch tensors alike.
 
 Convention (paper, Eq. 1, with the axes and signs of the predecessor's program): time runs along rows.
-With coordinates about the rotation centre, columns to the right and rows down, pixel centres at whole
+With coordinates relative to the rotation centre, columns to the right and rows down, pixel centres at whole
 numbers, a point of the global-shutter (GS) picture appears in the rolling-shutter (RS) picture at
 
     col_rs = col_gs * cos(r) - row_gs * sin(r) + t
     row_rs = col_gs * sin(r) + row_gs * cos(r)
 
-where t (t_x, in pixels) and r (r_z, in radians) are the motion of the RS row that saw it, ``row_rs``.
-All functions broadcast; nothing here knows about files, images or estimators.
+where t (t_x, in pixels) and r (r_z, in radians) are the motion of the RS row that saw the point, ``row_rs``.
+All functions broadcast; nothing here depends on files, images or estimators.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float, Real
 
 Array = Any
-# (row) -> (t_x, r_z, d r_z / d row), each of the shape of row
+# (row) -> (t_x, r_z, d r_z / d row), each with the shape of row
 MotionAtRow = Callable[[Array], tuple[Array, Array, Array]]
 
 
@@ -31,11 +31,11 @@ def rs_to_gs(
     rz: Float[Array, "*#at"],
     center: tuple = (0.0, 0.0),
 ) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
-    """RS positions -> GS positions, closed form (paper, Eq. 1, solved for the GS side).
+    """Converts RS positions to GS positions in closed form (paper, Eq. 1, solved for the GS side).
 
     Args:
         col, row: RS positions [px], any shape.
-        tx, rz: motion [px], [rad] of the row that each position lies on; broadcast against col and row.
+        tx, rz: motion [px], [rad] of the row that each position is on; broadcast against col and row.
         center: (col, row) of the rotation centre [px].
 
     Returns:
@@ -58,9 +58,9 @@ def gs_to_rs_by_row_map(
     rz: Float[Array, "*#at"],
     center: tuple = (0.0, 0.0),
 ) -> tuple[Float[Array, "*at"], Float[Array, "*at"]]:
-    """GS positions -> RS positions when the motion of each GS position is given (paper, Eq. 1 as written).
+    """Converts GS positions to RS positions with a given motion for each GS position (paper, Eq. 1 as written).
 
-    This is what the paper's row block needs: its row map says which row's motion to look up. With the
+    The paper's row block needs this: its row map states which row's motion to look up. With the
     motion of the true RS row it equals :func:`gs_to_rs`.
 
     Args:
@@ -88,7 +88,7 @@ def gs_to_rs(
     center: tuple = (0.0, 0.0),
     steps: int = 6,
 ) -> tuple[Float[Array, "*#at"], Float[Array, "*at"]]:
-    """GS positions -> RS positions, the exact inverse of :func:`rs_to_gs`.
+    """Converts GS positions to RS positions, the exact inverse of :func:`rs_to_gs`.
 
     Newton's method on the RS row v, which must solve v = row_rs(v): f(v) = v - x sin r(v) - y cos r(v).
     Starts at the GS row. The residual is below 1e-3 px after ``steps`` iterations for every motion of the
@@ -98,10 +98,10 @@ def gs_to_rs(
 
     Args:
         col, row: GS positions [px], any shape.
-        row_motion: RS row -> (t_x, r_z, slope of r_z per row); see :func:`row_motion_from_samples` and
+        row_motion: RS row -> (t_x, r_z, derivative of r_z per row); see :func:`row_motion_from_samples` and
             :func:`row_motion_from_polynomial`.
         center: (col, row) of the rotation centre [px].
-        steps: Newton steps.
+        steps: number of Newton steps.
 
     Returns:
         (col, row) of the RS positions [px].
@@ -137,7 +137,7 @@ def _row_residual(v: Array, x: Array, y: Array, row_motion: MotionAtRow, center_
 
 
 def namespace(a: Array) -> Any:
-    """The array API functions for an array. NumPy 2 speaks it itself; wrapping NumPy would cost 60 ms to import.
+    """Returns the array API functions for an array. NumPy 2 implements it; wrapping NumPy would take 60 ms to import.
 
     Examples:
         >>> namespace(np.zeros(3)).__name__
@@ -152,7 +152,7 @@ def namespace(a: Array) -> Any:
 
 
 def constant(a: Array) -> Array:
-    """The array without its gradient (torch); NumPy arrays as they are.
+    """Returns the array without its gradient (torch); NumPy arrays unchanged.
 
     Examples:
         >>> constant(np.arange(3))
@@ -162,7 +162,7 @@ def constant(a: Array) -> Array:
 
 
 def row_motion_from_samples(tx: Float[Array, "rows"], rz: Float[Array, "rows"]) -> MotionAtRow:
-    """Row motion by linear interpolation of one sample per row; constant beyond the first and last row.
+    """Interpolates row motion linearly between one sample per row; constant beyond the first and last row.
 
     Args:
         tx, rz: samples at rows 0 ... H - 1 [px], [rad], shape [H].
@@ -200,12 +200,12 @@ def row_motion_from_polynomial(
     first: Any,
     last: Any,
 ) -> MotionAtRow:
-    """Row motion from polynomials in u = (row - first) / (last - first); constant beyond u = 0 and 1.
+    """Evaluates row motion from polynomials in u = (row - first) / (last - first); constant beyond u = 0 and 1.
 
     Args:
         tx_coefficients: [K] or [..., K]: coefficients of u^0, u^1, ... [px]; leading dimensions broadcast
-            against the rows that are asked for.
-        rz_coefficients: the same of r_z [rad].
+            against the requested rows.
+        rz_coefficients: coefficients of r_z [rad], in the same form.
         first, last: coordinates of the first and the last row.
 
     Examples:
@@ -227,7 +227,7 @@ def row_motion_from_polynomial(
 
 
 def polynomial(coefficients: Float[Array, "*#at terms"], u: Float[Array, "*#at"]) -> Float[Array, "*at"]:
-    """Value of the polynomial with coefficients [..., K] (of u^0, u^1, ...) at u, by Horner's rule.
+    """Evaluates the polynomial with coefficients [..., K] (of u^0, u^1, ...) at u, by Horner's rule.
 
     ``coefficients[..., k]`` broadcasts against u.
 
@@ -242,17 +242,17 @@ def polynomial(coefficients: Float[Array, "*#at terms"], u: Float[Array, "*#at"]
 
 
 def polynomial_projection(rows: int, degree: int, like: Float[Array, "..."]) -> Float[Array, "{rows} {degree+1}"]:
-    """Least-squares fit of a polynomial as a fixed matrix (the paper's trajectory module).
+    """Returns the least-squares fit of a polynomial as a fixed matrix (the paper's trajectory module).
 
-    ``coefficients = values @ projection``: the fit over u = row / (rows - 1).
+    ``coefficients = values @ projection`` is the fit over u = row / (rows - 1).
 
     Args:
         rows: number of samples, at least degree + 1.
-        degree: of the polynomial.
-        like: an array whose library, dtype and device the matrix takes.
+        degree: degree of the polynomial.
+        like: array that determines library, dtype and device of the matrix.
 
     Returns:
-        [rows, degree + 1].
+        The matrix [rows, degree + 1].
 
     Examples:
         >>> values = np.array([1.0, 2.0, 3.0])

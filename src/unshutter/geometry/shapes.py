@@ -1,16 +1,16 @@
-"""The words in which annotations say what an array holds and what shape it has.
+"""Annotation types that state an array's data type and shape.
 
     if TYPE_CHECKING:
         from unshutter.geometry.shapes import Float
 
     def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]: ...
 
-The words are jaxtyping's. A dimension is a number, or a name that stands for the same number wherever it appears in
-one signature; ``*at`` is any number of dimensions, ``#`` before a name lets it broadcast, ``_`` and ``...`` may be
-anything, and ``{...}`` is worked out from the arguments.
+The types are jaxtyping's. A dimension is a number, or a name that stands for the same number wherever it appears in
+one signature; ``*at`` is any number of dimensions, ``#`` before a name allows broadcasting, ``_`` and ``...`` match
+anything, and ``{...}`` is computed from the arguments.
 
-To type checkers they are the array's type alone. While the tests run, each call is checked (tests/support/checked.py).
-Nothing else imports this module: jaxtyping is not needed to use the package.
+Type checkers see only the array's type. In tests, each call is checked (tests/support/checked.py).
+Only type checking imports this module, so the package does not need jaxtyping at run time.
 """
 
 from typing import TYPE_CHECKING

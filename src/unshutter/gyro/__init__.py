@@ -1,1 +1,1 @@
-"""Gyro logs: read, aligned with a clip's picture, and turned into the rotation of every row."""
+"""Gyro logs: reads them, aligns them with a clip's picture, and computes the rotation of every row."""

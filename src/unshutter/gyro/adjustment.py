@@ -1,13 +1,13 @@
-"""All unknowns of an alignment, adjusted together until it predicts the tracks of a clip best.
+"""Adjusts all unknowns of an alignment together until it best predicts the tracks of a clip.
 
 A camera turns a direction d that it sees at one moment into R(t1) R(t0)^T d. A track of a corner from row y0 of one
-frame to row y1 of the next shows that rotation between the moments of two rows. So with the log's rates, turned into
-the camera's axes and shifted by an offset, every track is predicted, and what it is off by shows what is wrong about
-the axes, the offset, the focal length and the readout ratio: Gauss-Newton, errors of tracks taken as Student's t.
+frame to row y1 of the next shows the rotation between the exposures of the two rows. Thus the log's rates, rotated to
+the camera's axes and shifted by an offset, predict every track, and the errors of the predictions show how to correct
+the axes, the offset, the focal length and the readout ratio: Gauss-Newton, with Student's t for the errors of tracks.
 
-What translation adds to a pair of frames is unknown for each pair, and as large as it turns out to be: where the camera
-only turns, it is small, and frames tell all; where it walks, what rows of one frame differ by still tells much. It is
-the motion that a plane would show (eight numbers), with a part that stays or changes evenly over the clip.
+Translation adds an unknown motion to each pair of frames, whose size is estimated too: if the camera only turns, it is
+small, and whole frames are informative; if it walks, the differences between rows of a frame still are. It is modelled
+as the motion of a plane (eight numbers), with a part that is constant or changes linearly over the clip.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ from unshutter.gyro.log import GyroLog
 
 _HALF = ROWS / 2
 _ROUNDS = 20
-_NEGLIGIBLE = 0.05  # standard deviations: unknowns that change by less do not change
-_MOST_TRACKS = 40  # of a pair: more only take longer
-_STRETCH = 8  # pairs of frames that err together
-_COMMON = 4.0  # tracks err together: a variance of n tracks is worth one of n / _COMMON
+_NEGLIGIBLE = 0.05  # standard deviations: smaller changes of unknowns count as none
+_MOST_TRACKS = 40  # per pair: more only take longer
+_STRETCH = 8  # number of consecutive pairs of frames with correlated errors
+_COMMON = 4.0  # errors of tracks are correlated: n tracks count as n / _COMMON
 # Unknowns: tilt of the axes (3) [rad], offset [s], drift, bias (3) [rad/s], logarithm of the focal length, ratio.
 _OFFSET, _FOCAL, _RATIO = 3, 8, 9
-_PRIORS = [0.15] * 3 + [0.1, 3e-4] + [0.02] * 3 + [0.5, 0.3]  # standard deviations of changes
-_STEPS = np.diag([1e-4] * 3 + [1e-4, 1e-5] + [1e-4] * 3 + [1e-3] * 2)  # of differences
-_MOST_CHANGE = np.array([0.1] * 3 + [0.01, 1e-3] + [0.02] * 3 + [0.15, 0.2])  # in one round
-_BEGUN_PX, _STEADY_PX, _SPREADS_PX = 3.0, 100.0, (1e-3, 10.0)  # of each pair's own motion; the part that stays
-_COMMONS = 8  # numbers that say how a plane moves between two frames
+_PRIORS = [0.15] * 3 + [0.1, 3e-4] + [0.02] * 3 + [0.5, 0.3]  # standard deviations of the changes
+_STEPS = np.diag([1e-4] * 3 + [1e-4, 1e-5] + [1e-4] * 3 + [1e-3] * 2)  # steps of numerical differentiation
+_MOST_CHANGE = np.array([0.1] * 3 + [0.01, 1e-3] + [0.02] * 3 + [0.15, 0.2])  # per round
+_BEGUN_PX, _STEADY_PX, _SPREADS_PX = 3.0, 100.0, (1e-3, 10.0)  # size of each pair's own motion; its steady part
+_COMMONS = 8  # parameters of the motion of a plane between two frames
 
 
 @dataclass(frozen=True)
 class Adjusted:
-    """An alignment as it comes out.
+    """An adjusted alignment and its errors.
 
     Attributes:
         alignment: the alignment.
-        noise_px: of the tracks [px of ROWS rows].
-        focal_error: standard deviation of the focal length, as a share; 0 if it was known.
-        ratio_error: that of the readout ratio; 0 if it was known.
-        offset_error_s: that of the offset [s].
+        noise_px: noise of the tracks [px of ROWS rows].
+        focal_error: relative standard deviation of the focal length; 0 if it was known.
+        ratio_error: standard deviation of the readout ratio; 0 if it was known.
+        offset_error_s: standard deviation of the offset [s].
     """
 
     alignment: Alignment
@@ -61,13 +61,13 @@ class Adjusted:
 
 @dataclass(eq=False)
 class Adjustment:
-    """The tracks of a clip and the log that is to predict them.
+    """The tracks of a clip and the log that should predict them.
 
     Attributes:
         log: the log.
-        pairs: tracks between frames; of each pair, no more than ``_MOST_TRACKS`` count.
-        usual_focal_px: focal length to expect [px of ROWS rows].
-        focal_known, ratio_known: whether these are not to be changed.
+        pairs: tracks between frames; at most ``_MOST_TRACKS`` of each pair are used.
+        usual_focal_px: expected focal length [px of ROWS rows].
+        focal_known, ratio_known: whether to keep these fixed.
     """
 
     log: GyroLog
@@ -80,17 +80,17 @@ class Adjustment:
     def __post_init__(self) -> None:
         self.pairs = [replace(pair, tracks=fewer(pair.tracks, _MOST_TRACKS)) for pair in self.pairs]
 
-    # ---- the tracks and what predicts them -------------------------------------------------------------
+    # ---- tracks and predictions ------------------------------------------------------------------------
 
     @cached_property
     def used(self) -> np.ndarray:
-        """[pairs, most] bool: which places of the padded arrays hold a track."""
+        """Mask [pairs, most] bool of the elements of the padded arrays that hold a track."""
         most = max(len(pair.tracks) for pair in self.pairs)
         return np.array([np.arange(most) < len(pair.tracks) for pair in self.pairs])
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """[2, pairs, most, 2] starts and ends of tracks, (col, row) [px of ROWS rows]."""
+        """Starts and ends of tracks [2, pairs, most, 2], (col, row) [px of ROWS rows]."""
         ends = np.zeros((2, *self.used.shape, 2))
         for k, pair in enumerate(self.pairs):
             ends[0, k, : len(pair.tracks)], ends[1, k, : len(pair.tracks)] = pair.tracks.start, pair.tracks.end
@@ -98,17 +98,17 @@ class Adjustment:
 
     @cached_property
     def taken(self) -> np.ndarray:
-        """[2, pairs, 1] when the frames were taken [s]."""
+        """Times at which the frames were taken [2, pairs, 1] [s]."""
         return np.array([[pair.begin_s for pair in self.pairs], [pair.end_s for pair in self.pairs]])[..., None]
 
     @property
     def width(self) -> float:
-        """Of the frames [px of ROWS rows]."""
+        """Width of the frames [px of ROWS rows]."""
         tracks = self.pairs[0].tracks
         return tracks.width * ROWS / tracks.height
 
     def predicted(self, alignment: Alignment) -> np.ndarray:
-        """[pairs, most, 2] where the tracks end [px of ROWS rows] if the camera turned as the log says."""
+        """Predicts the ends of tracks [pairs, most, 2] [px of ROWS rows] from the turns in the log."""
         middle = np.array([self.width / 2, _HALF])
         turned = alignment.turned(*self.turns(alignment))
         rays = np.concatenate([(self.ends[0] - middle) / alignment.focal_px, np.ones((*self.used.shape, 1))], axis=-1)
@@ -116,7 +116,7 @@ class Adjustment:
         return seen[..., :2] / seen[..., 2:] * alignment.focal_px + middle
 
     def turns(self, alignment: Alignment) -> tuple[np.ndarray, np.ndarray]:
-        """Turns of the device between the rows of each track [pairs, most, 3, 3], and how long they took [s]."""
+        """Returns turns of the device between the rows of each track [pairs, most, 3, 3], and their durations [s]."""
         clock = (alignment.offset_s, alignment.drift, alignment.ratio)
         if clock not in self._turns:
             times = alignment.log_time(self.taken, np.clip(self.ends[..., 1] / ROWS, 0, 1))
@@ -126,13 +126,13 @@ class Adjustment:
         return self._turns[clock]
 
     def residuals(self, alignment: Alignment) -> np.ndarray:
-        """[pairs, 2 most] what tracks are off by [px of ROWS rows]; 0 where there is none."""
+        """Returns the prediction errors of tracks [pairs, 2 most] [px of ROWS rows]; 0 for padding."""
         off = (self.ends[1] - self.predicted(alignment)) * self.used[..., None]
         return off.reshape(len(self.pairs), -1)
 
     @cached_property
     def shares(self) -> np.ndarray:
-        """[pairs, 2 most, 8] by how much tracks move with the motion of a plane seen by a camera that moves."""
+        """Derivatives [pairs, 2 most, 8] of tracks with respect to the motion of a plane seen by a moving camera."""
         x, y = np.moveaxis((self.ends.mean(axis=0) - [self.width / 2, _HALF]) / _HALF, -1, 0)
         one, none = np.ones_like(x), np.zeros_like(x)
         columns = np.stack([one, none, x, y, none, none, x * x, x * y], axis=-1)
@@ -142,18 +142,18 @@ class Adjustment:
 
     @cached_property
     def steady(self) -> np.ndarray:
-        """[pairs, 2 most, 16] the part of that motion that stays, or changes evenly over the clip."""
+        """Derivatives [pairs, 2 most, 16] for that motion's constant part and its linear change over the clip."""
         at = self.taken[0, :, 0]
         at = (at - at.mean()) / max(np.ptp(at), 1e-9)
         return np.concatenate([self.shares, self.shares * at[:, None, None]], axis=-1)
 
-    # ---- solved ----------------------------------------------------------------------------------------
+    # ---- solution --------------------------------------------------------------------------------------
 
     def solve(self, start: Alignment) -> Adjusted:
-        """The alignment that predicts the tracks best.
+        """Finds the alignment that best predicts the tracks.
 
         Args:
-            start: an alignment near it.
+            start: approximate alignment.
         """
         priors = np.array(_PRIORS)
         priors[[_FOCAL, _RATIO]] *= [not self.focal_known, not self.ratio_known]
@@ -179,7 +179,7 @@ class Adjustment:
             steady = delta[len(free) :]
             left = off - slopes @ delta
             common = np.einsum("pcd,pdn,pn->pc", inner, weighted, left, optimize=True)
-            counted = (1 - np.einsum("pcc->pc", inner) / spread**2).sum(axis=0)  # how many of them the tracks tell
+            counted = (1 - np.einsum("pcc->pc", inner) / spread**2).sum(axis=0)  # how many of them the tracks determine
             spread = np.clip(np.sqrt((common**2).sum(axis=0) / np.maximum(counted, 1e-3)), *_SPREADS_PX)
             errors = np.zeros(len(priors))
             errors[free] = self._errors(matrix, slopes, weights * (left - self._along(common)))[: len(free)]
@@ -188,13 +188,13 @@ class Adjustment:
         return Adjusted(changed(start, change), float(noise), errors[_FOCAL], errors[_RATIO], errors[_OFFSET])
 
     def _along(self, common: np.ndarray) -> np.ndarray:
-        """[pairs, 2 most] by how much each pair's own motion moves its tracks."""
+        """Returns the displacements [pairs, 2 most] of tracks by each pair's own motion."""
         return (self.shares @ common[..., None])[..., 0]
 
     def _normal(
         self, slopes: np.ndarray, weights: np.ndarray, weighted: np.ndarray, inner: np.ndarray, off: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Normal equations of the unknowns, each pair's own motion eliminated."""
+        """Returns the normal equations of the unknowns, with each pair's own motion eliminated."""
         across = weighted @ slopes  # [pairs, 8, unknowns]
         matrix = np.einsum("pnu,pn,pnv->uv", slopes, weights, slopes, optimize=True)
         matrix -= np.einsum("pcu,pcd,pdv->uv", across, inner, across, optimize=True)
@@ -203,11 +203,11 @@ class Adjustment:
         return matrix, moments
 
     def _errors(self, matrix: np.ndarray, slopes: np.ndarray, left: np.ndarray) -> np.ndarray:
-        """Standard deviations: what the noise of tracks says, or what stretches of the clip differ by, if more.
+        """Returns standard deviations, from the noise of tracks or, if larger, differences between parts of the clip.
 
         Args:
-            matrix: [unknowns, unknowns] inverse of the covariance that the noise says.
-            slopes: [pairs, 2 most, unknowns] by how much tracks move with the unknowns.
+            matrix: [unknowns, unknowns] inverse of the covariance resulting from the noise.
+            slopes: [pairs, 2 most, unknowns] derivatives of the tracks with respect to the unknowns.
             left: [pairs, 2 most] weighted residuals of the tracks.
         """
         inverse = np.linalg.inv(matrix)
@@ -218,14 +218,14 @@ class Adjustment:
         return np.sqrt(np.maximum(np.diag(inverse), np.diag(between)))
 
     def _weights(self, off: np.ndarray, noise: float) -> tuple[np.ndarray, float]:
-        """[pairs, 2 most] weights of the tracks under Student's t, and its scale [px]."""
+        """Returns weights [pairs, 2 most] of the tracks under Student's t, and its scale [px]."""
         squared = (off.reshape(*self.used.shape, 2) ** 2).sum(axis=-1)
         weights, noise = student_weights(squared, self.used, noise)
         return np.repeat(weights, 2, axis=1), noise
 
 
 def changed(alignment: Alignment, change: np.ndarray) -> Alignment:
-    """An alignment with its unknowns changed."""
+    """Returns an alignment with its unknowns changed."""
     tilt, (offset, drift), bias, (focal, ratio) = change[:3], change[3:5], change[5:8], change[8:]
     return replace(
         alignment,

@@ -1,4 +1,4 @@
-"""How a gyro log belongs to a clip: the axes of the sensor, its clock, the focal length and the readout ratio."""
+"""Alignment of a gyro log with a clip: the axes of the sensor, its clock, the focal length and the readout ratio."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Tracks from one frame to a later one, and when both frames were taken.
+    """Tracks from one frame to a later one, and the times of both frames.
 
     Attributes:
-        tracks: of the background.
+        tracks: tracks of the background.
         begin_s, end_s: times of the two frames on the clip's clock [s].
     """
 
@@ -30,13 +30,13 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """How a log belongs to a clip.
+    """Alignment of a log with a clip.
 
     Attributes:
-        axes: [3, 3] from the device's axes to the camera's (right, down, forward), a rotation.
-        offset_s: time of the log less that of the clip, at ``at_s`` of the clip, for the middle row of a frame [s].
-        drift: by how much the offset grows [s per s].
-        at_s: middle of what was compared [s of the clip].
+        axes: [3, 3] rotation from the device's axes to the camera's (right, down, forward).
+        offset_s: time of the log minus that of the clip, at ``at_s`` of the clip, for the middle row of a frame [s].
+        drift: rate at which the offset grows [s per s].
+        at_s: middle of the compared part of the clip [s].
         bias: [3] rate that the log shows at rest, in the camera's axes [rad/s].
         focal_px: focal length [px of ROWS rows].
         ratio: readout time in frame intervals.
@@ -53,21 +53,21 @@ class Alignment:
     interval_s: float
 
     def log_time(self, frame_s: Float64[np.ndarray, "*at"], row: Float64[np.ndarray, "*at"]) -> np.ndarray:
-        """When rows were exposed, on the log's clock [s].
+        """Returns the times at which rows were exposed, on the log's clock [s].
 
         Args:
             frame_s: times of frames on the clip's clock [s].
-            row: which row, as a share of the height: 0 is the first one's upper side, 1 the last one's lower side.
+            row: row as a fraction of the height: 0 is the top edge of the first one, 1 the bottom edge of the last one.
         """
         since = frame_s - self.at_s
         return frame_s + self.offset_s + self.drift * since + self.ratio * self.interval_s * (row - 0.5)
 
     def turned(self, device: Float64[np.ndarray, "*at 3 3"], lasted_s: Float64[np.ndarray, "*at"]) -> np.ndarray:
-        """[..., 3, 3] what turns in the device's axes are in the camera's, without what the log shows at rest.
+        """Converts turns in the device's axes to turns [..., 3, 3] in the camera's axes, without the log's bias.
 
         Args:
             device: turns of the scene in the device's axes.
-            lasted_s: how long each of them took [s].
+            lasted_s: their durations [s].
         """
         rest = rotation_matrix(self.bias * np.asarray(lasted_s)[..., None])
         return rest @ (self.axes @ device @ self.axes.T)

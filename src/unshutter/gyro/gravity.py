@@ -1,4 +1,4 @@
-"""Which way is up, from the accelerometer of a gyro log: its samples averaged after the gyro has turned them back."""
+"""Finds the upward direction from the accelerometer of a gyro log, averaging samples after undoing the gyro's turns."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
 _SPREAD_S = 2.0  # standard deviation of the average: longer than steps and swings, shorter than the gyro's drift
-_RATE_HZ = 20.0  # of the averaged samples
-_FEWEST = 16  # samples
+_RATE_HZ = 20.0  # rate of the averaged samples
+_FEWEST = 16  # number of samples
 
 
 def has_gravity(turns: GyroTurns) -> bool:
-    """Whether the log has acceleration that shows which way is up."""
+    """Whether the log contains acceleration that shows which way is up."""
     return len(turns.log.force) >= _FEWEST
 
 
 def up_directions(
     turns: GyroTurns, frame_s: Float64[np.ndarray, "frames"], row: float
 ) -> Float64[np.ndarray, "frames 3"]:
-    """Unit vectors that point up, in the camera's axes (right, down, forward), when a row of each frame was exposed.
+    """Returns unit vectors pointing up, in the camera's axes (right, down, forward), when a row of a frame was exposed.
 
     Args:
-        turns: turns of the camera by a log that :func:`has_gravity`.
+        turns: turns of the camera from a log that :func:`has_gravity`.
         frame_s: times of the frames on the clip's clock [s].
-        row: which row, as a share of the height.
+        row: row as a fraction of the height.
     """
     log, alignment = turns.log, turns.alignment
     times, force = log.force[:, 0], log.force[:, 1:]

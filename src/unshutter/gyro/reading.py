@@ -1,4 +1,4 @@
-"""Gyro logs in files: Gyroflow's .gcsv by itself, and what cameras and flight controllers write by telemetry-parser."""
+"""Reads gyro logs from files: Gyroflow's .gcsv directly, logs of cameras and flight controllers by telemetry-parser."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _LONGEST_HEAD = 100  # lines
 
 
 def log_of_file(path: str | os.PathLike[str]) -> GyroLog:
-    """Reads a log that lies next to its clip.
+    """Reads a log from a file next to its clip.
 
     Raises:
-        UnshutterError: it cannot be read, or is none.
+        UnshutterError: the file cannot be read, or contains no log.
     """
     place = Path(path)
     try:
@@ -42,9 +42,9 @@ def log_of_file(path: str | os.PathLike[str]) -> GyroLog:
 
 
 def log_by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
-    """The gyro log inside a clip or a logger's file, by telemetry-parser; None where there is none, or no parser."""
+    """Reads the gyro log in a clip or a logger's file by telemetry-parser; None if there is no log or no parser."""
     try:
-        telemetry_parser = import_module("telemetry_parser")  # an extra that not every Python has wheels of
+        telemetry_parser = import_module("telemetry_parser")  # an extra without wheels for some Python versions
     except ImportError:
         return None
     try:
@@ -53,7 +53,7 @@ def log_by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
         name = " ".join(filter(None, (parser.camera, parser.model)))
     except (KeyboardInterrupt, SystemExit):
         raise
-    except BaseException:  # a panic of its Rust code is no Exception
+    except BaseException:  # panics of its Rust code are not Exceptions
         return None
     turns = [(sample["timestamp_ms"], *sample["gyro"]) for sample in samples if sample.get("gyro")]
     forces = [(sample["timestamp_ms"], *sample["accl"]) for sample in samples if sample.get("accl")]
@@ -63,15 +63,15 @@ def log_by_parser(path: str | os.PathLike[str]) -> GyroLog | None:
     force[:, 0] /= 1000
     try:
         return GyroLog(turned[:, 0] / 1000, np.radians(turned[:, 1:]), name, force, on_clip_clock=True)
-    except UnshutterError:  # a log of nothing is none
+    except UnshutterError:  # unusable, for example with too few samples
         return None
 
 
 def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:
-    """A log of Gyroflow's format: lines ``key,value``, a line that names the columns, and the samples.
+    """Parses a log in Gyroflow's format: lines ``key,value``, a line that names the columns, and the samples.
 
     Raises:
-        UnshutterError: it is not one.
+        UnshutterError: it has no valid columns, samples or values.
     """
     told, columns, rows = {}, [], []
     for line in lines:
@@ -86,7 +86,7 @@ def _gcsv(name: str, lines: Iterable[str]) -> GyroLog:
             break
     if not columns:
         raise UnshutterError(f"{name}: no line names the log's columns (t,gx,gy,gz,...)")
-    rows = [row for row in rows if len(row) == len(columns)]  # the last one may be cut off
+    rows = [row for row in rows if len(row) == len(columns)]  # the last line may be truncated
     try:
         scale = {key: float(told.get(key, usual)) for key, usual in (("tscale", 1), ("gscale", 1), ("ascale", 1))}
         values = np.array(rows, np.float64).reshape(-1, len(columns))

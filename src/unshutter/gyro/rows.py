@@ -1,4 +1,4 @@
-"""The turn of every row as the gyro tells it, and what is left for the pictures to tell."""
+"""Computes the turn of every row from a gyro log, and removes it from tracks."""
 
 from __future__ import annotations
 
@@ -19,44 +19,44 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class GyroTurns:
-    """Turns of a clip's camera by its gyro log (frames/sequence.py asks for them as ``KnownTurns``).
+    """Turns of a clip's camera from its gyro log (``KnownTurns`` for frames/sequence.py).
 
     Attributes:
         log: the log.
-        alignment: how it belongs to the clip.
+        alignment: alignment of the log with the clip.
     """
 
     log: GyroLog
     alignment: Alignment
 
     def focal_px(self, height: int) -> float:
-        """Focal length of a frame with so many rows [px]."""
+        """Returns the focal length for frames with this number of rows [px]."""
         return self.alignment.focal_px * height / ROWS
 
     def within_frame(self, begin_s: float, rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
-        """Rotation vectors of a frame's rows since the first of them [rad] (geometry/rotations.py).
+        """Returns rotation vectors of a frame's rows since the first of them [rad] (geometry/rotations.py).
 
         Args:
             begin_s: time of the frame on the clip's clock [s].
-            rows: which rows, as shares of the height.
+            rows: rows as fractions of the height.
         """
         return self.between((np.full(1, begin_s), rows[:1]), (np.full(len(rows), begin_s), rows))[1]
 
     def from_frame(self, begin_s: float, end_s: float, row: float) -> Float64[np.ndarray, "3"]:
-        """Rotation vector [rad] of a row from one frame to another.
+        """Returns the rotation vector [rad] of a row from one frame to another.
 
         Args:
             begin_s, end_s: times of the two frames on the clip's clock [s].
-            row: which row, as a share of the height.
+            row: row as a fraction of the height.
         """
         at = np.array([row])
         return self.between((np.array([begin_s]), at), (np.array([end_s]), at))[1][0]
 
     def without(self, tracks: Tracks, begin_s: float, end_s: float) -> Tracks:
-        """Tracks from one frame to a later one as a camera would have seen them that did not turn.
+        """Returns tracks as seen by a camera that did not turn between the two frames.
 
         Args:
-            tracks: as they are.
+            tracks: tracks from one frame to a later one.
             begin_s, end_s: times of the two frames on the clip's clock [s].
         """
         if not len(tracks):
@@ -73,10 +73,10 @@ class GyroTurns:
     def between(
         self, begin: tuple[np.ndarray, np.ndarray], end: tuple[np.ndarray, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Turns of the scene, in the camera's axes, from rows of frames to rows of others.
+        """Computes turns of the scene, in the camera's axes, from rows of frames to rows of other frames.
 
         Args:
-            begin, end: times of the frames on the clip's clock [s], and which rows, as shares of the height.
+            begin, end: times of the frames on the clip's clock [s], and rows as fractions of the height.
 
         Returns:
             [..., 3, 3] rotations, and [..., 3] their rotation vectors [rad].

@@ -1,8 +1,8 @@
-"""From a gyro log and tracks of a clip to their alignment, and whether the picture follows the log at all.
+"""Aligns a gyro log with the tracks of a clip, and checks whether the picture follows the log at all.
 
-First the turn of every pair of frames is compared with the log at each offset and in each of the 24 ways in which axes
-can lie; then all unknowns are adjusted together (adjustment.py). A clip that its camera stabilised, or a log of another
-clip, shows by turns that do not follow the log's.
+First, the turn of every pair of frames is compared with the log at each offset and in each of the 24 possible
+orientations of the axes; then all unknowns are adjusted together (adjustment.py). If the clip was stabilised by the
+camera, or the log belongs to another clip, the turns do not follow the log's.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from unshutter.reasons import Code, Reason
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
-_HALF = ROWS / 2  # px: a turn about the view's axis moves the picture's edge by so much times the angle
-_USUAL = 0.85  # focal length to expect, of width + height
-_FOCALS = (0.25, 6.0)  # of the usual one: shortest and longest
+_HALF = ROWS / 2  # px: a turn about the viewing axis moves the picture's edge by this times the angle
+_USUAL = 0.85  # expected focal length, as a multiple of width + height
+_FOCALS = (0.25, 6.0)  # shortest and longest, as multiples of the usual one
 _GUESSED_RATIO = 0.5
-_LAG_S, _LONG_LAG_S, _MANY_LAGS = 0.004, 0.008, 20_000  # between offsets that are tried; where they are more
+_LAG_S, _LONG_LAG_S, _MANY_LAGS = 0.004, 0.008, 20_000  # spacing of the offsets to try; the spacing if there are many
 _LAGS_AT_ONCE = 512
-_FOLLOWS = 0.84  # least correlation. Measured: real clips 0.97 and more, stabilised ones up to 0.5 (0.83 where hardly)
-_LEAST_PX = 0.1  # px of ROWS rows: frames that turn by less from one to the next do not tell a log's offset
-_NO_SIGNAL = 0.01  # share of the log's turns: less is none
-_CANDIDATES, _CLOSE, _RIVAL = 3, 0.3, 1.1  # offsets that are adjusted; how far apart, and by how much worse at first
-_BETTER = 0.95  # of the first one's noise: what a rival must reach
-_SURE_RATIO, _RATIOS = 0.02, (0.02, 1.03)  # error of a ratio that is believed, and what can be one
+_FOLLOWS = 0.84  # minimum correlation. Measured: real clips 0.97 or more, stabilised ones up to 0.5 (0.83 if slightly)
+_LEAST_PX = 0.1  # px of ROWS rows: smaller turns between frames do not show the offset of a log
+_NO_SIGNAL = 0.01  # share of the log's turns: less counts as no signal
+_CANDIDATES, _CLOSE, _RIVAL = 3, 0.3, 1.1  # offsets to adjust; their distance, and their largest initial cost ratio
+_BETTER = 0.95  # share of the first one's noise that a rival must not exceed
+_SURE_RATIO, _RATIOS = 0.02, (0.02, 1.03)  # maximum error of an accepted ratio, and the possible range of ratios
 
 
 @dataclass(frozen=True)
 class Synchronisation:
-    """How a log belongs to a clip, and how well the clip follows it.
+    """Alignment of a log with a clip, and how well the clip follows the log.
 
     Attributes:
         adjusted: the alignment with its errors.
-        follows: correlation of the turns of frames with the log's; of the turns, or of their changes, if that is less.
-        turns_px: by how much the log turns frames on, without what is constant [px of ROWS rows].
-        ratio_known: whether the readout ratio was known before.
+        follows: correlation of the turns of frames with the log's; of the turns or of their changes, whichever is less.
+        turns_px: size of the turns between frames in the log, without the constant part [px of ROWS rows].
+        ratio_known: whether the readout ratio was known beforehand.
     """
 
     adjusted: Adjusted
@@ -61,7 +61,7 @@ class Synchronisation:
 
     @property
     def reason(self) -> Reason | None:
-        """Why the log must be left alone; None where the clip follows it."""
+        """Why the log must not be used; None if the clip follows it."""
         if self.turns_px < _LEAST_PX:
             return Reason(Code.GYRO_TOO_CALM)
         if self.follows < _FOLLOWS:
@@ -70,7 +70,7 @@ class Synchronisation:
 
     @property
     def shows_ratio(self) -> bool:
-        """Whether the clip and its log tell the readout ratio."""
+        """Whether the clip and its log determine the readout ratio."""
         shortest, longest = _RATIOS
         possible = shortest < self.alignment.ratio < longest
         return not self.ratio_known and self.reason is None and possible and self.adjusted.ratio_error < _SURE_RATIO
@@ -84,13 +84,13 @@ def synchronised(
     ratio: float | None = None,
     focal_px: float | None = None,
 ) -> Synchronisation:
-    """How a log belongs to a clip.
+    """Aligns a log with a clip.
 
     Args:
         log: the log.
-        pairs: tracks between frames of the clip, of one size, some of them not empty.
+        pairs: tracks between frames of the clip, all of one size, some of them not empty.
         interval_s: usual time from one frame to the next [s].
-        offsets_s: least and greatest offset of the log's clock that may be [s].
+        offsets_s: minimum and maximum possible offset of the log's clock [s].
         ratio: readout time in frame intervals, if it is known.
         focal_px: focal length [px of ROWS rows], if it is known.
     """
@@ -113,11 +113,11 @@ def synchronised(
 
 
 def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tuple[float, float]:
-    """Correlation of the turns of frames with the log's (see :class:`Synchronisation`), and how large these are.
+    """Computes the correlation of frames' turns with the log's (see :class:`Synchronisation`), and the size of these.
 
-    The turns are those that tracks show, and that they would show by the log: of frames of which every row has turned
-    in its own way, they are only a mean. Two halves of the tracks show by what they have in common how much of the
-    picture's turns is not noise.
+    The turns are those shown by the tracks, and those that the tracks would show according to the log: if every row
+    of a frame turned differently, they are only a mean. The correlation between two halves of the tracks shows how much
+    of the picture's turns is not noise.
     """
     scale = np.array([1, 1, _HALF / alignment.focal_px])
     gyro = GyroTurns(log, alignment)
@@ -139,7 +139,7 @@ def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tup
 
 
 def _correlation(seen: np.ndarray, turned: np.ndarray) -> float:
-    """Of what both halves [n, 2, 3] see with what turned [n, 3]; 1 where there is nothing but noise to see."""
+    """Correlates both halves [n, 2, 3] of the seen turns with the logged turns [n, 3]; 1 if there is only noise."""
     signal, logged = (seen[:, 0] * seen[:, 1]).sum(), (turned**2).sum()
     if logged < len(turned) * _LEAST_PX**2:
         return 1.0
@@ -147,11 +147,11 @@ def _correlation(seen: np.ndarray, turned: np.ndarray) -> float:
     return float(min(together / np.sqrt(max(signal, _NO_SIGNAL * logged) * logged), 1.0))
 
 
-# ---- every offset, every way in which axes can lie -------------------------------------------------------------
+# ---- search over offsets and orientations of the axes -----------------------------------------------------------
 
 
 def _ways() -> np.ndarray:
-    """[24, 3, 3] all rotations that take axes to axes."""
+    """Returns all rotations that map axes to axes [24, 3, 3]."""
     ways = []
     for order in permutations(range(3)):
         for signs in np.ndindex(2, 2, 2):
@@ -163,7 +163,7 @@ def _ways() -> np.ndarray:
 
 
 def turns(pair: Pair, focal_px: float) -> Float64[np.ndarray, "4"]:
-    """Turn about three axes and growth of a pair of frames [px of ROWS rows: angle times focal length]."""
+    """Fits turns about three axes and growth to a pair of frames [px of ROWS rows: angle times focal length]."""
     unit = ROWS / pair.tracks.height
     start, end = (pair.tracks.start + 0.5) * unit, (pair.tracks.end + 0.5) * unit
     jacobian = turn_jacobian((start + end) / 2, pair.tracks.width * unit, focal_px).reshape(-1, 4)
@@ -180,13 +180,13 @@ def turns(pair: Pair, focal_px: float) -> Float64[np.ndarray, "4"]:
 def _coarse(
     log: GyroLog, pairs: Sequence[Pair], lags: np.ndarray, focal_px: float
 ) -> list[tuple[np.ndarray, float, float]]:
-    """Axes, offset [s] and focal length [px of ROWS rows] at which turns of frames and log agree best, and rivals.
+    """Finds axes, offset [s] and focal length [px of ROWS rows] at which frames and log agree best, and rivals.
 
     Args:
         log: the log.
         pairs: tracks between frames.
         lags: offsets to try [s].
-        focal_px: focal length to expect [px of ROWS rows].
+        focal_px: expected focal length [px of ROWS rows].
     """
     seen = np.array([turns(pair, focal_px)[:3] for pair in pairs]) * [1, 1, _HALF / focal_px]
     seen -= seen.mean(axis=0)

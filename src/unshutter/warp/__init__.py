@@ -1,1 +1,1 @@
-"""A motion applied to pixels."""
+"""Applies motions to pixels."""

@@ -1,7 +1,7 @@
-"""Where each output pixel looks in the input picture: the exact map of a Motion, thinned to a grid.
+"""Sampling positions of output pixels in the input picture: the exact map of a motion, reduced to a grid.
 
 The map is smooth, so it is computed exactly (float64) at the nodes of a coarse grid that is refined until
-linear interpolation between nodes is good to 0.01 px; the pixels between nodes are filled in for one tile at
+linear interpolation between nodes is accurate to 0.01 px; the pixels between nodes are computed for one tile at
 a time, so that memory does not grow with the picture.
 
 Convention: positions are (col, row) of **stored** pixels (readout.py), pixel centres at whole numbers.
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 # (col, row) of output pixels -> (col, row) of the input positions they show
 PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
-_COARSEST_STEP = 64  # px between nodes to start from; a power of two
-_TOLERANCE = 0.004  # px at the middle of a cell's sides; at its centre the two directions add up
-_INSIDE_SLACK = 0.01  # px, what the map is good to
-_TILE = (512, 512)  # rows and columns; with smaller ones, threads wait for each other's Python
-_BAND_POINTS = 1 << 18  # positions computed at a time
+_COARSEST_STEP = 64  # initial distance of nodes [px]; a power of two
+_TOLERANCE = 0.004  # px at the midpoints of a cell's sides; at its centre the errors of both directions add up
+_INSIDE_SLACK = 0.01  # px, the accuracy of the map
+_TILE = (512, 512)  # rows and columns; with smaller tiles, threads wait for the interpreter
+_BAND_POINTS = 1 << 18  # number of positions computed at a time
 
 
 def gs_to_rs_map(motion: Motion) -> PositionMap:
-    """GS -> RS positions: where a rectified picture looks in the photo.
+    """Returns the map of GS to RS positions: where a rectified picture samples the photo.
 
     Raises:
         UnshutterError: the motion turns faster than rows are read.
@@ -41,7 +41,7 @@ def gs_to_rs_map(motion: Motion) -> PositionMap:
 
 
 def rs_to_gs_map(motion: Motion) -> PositionMap:
-    """RS -> GS positions (closed form): where a distorted picture looks in the one to be distorted.
+    """Returns the map of RS to GS positions (closed form): where a distorted picture samples the original.
 
     Raises:
         UnshutterError: the motion turns faster than rows are read.
@@ -51,7 +51,7 @@ def rs_to_gs_map(motion: Motion) -> PositionMap:
 
 
 class Tile(NamedTuple):
-    """Pixels of the output: rows top <= row < bottom, columns left <= col < right."""
+    """Output pixels in rows top <= row < bottom and columns left <= col < right."""
 
     top: int
     bottom: int
@@ -60,22 +60,22 @@ class Tile(NamedTuple):
 
     @property
     def area(self) -> int:
-        """How many pixels it has."""
+        """Number of pixels."""
         return (self.bottom - self.top) * (self.right - self.left)
 
     def tiles(self) -> Iterator[Tile]:
-        """This tile cut into tiles of a size to work on at a time."""
+        """Splits this tile into tiles of a size suitable for processing."""
         for top in range(self.top, self.bottom, _TILE[0]):
             for left in range(self.left, self.right, _TILE[1]):
                 yield Tile(top, min(top + _TILE[0], self.bottom), left, min(left + _TILE[1], self.right))
 
     def within(self, window: Tile) -> tuple[slice, slice]:
-        """Where its pixels are in an array that begins where ``window`` does."""
+        """Returns the slices of its pixels in an array that begins at the corner of ``window``."""
         rows = slice(self.top - window.top, self.bottom - window.top)
         return rows, slice(self.left - window.left, self.right - window.left)
 
     def halves(self) -> tuple[Tile, Tile]:
-        """The tile cut across its longer side."""
+        """Splits the tile across its longer side."""
         if self.bottom - self.top > self.right - self.left:
             middle = (self.top + self.bottom) // 2
             return self._replace(bottom=middle), self._replace(top=middle)
@@ -84,7 +84,7 @@ class Tile(NamedTuple):
 
 
 class Extent(NamedTuple):
-    """Least and greatest column and row [px] of positions."""
+    """Minimum and maximum column and row [px] of positions."""
 
     left: float
     top: float
@@ -93,18 +93,18 @@ class Extent(NamedTuple):
 
     @classmethod
     def of(cls, col: Float[np.ndarray, "rows cols"], row: Float[np.ndarray, "rows cols"]) -> Extent:
-        """Of positions themselves."""
+        """Computes the extent of positions."""
         return cls(float(col.min()), float(row.min()), float(col.max()), float(row.max()))
 
 
 @dataclass(frozen=True)
 class SamplingGrid:
-    """A map of positions for a picture of height x width, known at nodes every so many pixels.
+    """A map of positions for a picture of height x width, known at regularly spaced nodes.
 
     Attributes:
-        nodes: float32 [rows, cols, 2]: (col, row) at the nodes; the last lie beyond the picture's end.
-        row_step, col_step: distance of the nodes [px].
-        height, width: of the picture, output and input alike [px].
+        nodes: float32 [rows, cols, 2]: (col, row) at the nodes; the last nodes are beyond the picture's end.
+        row_step, col_step: spacing of the nodes [px].
+        height, width: size of output and input picture alike [px].
     """
 
     nodes: Float32[np.ndarray, "node_rows node_cols 2"]
@@ -115,7 +115,7 @@ class SamplingGrid:
 
     @classmethod
     def of(cls, position: PositionMap, height: int, width: int) -> SamplingGrid:
-        """The exact map at as few nodes as linear interpolation allows."""
+        """Computes the exact map at as few nodes as linear interpolation permits."""
         steps = [_first_step(height), _first_step(width)]
         at = [np.arange(-(-size // s) + 1) * s for size, s in zip((height, width), steps, strict=True)]
         nodes = np.empty((len(at[0]), len(at[1]), 2), dtype=np.float32)
@@ -128,14 +128,14 @@ class SamplingGrid:
                     nodes, at[axis], steps[axis], settled = finer, finer_at, steps[axis] // 2, 0
                     continue
             axis, settled = 1 - axis, settled + 1
-        # Far outside nothing is looked up, and a map that runs away would leave the range of numbers.
+        # Nothing is sampled far outside, and a diverging map would exceed the range of numbers.
         far = float(height + width)
         np.nan_to_num(nodes, copy=False, nan=-far, posinf=2 * far, neginf=-far)
         return cls(np.clip(nodes, -far, 2 * far, out=nodes), steps[0], steps[1], height, width)
 
     @property
     def whole(self) -> Tile:
-        """The whole output."""
+        """The whole output as a tile."""
         return Tile(0, self.height, 0, self.width)
 
     def everywhere(
@@ -144,7 +144,7 @@ class SamplingGrid:
         Float32[np.ndarray, "{self.height} {self.width}"],
         Float32[np.ndarray, "{self.height} {self.width}"],
     ]:
-        """The map at every pixel of the output: col and row, each float32 [H, W]."""
+        """Computes the map at every pixel of the output: col and row, each float32 [H, W]."""
         col, row = (np.empty((self.height, self.width), np.float32) for _ in range(2))
         for tile in self.whole.tiles():
             col[tile.within(self.whole)], row[tile.within(self.whole)] = self.positions(tile)
@@ -153,12 +153,12 @@ class SamplingGrid:
     def positions(
         self, tile: Tile, left: int = 0, top: int = 0, out: Float32[np.ndarray, "2 rows cols"] | None = None
     ) -> tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
-        """The map at every pixel of a tile: col and row, each float32 [rows, cols].
+        """Computes the map at every pixel of a tile: col and row, each float32 [rows, cols].
 
         Args:
-            tile: which pixels.
-            left, top: count columns and rows of the input from here.
-            out: float32 [2, rows, cols] to write them to; by default new.
+            tile: the pixels.
+            left, top: origin from which columns and rows of the input are counted.
+            out: float32 [2, rows, cols] to write the result to; by default a new array.
         """
         nodes, first_row, first_col = self._nodes_about(tile)
         down = _weights(first_row, tile.bottom - tile.top, self.row_step, nodes.shape[0])
@@ -170,20 +170,20 @@ class SamplingGrid:
     def at(
         self, rows: Real[np.ndarray, "rows"], cols: Real[np.ndarray, "cols"]
     ) -> tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
-        """The map at the pixels where given rows and columns of the output cross: col and row."""
+        """Computes the map at the crossings of given rows and columns of the output: col and row."""
         down = _weights_at(rows, self.row_step, self.nodes.shape[0])
         across = _weights_at(cols, self.col_step, self.nodes.shape[1])
         col, row = np.matmul(down @ np.moveaxis(self.nodes, 2, 0), across.T)
         return col, row
 
     def extent(self, tile: Tile) -> Extent:
-        """Bounds of the positions of a tile, from the nodes about it: cheaper than from the positions, and wider."""
+        """Returns bounds of a tile's positions from the surrounding nodes: cheaper than exact bounds, but wider."""
         nodes, _, _ = self._nodes_about(tile)
         (left, top), (right, bottom) = nodes.min(axis=(0, 1)).tolist(), nodes.max(axis=(0, 1)).tolist()
         return Extent(left, top, right, bottom)
 
     def contains(self, extent: Extent) -> bool:
-        """Whether all positions within the bounds lie inside the picture."""
+        """Whether all positions within the bounds are inside the picture."""
         least, most = min(extent.left, extent.top), max(extent.right - self.width, extent.bottom - self.height)
         return least >= -_INSIDE_SLACK and most <= _INSIDE_SLACK - 1
 
@@ -195,13 +195,13 @@ class SamplingGrid:
         top: int = 0,
         beyond: float = 0.0,
     ) -> Bool[np.ndarray, "rows cols"]:
-        """bool: which positions, counted from left and top, lie inside the picture, or up to ``beyond`` px outside."""
+        """Whether positions, counted from left and top, are inside the picture or up to ``beyond`` px outside; bool."""
         right, bottom, slack = self.width - 1 - left, self.height - 1 - top, max(beyond, _INSIDE_SLACK)
         within_width = (col >= -left - slack) & (col <= right + slack)
         return within_width & (row >= -top - slack) & (row <= bottom + slack)
 
     def _nodes_about(self, tile: Tile) -> tuple[np.ndarray, int, int]:
-        """The nodes of the cells that a tile touches; row and column of its first pixel from the first of them."""
+        """Returns the nodes of a tile's cells, and row and column of its first pixel relative to the first node."""
         first_row, first_col = tile.top // self.row_step, tile.left // self.col_step
         last_row, last_col = -(-tile.bottom // self.row_step), -(-tile.right // self.col_step)
         nodes = self.nodes[first_row : last_row + 1, first_col : last_col + 1]
@@ -209,20 +209,20 @@ class SamplingGrid:
 
 
 def _weights(first: int, count: int, step: int, nodes: int) -> np.ndarray:
-    """[count, nodes] of the nodes in linear interpolation at the pixels from ``first``, a node at every ``step``."""
+    """Returns [count, nodes] interpolation weights at pixels from ``first`` on, for nodes ``step`` pixels apart."""
     return _weights_at(np.arange(first, first + count), step, nodes)
 
 
 def _weights_at(at: np.ndarray, step: int, nodes: int) -> np.ndarray:
-    """[N, nodes] of the nodes in linear interpolation at some pixels, a node at every ``step``.
+    """Returns [N, nodes] linear interpolation weights at some pixels, for nodes ``step`` pixels apart.
 
-    Multiplying with zeros too costs less than picking two nodes for each pixel.
+    Multiplying by zeros costs less than picking two nodes for each pixel.
     """
     return np.maximum(1 - np.abs(at[:, None] / step - np.arange(nodes)), 0).astype(np.float32)
 
 
 def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:
-    """The map between stored positions, given the one between positions of the readout frame."""
+    """Converts a map between positions of the readout frame to one between stored positions."""
     readout, size = motion.readout, motion.readout.frame_size(motion.height, motion.width)
 
     def in_stored(col: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -232,21 +232,21 @@ def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:
 
 
 def _first_step(size: int) -> int:
-    """Largest power of two up to an eighth of the side: nodes beyond the picture stay near it."""
+    """Returns the largest power of two up to an eighth of the side, keeping nodes beyond the picture close to it."""
     return min(1 << max((size // 8).bit_length() - 1, 0), _COARSEST_STEP)
 
 
 def _compute(position: PositionMap, rows: np.ndarray, cols: np.ndarray, out: np.ndarray) -> None:
-    """Writes the map at rows x cols into out [rows, cols, 2]; in bands, to bound memory."""
+    """Writes the map at rows x cols to out [rows, cols, 2], in bands to limit memory."""
     band = max(_BAND_POINTS // len(cols), 1)
     for first in range(0, len(rows), band):
         row, col = np.meshgrid(rows[first : first + band].astype(float), cols.astype(float), indexing="ij")
-        with np.errstate(all="ignore"):  # far outside, Newton's method may run away
+        with np.errstate(all="ignore"):  # far outside, Newton's method may diverge
             out[first : first + band, :, 0], out[first : first + band, :, 1] = position(col, row)
 
 
 def _halved(position: PositionMap, at: list[np.ndarray], nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of the nodes, and nodes, with new ones midway between the old ones along an axis."""
+    """Inserts nodes midway between the existing ones along an axis; returns their positions and the nodes."""
     finer_at = np.linspace(at[axis][0], at[axis][-1], 2 * len(at[axis]) - 1).astype(int)
     shape = (len(finer_at), len(at[1]), 2) if axis == 0 else (len(at[0]), len(finer_at), 2)
     finer = np.empty(shape, dtype=np.float32)
@@ -260,9 +260,9 @@ def _halved(position: PositionMap, at: list[np.ndarray], nodes: np.ndarray, axis
 
 
 def _worst_inside(finer: np.ndarray, axis: int, height: int, width: int, step: int) -> float:
-    """Largest error [px] of interpolating every other node along an axis, among positions inside.
+    """Returns the largest error [px] of interpolating every other node along an axis, for positions inside the picture.
 
-    Also among those half a step outside: other pixels of their cells may look inside.
+    Positions up to half a step outside are included, because other pixels of their cells may be inside.
     """
     near = max(step / 2, 1)
     lines = np.moveaxis(finer, axis, 0)

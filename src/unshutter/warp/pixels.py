@@ -1,10 +1,10 @@
-"""From a Motion to pixels: the sampling map, the warp in both directions, and the picture's edges.
+"""Applies a motion to pixels: samples pictures in both directions, and handles the picture's edges.
 
-The output is made tile by tile, several at a time: apart from the picture before and after, memory does not grow
+The output is computed tile by tile, several at a time: apart from the picture before and after, memory does not grow
 with its size.
 
-Convention: everything here takes and gives **stored** pixels (readout.py); positions are (col, row),
-pixel centres at whole numbers. A position lies *inside* a picture of W columns and H rows when
+Convention: everything here accepts and returns **stored** pixels (readout.py); positions are (col, row),
+pixel centres at whole numbers. A position is *inside* a picture of W columns and H rows if
 0 <= col <= W - 1 and 0 <= row <= H - 1 (within the 0.01 px to which the map is exact).
 """
 
@@ -31,19 +31,19 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, UInt
 
 _MOST_THREADS = 16
-_LONGEST_SOURCE = 32_000  # px; cv2.remap has 16 bits for a position
-_HAIRLINE = 1.0  # px that may be missing at an edge without being black
-_REACH = 3  # px that interpolation looks beyond a position
+_LONGEST_SOURCE = 32_000  # px; cv2.remap uses 16 bits for a position
+_HAIRLINE = 1.0  # px that may be missing at an edge without becoming black
+_REACH = 3  # px that interpolation reads beyond a position
 
 
 class Straightened(NamedTuple):
-    """A rectified picture and what was done about its edges.
+    """A rectified picture and how its edges were handled.
 
     Attributes:
-        pixels: stored pixels of the photo's type and bands, and its size (smaller where it was cropped); the photo's
-            own where the motion is zero.
-        edges: ``keep``, ``crop`` or ``fill``: what ``auto`` came to.
-        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
+        pixels: stored pixels with the photo's type and bands, and its size (smaller if cropped); the photo's own if the
+            motion is zero.
+        edges: ``keep``, ``crop`` or ``fill``: the result of ``auto``, if that was chosen.
+        whole: share of the photo's area that a crop leaves; None if no crop was computed.
     """
 
     pixels: UInt[np.ndarray, "new_height new_width *bands"]
@@ -54,29 +54,29 @@ class Straightened(NamedTuple):
 def rectify_pixels(
     pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep", masked: bool = False
 ) -> UInt[np.ndarray, "new_height new_width *bands"]:
-    """The pixels of :func:`straighten`."""
+    """Returns the pixels of :func:`straighten`."""
     return straighten(pixels, motion, edges, masked).pixels
 
 
 def straighten(
     pixels: UInt[np.ndarray, "height width *bands"], motion: Motion, edges: Edges = "keep", masked: bool = False
 ) -> Straightened:
-    """The global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
+    """Computes the global-shutter picture of a rolling-shutter photo, bicubic (a = -0.75).
 
     Args:
         pixels: [H, W] or [H, W, 1..4] stored pixels, uint8 or uint16; the last of 2 or 4 bands is alpha, and
             colours are then interpolated premultiplied.
         motion: the photo's motion, for exactly its size.
-        edges: for pixels whose RS position lies a pixel or more outside the photo: ``keep`` makes them black (and
-            alpha 0), ``crop`` cuts the largest upright rectangle of the photo's aspect without them, ``fill``
-            mirrors the photo at its border; ``auto`` crops where that leaves at least 80 % of the area, else keeps.
-            Less than a pixel outside, ``keep`` and ``crop`` repeat the border: no edge gets a black hairline.
-        masked: the last of 2 or 4 bands is a mask rather than alpha: it is interpolated like a colour, apart from them.
+        edges: for pixels whose RS position is a pixel or more outside the photo: ``keep`` makes them black (and
+            alpha 0), ``crop`` cuts out the largest upright rectangle of the photo's aspect ratio without them, ``fill``
+            mirrors the photo at its border; ``auto`` crops if that leaves at least 80 % of the area, otherwise keeps.
+            Less than a pixel outside, ``keep`` and ``crop`` repeat the border, so that no edge gets a black hairline.
+        masked: the last of 2 or 4 bands is a mask rather than alpha: it is interpolated separately, like a colour.
 
     Raises:
-        UnshutterError: the motion is of another size, or turns faster than rows are read.
+        UnshutterError: the motion has another size, or turns faster than rows are read.
         CropTooSmallError: ``crop`` would leave less than a tenth of the photo.
-        UsageError: unknown ``edges``.
+        UsageError: ``edges`` is unknown.
     """
     check_edges(edges)
     policy = EdgePolicy(edges)
@@ -92,10 +92,10 @@ def straighten(
 
 
 def edge_decision(motion: Motion, edges: Edges) -> EdgeDecision:
-    """What :func:`straighten` would do about the edges of a photo with this motion.
+    """Returns how :func:`straighten` would handle the edges of a photo with this motion.
 
     Raises:
-        UnshutterError, UsageError: see there.
+        UnshutterError, UsageError: see :func:`straighten`.
     """
     check_edges(edges)
     policy, size = EdgePolicy(edges), motion.readout.frame_size(motion.height, motion.width)
@@ -107,16 +107,16 @@ def edge_decision(motion: Motion, edges: Edges) -> EdgeDecision:
 def distort_pixels(
     pixels: UInt[np.ndarray, "height width *bands"], motion: Motion
 ) -> UInt[np.ndarray, "height width *bands"]:
-    """The rolling-shutter picture of a global-shutter one, bilinear: the synthesis of training pairs.
+    """Computes the rolling-shutter picture of a global-shutter one, bilinear, to synthesise training pairs.
 
-    Each RS pixel shows the GS picture at its GS position (closed form); outside it is black, alpha 0.
+    Each RS pixel samples the GS picture at its GS position (closed form); outside it is black, alpha 0.
 
     Args:
-        pixels: as for :func:`rectify_pixels`.
-        motion: for exactly the picture's size.
+        pixels: see :func:`rectify_pixels`.
+        motion: motion for exactly the picture's size.
 
     Raises:
-        UnshutterError: the motion is of another size or turns faster than rows are read.
+        UnshutterError: the motion has another size or turns faster than rows are read.
     """
     _check_size(pixels, motion)
     if motion.is_zero:
@@ -129,21 +129,21 @@ def distort_pixels(
 def sampled_pixels(
     pixels: UInt[np.ndarray, "height width *bands"], grid: SamplingGrid, fill: bool = False, masked: bool = False
 ) -> UInt[np.ndarray, "height width *bands"]:
-    """A picture looked up at the positions of a grid, bicubic; see :func:`straighten`.
+    """Samples a picture at the positions of a grid, bicubic; see :func:`straighten`.
 
     Args:
-        pixels, masked: as there.
+        pixels, masked: see :func:`straighten`.
         grid: positions for a picture of exactly this size.
-        fill: what lies outside is the picture mirrored at its border; else it is black.
+        fill: whether positions outside the picture show it mirrored at its border; otherwise they are black.
     """
     return _warped(pixels, grid, grid.whole, cv2.INTER_CUBIC, None if fill else 0.0, masked)
 
 
 def validity_mask(motion: Motion) -> Bool[np.ndarray, "height width"]:
-    """Which pixels of the rectified picture exist in the photo.
+    """Computes which pixels of the rectified picture exist in the photo.
 
     Returns:
-        bool [H, W] in stored orientation: True where the RS position lies inside the photo.
+        bool [H, W] in stored orientation: True if the RS position is inside the photo.
     """
     size = motion.readout.frame_size(motion.height, motion.width)
     return _mask(SamplingGrid.of(gs_to_rs_map(motion), *size))
@@ -178,14 +178,14 @@ def _warped(
     black_beyond: float | None,
     masked: bool = False,
 ) -> np.ndarray:
-    """A window of the output; both directions of the warp end here.
+    """Computes a window of the output, in either direction of the warp.
 
     Args:
-        black_beyond: what lies so many px or more outside the picture becomes 0, and the border is repeated up to
-            there; None: the picture is mirrored at its border.
+        black_beyond: positions this far or farther outside the picture become 0 [px], and up to there the border is
+            repeated; None: the picture is mirrored at its border.
         masked: see :func:`rectify_pixels`.
     """
-    cv2.setNumThreads(1)  # the threads are here
+    cv2.setNumThreads(1)  # the threads are created here
     result = new_array((window.bottom - window.top, window.right - window.left, *pixels.shape[2:]), pixels.dtype)
     pixels, out = (a.reshape(*a.shape[:2], -1) for a in (pixels, result))
 
@@ -194,18 +194,18 @@ def _warped(
     make = partial(_make, pixels=pixels, out=out, grid=grid, window=window, **settings)
     with ThreadPoolExecutor(thread_count()) as threads:
         for _ in threads.map(make, window.tiles()):
-            pass  # errors come out here
+            pass  # raises errors of the threads
     return result
 
 
 class _Scratch(threading.local):
-    """Arrays that a thread uses again for each tile: to the system, giving it fresh memory is a third of the work."""
+    """Arrays that a thread reuses for each tile, because allocating fresh memory takes a third of the system's work."""
 
     def __init__(self) -> None:
         self._arrays: dict[str, np.ndarray] = {}
 
     def array(self, name: str, shape: tuple[int, ...]) -> np.ndarray:
-        """A float32 array whose contents do not matter, valid until the next of that name."""
+        """Returns an uninitialised float32 array, valid until the next request for that name."""
         size = math.prod(shape)
         if name not in self._arrays or self._arrays[name].size < size:
             self._arrays[name] = np.empty(size, np.float32)
@@ -223,9 +223,9 @@ def _make(
     has_alpha: bool,
     scratch: _Scratch,
 ) -> None:
-    """A tile of the output.
+    """Computes a tile of the output.
 
-    No closure: one that calls itself would keep both pictures until the interpreter looks for cycles.
+    Not a closure: one that calls itself would keep both pictures until the next garbage collection.
     """
     extent = grid.extent(tile)
     positions = scratch.array("positions", (2, tile.bottom - tile.top, tile.right - tile.left))
@@ -255,9 +255,9 @@ def _make(
 
 
 def _mirror(positions: np.ndarray, last: int) -> None:
-    """Moves positions more than a pixel outside 0 ... last to where a mirror about the border's edge shows them.
+    """Reflects positions more than a pixel outside 0 ... last into the picture, as in a mirror at its border.
 
-    Up to a pixel outside they are left alone: the border is repeated there, as with other edges.
+    Up to a pixel outside they are unchanged: the border is repeated there, as with other edges.
     """
     for outside, beyond, sign in ((positions < -1, -1, -1), (positions > last + 1, last + 1, 1)):
         if outside.any():
@@ -267,7 +267,7 @@ def _mirror(positions: np.ndarray, last: int) -> None:
 
 
 def thread_count() -> int:
-    """As many as libvips takes: one per processor, or what VIPS_CONCURRENCY says."""
+    """Returns libvips's number of threads: one per processor, or the value of VIPS_CONCURRENCY."""
     setting = os.environ.get("VIPS_CONCURRENCY", "")
     return min(int(setting) if setting.isdigit() and int(setting) else os.cpu_count() or 1, _MOST_THREADS)
 
@@ -277,7 +277,7 @@ def _too_long(extent: Extent) -> bool:
 
 
 def _cut(pixels: np.ndarray, extent: Extent) -> tuple[np.ndarray, int, int]:
-    """The part of the picture that interpolation within the extent mixes, its left and its top."""
+    """Returns the part of the picture that interpolation within the extent needs, its left and its top."""
     height, width = pixels.shape[:2]
     left, right = (min(max(int(c), 0), width - 1) for c in (extent.left - _REACH, extent.right + _REACH))
     top, bottom = (min(max(int(r), 0), height - 1) for r in (extent.top - _REACH, extent.bottom + _REACH))
@@ -293,13 +293,13 @@ def _sample(
     out: np.ndarray,
     scratch: _Scratch,
 ) -> None:
-    """Writes the image at positions, its border repeated, into out [rows, cols, bands]."""
+    """Samples the image at positions, repeating its border, and writes the result to out [rows, cols, bands]."""
     top = np.iinfo(image.dtype).max
     if image.dtype == np.uint8 and not has_alpha:
         cv2.remap(image, col, row, method, dst=out, borderMode=cv2.BORDER_REPLICATE)
         return
     source, sampled = scratch.array("source", image.shape), scratch.array("sampled", out.shape)
-    np.copyto(source, image)  # 16 bits too: as float a quarter faster, the result the same
+    np.copyto(source, image)  # 16 bits too: a quarter faster as float, with the same result
     if has_alpha:
         source[..., :-1] *= source[..., -1:] / top
     cv2.remap(source, col, row, method, dst=sampled, borderMode=cv2.BORDER_REPLICATE)
