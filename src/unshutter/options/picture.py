@@ -63,7 +63,8 @@ class Undo:
         "Areas outside the original photo: keep them empty (black, or transparent with alpha), crop them away, "
         "or fill them with a mirror image of the photo. auto crops if at least 80 % of the photo is left; "
         "otherwise it keeps them, as it does where coordinates refer to the whole photo: with masks, saved motions and "
-        "sequences, and for arrays and Pillow images in Python. borrow takes them from the neighbouring frames. Default: auto.",
+        "sequences, and for arrays and Pillow images in Python. borrow takes them from the neighbouring "
+        "frames. Default: auto.",
     )
     min_confidence: float = option(
         MIN_CONFIDENCE,
