@@ -1,1 +1,1 @@
-"""Motion from several frames of one camera: what one photo cannot tell, its neighbours can."""
+"""Estimates motion from several frames of one camera, using information that a single photo lacks."""

@@ -1,9 +1,10 @@
-"""The readout ratio from right angles: how far upright things lean says how long the readout took.
+"""Estimates the readout ratio from right angles: the lean of upright objects reveals the readout time.
 
-What moves by v from frame to frame is sheared by ratio * v over a frame's height. The flow between frames says v; right
-angles in each photo (estimators/right_angles) say the shear, if not well: a camera that is held askew by a degree looks
-much the same. So the evidence of all photos for each ratio is added up, with one error of the shear that they share: a
-line through the shears of frames that move differently. It is the only source where a camera moves evenly.
+A scene that moves by v from frame to frame is sheared by ratio * v over a frame's height. Optical flow between frames
+gives v; right angles in each photo (estimators/right_angles) give the shear, though imprecisely: a camera tilted
+sideways by a degree looks much the same. The evidence of all photos for each ratio is therefore summed, with one error
+of the shear common to all: a line through the shears of frames that move differently. It is the only source of the
+ratio if the camera moves evenly.
 """
 
 from __future__ import annotations
@@ -27,24 +28,24 @@ from unshutter.reasons import Code, Reason
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
-_RATIO_GRID = np.linspace(-0.4, 1.4, 19)  # ratios whose evidence is worked out for each photo
+_RATIO_GRID = np.linspace(-0.4, 1.4, 19)  # ratios for which each photo's evidence is computed
 _RATIOS = np.linspace(0.01, 1.0, 100)
-_LEANS = np.linspace(-0.15, 0.15, 61)  # rows: shears that all photos may share
-_ASKEW = np.radians(2.5)  # their standard deviation: nobody holds a video camera with a photographer's care
-_COMMON = 4.0  # segments err together: evidence counts for so much less, as it does for a single photo (odds.py)
-_SLOWEST = 0.01  # rows a frame: slower frames are sheared by less than a camera is held askew
+_LEANS = np.linspace(-0.15, 0.15, 61)  # rows: shear errors common to all photos
+_ASKEW = np.radians(2.5)  # their standard deviation: video cameras are held less carefully than still cameras
+_COMMON = 4.0  # segments' errors are correlated: divisor of the evidence, as for single photos (odds.py)
+_SLOWEST = 0.01  # rows per frame: slower frames are sheared by less than cameras are tilted
 _TOO_UNSURE = 0.1
 _GUESSED_RATIO = 0.5
-SURE_ENOUGH = 0.03  # error of a ratio that right angles could not make smaller
+SURE_ENOUGH = 0.03  # error of a ratio that right angles could not reduce
 
 
 @dataclass(frozen=True)
 class PhotoSpeed:
-    """A photo of a sequence, and how fast what it shows moves.
+    """A photo of a sequence with the speed of its scene.
 
     Attributes:
         view: the photo.
-        speed: [3] t_x and t_y [rows] and r_z [rad] in a frame interval, by its neighbouring frames.
+        speed: [3] t_x and t_y [rows] and r_z [rad] per frame interval, from its neighbouring frames.
     """
 
     view: View
@@ -52,7 +53,7 @@ class PhotoSpeed:
 
 
 def speed_of(pair: Tracks) -> Float64[np.ndarray, "3"]:
-    """t_x and t_y [rows] and r_z [rad] in a frame interval, from the tracks of two frames.
+    """Returns t_x and t_y [rows] and r_z [rad] per frame interval, from the tracks between two frames.
 
     Args:
         pair: tracks of the background, at least three.
@@ -61,15 +62,15 @@ def speed_of(pair: Tracks) -> Float64[np.ndarray, "3"]:
     moved = (pair.end - pair.start) / pair.height
     moved = moved / (1 + _GUESSED_RATIO * moved[:, 1:])
     one, none = np.ones_like(x), np.zeros_like(x)
-    columns, rows = np.stack([one, none, -y, x], axis=-1), np.stack([none, one, x, y], axis=-1)  # the last: growth
+    columns, rows = np.stack([one, none, -y, x], axis=-1), np.stack([none, one, x, y], axis=-1)  # last: scale
     return np.linalg.lstsq(np.concatenate([columns, rows]), moved.T.ravel(), rcond=None)[0][:3]
 
 
 def ratio_from_angles(photos: Sequence[PhotoSpeed]) -> ReadoutRatio:
-    """The readout ratio of a sequence, from the right angles in some of its photos.
+    """Estimates the readout ratio of a sequence from the right angles in some of its photos.
 
     Raises:
-        UnknownRatioError: too little moves from side to side, or the photos show no right angles.
+        UnknownRatioError: there is too little sideways motion, or the photos show no right angles.
     """
     total = np.zeros((len(_RATIOS), len(_LEANS)))
     count = 0
@@ -96,7 +97,7 @@ def ratio_from_angles(photos: Sequence[PhotoSpeed]) -> ReadoutRatio:
 
 
 def combined(first: ReadoutRatio, second: ReadoutRatio) -> ReadoutRatio:
-    """Two findings as one; where they contradict each other, it is as unsure as they are apart."""
+    """Combines two estimates of the ratio; if they disagree, the error grows accordingly."""
     weights = np.array([first.error, second.error]) ** -2.0
     value = float(weights @ [first.value, second.value] / weights.sum())
     apart = abs(first.value - second.value) / np.hypot(first.error, second.error)
@@ -104,9 +105,9 @@ def combined(first: ReadoutRatio, second: ReadoutRatio) -> ReadoutRatio:
 
 
 def _likelihood(view: View) -> ManhattanLikelihood | None:
-    """The likelihood of a photo's segments, its motion unknown; None where it has too few."""
+    """Returns the likelihood of a photo's segments for any motion, or None if there are too few segments."""
     segments, (height, width) = segments_of(view)
     if unusable(segments, view.height, view.width):
         return None
-    # that a sharp photo was hardly moved is believed of motions that are looked for; here it would speak for 0
+    # no speed limit from the photo's sharpness: a prior on the motion would favour a ratio of 0
     return ManhattanLikelihood(segments, height, width / height, known=replace(known_camera(view), speed=None))

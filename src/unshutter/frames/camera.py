@@ -1,21 +1,21 @@
-"""From the tracks of consecutive frames to how the camera turned: a spline over time, by linear least squares.
+"""Estimates the camera's rotation from tracks between consecutive frames: a spline over time, by linear least squares.
 
-Unknown is the turn T(t) of the picture [rad, about three axes], whose rate is that of geometry/rotations.py. Time t is
-counted in frame intervals, and row y of frame k is exposed at k + ratio (y + 1/2) / height. A track from (x0, y0) in
-frame k to (x1, y1) in frame k + 1 says T at the one row's time less T at the other's. With directions (x, y, 1) half
-way between both,
+The unknown is the rotation T(t) of the picture [rad, about three axes], with the rate defined in geometry/rotations.py.
+Time t is counted in frame intervals, and row y of frame k is exposed at k + ratio (y + 1/2) / height. A track from
+(x0, y0) in frame k to (x1, y1) in frame k + 1 measures the difference of T between the times of its two rows. With
+directions (x, y, 1) half way between both,
 
     x1 - x0 = -x y D_x + (1 + x^2) D_y - y D_z        y1 - y0 = -(1 + y^2) D_x + x y D_y + x D_z
 
-where D is that difference: linear in T, and so in its spline's coefficients. (The turns of one frame interval add up
-to about 1e-4 of the square of their size.) Directions need a focal length; a long one makes D_y, D_x, D_z what
-translations t_x, t_y and a rotation r_z do, for cameras of which no focal length fits.
+where D is that difference: linear in T, and so in the coefficients of its spline. (Adding up the rotations within one
+frame interval is exact to about 1e-4 of the square of their size.) Directions need a focal length; with a long one
+D_y, D_x, D_z act like translations t_x, t_y and a rotation r_z, for cameras that no focal length fits.
 
-A fourth unknown is the growth of the picture, x1 - x0 = x D_4, y1 - y0 = y D_4: a camera that drives ahead would
-otherwise be taken for one that turns. It is found and left unchanged.
+A fourth unknown is the change of scale, x1 - x0 = x D_4, y1 - y0 = y D_4: without it, a camera that drives forwards
+would be mistaken for one that rotates. It is estimated but not corrected.
 
-Errors of tracks are taken as Student's t, so that outliers do not pull; the spline's second derivative is taken as
-white noise. How strong both are is found with the rest, as what makes the tracks most probable (the evidence).
+Errors of tracks are modelled by Student's t, so that outliers have little influence, and the spline's second derivative
+as white noise. The size of both is estimated too, by maximising the probability of the tracks (the evidence).
 """
 
 from __future__ import annotations
@@ -34,27 +34,27 @@ from unshutter.frames.turn_equations import DEGREES, TurnEquations, student_weig
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
-ROWS = 256  # errors and curvatures are counted in pixels of a picture of so many rows
+ROWS = 256  # errors and curvatures are in pixels of a picture with this many rows
 _PER_FRAME = 4  # knots
-_UNKNOWNS = 4  # of a moment: three turns and the growth of the picture
-_RIDGE = 1e-6  # px^-2; T is counted from anywhere: this ties it
-_STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: what is tried
+_UNKNOWNS = 4  # at any time: three rotations and the change of scale
+_RIDGE = 1e-6  # px^-2; T has an arbitrary origin, which this fixes
+_STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: values tried
 _ROUNDS = 4
-_FASTER = 1.5  # than the tracks of all frames say, within one frame: so much is a hand's
-_PAIR_ROUNDS, _LEAST_OFF = 12, 0.02  # of the turn between two frames; px that tracks are off by at least
-_SLACK = 0.5  # px of ROWS rows, beyond that
+_FASTER = 1.5  # allowed motion within a frame, over that of the tracks: as much as a hand makes
+_PAIR_ROUNDS, _LEAST_OFF = 12, 0.02  # of the rotation between two frames; lower limit of the tracks' error [px]
+_SLACK = 0.5  # px of ROWS rows, added to that
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """How the camera turned, as it follows from tracks.
+    """The camera's rotation over time, estimated from tracks.
 
     Attributes:
-        coefficients: [knots, 4] of the spline [px of ROWS rows, times the focal length in them: rad].
+        coefficients: [knots, 4] of the spline [px of ROWS rows; divided by the focal length: rad].
         focal_px: focal length [px of ROWS rows].
-        noise_px: of the tracks [px of ROWS rows].
-        stiffness: what the spline's curvature was weighted with.
-        log_evidence: logarithm of the probability of the tracks, up to a constant.
+        noise_px: noise of the tracks [px of ROWS rows].
+        stiffness: weight of the spline's curvature.
+        log_evidence: log probability of the tracks, up to a constant.
     """
 
     coefficients: Float64[np.ndarray, "knots 4"]
@@ -65,16 +65,16 @@ class Fit:
 
     @classmethod
     def none(cls, focal_px: float) -> Fit:
-        """A camera that does not move."""
+        """Returns the fit of a camera that does not move."""
         return cls(np.zeros((ORDER, _UNKNOWNS)), focal_px, 0.0, _STIFFNESS[-1], 0.0)
 
     @property
     def knots_per_frame(self) -> int:
-        """How densely the spline can bend."""
+        """Number of spline knots per frame interval."""
         return _PER_FRAME
 
     def turn(self, at: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3"]:
-        """T [rad] at times [frame intervals since the first frame's first row]; goes on straight beyond the ends."""
+        """T [rad] at times [frame intervals since the first frame's first row]; constant beyond the ends."""
         last = (len(self.coefficients) - 3) / _PER_FRAME
         inside = np.clip(at, 0.0, last)
         turn = basis(inside * _PER_FRAME, len(self.coefficients)) @ self.coefficients[:, :3]
@@ -83,13 +83,13 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Tracks between consecutive frames, put together as equations.
+    """The linear equations for the tracks between consecutive frames.
 
     Attributes:
         pairs: tracks from each frame to the next.
         focal_px: focal length [px of ROWS rows].
-        starts: times of the first frame and of each later one [usual frame intervals], the first below 1; None: frames
-            were taken at even intervals.
+        starts: times of the first frame and of each later one [usual frame intervals], the first below 1; None if
+            frames were taken at even intervals.
     """
 
     pairs: Sequence[Tracks]
@@ -104,19 +104,19 @@ class Problem:
 
     @cached_property
     def _taken(self) -> np.ndarray:
-        """[pairs, 2] when each pair's frames were taken [usual frame intervals]."""
+        """[pairs, 2] times of each pair's frames [usual frame intervals]."""
         starts = np.arange(len(self.pairs) + 1.0) if self.starts is None else np.asarray(self.starts, np.float64)
         return np.stack([starts[:-1], starts[1:]], axis=-1)
 
     @cached_property
     def _local(self) -> int:
-        """Splines that the times of two frames reach, counted from the last whole interval before them."""
+        """Number of splines that overlap the times of two frames, counted from the last whole interval before them."""
         spans = np.ceil(self._taken[:, 1] - np.floor(self._taken[:, 0]) - 1e-9)
         return _PER_FRAME * (int(spans.max()) + 1) + 4
 
     @cached_property
     def _used(self) -> np.ndarray:
-        """[pairs, most] bool: which places of the padded arrays hold a track."""
+        """[pairs, most] bool: which entries of the padded arrays hold a track."""
         most = max(1, *(len(pair) for pair in self.pairs))
         return np.array([np.arange(most) < len(pair) for pair in self.pairs])
 
@@ -130,12 +130,12 @@ class Problem:
 
     @cached_property
     def _moved(self) -> np.ndarray:
-        """[pairs, most, 2] by how much each track moved [px of ROWS rows]."""
+        """[pairs, most, 2] displacement of each track [px of ROWS rows]."""
         return self._ends[1] - self._ends[0]
 
     @cached_property
     def _jacobian(self) -> np.ndarray:
-        """[pairs, most, 2, 4] by how much each track moves for a turn of 1 / focal length."""
+        """[pairs, most, 2, 4] displacement of each track for a rotation of 1 / focal length."""
         return turn_jacobian(self._ends.mean(axis=0), self.pairs[0].width * self._unit, self.focal_px)
 
     def _equations(self, ratio: float) -> TurnEquations:
@@ -150,37 +150,37 @@ class Problem:
 
     @cached_property
     def _places(self) -> np.ndarray:
-        """[pairs, 4 local] which unknowns each pair's times reach."""
+        """[pairs, 4 local] indices of the unknowns that each pair's times involve."""
         first = np.floor(self._taken[:, :1]).astype(int)
         return _UNKNOWNS * _PER_FRAME * first + np.arange(_UNKNOWNS * self._local)
 
     @cached_property
     def _prior(self) -> np.ndarray:
-        """[unknowns, unknowns]: the quadratic form of a stiffness of 1."""
+        """[unknowns, unknowns] quadratic form of the prior for a stiffness of 1."""
         return np.kron(roughness(self._knots) * _PER_FRAME**3, np.eye(_UNKNOWNS))
 
     @property
     def moments(self) -> Float64[np.ndarray, "frames"]:
-        """When the frames were taken [usual frame intervals]."""
+        """Times of the frames [usual frame intervals]."""
         return np.append(self._taken[:, 0], self._taken[-1, 1])
 
     @cached_property
     def fastest(self) -> float:
-        """How far nine of ten tracks move in a frame interval, in the pair in which they move farthest [px of ROWS]."""
+        """90th percentile of the displacement per frame interval, in the fastest pair [px of ROWS rows]."""
         shifts = [np.hypot(*(pair.end - pair.start).T) for pair in self.pairs]
         gaps = np.diff(self._taken, axis=1)[:, 0]
         speeds = [np.quantile(shift, 0.9) / gap for shift, gap in zip(shifts, gaps, strict=True) if len(shift)]
         return float(max(speeds, default=0.0)) * self._unit
 
-    # ---- solved ----------------------------------------------------------------------------------------
+    # ---- solution --------------------------------------------------------------------------------------
 
     def fit(self, ratio: float, stiffness: float | None = None, near: Fit | None = None) -> Fit:
-        """The most probable motion.
+        """Returns the most probable motion.
 
         Args:
             ratio: readout time in frame intervals, 0 ... 1.
-            stiffness: weight of the curvature; None: the one of the highest evidence.
-            near: a fit of another ratio or stiffness to begin from: it saves time.
+            stiffness: weight of the curvature; None selects the one with the highest evidence.
+            near: fit for another ratio or stiffness to start from, which saves time.
         """
         equations = self._equations(ratio)
         if stiffness is not None:
@@ -188,7 +188,7 @@ class Problem:
         best = near
         fits: dict[float, Fit] = {}
         at = _STIFFNESS.index(near.stiffness) if near is not None else _STIFFNESS.index(1.0)
-        while True:  # the evidence has one maximum: it is climbed
+        while True:  # hill climbing: the evidence has a single maximum
             for k in (at, at - 1, at + 1):
                 if 0 <= k < len(_STIFFNESS) and _STIFFNESS[k] not in fits:
                     fits[_STIFFNESS[k]] = best = self._solved(equations, _STIFFNESS[k], best)
@@ -198,7 +198,7 @@ class Problem:
             at = _STIFFNESS.index(highest.stiffness)
 
     def _solved(self, equations: TurnEquations, stiffness: float, near: Fit | None) -> Fit:
-        """The most probable motion of one stiffness, by reweighted least squares."""
+        """Returns the most probable motion for one stiffness, by iteratively reweighted least squares."""
         prior = stiffness * self._prior + _RIDGE * np.eye(_UNKNOWNS * self._knots)
         weights, noise = self._used.astype(np.float64), np.nan
         unknowns = near.coefficients.ravel() if near is not None else None
@@ -217,28 +217,28 @@ class Problem:
         squared = self._squared(equations, unknowns)[self._used]
         likelihood = -2 * len(squared) * np.log(noise)
         likelihood -= (DEGREES + 2) / 2 * np.log1p(squared / (DEGREES * noise**2)).sum()
-        free = len(unknowns) - 2 * _UNKNOWNS  # the prior says nothing of place and speed
+        free = len(unknowns) - 2 * _UNKNOWNS  # the prior leaves position and speed free
         evidence = (
             likelihood - unknowns @ prior @ unknowns / 2 + free * np.log(stiffness) / 2 - log_determinant(left) / 2
         )
         return Fit(unknowns.reshape(-1, _UNKNOWNS), self.focal_px, float(noise), stiffness, float(evidence))
 
     def _squared(self, equations: TurnEquations, unknowns: np.ndarray) -> np.ndarray:
-        """[pairs, most] squared distance of each track's end from where the motion takes it."""
+        """[pairs, most] squared distance of each track's end from its predicted position."""
         return equations.squared(unknowns[self._places].reshape(len(self.pairs), -1, _UNKNOWNS))
 
 
 def steady(problem: Problem, ratio: float, stiffness: float | None) -> Fit:
-    """The most probable motion that moves within no frame by much more than the tracks from frame to frame do.
+    """Returns the most probable motion that is not much faster within any frame than the tracks between frames are.
 
-    An oscillation that comes again with every frame leaves no trace in the tracks, and one that grows from frame to
-    frame looks like a scene of which the lower rows move faster, as near ground does. Such a fit is not believed: a
-    stiffer spline takes its place.
+    An oscillation that repeats with every frame leaves no trace in the tracks, and one that grows from frame to
+    frame looks like a scene whose lower rows move faster, as near ground does. Such a fit is rejected in favour of a
+    stiffer spline.
 
     Args:
         problem: the tracks.
         ratio: readout time in frame intervals.
-        stiffness: as of :meth:`Problem.fit`.
+        stiffness: see :meth:`Problem.fit`.
     """
     fit = problem.fit(ratio, stiffness)
     most = _FASTER * ratio / 2 * problem.fastest + _SLACK
@@ -248,7 +248,7 @@ def steady(problem: Problem, ratio: float, stiffness: float | None) -> Fit:
 
 
 def _within_frames(fit: Fit, problem: Problem, ratio: float) -> float:
-    """By how much a motion moves a frame's rows from where its middle row is, at most [px of ROWS rows]."""
+    """Returns the largest displacement of any row against its frame's middle row [px of ROWS rows]."""
     rows = np.linspace(0, 1, 9)
     turns = fit.turn((problem.moments[:, None] + ratio * rows).ravel()).reshape(-1, len(rows), 3)
     reach = np.abs(turns - turns[:, [len(rows) // 2]]) * [fit.focal_px, fit.focal_px, ROWS / 2]
@@ -256,10 +256,10 @@ def _within_frames(fit: Fit, problem: Problem, ratio: float) -> float:
 
 
 def turn_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"]:
-    """The turn [rad] between two frames that most of their tracks show, all rows taken for one moment's.
+    """Returns the rotation [rad] between two frames that most tracks support, ignoring the readout time.
 
     Args:
-        tracks: from the one to the other; strays do not matter.
+        tracks: from one frame to the other; outliers are tolerated.
         focal_px: focal length [px of ROWS rows].
     """
     unit = ROWS / tracks.height
@@ -280,11 +280,11 @@ def turn_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"]:
 def turn_jacobian(
     at: Float64[np.ndarray, "*points 2"], width: float, focal_px: float
 ) -> Float64[np.ndarray, "*points 2 4"]:
-    """By how much points (col, row) [px of ROWS rows] move for a turn of 1 / focal length about each axis, and growth.
+    """Returns the displacement of points for a rotation of 1 / focal length about each axis, and for scale.
 
     Args:
-        at: the points.
-        width: of the picture [px of ROWS rows].
+        at: the points (col, row) [px of ROWS rows].
+        width: width of the picture [px of ROWS rows].
         focal_px: focal length [px of ROWS rows].
     """
     x, y = np.moveaxis((at - [width / 2, ROWS / 2]) / focal_px, -1, 0)

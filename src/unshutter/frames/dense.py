@@ -1,14 +1,14 @@
-"""Dense motion: the velocity of whatever each pixel shows, so that near and far may move differently.
+"""Dense motion: a velocity for every pixel, so that near and far objects may move differently.
 
-Content that flow F takes from row y of one frame to the next takes 1 + ratio F_y / H frame intervals for it; its
-velocity V is F over that time, and taken as constant. What a frame shows at the moment tau is at the moment t in
+Content that flow F carries from row y of one frame to the next takes 1 + ratio F_y / H frame intervals; its velocity V
+is F divided by that time, and is taken as constant. A point that a frame shows at position p at the time tau is at
 
     q = p - V (tau - t)
 
-so a picture of the moment t looks in the frame at p = q + V (tau(p) - t). Where V is known at the pixels q of that
-moment, p is a closed form (``_look``); where it is known at the pixels p of a frame, a fixed point.
+at the time t, so a picture of the time t samples the frame at p = q + V (tau(p) - t). If V is known at the pixels q of
+that picture, p has a closed form (``_look``); if it is known at the pixels p of a frame, it is a fixed point.
 
-Everything is counted in pixels of the small grey copies that the flow was found in.
+All lengths are in pixels of the small grey copies in which the flow was computed.
 """
 
 from __future__ import annotations
@@ -25,26 +25,26 @@ from unshutter.frames.timing import Timing
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float, Float32, UInt8
 
-_ROUNDS = 4  # of the fixed point
-_WINDOW = 0.11  # of the width: in which ways of moving are compared
-_NODES = 8  # px between places at which the plane's velocities are worked out
-_EVERY = 2  # px: they are compared at every second place, since a window holds thousands
-_SOFTNESS = 0.5  # grey levels: ways of moving that differ by less are mixed
-_DOUBT = 2.0  # grey levels by which one neighbour may explain a picture worse than the other
-_UNSEEN = 30.0  # grey levels that a way of moving costs where it leaves a frame
+_ROUNDS = 4  # of the fixed-point iteration
+_WINDOW = 0.11  # of the width: window in which candidate velocities are compared
+_NODES = 8  # px between nodes at which the plane's velocities are computed
+_EVERY = 2  # px: every second pixel is compared, since a window holds thousands
+_SOFTNESS = 0.5  # grey levels: candidates whose costs differ by less are blended
+_DOUBT = 2.0  # grey levels: scale of the difference in cost at which one neighbour is preferred
+_UNSEEN = 30.0  # grey levels: cost of a candidate that leads outside a frame
 
 
 @dataclass(frozen=True)
 class Field:
-    """How what a picture of one moment shows moves.
+    """Velocity of every pixel in the picture of one moment.
 
     Attributes:
-        velocity: at the moment [px of the copy / frame interval], (columns, rows), at each pixel of the picture.
-        acceleration: [px of the copy / frame interval^2]; 0 from two frames alone.
-        moment: of the picture, in frame intervals.
+        velocity: at that moment [px of the copy / frame interval], (columns, rows), at each pixel of the picture.
+        acceleration: [px of the copy / frame interval^2]; 0 if only two frames are used.
+        moment: time of the picture, in frame intervals.
         timing: the clock of the copies.
-        cost: mean difference [grey levels] about every second pixel of what the frames have for it.
-        still_cost: the same if nothing moved.
+        cost: mean difference [grey levels] between the frames' samples around every second pixel.
+        still_cost: cost of zero motion.
     """
 
     velocity: Float32[np.ndarray, "height width 2"]
@@ -55,10 +55,10 @@ class Field:
     still_cost: Float32[np.ndarray, "rows columns"]
 
     def shift(self, frame: float) -> Float32[np.ndarray, "height width 2"]:
-        """How far from itself each pixel of the picture looks in a frame: (columns, rows) [px of the copy].
+        """Returns the offset (columns, rows) from each pixel to where it is sampled in a frame [px of the copy].
 
         Args:
-            frame: when its first row was exposed [frame intervals after that of frame 0]: its number at even intervals.
+            frame: time of its first row [frame intervals after that of frame 0]; its number if intervals are even.
         """
         grid = pixel_grid(*self.velocity.shape[:2])
         position = _look(self.velocity, self.moment, self.timing, frame)
@@ -70,17 +70,17 @@ class Field:
 
 
 def joined(before: Field, after: Field) -> Field:
-    """The motion from two neighbours: at a speed that changes evenly from the one's to the other's.
+    """Combines the motion from two neighbours, with a speed that changes evenly from one to the other.
 
-    Where one of them explains the picture plainly worse, what it says is left out.
+    Where one neighbour explains the picture clearly worse, its motion is ignored.
 
     Args:
         before: from frames -1 and 0.
-        after: from frames 0 and 1, of the same moment.
+        after: from frames 0 and 1, at the same moment.
     """
     row = pixel_grid(*before.velocity.shape[:2])[..., 1:]
     own_row = row + before.shift(0)[..., 1:]
-    since = (before.moment - before.timing.exposed(0, own_row)).astype(np.float32)  # frame 0 saw what is shown
+    since = (before.moment - before.timing.exposed(0, own_row)).astype(np.float32)  # since frame 0 read this content
     change = after.velocity - before.velocity
     steady = (after.velocity + before.velocity) / 2 + change * since
     trust = 1 / (1 + np.exp(np.clip((after.cost - before.cost) / _DOUBT, -30, 30)))  # in ``after``
@@ -105,17 +105,17 @@ def field_between(
     moment: float,
     nearest: int = 0,
 ) -> Field:
-    """The velocities at a moment, from the flow between frame 0 and frame 1.
+    """Returns the velocities at a moment, from the flow between frame 0 and frame 1.
 
-    Three ways of moving are known for a pixel: the flow of either frame, and that of the whole picture's plane. Each
-    would have it look at one place in either frame; the ways are mixed by how alike those places are.
+    Each pixel has three candidate velocities: the flow of either frame, and that of the whole picture's plane. Each
+    predicts one position in either frame; the candidates are blended by how well the frames match there.
 
     Args:
         earlier, later: grey copies of the frames.
-        flow: between them.
+        flow: flow between them.
         timing: the clock of the copies.
-        moment: of the picture, in frame intervals from the first row of frame 0.
-        nearest: frame (0 or 1) that the picture is of.
+        moment: time of the picture, in frame intervals from the first row of frame 0.
+        nearest: frame (0 or 1) to which the picture belongs.
     """
     ways = [
         _at_moment(_velocity(flow.forward, timing, +1), timing, 0, moment),
@@ -140,13 +140,13 @@ def field_between(
 
 
 def _velocity(flow: np.ndarray, timing: Timing, direction: int) -> np.ndarray:
-    """Velocities at the pixels of a frame, from its flow to the next (direction +1) or the previous one (-1)."""
+    """Returns velocities at the pixels of a frame, from its flow to the next (direction +1) or previous frame (-1)."""
     duration = 1 + direction * timing.per_row * flow[..., 1:]
     return direction * flow / np.maximum(duration, 0.1)
 
 
 def _at_moment(velocity: np.ndarray, timing: Timing, frame: int, moment: float) -> np.ndarray:
-    """Velocities at the pixels of the picture of a moment, from those at a frame's own pixels."""
+    """Converts velocities at a frame's pixels to velocities at the pixels of the picture of a moment."""
     grid = pixel_grid(*velocity.shape[:2])
     position = grid
     for _ in range(_ROUNDS):
@@ -156,7 +156,7 @@ def _at_moment(velocity: np.ndarray, timing: Timing, frame: int, moment: float) 
 
 
 def _plane_at_moment(plane: np.ndarray, timing: Timing, moment: float, height: int, width: int) -> np.ndarray:
-    """Velocities at the pixels of the picture of a moment, of the plane of frame 0; smooth, so few are worked out."""
+    """Returns the velocities of frame 0's plane in the picture of a moment; smooth, so computed at few nodes."""
     nodes = pixel_grid(-(-height // _NODES) + 1, -(-width // _NODES) + 1) * np.float32(_NODES)
     position = nodes
     for _ in range(_ROUNDS):
@@ -169,7 +169,7 @@ def _plane_at_moment(plane: np.ndarray, timing: Timing, moment: float, height: i
 def _look(
     velocity: np.ndarray, moment: float, timing: Timing, frame: float, grid: np.ndarray | None = None
 ) -> np.ndarray:
-    """P of p = q + V (tau(p) - t), where V is known at q: linear in p's row; q are all pixels, or those of a grid."""
+    """Solves p = q + V (tau(p) - t), linear in p's row, with V known at q: all pixels, or those of a grid."""
     grid = pixel_grid(*velocity.shape[:2]) if grid is None else grid
     down = velocity[..., 1]
     row = (grid[..., 1] + down * (timing.start(frame) - moment)) / np.maximum(1 - timing.per_row * down, 0.1)
@@ -180,7 +180,7 @@ def _look(
 def _cost(
     earlier: np.ndarray, later: np.ndarray, velocity: Float[np.ndarray, "height width 2"], timing: Timing, moment: float
 ) -> np.ndarray:
-    """How unlike the frames are where a velocity says that they show the same, averaged about every second pixel."""
+    """Returns the difference between the frames where a velocity matches them, averaged around every second pixel."""
     height, width = earlier.shape
     grid, there = pixel_grid(height, width)[::_EVERY, ::_EVERY], velocity[::_EVERY, ::_EVERY]
     in_earlier, in_later = (_look(there, moment, timing, frame, grid) for frame in (0, 1))
@@ -192,5 +192,5 @@ def _cost(
 
 
 def _everywhere(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """Values that are known at every second pixel, at each pixel of a picture."""
+    """Upsamples values known at every second pixel to all pixels of a picture."""
     return cv2.resize(values, like.shape[1::-1], interpolation=cv2.INTER_LINEAR)

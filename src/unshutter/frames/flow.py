@@ -1,8 +1,8 @@
 """Optical flow between two frames, in both directions.
 
-Most of the motion is shared by the whole picture: a homography of tracked corners takes it out first, and dense inverse
-search (DIS: Kroeger, Timofte, Dai, Van Gool, ECCV 2016, in OpenCV) finds the rest. A pixel that has left the picture
-has no partner there; its flow is that of the homography.
+Most of the motion is common to the whole picture: a homography of tracked corners removes it first, and dense inverse
+search (DIS: Kroeger, Timofte, Dai, Van Gool, ECCV 2016, in OpenCV) finds the rest. A pixel that leaves the picture has
+no match; its flow is that of the homography.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 _PATCH, _STRIDE = 12, 4  # px; larger patches than OpenCV's presets: docs/research/frames-attempts.md
 _DESCENTS, _REFINEMENTS = 25, 5
-_NO_SECOND_MAP: Any = None  # OpenCV's stubs do not know that it may be None; 5.0 reads an empty array as a map
-_CONSISTENT = 1.5  # px from a pixel to its partner and back
+_NO_SECOND_MAP: Any = None  # OpenCV's stubs do not allow None; 5.0 would treat an empty array as a map
+_CONSISTENT = 1.5  # px: forward-backward error
 _CORNERS = 600
-_QUALITY, _DISTANCE = 0.005, 5  # of corners: of the best one's strength; px between them
+_QUALITY, _DISTANCE = 0.005, 5  # of corners: share of the best one's strength; px between them
 _WINDOW, _LEVELS = (15, 15), 4  # of Lucas-Kanade tracking
-_MOST_ROUND_TRIP = 0.5  # px from a corner to where it is tracked and back
+_MOST_ROUND_TRIP = 0.5  # px: forward-backward error of a tracked corner
 _FEWEST = 12
 _INLIER = 1.0  # px
 _SEED = 0
@@ -33,13 +33,13 @@ _SEED = 0
 
 @dataclass(frozen=True)
 class Flow:
-    """Where the pixels of two frames are in the other one.
+    """Optical flow between two frames.
 
     Attributes:
-        forward: from each pixel of the earlier frame to its partner in the later one [px], (columns, rows).
-        backward: from each pixel of the later frame to its partner in the earlier one [px].
-        plane: homography from the earlier frame to the later one: the motion that most of the picture shares.
-        consistent: share of the pixels with a partner that are led there and back to within 1.5 px.
+        forward: from each pixel of the earlier frame to its match in the later one [px], (columns, rows).
+        backward: from each pixel of the later frame to its match in the earlier one [px].
+        plane: homography from the earlier frame to the later one: the motion of most of the picture.
+        consistent: share of the pixels with a match whose forward-backward error is below 1.5 px.
     """
 
     forward: Float32[np.ndarray, "height width 2"]
@@ -51,11 +51,11 @@ class Flow:
 def flow_between(
     earlier: UInt8[np.ndarray, "height width"], later: UInt8[np.ndarray, "height width"], halvings: int = 0
 ) -> Flow:
-    """The flow between two grey pictures of one size, each direction in a thread of its own.
+    """Computes the flow between two grey pictures of the same size, each direction in its own thread.
 
     Args:
         earlier, later: the pictures.
-        halvings: how often the pictures are halved before the last search: 1 takes a quarter of the time.
+        halvings: number of times the pictures are halved before the last search; 1 takes a quarter of the time.
     """
     plane = plane_between(earlier, later)
     with ThreadPoolExecutor(2) as threads:
@@ -67,7 +67,7 @@ def flow_between(
 
 @lru_cache(maxsize=2)
 def pixel_grid(height: int, width: int) -> Float32[np.ndarray, "height width 2"]:
-    """(column, row) of every pixel; read-only, since all who ask for pictures of one size get the same array."""
+    """Returns (column, row) of every pixel; read-only, because the array is shared between callers."""
     grid = np.empty((height, width, 2), np.float32)
     grid[..., 0], grid[..., 1] = np.arange(width), np.arange(height)[:, None]
     grid.setflags(write=False)
@@ -75,12 +75,12 @@ def pixel_grid(height: int, width: int) -> Float32[np.ndarray, "height width 2"]
 
 
 def bilinear(field: np.ndarray, positions: Float32[np.ndarray, "rows cols 2"]) -> np.ndarray:
-    """A field [h, w, ...] at positions in it, bilinear; beyond its border, what it has there."""
+    """Interpolates a field [h, w, ...] bilinearly at positions, replicating its border."""
     return cv2.remap(field, positions, _NO_SECOND_MAP, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def inside(positions: Float32[np.ndarray, "rows cols 2"], height: int, width: int) -> np.ndarray:
-    """Bool [rows, cols]: which positions lie in a picture."""
+    """Bool [rows, cols]: whether each position lies in a picture."""
     column, row = positions[..., 0], positions[..., 1]
     return (column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)
 
@@ -89,7 +89,7 @@ def _one_way(source: np.ndarray, target: np.ndarray, plane: np.ndarray, halvings
     height, width = source.shape
     grid = pixel_grid(height, width)
     ends = moved(plane, grid)
-    rest = _search(halvings).calc(source, bilinear(target, ends), cast(np.ndarray, None))  # None: from no flow at all
+    rest = _search(halvings).calc(source, bilinear(target, ends), cast(np.ndarray, None))  # None: no initial flow
     flow = moved(plane, grid + rest) - grid
     outside = ~inside(ends, height, width)
     flow[outside] = (ends - grid)[outside]
@@ -122,10 +122,10 @@ def _consistent_share(forward: np.ndarray, backward: np.ndarray) -> float:
 def plane_between(
     first: UInt8[np.ndarray, "height width"], second: UInt8[np.ndarray, "height width"]
 ) -> Float64[np.ndarray, "3 3"]:
-    """The homography from the first picture to the second; the identity where too few corners can be tracked.
+    """Returns the homography between two pictures, or the identity if too few corners can be tracked.
 
-    Corners are tracked from where they are, and from where phase correlation says that the whole picture went: what
-    moves by a sixth of the width is found, too. Whichever start tracks more of them is taken.
+    Corners are tracked from two starting points: their own position, and that shifted by phase correlation, so that
+    motion of up to a sixth of the width is found. The start that tracks more corners is used.
     """
     height, width = first.shape
     corners = cv2.goodFeaturesToTrack(first, _CORNERS, _QUALITY, _DISTANCE)
@@ -143,13 +143,13 @@ def plane_between(
 
 
 def moved(plane: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "rows cols 2"]) -> np.ndarray:
-    """Where a homography takes points, float32 [rows, cols, 2]."""
+    """Maps points by a homography, float32 [rows, cols, 2]."""
     ends = cv2.perspectiveTransform(points.reshape(1, -1, 2).astype(np.float64), plane)
     return ends.reshape(points.shape).astype(np.float32)
 
 
 def _shift(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(columns, rows) by which the whole picture moved."""
+    """Returns (columns, rows) by which the whole picture moved, from phase correlation."""
     height, width = first.shape
     window = cv2.createHanningWindow((width, height), cv2.CV_32F)
     shift, _ = cv2.phaseCorrelate(first.astype(np.float32), second.astype(np.float32), window)
@@ -159,7 +159,7 @@ def _shift(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def _tracked(
     first: np.ndarray, second: np.ndarray, corners: np.ndarray, start: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners [N, 2] that are found in the second picture and back again, and where they are there."""
+    """Returns the corners [N, 2] tracked to the second picture and back, and their positions there."""
     settings = {"winSize": _WINDOW, "maxLevel": _LEVELS, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
     there, status, _ = cv2.calcOpticalFlowPyrLK(first, second, corners, corners + start, **settings)
     back, status_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, there - start, **settings)
@@ -169,7 +169,7 @@ def _tracked(
 
 
 def _is_sound(plane: np.ndarray, height: int, width: int) -> bool:
-    """Whether the picture stays a convex one of about its size, and not all of it leaves the frame."""
+    """Whether the mapped picture remains convex and of similar size, and does not leave the frame entirely."""
     outline = np.array([[[0, 0], [width, 0], [width, height], [0, height]]], np.float64)
     ends = cv2.perspectiveTransform(outline, plane)[0]
     sides = np.roll(ends, -1, axis=0) - ends

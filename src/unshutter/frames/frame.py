@@ -1,4 +1,4 @@
-"""A photo as a frame of a sequence: its neighbours, the options to rectify it, the result, and the dense model."""
+"""A photo as a frame of a sequence: its neighbours, the options for rectifying it, the result, and the dense model."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Model = Literal["camera", "dense", "alone"]
 
 
 class Frame:
-    """A photo of a sequence, and the flow from it to the next one.
+    """A photo of a sequence, and the flow to the next one.
 
     Attributes:
         source: what the caller passed: a path, encoded bytes, pixels or a Photo.
-        photo: that as a Photo.
-        to_next: the flow to the next frame; None until it was looked for.
+        photo: the source as a Photo.
+        to_next: the flow to the next frame; None until computed.
     """
 
     def __init__(self, source: Any, readout: Readout) -> None:
@@ -50,11 +50,11 @@ class Frame:
 
     @cached_property
     def _tracked(self) -> np.ndarray:
-        """The grey copy [h, w] that corners are followed in."""
+        """The grey copy [h, w] in which corners are tracked."""
         return np.ascontiguousarray(self._readout.turn(self.photo.grey(TRACKED_SIDE)))
 
     def check_like(self, following: Frame) -> None:
-        """Raises UnshutterError where the next frame has another size or other bands."""
+        """Raises UnshutterError if the next frame has another size or number of bands."""
         if self._size != following._size:
             sizes = [f"{width}x{height} px" for height, width in (self._size, following._size)]
             raise UnshutterError(
@@ -71,16 +71,16 @@ class Frame:
             )
 
     def connect(self, following: Frame) -> None:
-        """Finds the flow to the next frame, which is like it; once.
+        """Computes the flow to the next frame, once; call :meth:`check_like` first.
 
         Raises:
-            UnshutterError: it shows something else.
+            UnshutterError: the next frame shows something else.
         """
         if self.to_next is None:
             self.to_next = link(self._copy, following._copy)
 
     def tracks_to(self, following: Frame) -> Tracks:
-        """Corners followed to the next frame."""
+        """Tracks corners to the next frame."""
         return follow(self._tracked, following._tracked)
 
     @property
@@ -89,25 +89,25 @@ class Frame:
 
     @cached_property
     def _copy(self) -> np.ndarray:
-        """The small grey copy [h, w] that motion is looked for in."""
+        """The small grey copy [h, w] in which motion is estimated."""
         return np.ascontiguousarray(self._readout.turn(self.photo.grey(copy_side(*self._size))))
 
 
 @dataclass(frozen=True)
 class SequenceOptions:
-    """How the frames of a sequence are rectified.
+    """Options for rectifying the frames of a sequence.
 
     Attributes:
-        clock: how fast frames were taken and read out, if that is known.
+        clock: frame rate and readout time, as far as known.
         undo: reference row, strength and edges.
         readout: direction in which the stored pixels were read.
-        at: moment of the picture, in frame intervals from the frame's first row; None: that of the reference row.
-        model: how motion is to be described; None: as other options need it, else the one that fits the frames.
-        focal_px: focal length of the camera [px of the photo]; None: EXIF's, else found.
-        alone: how motion is found from a photo alone where its neighbours say nothing; None: it is not.
+        at: time of the picture, in frame intervals from the frame's first row; None for that of the reference row.
+        model: motion model; None for the one other options require, otherwise the one that fits the frames.
+        focal_px: focal length of the camera [px of the photo]; None to use EXIF's, or estimate it.
+        alone: how motion is estimated from the photo alone if its neighbours are inconclusive; None not to.
 
     Raises:
-        UsageError: options that do not fit together, or a moment too far away.
+        UsageError: the options contradict each other, or the time is too far away.
     """
 
     clock: Clock
@@ -121,19 +121,19 @@ class SequenceOptions:
     def __post_init__(self) -> None:
         if self.at is not None and not -1 <= self.at <= 1:
             raise UsageError(f"the moment must lie between -1 and 1 frame intervals, got {self.at:g}")
-        _ = self.needed_model  # raises where no model does all that is asked for
+        _ = self.needed_model  # raises if no model supports all options
 
     @property
     def needed_model(self) -> FrameModel | None:
-        """How motion has to be described; None: the one that fits the frames."""
+        """The motion model the options require; None if the frames decide."""
         return model_for(self.model, self.at, self.undo)
 
     def timing(self, height: int) -> Timing:
-        """The clock of frames with so many rows."""
+        """Returns the clock of frames with this number of rows."""
         return Timing(self.clock.ratio, height)
 
     def moment(self, timing: Timing) -> float:
-        """The moment of the picture, in frame intervals from the frame's first row."""
+        """Returns the time of the picture, in frame intervals from the frame's first row."""
         return timing.moment(self.undo.reference or "first") if self.at is None else self.at
 
 
@@ -143,15 +143,15 @@ class RectifiedFrame(Result):
 
     Attributes:
         photo: the new pixels with the metadata of the original.
-        valid: bool [H, W], where the original (with ``borrow``: or a neighbour) shows what belongs there, before any
-            crop or fill.
+        valid: bool [H, W], where the original (with ``borrow``: or a neighbour) shows the content, before any crop or
+            fill.
         original: the photo as it was read.
-        verdict: whether its pixels were changed, and why not.
-        edges: ``keep``, ``crop``, ``fill`` or ``borrow``: what was done about places that the photo did not see.
-        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
-        model: how its motion was described: ``camera`` (one motion for the whole picture), ``dense`` (near and far
-            move differently), or ``alone`` (neighbours said nothing, and the photo itself was asked).
-        motion: what was undone; None where it is dense, and so no motion of the camera alone.
+        verdict: whether its pixels were changed, and if not, why.
+        edges: ``keep``, ``crop``, ``fill`` or ``borrow``: the treatment of areas that the photo does not show.
+        whole: share of the photo's area that a crop leaves; None if no crop was considered.
+        model: motion model used: ``camera`` (one motion for the whole picture), ``dense`` (near and far objects move
+            differently), or ``alone`` (the neighbours were inconclusive, so the photo alone was used).
+        motion: the motion that was undone; None for dense motion, which is not that of the camera alone.
     """
 
     photo: Photo
@@ -165,7 +165,7 @@ class RectifiedFrame(Result):
 
     @classmethod
     def of(cls, result: Rectified, model: Model) -> RectifiedFrame:
-        """The result of rectifying a photo by one motion for the whole picture."""
+        """Wraps the result of rectifying a photo by one motion for the whole picture."""
         return cls(
             result.photo,
             result.valid,
@@ -181,10 +181,10 @@ class RectifiedFrame(Result):
 def rectify_densely(
     before: Frame | None, current: Frame, after: Frame | None, options: SequenceOptions
 ) -> RectifiedFrame:
-    """A frame by the flow between it and its neighbours, which are connected.
+    """Rectifies a frame by the flow between it and its neighbours; call :meth:`Frame.connect` first.
 
     Raises:
-        UnshutterError: a neighbour of another kind, or a crop that would leave next to nothing.
+        UnshutterError: a neighbour has another bit depth, or a crop would leave next to nothing.
     """
     frames, links = {0: current.pixels}, {}
     for side, neighbour, connection in ((-1, before, before and before.to_next), (1, after, current.to_next)):
@@ -212,10 +212,10 @@ def rectify_densely(
 
 
 def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:
-    """A neighbour's pixels, which must be of the frame's kind.
+    """Returns a neighbour's pixels after checking their type.
 
     Raises:
-        UnshutterError: they have other bits.
+        UnshutterError: the bit depths differ.
     """
     theirs, own = neighbour.pixels, frame.photo.pixels
     if theirs.dtype != own.dtype:

@@ -1,4 +1,4 @@
-"""The motion of one frame of a sequence: within the frame, and since the frame before it."""
+"""The motion of one frame of a sequence: within the frame, and since the previous frame."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
 NAME = "frames-camera"
-_NOTHING_PX = 0.1  # px of ROWS rows: a motion that moves nothing farther than this within a frame is none
+_NOTHING_PX = 0.1  # px of ROWS rows: smaller displacements within a frame count as no motion
 _AT_REST = (Code.STOOD_STILL, Code.HARDLY_MOVED, Code.ONLY_OTHERS_MOVED)
-_LEAST_TRACKS = 12  # that say how the camera turned
+_LEAST_TRACKS = 12  # fewest for the camera's rotation
 
 
 class KnownTurns(Protocol):
-    """How the camera turned, known from elsewhere than the frames: from a gyro. Times are those of the clip's clock."""
+    """The camera's rotation known from a source other than the frames: a gyro. Times are on the clip's clock."""
 
     def within_frame(self, begin_s: float, rows: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
-        """Rotation vectors [rad] of a frame's rows, given as shares of its height, since the first of them."""
+        """Rotation vectors [rad] of a frame's rows, given as shares of its height, relative to its first row."""
         ...
 
     def without(self, tracks: Tracks, begin_s: float, end_s: float) -> Tracks:
-        """Tracks between two frames as a camera would have seen them that did not turn."""
+        """Returns the tracks between two frames as seen by a camera that did not rotate."""
         ...
 
     def from_frame(self, begin_s: float, end_s: float, row: float) -> Float64[np.ndarray, "3"]:
@@ -43,12 +43,11 @@ class KnownTurns(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The camera's turn from a frame to the next, between their middle rows.
+    """The camera's rotation from one frame to the next, between their middle rows.
 
     Attributes:
         turn: [3] rotation vector [rad] (geometry/rotations.py).
-        focal_heights: focal length with which it was found, in heights of the readout frame; NaN where the camera stood
-            still.
+        focal_heights: focal length used, in heights of the readout frame; NaN if the camera stood still.
     """
 
     turn: Float64[np.ndarray, "3"]
@@ -57,22 +56,22 @@ class Step:
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """The motion of one frame, or why it has none; a small value until every row's motion is asked for.
+    """The motion of one frame, or why it has none; stays small until the motion of all rows is requested.
 
     Attributes:
-        height, width: of the frame's readout frame [px].
+        height, width: size of the frame's readout frame [px].
         readout: direction in which its stored pixels were read.
-        fit: the camera's motion about that time; None: unknown.
+        fit: the camera's motion around that time; None if unknown.
         at: time of the frame in that fit [frame intervals].
         ratio: readout time in frame intervals.
-        reason: why there is no motion to undo; None where there is one.
-        shot: number of the shot that it belongs to: of frames that are joined by motion.
+        reason: why there is no motion to undo; None if there is one.
+        shot: number of its shot, a series of frames connected by motion.
         scene: number of the scene that it shows.
-        turns: how the camera turned, where a gyro tells it; ``fit`` is what it did besides.
+        turns: the camera's rotation measured by a gyro, if available; ``fit`` is then the remaining rotation.
         time_s: time of the frame on the clip's clock [s].
-        after: time since the frame before it [frame intervals].
-        tracks: from the frame before it, where the whole path is asked for; else None.
-        focal: focal length [px of ROWS rows], where it is known without a fit.
+        after: time since the previous frame [frame intervals].
+        tracks: from the previous frame, if the whole path is requested; otherwise None.
+        focal: focal length [px of ROWS rows], if known without a fit.
     """
 
     height: int
@@ -92,22 +91,22 @@ class FrameMotion:
 
     @property
     def stood_still(self) -> bool:
-        """Whether the camera did, or nearly so, and nothing moved in front of it."""
+        """Whether the camera stood still, or nearly so, and nothing moved in front of it."""
         return self.reason is not None and self.reason.code in (Code.STOOD_STILL, Code.HARDLY_MOVED)
 
     @property
     def ratio_unknown(self) -> bool:
-        """Whether there is no motion because the readout ratio is not known."""
+        """Whether there is no motion because the readout ratio is unknown."""
         return self.reason is not None and self.reason.code is Code.RATIO_UNKNOWN
 
     def motion(self, reference: Reference = "first") -> Motion:
-        """The frame's motion; zero, with the reason, where none was found."""
+        """Returns the frame's motion; zero, with the reason, if none was found."""
         if self.fit is None or self.reason is not None:
             return self._none(self.reason)
         rows = (np.arange(self.height) + 0.5) / self.height
         turn = self.fit.turn(self.at + self.ratio * rows)
         rotations = turn - turn[0]
-        if self.turns is not None:  # within a frame, both are so small that they add
+        if self.turns is not None:  # within a frame, both are small enough to be added
             rotations = rotations + self.turns.within_frame(self.time_s, rows)
         reach = np.abs(rotations).max(axis=0) * [self.fit.focal_px, self.fit.focal_px, ROWS / 2]
         if reach.max() < _NOTHING_PX:
@@ -122,12 +121,12 @@ class FrameMotion:
         return motion.rereferenced(reference)
 
     def turn(self, after: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
-        """The camera's turn [rad] so long after the frame's first row [frame intervals], where it is known."""
+        """Returns the camera's rotation [rad] at times after the frame's first row [frame intervals]; needs a fit."""
         assert self.fit is not None
         return self.fit.turn(self.at + after)
 
     def step_from(self, before: FrameMotion | None) -> Step | None:
-        """The camera's turn since the frame before; None where it is unknown."""
+        """Returns the camera's rotation since the previous frame, or None if it is unknown."""
         if before is None or before.scene != self.scene:
             return None
         joined = before.shot == self.shot
@@ -148,7 +147,7 @@ class FrameMotion:
         return Step(turn, self.fit.focal_px / ROWS)
 
     def _left_of(self, tracks: Tracks, fit: Fit) -> Tracks:
-        """What the fit leaves of the tracks from the frame before: it is smooth in time, and may miss a jerk."""
+        """Returns the tracks from the previous frame minus the fit, which is smooth in time and may miss a jerk."""
         unit = ROWS / tracks.height
         begin, end = (np.clip((at[:, 1] + 0.5) / tracks.height, 0, 1) for at in (tracks.start, tracks.end))
         turned = fit.turn(self.at + self.ratio * end) - fit.turn(self.at - self.after + self.ratio * begin)
@@ -158,7 +157,7 @@ class FrameMotion:
         return replace(tracks, end=tracks.end - moved)
 
     def _step_of_pair(self) -> Step | None:
-        """The camera's turn by the tracks from the frame before alone: as if all rows were taken at once."""
+        """Returns the camera's rotation from the tracks since the previous frame alone, ignoring the readout time."""
         if self.tracks is None or len(self.tracks) < _LEAST_TRACKS:
             return None
         focal = self.focal or usual_focal(self.tracks)

@@ -1,7 +1,7 @@
-"""Several frames into one picture of one moment.
+"""Fuses several frames into one picture of a single moment.
 
-Each frame is warped to the moment. Where they agree, they are averaged, the nearer in time counting more; where they do
-not, because one shows what the other hides, the nearest one alone is taken: no ghosts.
+Each frame is warped to that moment. Where the frames agree, they are averaged, with more weight for those nearer in
+time; where they disagree because one shows what another hides, only the nearest one is used. This avoids ghosts.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from unshutter.frames.timing import Timing
     from unshutter.geometry.shapes import Bool, Float32, UInt
 
-_AGREEING = 60.0  # grey levels of 8 bits at which a frame counts 1 / e of its share
-_NEAREST = 0.02  # frame intervals: nearer than that, no frame counts more
-_FALL = 0.7  # exponent of the time to the moment
+_AGREEING = 60.0  # grey levels of 8 bits at which a frame's weight falls to 1 / e
+_NEAREST = 0.02  # frame intervals: weights do not increase further below this
+_FALL = 0.7  # exponent of the distance in time
 
 
 @dataclass(frozen=True)
 class Warped:
-    """A frame warped to the moment of the picture.
+    """A frame warped to the time of the picture.
 
     Attributes:
-        pixels: uint8 or uint16 [H, W, bands]; what the frame did not see is mirrored at its border.
-        grid: where each pixel was looked up.
-        frame: when its first row was exposed [frame intervals after that of frame 0].
+        pixels: uint8 or uint16 [H, W, bands]; content outside the frame is mirrored at its border.
+        grid: position at which each pixel was sampled.
+        frame: time of its first row [frame intervals after that of frame 0].
     """
 
     pixels: UInt[np.ndarray, "height width bands"]
@@ -44,17 +44,17 @@ class Warped:
 def fuse(
     own: Warped, others: list[Warped], timing: Timing, moment: float, borrow: bool
 ) -> tuple[UInt[np.ndarray, "height width bands"], Bool[np.ndarray, "height width"]]:
-    """The picture of a moment, written into ``own.pixels``.
+    """Fuses frames into the picture of a moment, written into ``own.pixels``.
 
     Args:
-        own: the frame that the picture is of.
+        own: the frame to which the picture belongs.
         others: its neighbours.
         timing: the clock of the frames.
-        moment: of the picture.
-        borrow: whether what ``own`` did not see is taken from the others; else it is left unchanged.
+        moment: time of the picture.
+        borrow: whether content that ``own`` does not show is taken from the others; otherwise left unchanged.
 
     Returns:
-        The pixels, and which of them some frame saw (``borrow``) or ``own`` did.
+        The pixels, and a mask of those shown by any frame (``borrow``) or by ``own``.
     """
     height, width = own.pixels.shape[:2]
     valid = np.empty((height, width), bool)
@@ -65,17 +65,17 @@ def fuse(
 
     with ThreadPoolExecutor(thread_count()) as threads:
         for _ in threads.map(make, own.grid.whole.tiles()):
-            pass  # errors come out here
+            pass  # re-raises errors of the threads
     return own.pixels, valid
 
 
 def _fuse_tile(
     tile: Tile, own: Warped, others: list[Warped], timing: Timing, moment: float, borrow: bool
 ) -> np.ndarray:
-    """Writes a tile into ``own.pixels``; returns which of its pixels were seen.
+    """Writes a tile into ``own.pixels`` and returns the mask of pixels that were seen.
 
-    Frames are taken in one after the other: where one differs from what there is, whichever is farther from the moment
-    loses its weight.
+    Frames are added one by one: where one differs from the current result, whichever is farther from the moment loses
+    its weight.
     """
     at = tile.within(own.grid.whole)
     visible, most = _visibility_and_weight(own, tile, timing, moment)
@@ -97,7 +97,7 @@ def _fuse_tile(
 def _visibility_and_weight(
     warped: Warped, tile: Tile, timing: Timing, moment: float
 ) -> tuple[Bool[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
-    """Which pixels a frame saw; and its weight there: the more, the nearer to the moment it saw them."""
+    """Returns which pixels a frame shows, and its weight there, which grows as their time approaches the moment."""
     column, row = warped.grid.positions(tile)
     visible = warped.grid.inside(column, row)
     away = cv2.absdiff(row * np.float32(timing.per_row), np.full_like(row, moment - timing.start(warped.frame)))
@@ -105,14 +105,14 @@ def _visibility_and_weight(
 
 
 def _agreement(first: np.ndarray, second: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
-    """1 where two pictures are alike, 0 where they are not."""
+    """Returns 1 where two pictures are alike and 0 where they differ, with a smooth transition."""
     difference = reduce(cv2.max, cv2.split(cv2.absdiff(first, second))).astype(np.float32)  # largest of the bands
     scale = 255 / np.iinfo(first.dtype).max / _AGREEING
     return cv2.exp(-((cv2.blur(difference, (3, 3)) * scale) ** 2))
 
 
 def _mixed(first: np.ndarray, second: np.ndarray, weight: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Two pictures averaged with weights; black where both are 0."""
+    """Returns the weighted average of two pictures; black where both weights are 0."""
     if first.dtype == np.uint8:
         return cv2.blendLinear(first, second, weight, share).reshape(first.shape)
     mixed = cv2.blendLinear(first.astype(np.float32), second.astype(np.float32), weight, share)

@@ -1,8 +1,8 @@
-"""Which description of the motion suits a frame: one motion of the camera, or every pixel's own.
+"""Chooses a frame's motion model: one motion of the camera, or a motion for every pixel.
 
-Corners that are followed to the neighbours decide. Near and moving ones among them had no part in the camera's motion,
-and the flow was found without any of them. Where the camera's motion leads them to their partners about as well as the
-flow does, it is the better one: it is smooth over time, and says how the speed changes while a frame is read out.
+Corners tracked to the neighbours decide. Those on near or moving objects did not contribute to the camera's motion, and
+none of them contributed to the flow. If the camera's motion predicts their positions about as well as the flow does, it
+is the better model: it is smooth over time and includes how the speed changes during the readout.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from unshutter.frames.frame import Frame
     from unshutter.options import FrameModel
 
-_SHARE = 75  # per cent of the corners that must come out well
-_LEAST, _WORSE = 0.1, 1.5  # px of ROWS rows by which the camera may always miss; times the flow's error besides
+_SHARE = 75  # percentile of the corners' errors that is compared
+_LEAST, _WORSE = 0.1, 1.5  # error always allowed [px of ROWS rows]; plus this multiple of the flow's
 _FEWEST = 12  # corners
 
 
 def better_model(camera: FrameMotion, before: Frame | None, current: Frame, after: Frame | None) -> FrameModel:
-    """The model that suits a frame better. The flow is only looked for where the camera's motion leaves doubts.
+    """Chooses the model that suits a frame better; computes optical flow only if the camera model may be poor.
 
     Args:
-        camera: what is known of the camera's motion about the frame.
+        camera: the camera's motion around the frame, as far as known.
         before, current, after: the frame and its neighbours.
 
     Raises:
-        UnshutterError: there is no motion of a camera, and too little flow (see :meth:`Frame.connect`).
+        UnshutterError: there is neither a camera motion nor enough flow (see :meth:`Frame.connect`).
     """
     if camera.fit is None:
         return "camera" if camera.stood_still else "dense"
@@ -51,12 +51,12 @@ def better_model(camera: FrameMotion, before: Frame | None, current: Frame, afte
 
 
 def camera_misses(camera: FrameMotion, tracks: Tracks, first: int) -> float:
-    """By how much most corners end elsewhere than the camera's motion says [px of ROWS rows].
+    """Returns the 75th percentile of the corners' distance from the camera motion's prediction [px of ROWS rows].
 
     Args:
-        camera: what is known of the camera's motion about the frame.
-        tracks: of two successive frames, all that were found.
-        first: number of the earlier frame, counted from that one.
+        camera: the camera's motion around the frame.
+        tracks: all tracks between two successive frames.
+        first: number of the earlier frame, counted from ``camera``'s frame.
     """
     if camera.fit is None or len(tracks) < _FEWEST:
         return np.inf
@@ -70,7 +70,7 @@ def camera_misses(camera: FrameMotion, tracks: Tracks, first: int) -> float:
 
 
 def flow_misses(flow: Flow, tracks: Tracks) -> float:
-    """By how much most corners end elsewhere than a flow says [px of ROWS rows]."""
+    """Returns the 75th percentile of the corners' distance from the flow's prediction [px of ROWS rows]."""
     scale = flow.forward.shape[0] / tracks.height
     at = ((tracks.start + 0.5) * scale - 0.5).astype(np.float32)[:, None]
     led = bilinear(flow.forward, at)[:, 0] / scale

@@ -1,10 +1,10 @@
-"""A frame and its neighbours -> the picture that a global shutter would have taken, at any moment between them.
+"""Renders the picture a global shutter would have taken, at any moment between a frame and its neighbours.
 
-The dense model (dense.py): flow is computed on small grey copies, once for each pair of frames, whatever moments are
-asked for; full-size pixels are looked up once in each frame, and fused (fusion.py).
+This is the dense model (dense.py): flow is computed on small grey copies, once for each pair of frames, whatever
+moments are requested; full-size pixels are sampled once in each frame and fused (fusion.py).
 
-Frames are counted from the one that the picture is of: the frame before it is -1, the one after it +1. Pixels are those
-of the readout frame.
+Frames are counted from the one being rendered: the previous frame is -1, the next one +1. Pixels are those of the
+readout frame.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, UInt, UInt8
 
 _MOST_ROWS, _LEAST_SHRINK = 480, 2  # short side of the small copies [px]; how much smaller than the frame
-_LEAST_CONSISTENT = 0.35  # of the flow, or the frames show different things
-_LEAST_GAIN = 0.06  # share of the difference between the frames that their motion must explain
-_NOISE_GAIN = 0.25  # what a motion may explain that was only fitted to noise; then it must be
-_PLAIN_CONSISTENT, _PLAIN_MOVE = 0.7, 0.5  # so consistent, and so large [px, mean]
+_LEAST_CONSISTENT = 0.35  # least consistency of the flow; below it, the frames show different scenes
+_LEAST_GAIN = 0.06  # least share of the difference between the frames that their motion must explain
+_NOISE_GAIN = 0.25  # least share if the motion may have been fitted to noise, which it was not if
+_PLAIN_CONSISTENT, _PLAIN_MOVE = 0.7, 0.5  # it is at least this consistent and this large [px, mean]
 _UNMOVED = 0.1  # px; if nine tenths of a picture move by less, it is left unchanged
 
 
 @dataclass(frozen=True)
 class Link:
-    """The flow between a frame and the next, found on small copies.
+    """The flow between a frame and the next, computed on small copies.
 
     Attributes:
         earlier, later: the copies.
-        flow: between them.
-        apart: time from the one to the other [frame intervals]; not 1 where frames come unevenly.
+        flow: flow between them.
+        apart: time between them [frame intervals]; not 1 if frames are unevenly spaced.
     """
 
     earlier: UInt8[np.ndarray, "height width"]
@@ -55,12 +55,12 @@ class Link:
 
 @dataclass(frozen=True)
 class MotionField:
-    """The motion of everything in a picture of one moment, about frame 0.
+    """The dense motion in the picture of one moment, around frame 0.
 
     Attributes:
         field: on the small copies.
-        largest_px: the farthest that anything of frame 0 moved [px of the frame].
-        reason: why the frame is better left unchanged; None where it is not.
+        largest_px: largest displacement of anything in frame 0 [px of the frame].
+        reason: why the frame should be left unchanged; None if it should not.
     """
 
     field: Field
@@ -74,9 +74,9 @@ class Rendering:
 
     Attributes:
         pixels: of the frame's size and type.
-        valid: where some frame shows what belongs there.
-        largest_px: the farthest that anything of frame 0 moved.
-        reason: why the frame was left unchanged; None where it was not.
+        valid: mask of the pixels whose content some frame shows.
+        largest_px: largest displacement of anything in frame 0.
+        reason: why the frame was left unchanged; None if it was changed.
     """
 
     pixels: UInt[np.ndarray, "height width bands"]
@@ -86,7 +86,7 @@ class Rendering:
 
 
 def copy_side(height: int, width: int) -> int:
-    """Short side [px] of the small grey copies for frames of a size."""
+    """Returns the short side [px] of the small grey copies for frames of a given size."""
     return max(min(min(height, width) // _LEAST_SHRINK, _MOST_ROWS), 1)
 
 
@@ -96,15 +96,15 @@ def link(
     apart: float = 1.0,
     halvings: int = 0,
 ) -> Link:
-    """The flow between two successive frames, from their small grey copies.
+    """Computes the flow between two successive frames from their small grey copies.
 
     Args:
         earlier, later: the copies.
-        apart: time from the one to the other [frame intervals].
+        apart: time between them [frame intervals].
         halvings: see :func:`flow_between`.
 
     Raises:
-        UnshutterError: they show different things.
+        UnshutterError: they show different scenes.
     """
     if earlier.shape != later.shape:
         later = cv2.resize(later, earlier.shape[::-1], interpolation=cv2.INTER_AREA)
@@ -118,7 +118,7 @@ def link(
 
 
 def motion_field(links: Mapping[int, Link], timing: Timing, moment: float) -> MotionField:
-    """The motion of everything in the picture of a moment, from the flow between frame 0 and its neighbours.
+    """Returns the dense motion in the picture of a moment, from the flow between frame 0 and its neighbours.
 
     Args:
         links: -1 or 1 or both -> the flow between frame 0 and that neighbour, the earlier frame first.
@@ -143,19 +143,19 @@ def render(
     fill: bool = False,
     masked: bool = False,
 ) -> Rendering:
-    """The picture of a moment, of frame 0.
+    """Renders frame 0 at a given moment.
 
     Args:
         frames: number -> pixels: 0, and -1 or 1 or both.
         links: -1 and 1 -> the flow between frame 0 and that neighbour, the earlier frame first.
         timing: the clock of the frames.
         moment: in frame intervals from the first row of frame 0.
-        borrow: whether what frame 0 did not see is taken from its neighbours.
-        fill: whether what no frame saw is the picture mirrored at its border; else it is black.
+        borrow: whether content that frame 0 does not show is taken from its neighbours.
+        fill: whether content that no frame shows is mirrored at the picture's border; otherwise it is black.
         masked: see ``Photo.masked``.
 
     Returns:
-        New pixels; those of frame 0 itself where nothing moved, or the motion explains nothing.
+        New pixels; frame 0's own pixels if nothing moved or the motion explains nothing.
     """
     height, width = frames[0].shape[:2]
     motion = motion_field(links, timing, moment)
@@ -172,16 +172,16 @@ def render(
 
 
 def _field(connection: Link, timing: Timing, moment: float, side: int) -> Field:
-    """The velocities between frame 0 and a neighbour."""
+    """Returns the velocities between frame 0 and a neighbour."""
     first, apart = min(side, 0), connection.apart  # number of the earlier frame
     earlier, later, flow = connection.earlier, connection.later, connection.flow
-    between = replace(timing, readout_ratio=min(timing.readout_ratio / apart, 1.0))  # their own interval counts 1
+    between = replace(timing, readout_ratio=min(timing.readout_ratio / apart, 1.0))  # their own interval is the unit
     field = field_between(earlier, later, flow, between, moment / apart - first, nearest=-first)
     return replace(field, velocity=field.velocity / np.float32(apart), moment=moment, timing=timing)
 
 
 def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> Reason | None:
-    """Why the frame is better left unchanged; None where it is not."""
+    """Returns why the frame should be left unchanged, or None if it should not."""
     if np.percentile(moved, 90) < _UNMOVED and moved.max() < 1:
         return Reason(Code.NOTHING_MOVED)
     gain = 1 - field.cost.mean() / max(field.still_cost.mean(), 1e-6)
@@ -192,7 +192,7 @@ def _unchanged(field: Field, moved: np.ndarray, consistent: float) -> Reason | N
 
 
 def _grid(field: Field, frame: float, height: int, width: int) -> SamplingGrid:
-    """Where the full-size picture looks in a frame, at nodes as dense as the field."""
+    """Returns where the full-size picture is sampled in a frame, at nodes as dense as the field."""
     rows, columns = field.velocity.shape[:2]
     step = max(round(height / rows), 1)
     at = [(np.arange(-(-size // step) + 1) * step).astype(np.float32) for size in (height, width)]

@@ -1,13 +1,13 @@
-"""A camera's path smoothed: a quadratic programme over the rotation vectors of its frames.
+"""Smooths a camera's path: a quadratic programme over the rotation vectors of its frames.
 
-A path p has a rotation vector for each frame, in the camera's axes. Its smoothed path is s = p - c, where the
+A path p has a rotation vector for each frame, in the camera's axes. The smoothed path is s = p - c, where the
 corrections c minimise
 
     stiffness * sum |second differences of s|^2 + sum weight * |c - target|^2      subject to  sides c <= room
 
-The first term alone makes a low-pass filter of fourth order that lets even pans pass and halves what comes again after
-``period`` frames. The constraints say how far each frame may be turned before its border shows. Only where they bind is
-the path less smooth than the filter would make it, and it remains as smooth there as they allow. A primal-dual
+The first term alone makes a fourth-order low-pass filter that preserves even pans and halves oscillations with a period
+of ``period`` frames. The constraints limit how far each frame may be turned before its border shows. Only where they
+bind is the path less smooth than the filter would make it, and there it is as smooth as they allow. A primal-dual
 interior-point method solves the programme (Nocedal & Wright, Numerical Optimization, 16.6). All matrices are banded:
 time and memory grow with the number of frames.
 """
@@ -22,25 +22,25 @@ import numpy as np
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
-_BLOCK = 32  # frames that are eliminated together
-_EDGE = 6  # unknowns of a block that its neighbour's equations reach: two frames
+_BLOCK = 32  # frames eliminated together
+_EDGE = 6  # unknowns of a block that appear in its neighbour's equations: two frames
 _ROUNDS, _CENTRING = 60, 0.15  # of the interior-point method
-_GAP, _STEP = 1e-4, 0.97  # px^2 at which it ends, and share of the way to the nearest constraint that it goes
-_LEAST_ROOM = 1e-3  # px; constraints leave the frame as it is at least so much room
+_GAP, _STEP = 1e-4, 0.97  # px^2 at which it stops; share of the distance to the nearest constraint per step
+_LEAST_ROOM = 1e-3  # px; room that constraints always leave around the unturned frame
 
 
 def stiffness_for(period: float) -> float:
-    """The stiffness that halves oscillations of a period [frames]."""
+    """Returns the stiffness that halves oscillations of a period [frames]."""
     return (2 * np.sin(np.pi / max(period, 2.0))) ** -4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """How far frames may be turned: ``sides @ c <= px`` for each frame's correction c.
+    """The limits on each frame's correction c: ``sides @ c <= px``.
 
     Attributes:
-        sides: [frames, constraints, 3] px for each unit of the correction.
-        px: [frames, constraints] what is left [px]; where it is below 0, next to nothing is taken.
+        sides: [frames, constraints, 3] px per unit of the correction.
+        px: [frames, constraints] remaining room [px]; negative values are replaced by a tiny room.
     """
 
     sides: Float64[np.ndarray, "frames constraints 3"]
@@ -52,7 +52,7 @@ class Smoothing:
     """The smoothing of one uninterrupted path.
 
     Attributes:
-        times: [frames] when frames were taken, increasing [usual frame intervals].
+        times: [frames] times of the frames, increasing [usual frame intervals].
         stiffness: weight of the second differences (:func:`stiffness_for`).
         weights: [frames, 3] weights of the corrections.
     """
@@ -67,12 +67,12 @@ class Smoothing:
         target: Float64[np.ndarray, "frames 3"],
         room: Room | None = None,
     ) -> Float64[np.ndarray, "frames 3"]:
-        """The corrections c of a path, so that ``path - c`` is smooth.
+        """Returns the corrections c of a path that make ``path - c`` smooth.
 
         Args:
             path: its rotation vectors.
-            target: corrections that would be best if smoothness did not matter.
-            room: how far each frame may be turned; None: as far as smoothness asks for.
+            target: preferred corrections, regardless of smoothness.
+            room: limits on each frame's correction; None for no limits.
         """
         right = self._bent(path) + self.weights * target
         own = np.zeros((len(path), 3, 3))
@@ -80,7 +80,7 @@ class Smoothing:
         return self._solved(own, right) if room is None else self._within(room, own, right)
 
     def _within(self, room: Room, own: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """The corrections within their room, by the interior-point method."""
+        """Returns the corrections within their room, by the interior-point method."""
         A, b = room.sides, np.maximum(room.px, _LEAST_ROOM)
         c = np.zeros_like(right)
         slack, force = np.maximum(b, 1.0), np.ones_like(b)
@@ -115,7 +115,7 @@ class Smoothing:
         return self.stiffness * bands
 
     def _bent(self, path: np.ndarray) -> np.ndarray:
-        """The quadratic form times a path."""
+        """Returns the quadratic form times a path."""
         bands = self._bands()
         result = bands[0, :, None] * path
         for k in (1, 2):
@@ -128,7 +128,7 @@ class Smoothing:
         bands, n = self._bands(), len(right)
         starts = list(range(0, n, _BLOCK))
         if len(starts) > 1 and n - starts[-1] < 2:
-            starts.pop()  # a block reaches no farther than its neighbour
+            starts.pop()  # a block may only be coupled to its neighbours
         ends = [*starts[1:], n]
         carried, values = np.zeros((0, 0)), np.zeros(0)
         solved: list[np.ndarray] = []
@@ -153,7 +153,7 @@ class Smoothing:
 
     @staticmethod
     def _block(bands: np.ndarray, own: np.ndarray, start: int, end: int) -> np.ndarray:
-        """[3 m, 3 m] the equations of m frames among themselves."""
+        """[3 m, 3 m] the equations within a block of m frames."""
         size = end - start
         scalar = np.diag(bands[0, start:end])
         for k in (1, 2):
@@ -167,7 +167,7 @@ class Smoothing:
 
     @staticmethod
     def _corner(bands: np.ndarray, end: int) -> np.ndarray:
-        """[6, 6] how the last two frames before a block's end and the first two after it are coupled."""
+        """[6, 6] coupling between the last two frames before a block's end and the first two after it."""
         scalar = np.array([[bands[2, end - 2], 0.0], [bands[1, end - 1], bands[2, end - 1]]])
         return np.kron(scalar, np.eye(3))
 
@@ -181,6 +181,6 @@ def _weighted(sides: np.ndarray, force: np.ndarray) -> np.ndarray:
 
 
 def _longest(values: np.ndarray, change: np.ndarray) -> float:
-    """The longest step, at most 1, after which all values are still positive."""
+    """Returns the longest step, at most 1, that keeps all values positive."""
     shrinking = change < 0
     return min(1.0, _STEP * float((values[shrinking] / -change[shrinking]).min(initial=np.inf)))

@@ -1,16 +1,16 @@
-"""Self-calibration: the readout ratio and the focal length of a camera from the motion in its frames.
+"""Self-calibration: estimates a camera's readout ratio and focal length from the motion in its frames.
 
 The readout ratio is the readout time in frame intervals.
 
-A camera that is held by hand turns smoothly, but never evenly. Only at the true ratio do the rows of consecutive frames
-fall into place on one smooth curve: at every other one the curve must bend where rows of different times are taken for
-rows of the same. So the evidence of camera.py, worked out for ratios on a grid, has a sharp maximum at the true one.
-It has none where the camera stands still or turns evenly, because every ratio explains that.
+A hand-held camera turns smoothly but never evenly. Only at the true ratio do the rows of consecutive frames fall on one
+smooth curve; at any other ratio the curve must bend where rows of different times are taken for simultaneous ones. The
+evidence of camera.py, computed for a grid of ratios, therefore has a sharp maximum at the true ratio. It has none if
+the camera stands still or turns evenly, because every ratio explains that.
 
-The width of that maximum says too little about the error: tracks err together. So parts of the sequence are also asked
-one by one, and what they differ by counts.
+The width of that maximum understates the error, because the errors of tracks are correlated. So parts of the sequence
+are also evaluated separately, and their scatter counts.
 
-The focal length shows in how much faster the corners of a picture move than its middle.
+The focal length shows in how much faster the corners of a picture move than its centre.
 """
 
 from __future__ import annotations
@@ -29,32 +29,32 @@ from unshutter.reasons import Code, Reason
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
-_PART = 20  # pairs of frames that are asked together
-_MOST_TRACKS = 100  # of a pair: more only take longer
+_PART = 20  # pairs of frames per part
+_MOST_TRACKS = 100  # per pair: more only take longer
 _COARSE = np.arange(1, 11) / 10
-_FINE = (0.05, 0.02)  # steps about the maximum, one after the other
-_LARGEST = 1.03  # no readout takes longer than a frame; what is found above this is an artefact
-_COMMON = 4.0  # tracks err together: a probability of n tracks is worth one of n / _COMMON
-_FLOOR = 0.01  # error that is there even where all parts agree: the spline is no hand
+_FINE = (0.05, 0.02)  # successive step sizes around the maximum
+_LARGEST = 1.03  # no readout takes longer than a frame; larger estimates are artefacts
+_COMMON = 4.0  # errors of tracks are correlated: n of them count as n / _COMMON
+_FLOOR = 0.01  # least error, even if all parts agree: the spline only approximates a hand's motion
 _TOO_UNSURE = 0.08
-REST_PX = 0.06  # px of ROWS rows a frame: the whole picture of a camera that stands still moves by less
-STILL_PX = 0.25  # px of ROWS rows a frame: what a readout shears by less is left as it is
-_FASTEST = 0.4  # cycles a frame: what is faster is hidden between the frames
-_EVEN_PX = 0.1  # px of ROWS rows a frame: a speed that varies by less is even
-_FEW = 10  # pairs of frames that rarely show the ratio, and never why not
-_USUAL_FOCAL, _FOCAL_SPREAD = 0.85, 0.4  # of width + height, and of its logarithm: what is expected beforehand
-_TRIED_FOCALS = _USUAL_FOCAL * 2.0 ** np.arange(-1.5, 4.1, 0.5)  # the longest: hardly a turn
-_FOCAL_STEPS = (0.12, 0.04)  # steps of its logarithm, one after the other
-_FOCAL_COMMON = 20.0  # tracks err together, and lenses distort: evidence counts for so much less
+REST_PX = 0.06  # px of ROWS rows per frame: the picture of a camera at rest moves by less
+STILL_PX = 0.25  # px of ROWS rows per frame: smaller shears are left unchanged
+_FASTEST = 0.4  # cycles per frame: faster oscillations are hidden between the frames
+_EVEN_PX = 0.1  # px of ROWS rows per frame: a speed that varies by less is even
+_FEW = 10  # fewer pairs of frames rarely reveal the ratio, and never why not
+_USUAL_FOCAL, _FOCAL_SPREAD = 0.85, 0.4  # prior: share of width + height, and standard deviation of its logarithm
+_TRIED_FOCALS = _USUAL_FOCAL * 2.0 ** np.arange(-1.5, 4.1, 0.5)  # the longest act like translations
+_FOCAL_STEPS = (0.12, 0.04)  # successive step sizes of its logarithm
+_FOCAL_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated, and lenses distort
 
 
 @dataclass(frozen=True)
 class RatioRange:
-    """The readout ratios that are plausible where the true one is not known.
+    """The plausible readout ratios if the true one is unknown.
 
     Attributes:
         lowest, highest: readout time in frame intervals, 0 ... 1.
-        cameras: the cameras, and their modes, that the range is of.
+        cameras: the cameras, and their modes, that the range covers.
     """
 
     lowest: float
@@ -64,15 +64,15 @@ class RatioRange:
 
 @dataclass(frozen=True)
 class ReadoutRatio:
-    """A readout ratio and how sure it is.
+    """A readout ratio and its uncertainty.
 
     Attributes:
         value: readout time in frame intervals, 0 ... 1.
         error: its standard deviation.
-        source: what it was found from.
-        camera: name of the camera whose time is listed, where the source is the table of cameras; else empty.
-        instead_of: why the clip does not show its own ratio, where a usual one was taken; else None.
-        plausible: the range of a usual ratio; None where the ratio is known.
+        source: the evidence it was derived from.
+        camera: name of the camera if the source is the table of cameras; otherwise empty.
+        instead_of: why the clip does not reveal its own ratio, if a usual one was used; otherwise None.
+        plausible: the range around a usual ratio; None if the ratio is known.
     """
 
     value: float
@@ -83,7 +83,7 @@ class ReadoutRatio:
     plausible: RatioRange | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """All of it, for :meth:`from_json`."""
+        """Returns all attributes, ready for JSON, as read by :meth:`from_json`."""
         plausible = self.plausible and [self.plausible.lowest, self.plausible.highest, self.plausible.cameras]
         reason = self.instead_of and self.instead_of.as_json()
         own = {"value": self.value, "error": self.error, "source": self.source, "camera": self.camera}
@@ -91,7 +91,7 @@ class ReadoutRatio:
 
     @classmethod
     def from_json(cls, data: dict[str, Any]) -> ReadoutRatio:
-        """Reads what :meth:`as_json` wrote."""
+        """Reads the data written by :meth:`as_json`."""
         reason, plausible = data["instead_of"], data["plausible"]
         return cls(
             data["value"],
@@ -107,12 +107,12 @@ class ReadoutRatio:
 
 
 def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None) -> ReadoutRatio:
-    """The readout ratio of a sequence, from how smoothly its camera moved.
+    """Estimates the readout ratio of a sequence from how smoothly its camera moved.
 
     Args:
-        pairs: tracks of the background from each frame to the next; two seconds of them are enough as a rule.
+        pairs: tracks of the background from each frame to the next; two seconds of them usually suffice.
         focal_px: focal length [px of ROWS rows].
-        starts: when each frame was taken [usual frame intervals], one more than pairs; None: at even intervals.
+        starts: times of the frames [usual frame intervals], one more than pairs; None if intervals are even.
 
     Raises:
         UnknownRatioError: the camera stood still, moved evenly, or shook faster than frames were taken.
@@ -145,12 +145,12 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence
 
 
 def _cause(pairs: Sequence[Tracks], code: Code) -> Reason:
-    """Why the frames do not show the ratio; a few frames cannot even show that."""
+    """Returns why the frames do not reveal the ratio; with few frames, only that there are too few."""
     return Reason(code) if len(pairs) >= _FEW else Reason.of(Code.TOO_FEW_FRAMES, frames=len(pairs) + 1)
 
 
 class _Profile:
-    """The evidence of a part of a sequence for each ratio that is asked for."""
+    """The evidence of one part of a sequence as a function of the ratio, cached."""
 
     def __init__(self, problem: Problem):
         self._problem = problem
@@ -167,16 +167,16 @@ class _Profile:
 
 
 def _top(at: Float64[np.ndarray, "3"], heights: Float64[np.ndarray, "3"]) -> tuple[float, float]:
-    """Where the parabola through three evenly spaced points is highest, and the standard deviation it says."""
+    """Returns the maximum of the parabola through three evenly spaced points, and its implied standard deviation."""
     step, middle = at[1] - at[0], at[1]
     slope, bend = (heights[2] - heights[0]) / (2 * step), (heights[2] - 2 * heights[1] + heights[0]) / step**2
-    if bend >= 0:  # no maximum here: nothing is known
+    if bend >= 0:  # no maximum here: undetermined
         return float(at[heights.argmax()]), 1.0
     return float(middle - slope / bend), float(1 / np.sqrt(-bend))
 
 
 def _disagreement(at: np.ndarray, curves: np.ndarray, best: float) -> float:
-    """By how much parts of the sequence differ, as a multiple of what their own widths allow; at least 1."""
+    """Returns the scatter of the parts' estimates, as a multiple of their own widths; at least 1."""
     if len(curves) < 2:
         return 2.0
     tops = [_top(at, curve) for curve in curves]
@@ -184,7 +184,7 @@ def _disagreement(at: np.ndarray, curves: np.ndarray, best: float) -> float:
 
 
 def _cycles(fit: Fit) -> float:
-    """How fast the camera's speed changed, as the frequency of an oscillation that does so [cycles a frame]."""
+    """Returns the frequency of an oscillation whose speed varies as the camera's does [cycles per frame]."""
     speed = np.diff(fit.coefficients[:, :3], axis=0) * fit.knots_per_frame  # [knots - 1, 3], px a frame
     varying = np.sqrt(((speed - speed.mean(axis=0)) ** 2).sum(axis=1).mean())
     change = np.sqrt((np.diff(speed, axis=0) ** 2).sum(axis=1).mean()) * fit.knots_per_frame
@@ -192,17 +192,17 @@ def _cycles(fit: Fit) -> float:
 
 
 def flow(pair: Tracks) -> float:
-    """By how much tracks move, their median [px of ROWS rows]."""
+    """Returns the median displacement of the tracks [px of ROWS rows]."""
     return float(np.median(np.hypot(*(pair.end - pair.start).T))) * ROWS / pair.height
 
 
 def drift(pair: Tracks) -> float:
-    """By how much the picture moves as a whole, without the errors of single tracks [px of ROWS rows]."""
+    """Returns the displacement of the picture as a whole, from the median vector of its tracks [px of ROWS rows]."""
     return float(np.hypot(*np.median(pair.end - pair.start, axis=0))) * ROWS / pair.height
 
 
 def fewer(pair: Tracks, most: int = _MOST_TRACKS) -> Tracks:
-    """Enough of the tracks of a pair, strong corners and weak ones: more only take longer."""
+    """Returns an even selection of a pair's tracks, with strong and weak corners; more would only take longer."""
     if len(pair) <= most:
         return pair
     chosen = np.zeros(len(pair), bool)
@@ -214,15 +214,15 @@ def fewer(pair: Tracks, most: int = _MOST_TRACKS) -> Tracks:
 
 
 def usual_focal(pair: Tracks) -> float:
-    """The focal length to expect of a picture [px of ROWS rows]."""
+    """Returns the focal length to expect for a picture [px of ROWS rows]."""
     return _USUAL_FOCAL * (pair.width + pair.height) * ROWS / pair.height
 
 
 def focal_from_motion(pairs: Sequence[Tracks], ratio: float) -> float:
-    """The focal length that explains tracks best [px of ROWS rows].
+    """Estimates the focal length that best explains the tracks [px of ROWS rows].
 
-    The expectation beforehand decides where the camera turned too little to say. Cameras that move rather than turn
-    come out with a very long one, as which they are described best.
+    The prior decides if the camera rotated too little. Cameras that translate rather than rotate yield a very long
+    focal length, which describes them best.
 
     Args:
         pairs: tracks of the background from each frame to the next.
@@ -236,7 +236,7 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float) -> float:
         return fit.log_evidence / _FOCAL_COMMON - 0.5 * (np.log(share / _USUAL_FOCAL) / _FOCAL_SPREAD) ** 2
 
     best = _vertex(np.log(_TRIED_FOCALS), np.array([height(share) for share in _TRIED_FOCALS]))
-    near = Problem(pairs, float(np.exp(best) * unit)).fit(ratio, near=near)  # the stiffness may be another there
+    near = Problem(pairs, float(np.exp(best) * unit)).fit(ratio, near=near)  # the best stiffness may differ there
     for step in _FOCAL_STEPS:
         at = best + step * np.array([-1.0, 0.0, 1.0])
         best = _vertex(at, np.array([height(share) for share in np.exp(at)]))
@@ -244,7 +244,7 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float) -> float:
 
 
 def _vertex(at: np.ndarray, heights: np.ndarray) -> float:
-    """Where the parabola through the highest of evenly spaced points and its neighbours is highest."""
+    """Returns the maximum of the parabola through the highest of evenly spaced points and its neighbours."""
     k = int(np.clip(heights.argmax(), 1, len(at) - 2))
     before, here, after = heights[k - 1 : k + 2]
     bend = before - 2 * here + after

@@ -1,4 +1,4 @@
-"""From frames in the order in which they were taken to the motion of each."""
+"""Estimates the motion of each frame of a sequence, given in the order in which the frames were taken."""
 
 from __future__ import annotations
 
@@ -29,31 +29,32 @@ from unshutter.reasons import Code, Reason
 if TYPE_CHECKING:
     pass
 
-_CORE, _MARGIN = 24, 6  # frames of a window that are kept, and beyond them on both sides those that only steady it
-SEARCHED = 60  # frames from which the readout ratio is found
+_CORE, _MARGIN = 24, 6  # frames of a window whose motion is kept, and extra frames on both sides for stability
+SEARCHED = 60  # frames from which the readout ratio is estimated
 _PATIENCE = 240  # frames after which the search ends
 _STIFFNESS_EVERY = 4  # windows
-_TOO_NOISY_PX = 2.0  # px of ROWS rows: beyond, no turn of a camera explains the tracks
-_FEW_PAIRS, _EVEN = 2, 100.0  # pairs that do not say how speed changes, and the stiffness that keeps it even
-_LEAST_TRACKS = 12  # that say a speed
-_GUESSED_RATIO = 0.5  # to look for a focal length with
-_PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that leave the camera's path to be found
+_TOO_NOISY_PX = 2.0  # px of ROWS rows: above this, no camera rotation explains the tracks
+_FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
+_LEAST_TRACKS = 12  # fewest for a speed
+_GUESSED_RATIO = 0.5  # assumed when estimating the focal length
+_PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allow estimating the camera's path
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 
 
 @dataclass(eq=False)
 class CameraMotion:
-    """Finds the motion of each frame of a sequence. For one camera; it remembers what it has found out about it.
+    """Estimates the motion of each frame of a sequence from one camera, remembering what it learns about the camera.
 
     Attributes:
-        ratio: readout time in frame intervals; None: found from the frames.
-        focal_px: focal length [px of the frames]; None: EXIF's, else found from the frames.
+        ratio: readout time in frame intervals; None to estimate it from the frames.
+        focal_px: focal length [px of the frames]; None to use EXIF's, or estimate it from the frames.
         readout: direction in which stored pixels were read.
-        every_angle: of so many photos, right angles are looked for in one where motion does not say the ratio.
-        fewest: frames without which a shot is left unchanged.
-        window: frames whose motion is found together, and more on both sides that only steady it.
-        turns: how the camera turned, where a gyro tells it: then frames tell only what it did besides.
-        whole_path: whether the camera's turn is found even where it is too small, or the shot too short, to be undone.
+        every_angle: right angles are evaluated in one of this many photos if motion does not reveal the ratio.
+        fewest: shots with fewer frames are left unchanged.
+        window: number of frames whose motion is found together, and of extra frames on both sides for stability.
+        turns: the camera's rotation measured by a gyro, if available; the frames then give the remaining rotation.
+        whole_path: whether the camera's rotation is estimated even if it is too small, or the shot too short, to be
+            corrected.
     """
 
     ratio: ReadoutRatio | None = None
@@ -70,14 +71,14 @@ class CameraMotion:
     _windows: int = field(default=0, init=False)
 
     def frames(self, frames: Iterable[_FRAME]) -> Iterator[FrameMotion]:
-        """The motion of each frame, in order, some frames after it was taken from ``frames``; memory stays flat."""
+        """Yields the motion of each frame, in order, some frames after reading it; memory use is constant."""
         return self.motions(self.look(frame) for frame in frames)
 
     def motions(self, frames: Iterable[GreyFrame | None]) -> Iterator[FrameMotion]:
-        """The motion of each frame, from grey copies (:meth:`look`), in order.
+        """Yields the motion of each frame, in order, from grey copies (:meth:`look`).
 
         Args:
-            frames: in order; None where some are missing, which parts the sequence.
+            frames: in order; None marks missing frames, which split the sequence.
         """
         shot = Shot()
         for frame in frames:
@@ -95,10 +96,10 @@ class CameraMotion:
         yield from self._ready(shot, ended=True)
 
     def look(self, frame: _FRAME) -> GreyFrame:
-        """The grey copy of a frame, from which its motion is found.
+        """Returns the grey copy of a frame from which its motion is estimated.
 
         Raises:
-            UnshutterError: it cannot be read.
+            UnshutterError: the frame cannot be read.
         """
         photo = open_photo(frame)
         height, width = self.readout.frame_size(photo.height, photo.width)
@@ -110,7 +111,7 @@ class CameraMotion:
         return GreyFrame(height, width, grey, photo=photo if for_angles else None)
 
     def _ready(self, shot: Shot, ended: bool) -> Iterator[FrameMotion]:
-        """The frames of a shot that are ready."""
+        """Yields the motions of a shot's frames that are ready."""
         waiting = len(shot.waiting)
         if self.ratio is None and waiting and (ended or waiting in (SEARCHED, _PATIENCE)):
             self._find_ratio(shot)
@@ -145,7 +146,7 @@ class CameraMotion:
         self.ratio = by_motion
 
     def _with_angles(self, shot: Shot, by_motion: ReadoutRatio | None) -> ReadoutRatio | None:
-        """The readout ratio from motion, if there is one, combined with that from right angles, if there is one."""
+        """Combines the readout ratio from motion with that from right angles, as far as available."""
         photos = [
             PhotoSpeed(View(frame.photo, Camera(self.readout, self.focal_px)), speed_of(pair))
             for frame in shot.waiting
@@ -158,14 +159,14 @@ class CameraMotion:
         return combined(by_motion, by_angles) if by_motion else by_angles
 
     def _fit(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
-        """The motion about the next frames of a shot; or why there is none."""
+        """Returns the motion around the next frames of a shot, or why there is none."""
         fit, reason = self._fit_of_pairs(shot, many)
         if (fit is None or reason is not None) and self.turns is not None and self._focal is not None:
-            return fit or Fit.none(self._focal), None  # the gyro knows, whatever the frames show
+            return fit or Fit.none(self._focal), None  # the gyro suffices, whatever the frames show
         return fit, reason
 
     def _fit_of_pairs(self, shot: Shot, many: int) -> tuple[Fit | None, Reason | None]:
-        """The motion that tracks show, besides what a gyro tells; or why there is none."""
+        """Returns the motion shown by tracks, in addition to a gyro's; or why there is none."""
         pairs = [fewer(pair) for pair in shot.pairs[: shot.before + many + self.window[1] - 1]]
         if not pairs:
             return None, shot.broken_by or Reason(Code.NO_NEIGHBOUR)
@@ -193,7 +194,7 @@ class CameraMotion:
         return fit, reason
 
     def _too_little(self, shot: Shot) -> Reason | None:
-        """Why nothing is to be undone in a shot; None where something is."""
+        """Returns why a shot needs no correction, or None if it does."""
         if shot.before + len(shot.waiting) < self.fewest:
             return Reason(Code.SHOT_TOO_SHORT)
         if shot.still:
@@ -202,7 +203,7 @@ class CameraMotion:
         return None
 
     def _stiffness_for(self, pairs: int) -> float | None:
-        """Looked for in every few windows only: it takes most of the time, and the hand stays the same."""
+        """Returns a known stiffness, or None to search for it, which is slow and so done once in a few windows."""
         if pairs < _FEW_PAIRS:
             return _EVEN
         return None if self._windows % _STIFFNESS_EVERY == 0 else self._stiffness
@@ -222,26 +223,27 @@ class FramesOptions(ClockKeywords, total=False):
 
 @takes_options(FramesOptions, Clock, Camera, Undo)
 def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) -> Iterator[Motion]:
-    """Finds how the camera moved while each frame of a sequence was read out, from its neighbouring frames.
+    """Estimates the camera's motion during the readout of each frame of a sequence, from its neighbouring frames.
 
-    Exact where one photo cannot be: what moves from frame to frame by v is sheared by ratio * v over a frame's height.
-    Cuts, and frames of another size, begin a sequence of their own.
+    Exact where a single photo is not: a scene moving by v from frame to frame is sheared by ratio * v over a frame's
+    height. Cuts and changes of frame size start a new sequence.
 
     Args:
-        frames: in the order in which they were taken, at even intervals: whatever :func:`rectify` takes. They are taken
-            one by one and not kept.
-        readout_ratio: time in which a frame is read out, in frame intervals (above 0, at most 1). Without it, and
-            without ``readout_ms`` and ``fps``, it is found from the frames: how smoothly the camera moved shows it,
-            unless the camera stood still, moved evenly or shook.
-        focal_px: focal length [px of the frames]; by default EXIF's, else it is found, too.
-        **options: the readout ratio in other words, and the reference row of the motions.
+        frames: anything that :func:`rectify` accepts, in the order in which they were taken, at even intervals. They
+            are read one by one and not kept.
+        readout_ratio: readout time of a frame, in frame intervals (above 0, at most 1). Without it, and without
+            ``readout_ms`` and ``fps``, it is estimated from how smoothly the camera moved, which fails if the camera
+            stood still, moved evenly or shook.
+        focal_px: focal length [px of the frames]; by default EXIF's, otherwise it is estimated too.
+        **options: other ways to state the readout ratio, and the reference row of the motions.
 
     Yields:
-        The motion of each frame, up to some 60 frames (while a ratio is looked for, 240) after it was taken from
-        ``frames``. It is zero, with a ``reason``, where the frames do not say enough.
+        The motion of each frame, up to some 60 frames (240 while the ratio is estimated) after reading it. It is zero,
+        with a ``reason``, if the frames are inconclusive.
 
     Raises:
-        UsageError: a ratio or another option that cannot be. UnshutterError: a frame cannot be read.
+        UsageError: the ratio or another option is invalid.
+        UnshutterError: a frame cannot be read.
 
     Examples:
         >>> motions = unshutter.estimate_frames(["a.jpg", "b.jpg", "c.jpg"], readout_ratio=0.7)
@@ -257,10 +259,10 @@ def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) 
 def known_ratio(
     readout_ratio: float | None = None, readout_ms: float | None = None, fps: float | None = None
 ) -> ReadoutRatio | None:
-    """The readout ratio that a user states; None where they state none.
+    """Returns the readout ratio that the user states, or None if they state none.
 
     Raises:
-        UsageError: it is not above 0 and at most 1, or only a part of it is stated.
+        UsageError: the ratio is not above 0 and at most 1, or only part of it is stated.
     """
     clock = Clock(readout_ratio, fps, readout_ms)
     if (readout_ms is None) != (fps is None):

@@ -1,4 +1,4 @@
-"""Photos and their neighbours in time -> the photos that a global shutter would have taken."""
+"""Rectifies photos with the help of their neighbours in time."""
 
 from __future__ import annotations
 
@@ -40,24 +40,24 @@ class RectifyFramesOptions(FramesOptions, total=False):
 def rectify_frames(
     frames: Iterable[str | os.PathLike[str] | np.ndarray | Photo], **options: Unpack[RectifyFramesOptions]
 ) -> Iterator[Any]:
-    """Rectifies successive frames of one camera, each with the help of the one before and the one after.
+    """Rectifies successive frames of one camera, each with the help of the previous and next ones.
 
-    Three frames are held at a time; while the readout ratio is looked for, some 60.
+    Three frames are held at a time; some 60 while the readout ratio is estimated.
 
     Args:
-        frames: whatever :func:`rectify` takes, in the order in which they were taken.
-        focal_px: focal length [px of the frames]; by default EXIF's, else it is camera_motion.
-        at: moment of the pictures, instead of a reference row, in frame intervals from each frame's first row, -1 to 1.
-        fallback: whether a frame of which its neighbours say nothing is rectified by what it says itself.
-        **options: how fast the frames were taken and read out, and how motion is undone.
+        frames: anything that :func:`rectify` accepts, in the order in which they were taken.
+        focal_px: focal length [px of the frames]; by default EXIF's, otherwise it is estimated.
+        at: time of the pictures, instead of a reference row, in frame intervals from each frame's first row, -1 to 1.
+        fallback: whether a frame whose neighbours are inconclusive is rectified on its own.
+        **options: frame rate, readout time, and how motion is undone.
 
     Yields:
         For each frame a :class:`RectifiedFrame`; for pixels (arrays and Pillow images), pixels.
 
     Raises:
-        UnshutterError: a frame cannot be read, is too small, or has too little in common with its neighbour; the
-            readout ratio was not stated, and the frames do not show it.
-        UsageError: fewer than two frames, frames of different sizes, or an option that is none of its choices.
+        UnshutterError: a frame cannot be read, is too small, or has too little in common with its neighbour; or the
+            readout ratio was not stated and the frames do not reveal it.
+        UsageError: there are fewer than two frames, their sizes differ, or an option is invalid.
 
     Examples:
         >>> for frame in unshutter.rectify_frames(["a.jpg", "b.jpg", "c.jpg"], readout_ratio=0.7):
@@ -68,7 +68,7 @@ def rectify_frames(
     """
     ratio, milliseconds, fps = options.get("readout_ratio"), options.get("readout_ms"), options.get("fps")
     clock, undoing = Clock(ratio, fps, milliseconds), from_keywords(Undo, options).keeping_coordinates()
-    known_ratio(ratio, milliseconds, fps)  # raises where only a part of it is stated
+    known_ratio(ratio, milliseconds, fps)  # raises if only part of it is stated
     camera, alone = from_keywords(Camera, options), Find() if options.get("fallback") else None
     model = options.get("model")
     of_frames = SequenceOptions(clock, undoing, camera.direction, options.get("at"), model, camera.focal_px, alone)
@@ -76,7 +76,7 @@ def rectify_frames(
 
 
 def _with_advice(pictures: Iterator[Any]) -> Iterator[Any]:
-    """The pictures; an unknown readout ratio is reported with the arguments that can say it."""
+    """Yields the pictures; adds to an UnknownRatioError the arguments that state the ratio."""
     try:
         yield from pictures
     except UnknownRatioError as error:
@@ -100,7 +100,7 @@ def _each(frames: Iterator[Any], options: SequenceOptions) -> Iterator[Any]:
 
 
 def _with_ratio(frames: list[Any], options: SequenceOptions) -> SequenceOptions:
-    """The options with the readout ratio that the frames show; without one where nothing moves in them."""
+    """Returns the options with the readout ratio that the frames reveal; unchanged if nothing moves in them."""
     finder = CameraMotion(None, options.focal_px, options.readout)
     silent = [motion for motion in finder.frames(frames) if not motion.stood_still]
     if finder.ratio is not None:
@@ -117,12 +117,12 @@ def rectify_between(
     options: SequenceOptions,
     camera_motion: FrameMotion | None = None,
 ) -> RectifiedFrame:
-    """One photo, rectified with the help of the frame before, the one after, or both.
+    """Rectifies one photo with the help of the previous frame, the next one, or both.
 
     Args:
         photo, before, after: in the order before, photo, after.
         options: how the photo is rectified.
-        camera_motion: the camera's motion as a whole sequence shows it; None: it is found from these frames.
+        camera_motion: the camera's motion from a whole sequence; None to estimate it from these frames.
 
     Raises:
         UnshutterError, UsageError: see :func:`rectify_frames`.
@@ -141,7 +141,7 @@ def _by_any_means(
     options: SequenceOptions,
     camera_motion: FrameMotion | None = None,
 ) -> RectifiedFrame:
-    """A frame rectified by its neighbours, or, where they show nothing and the options allow it, by itself."""
+    """Rectifies a frame by its neighbours or, if they are inconclusive and the options allow it, on its own."""
     try:
         result = _by_neighbours(before, current, after, options, camera_motion)
     except UsageError:
@@ -182,10 +182,10 @@ def _by_neighbours(
 
 
 def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -> FrameMotion:
-    """The camera's motion about one of a few frames.
+    """Returns the camera's motion around one of a few frames.
 
     Raises:
-        UnknownRatioError: the readout ratio was not stated, and the frames do not show it.
+        UnknownRatioError: the readout ratio was not stated and the frames do not reveal it.
     """
     ratio = known_ratio(options.clock.ratio) if options.clock.is_known else None
     finder = CameraMotion(ratio, options.focal_px, options.readout, every_angle=1)
@@ -196,7 +196,7 @@ def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -
 
 
 def _error_of(motion: FrameMotion) -> UnknownRatioError:
-    """The error for a frame that has no motion because the readout ratio is unknown."""
+    """Returns the error for a frame without motion because the readout ratio is unknown."""
     assert motion.reason is not None
     if motion.ratio_unknown:
         return UnknownRatioError(str(motion.reason), motion.reason)
@@ -204,7 +204,7 @@ def _error_of(motion: FrameMotion) -> UnknownRatioError:
 
 
 def _in_kind(frame: Frame, result: RectifiedFrame) -> Any:
-    """The result for an encoded frame; pixels for pixels."""
+    """Returns the result itself for an encoded frame, and pixels for pixels."""
     if is_file(frame.source) or is_bytes(frame.source):
         return result
     return in_kind(frame.source, result.to_array() if result.changed else None)

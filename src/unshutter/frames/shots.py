@@ -15,17 +15,17 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt8
     from unshutter.photo import Photo
 
-_LEAST_CORNERS = 24  # that a picture has which says something
-_CHANCE = 2  # pairs of frames in which something may seem to move that does not
+_LEAST_CORNERS = 24  # fewest corners of a usable picture
+_CHANCE = 2  # pairs of frames in which apparent motion may be a mistake
 
 
 @dataclass(eq=False)
 class GreyFrame:
-    """A frame as it is looked at.
+    """A frame as used for estimating motion.
 
-    Its full size, a small grey copy, the photo where it may be looked at closely, and how long after the frame before
-    it was taken: ``after`` is counted in the usual frame intervals, and so is ``at``, the time since the shot began.
-    ``time_s`` is its time on the clip's clock [s], where it has one, and ``tracks`` lead to it from the frame before.
+    It holds the full size, a small grey copy, the photo if it may be examined closely, and the time since the
+    previous frame: ``after`` is in usual frame intervals, and so is ``at``, the time since the shot began. ``time_s``
+    is its time on the clip's clock [s], if there is one, and ``tracks`` are those from the previous frame.
     """
 
     height: int
@@ -41,19 +41,19 @@ class GreyFrame:
 
 @dataclass(eq=False)
 class Shot:
-    """Frames that show one scene, those that wait for their motion and a few before them.
+    """Frames that show one scene: those awaiting their motion and a few before them.
 
     Attributes:
         broken_by: why the shot began here; None for the first one, and after a gap.
-        number: of the shot in its sequence.
-        scene: number of the scene that it shows; several shots may show one.
+        number: number of the shot in its sequence.
+        scene: number of the scene it shows; several shots may show the same one.
         pairs: tracks of the background from each kept frame to the next.
-        times: when the frames of ``pairs`` were taken, one more than those [frame intervals].
-        clock_s: the same on the clip's clock [s].
-        waiting: frames that wait.
+        times: times of the frames of ``pairs``, one more than those [frame intervals].
+        clock_s: times of those frames on the clip's clock [s].
+        waiting: frames awaiting their motion.
         first: number of the frame at which ``pairs`` begin.
-        before: how many of the kept frames wait no more.
-        why_unknown: why the readout ratio could not be found from them; None: it was found, or not looked for.
+        before: number of kept frames that are no longer waiting.
+        why_unknown: why the readout ratio could not be estimated; None if it was, or was not attempted.
     """
 
     broken_by: Reason | None = None
@@ -73,21 +73,21 @@ class Shot:
 
     @property
     def still(self) -> bool:
-        """Whether nothing says that the camera moved."""
+        """Whether there is no sign that the camera moved."""
         return not any(self._moving)
 
     @property
     def at_rest(self) -> bool:
-        """Whether the camera did not even move too little to count."""
+        """Whether the camera was at rest, without even the slight motion that is too small to count."""
         return all(drift(pair) < REST_PX for pair in self.pairs if len(pair))
 
     @property
     def passed(self) -> bool:
-        """Whether something moved before the camera."""
+        """Whether something moved in front of the camera."""
         return sum(self._passing) > _CHANCE
 
     def joins(self, frame: GreyFrame, ratio: ReadoutRatio | None) -> bool:
-        """Whether a frame shows the same scene as the one before it."""
+        """Whether a frame shows the same scene as the previous one."""
         self._next = None
         if self._last is None:
             return True
@@ -104,12 +104,12 @@ class Shot:
         return self._next.joined
 
     def next_shot(self) -> Shot:
-        """The shot that begins with a frame that does not join this one."""
+        """Returns the shot that begins with a frame that does not join this one."""
         cut = self.broken_by is not None and self.broken_by.code in (Code.SCENES_DIFFER, Code.OTHER_SIZE)
         return Shot(broken_by=self.broken_by, number=self.number + 1, scene=self.scene + cut)
 
     def add(self, frame: GreyFrame) -> None:
-        """The next frame, after :meth:`joins`."""
+        """Adds the next frame, after :meth:`joins`."""
         if self._last is not None and self._next is not None:
             self.pairs.append(self._next.tracks)
             self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
@@ -123,12 +123,12 @@ class Shot:
         self._last = frame
 
     def pair_beside(self, frame: GreyFrame) -> Tracks:
-        """The tracks from a frame to the next; of the last one, from the one before."""
+        """Returns the tracks from a frame to the next; for the last frame, those from the previous one."""
         at = min(frame.number - self.first, len(self.pairs) - 1)
         return self.pairs[at]
 
     def drop(self, many: int, margin: int) -> None:
-        """Frames wait no more; a few of them are kept."""
+        """Removes frames from the waiting list, keeping a few of them."""
         del self.waiting[:many]
         self.before += many
         surplus = max(self.before - margin, 0)

@@ -1,4 +1,4 @@
-"""Cubic splines over time with knots at even distances, and the least squares that finds them."""
+"""Cubic splines over time with evenly spaced knots, and the least squares that fit them."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float, Float64
 
-ORDER = 4  # B-splines that differ from zero at any time
+ORDER = 4  # number of B-splines that are non-zero at any time
 
 
 def basis(at: Float[np.ndarray, "*times"], knots: int) -> Float64[np.ndarray, "*times knots"]:
-    """The uniform cubic B-splines at times counted in knot intervals.
+    """Returns the uniform cubic B-splines at times counted in knot intervals.
 
     Args:
-        at: times; spline j is not zero between j - 3 and j + 1, so that ``knots`` of them span 0 ... knots - 3.
+        at: times; spline j is non-zero between j - 3 and j + 1, so that ``knots`` of them span 0 ... knots - 3.
         knots: number of splines.
     """
     first = np.clip(np.floor(at).astype(int), 0, knots - ORDER)
@@ -29,7 +29,7 @@ def basis(at: Float[np.ndarray, "*times"], knots: int) -> Float64[np.ndarray, "*
 
 
 def roughness(knots: int, order: int = 2) -> Float64[np.ndarray, "knots knots"]:
-    """Quadratic form of a spline's coefficients: the sum of their squared differences of an order.
+    """Returns the quadratic form for the sum of squared differences, of an order, of a spline's coefficients.
 
     With knots h apart, the integral of the squared second derivative is about ``roughness(knots, 2) / h**3``.
     """
@@ -48,7 +48,7 @@ def solve_banded(
         block: size of the blocks.
 
     Returns:
-        The solution; and what is left of each diagonal block (see :func:`log_determinant`).
+        The solution, and the Schur complement of each diagonal block (see :func:`log_determinant`).
 
     Raises:
         numpy.linalg.LinAlgError: the matrix is singular.
@@ -71,7 +71,7 @@ def solve_banded(
 
 
 def log_determinant(left: list[Float64[np.ndarray, "k k"]]) -> float:
-    """Logarithm of the determinant of a matrix, from what :func:`solve_banded` leaves of its diagonal blocks.
+    """Returns the logarithm of a matrix's determinant, from the diagonal blocks left by :func:`solve_banded`.
 
     Raises:
         numpy.linalg.LinAlgError: the matrix is not positive definite.

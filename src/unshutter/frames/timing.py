@@ -1,8 +1,8 @@
-"""When each row of each frame was exposed.
+"""Exposure times of every row of every frame.
 
-Time is counted in frame intervals. The readout ratio is the time in which one frame is read out, divided by the frame
-interval: row y of frame k, of H rows, is exposed at k + ratio * y / H. Frames are those of the readout frame: row 0 is
-read first.
+Time is counted in frame intervals. The readout ratio is the readout time of one frame divided by the frame interval:
+row y of frame k, of H rows, is exposed at k + ratio * y / H. Frames are those of the readout frame: row 0 is read
+first.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ class Timing:
 
     Attributes:
         readout_ratio: readout time / frame interval, above 0 and at most 1.
-        height: rows of a frame, or of a smaller copy in which rows are counted.
-        first_row: where row 0 of that copy lies, in its own rows from the frame's first row; 0 for the frame itself.
+        height: rows of a frame, or of the smaller copy whose rows are counted.
+        first_row: position of row 0 of that copy relative to the frame's first row, in rows of the copy; 0 for the
+            frame itself.
 
     Raises:
-        UsageError: a readout ratio that cannot be.
+        UsageError: the readout ratio is out of range.
     """
 
     readout_ratio: float
@@ -46,17 +47,17 @@ class Timing:
         return self.readout_ratio / self.height
 
     def start(self, frame: float) -> float:
-        """Moment at which row 0 of a frame is exposed."""
+        """Returns the time at which row 0 of a frame is exposed."""
         return frame + self.per_row * self.first_row
 
     def exposed(self, frame: float, row: np.ndarray) -> np.ndarray:
-        """Moments at which rows of a frame are exposed."""
+        """Returns the times at which rows of a frame are exposed."""
         return self.start(frame) + self.per_row * row
 
     def moment(self, reference: Reference, frame: float = 0) -> float:
-        """Moment of a frame's first, middle or last row."""
+        """Returns the time of a frame's first, middle or last row."""
         return frame + self.readout_ratio * SHARES[reference]
 
     def of_copy(self, height: int) -> Timing:
-        """The clock of a copy of the frames with so many rows."""
+        """Returns the clock of a copy of the frames with this number of rows."""
         return replace(self, height=height, first_row=0.5 - 0.5 * height / self.height)

@@ -1,4 +1,4 @@
-"""Corners followed from one frame to the next, and which of them move with the camera."""
+"""Tracks corners from one frame to the next, and identifies those that move with the camera."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ import numpy as np
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, Float64, UInt8
 
-TRACKED_SIDE = 360  # px, short side of the copies in which corners are followed
+TRACKED_SIDE = 360  # px, short side of the copies in which corners are tracked
 _MOST_CORNERS = 200
 _QUALITY = 0.005  # of a corner, as a share of the best one's
 _APART = 1 / 45  # distance of corners, as a share of the diagonal
 _WINDOW, _LEVELS = 21, 4  # px and levels of the pyramid of Lucas-Kanade
-_RETURNS = 0.3  # px; a corner followed there and back must end this close to where it began
-_COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is found
-_FEWEST = 12  # tracks; fewer show nothing
-_LEAST_OF_SCENE = 0.4  # share of corners found again: strangers have 0 to 0.02, a street from a car 0.88
+_RETURNS = 0.3  # px; largest forward-backward error
+_COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is measured
+_FEWEST = 12  # tracks; fewer are inconclusive
+_LEAST_OF_SCENE = 0.4  # share of corners tracked: unrelated pictures have 0 to 0.02, a street from a car 0.88
 _LEAST_TRACKED, _LEAST_AGREEING = (
     0.15,
     0.35,
-)  # shares of corners found again, and of those that agree, without which there is a cut
-_NEAR_PLANE = 0.004  # of the diagonal: how far from the picture's homography a track of the background may end
-_SHARP = 0.4  # share of those tracks that must end within a third of that distance; by chance 0.1 to 0.35 do
-_SPREAD = 4.0  # times the usual distance from the homography: tracks farther away are left out
-_LEAST = 0.0005  # of the diagonal (0.4 px of 640 x 360): as far away every track may be
-_STILL = 0.0003  # of the diagonal: what has moved less stands still
-_PASSES, _FEW_PASS = 0.003, 0.05  # of the diagonal: what has moved more passes by; of the tracks: fewer may be mistakes
+)  # least shares of corners tracked, and of tracks that agree; below either, the shot ends
+_NEAR_PLANE = 0.004  # of the diagonal: largest distance of a background track from the picture's homography
+_SHARP = 0.4  # least share of those tracks within a third of that distance; 0.1 to 0.35 are by chance
+_SPREAD = 4.0  # times the median distance from the homography: tracks farther away are discarded
+_LEAST = 0.0005  # of the diagonal (0.4 px of 640 x 360): distance always tolerated
+_STILL = 0.0003  # of the diagonal: smaller displacements count as still
+_PASSES, _FEW_PASS = 0.003, 0.05  # of the diagonal: larger displacements pass by; of the tracks: fewer may be mistakes
 _CELLS = (6, 8)  # rows and columns of the cells in which tracks are counted
 _GUESSED_RATIO = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Where corners of one frame are found in the next one.
+    """Corners of one frame tracked to the next one.
 
     Attributes:
         start: [N, 2] (col, row) in the earlier frame [px of the tracked copy].
         end: [N, 2] (col, row) in the later one.
-        height, width: of the tracked copies [px].
-        looked_for: number of corners that were to be followed.
+        height, width: size of the tracked copies [px].
+        looked_for: number of corners that were to be tracked.
     """
 
     start: Float64[np.ndarray, "tracks 2"]
@@ -54,14 +54,14 @@ class Tracks:
         return len(self.start)
 
     def only(self, selection: Bool[np.ndarray, "tracks"]) -> Tracks:
-        """Some of the tracks."""
+        """Returns a selection of the tracks."""
         return Tracks(self.start[selection], self.end[selection], self.height, self.width, self.looked_for)
 
 
 def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, "rows columns"]) -> Tracks:
-    """Corners of a frame found again in the next, by pyramidal Lucas-Kanade, forward and backward.
+    """Tracks the corners of a frame to the next, by pyramidal Lucas-Kanade, forward and backward.
 
-    Frames may be shifted by a third of their width: phase correlation of small copies says where to begin.
+    Frames may be shifted by a third of their width: phase correlation of small copies gives the starting point.
 
     Args:
         earlier, later: grey copies of both frames in their readout frame, of one size, about ``TRACKED_SIDE`` px.
@@ -89,7 +89,7 @@ def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, 
 
 
 def _shift(earlier: np.ndarray, later: np.ndarray) -> np.ndarray:
-    """(col, row) by which the whole picture moved [px], roughly; zero where it cannot be measured."""
+    """Returns the approximate (col, row) shift of the whole picture [px], or zero if it cannot be measured."""
     import cv2
 
     scale = max(1.0, max(earlier.shape) / _COARSE_SIDE)
@@ -105,10 +105,10 @@ class Background:
 
     Attributes:
         tracks: those of the background.
-        joined: whether one motion of the camera explains both frames; else a new shot begins.
-        cut: whether hardly a corner of the one is found in the other: they show different scenes.
-        still: whether the camera stood still, whatever moved before it.
-        passing: whether something did, though the camera stood still.
+        joined: whether one motion of the camera explains both frames; otherwise a new shot begins.
+        cut: whether hardly any corner of one frame is found in the other: they show different scenes.
+        still: whether the camera stood still, whatever moved in front of it.
+        passing: whether something moved in front of the camera while it stood still.
     """
 
     tracks: Tracks
@@ -119,17 +119,17 @@ class Background:
 
 
 def background(tracks: Tracks, readout_ratio: float | None = None) -> Background:
-    """The tracks that one homography explains, seen at one moment: near things and moving ones are left out.
+    """Returns the tracks that one homography explains at a single moment; near and moving objects are discarded.
 
-    Rows are exposed at times of their own, so tracks of one homography do not agree with it as they are. Each is first
-    carried to the middle row's moment at its own speed.
+    Rows are exposed at different times, so tracks of one plane do not agree with a homography as they are. Each is
+    first moved to the time of the middle row at its own speed.
 
-    A camera that stands still leaves part of the picture exactly where it was. Where that part is spread over the
-    picture, the rest may be as large as it likes: people who walk by do not make a motion of the camera.
+    A camera that stands still leaves part of the picture exactly in place. If that part is spread over the picture,
+    the rest may be arbitrarily large: people walking by do not make a camera motion.
 
     Args:
         tracks: of two frames.
-        readout_ratio: of the camera; None: half a frame's time, which is near enough for this.
+        readout_ratio: of the camera; None: half a frame interval, which is close enough for this.
     """
     if len(tracks) < max(_FEWEST, _LEAST_TRACKED * tracks.looked_for):
         cut = len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
@@ -151,9 +151,9 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
 
 
 def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.ndarray:
-    """[N] bool: the points that the homography of most of them takes from start to end.
+    """[N] bool: the points that fit the homography of the majority from start to end.
 
-    Where the speed changes within a frame, rows differ from it smoothly; that is allowed for.
+    If the speed changes within a frame, rows deviate from it smoothly; that is allowed for.
     """
     import cv2
 
@@ -169,13 +169,13 @@ def _of_one_plane(start: np.ndarray, end: np.ndarray, diagonal: float) -> np.nda
         if np.count_nonzero(away < near) < _FEWEST:
             return np.zeros(len(start), bool)
         chosen = away < near
-    if np.count_nonzero(away < near / 3) < _SHARP * np.count_nonzero(chosen):  # as close as chance brings them: noise
+    if np.count_nonzero(away < near / 3) < _SHARP * np.count_nonzero(chosen):  # no closer than by chance: noise
         return np.zeros(len(start), bool)
     return away < np.clip(_SPREAD * np.median(away[chosen]), _LEAST * diagonal, near)
 
 
 def _spread(points: np.ndarray, tracks: Tracks) -> bool:
-    """Whether points lie in a quarter of the picture's cells, and in at least three of its quarters."""
+    """Whether points cover a quarter of the picture's cells, in at least three of its quarters."""
     cell = (points[:, ::-1] / [tracks.height, tracks.width] * _CELLS).astype(int)
     cells = {(int(row), int(col)) for row, col in cell}
     quarters = {(2 * row // _CELLS[0], 2 * col // _CELLS[1]) for row, col in cells}

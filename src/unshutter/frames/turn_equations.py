@@ -1,4 +1,4 @@
-"""How far a spline of turns moves tracks: linear equations, and their weighted normal equations."""
+"""Linear equations for the displacement of tracks by a spline of rotations, and their weighted normal equations."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy as np
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, Float64
 
-DEGREES = 3.0  # of freedom of Student's t, as which errors of tracks are taken
-_FINEST = 0.02  # px; tracks are not taken to be better than this
+DEGREES = 3.0  # degrees of freedom of Student's t, the model of the tracks' errors
+_FINEST = 0.02  # px; lower limit of the tracks' noise
 
 
 @dataclass(frozen=True, eq=False)
 class TurnEquations:
-    """Of each track: moved = jacobian @ (spline @ coefficients).
+    """For each track: moved = jacobian @ (spline @ coefficients).
 
-    The product of both factors is six times as large as they are together, and is never formed.
+    The product of both factors is six times as large as the two together, and is never formed.
 
     Attributes:
-        spline: by how much each spline that a pair's times reach differs between a track's two ends.
-        jacobian: by how much a track moves for each unknown.
-        moved: by how much it did [px].
+        spline: difference of each spline, among those that a pair's times overlap, between a track's two ends.
+        jacobian: displacement of a track per unknown.
+        moved: measured displacement [px].
     """
 
     spline: Float64[np.ndarray, "pairs most local"]
@@ -32,7 +32,7 @@ class TurnEquations:
     moved: Float64[np.ndarray, "pairs most 2"]
 
     def squared(self, coefficients: Float64[np.ndarray, "pairs local unknowns"]) -> Float64[np.ndarray, "pairs most"]:
-        """Squared distance of each track's end from where the coefficients take it [px^2]."""
+        """Squared distance of each track's end from its predicted position [px^2]."""
         turned = self.spline @ coefficients
         left = self.moved - (self.jacobian @ turned[..., None])[..., 0]
         return (left**2).sum(axis=-1)
@@ -40,7 +40,7 @@ class TurnEquations:
     def normal(
         self, weights: Float64[np.ndarray, "pairs most"]
     ) -> tuple[Float64[np.ndarray, "pairs n n"], Float64[np.ndarray, "pairs n"]]:
-        """The normal equations of each pair for its coefficients, spline by spline: matrix and right-hand side."""
+        """Returns each pair's normal equations for its coefficients, spline by spline: matrix and right-hand side."""
         pairs, _, local = self.spline.shape
         unknowns = self.jacobian.shape[-1]
         first, second = np.triu_indices(local)
@@ -73,12 +73,12 @@ class TurnEquations:
 def student_weights(
     squared: Float64[np.ndarray, "pairs most"], used: Bool[np.ndarray, "pairs most"], noise: float
 ) -> tuple[Float64[np.ndarray, "pairs most"], float]:
-    """Weights of tracks under Student's t, so that outliers do not pull; and the noise of the tracks [px].
+    """Returns weights of the tracks under Student's t, which limits the influence of outliers, and their noise [px].
 
     Args:
-        squared: squared distance of each track's end from where it should be [px^2].
-        used: which places of the padded arrays hold a track; the others weigh nothing.
-        noise: known so far [px]; NaN: nothing.
+        squared: squared distance of each track's end from its expected position [px^2].
+        used: which entries of the padded arrays hold a track; the others get zero weight.
+        noise: current estimate [px]; NaN for none.
     """
     known = squared[used]
     noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise

@@ -1,9 +1,10 @@
-"""How the camera moved while the rows of one photo were read out.
+"""Camera motion during the readout of a single photo.
 
-``Motion`` is what all kinds of motion have in common, ``RowMotion`` the paper's: t_x and r_z of every row map positions
-by Eq. 1. Methods that answer with more than that have a kind of their own, which maps positions by what they say:
-``RowMapMotion`` (the paper's row block), ``RotationMotion`` (rotations about three axes and a focal length).
-All kinds are imported here, so that motion files of every kind can be read wherever ``Motion`` is known.
+``Motion`` is the interface shared by all kinds of motion. ``RowMotion`` is the paper's model: t_x and r_z of every row
+map positions by Eq. 1. Methods that return richer models have their own kinds with their own mappings: ``RowMapMotion``
+(the paper's row block) and ``RotationMotion`` (rotations about three axes and a focal length).
+
+All kinds are imported here so that motion files of every kind can be read wherever ``Motion`` is available.
 """
 
 from unshutter.motion.motion import Motion

@@ -1,4 +1,4 @@
-"""Candidate: one of the few motions that fit a photo, with its probability and in words."""
+"""Candidate: one of the possible motions of a photo, with its probability and a description."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ Direction = Literal["left", "right", "up", "down"]
 
 _TURNS = {"left": "to the left", "right": "to the right", "up": "upwards", "down": "downwards"}
 _NAMES = {"hand": "hand", "quadratic": "uneven motion", "other": "motion"}
-_UPRIGHT = 1  # EXIF orientation of a photo that is stored as it is seen
+_UPRIGHT = 1  # EXIF orientation of a photo stored upright
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A motion that fits a photo; the photo as it is counts as one.
+    """A possible motion of a photo; leaving the photo unchanged is also a candidate.
 
     Attributes:
-        kind: still (the photo as it is), pan, hand (shake), quadratic (an uneven motion, as benchmarks draw them), or
-            other (of methods that do not tell).
-        motion: for the photo's full size, first row as the reference.
-        probability: that this is what happened, 0 to 1; None where the method does not state it.
-        expected_error_px: how far pixels will be from where they belong if it is undone, mean displacement [px];
-            None where the method does not state it.
-        orientation: of the photo, in EXIF: it turns the words.
+        kind: still (the photo is left unchanged), pan, hand (shake), quadratic (uneven motion, as drawn in benchmarks),
+            or other (for methods that do not report a kind).
+        motion: for the photo's full size, with the first row as the reference.
+        probability: that this is what happened, 0 to 1; None if the method does not report one.
+        expected_error_px: mean remaining displacement after undoing this motion [px]; None if the method does not
+            report one.
+        orientation: EXIF orientation of the photo; determines the directions in the description.
     """
 
     kind: KindOfMotion
@@ -43,21 +43,21 @@ class Candidate:
 
     @property
     def description(self) -> str:
-        """In words: ``pan to the left, 24 px``, ``hand, 9 px``, ``as it is``."""
+        """Short description, e.g. ``pan to the left, 24 px``, ``hand, 9 px`` or ``as it is``."""
         if self.kind == "still":
             return "as it is"
         name = f"pan {_TURNS[self.direction]}" if self.kind == "pan" else _NAMES[self.kind]
         return f"{name}, {pixels(self.motion.largest_px)}"
 
     def described(self) -> str:
-        """The description with what is stated of it: ``pan to the left, 24 px (probability 0.62, off by 3.1 px)``."""
+        """Description with the known figures, e.g. ``pan to the left, 24 px (probability 0.62, off by 3.1 px)``."""
         stated = [] if self.probability is None else [f"probability {self.probability:.2f}"]
         if self.expected_error_px is not None:
             stated.append(f"off by {pixels(self.expected_error_px)}")
         return f"{self.description} ({', '.join(stated)})" if stated else self.description
 
     def as_json(self) -> dict[str, Any]:
-        """For programs: ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``."""
+        """Returns ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``, ready for JSON."""
         return {
             "kind": self.kind,
             "description": self.description,
@@ -67,7 +67,7 @@ class Candidate:
         }
 
     def resized(self, height: int, width: int) -> Candidate:
-        """The candidate for the photo at another size of its readout frame.
+        """Returns the candidate for another size of the photo's readout frame.
 
         Raises:
             UnshutterError: the aspect ratio changes by more than two per cent.
@@ -78,7 +78,7 @@ class Candidate:
 
     @property
     def direction(self) -> Direction:
-        """Where the camera turned, as the photo is seen: against the way of the scene in it."""
+        """Direction in which the camera turned, as seen in the upright photo; the scene moves the opposite way."""
         up = np.array(scene_up(self.orientation, self.motion.readout))
         right = np.array([-up[1], up[0]])
         scene = np.array([self.motion.tx_px[-1] - self.motion.tx_px[0], 0.0])
@@ -89,7 +89,7 @@ class Candidate:
 
 
 def alone(motion: Motion, orientation: int = _UPRIGHT) -> tuple[Candidate, ...]:
-    """The candidates of a method that finds one motion: what it found, then the photo as it is."""
+    """Returns the candidates of a method that finds a single motion: that motion, then the unchanged photo."""
     if motion.is_zero:
         return (Candidate("still", motion, motion.confidence, orientation=orientation),)
     as_it_is = replace(motion.scaled(0), confidence=None)
@@ -100,7 +100,7 @@ def alone(motion: Motion, orientation: int = _UPRIGHT) -> tuple[Candidate, ...]:
 
 
 def candidates_to_json(candidates: Iterable[Candidate]) -> str:
-    """The candidates of a photo as text, each with the number by which it is chosen."""
+    """Returns the candidates of a photo as JSON text, numbered as users select them."""
     listed = [{"number": number, **each.as_json()} for number, each in enumerate(candidates, 1)]
     return json.dumps({"format": "unshutter-candidates/1", "candidates": listed})
 

@@ -1,4 +1,4 @@
-"""Motion: how the camera moved while the rows of one photo were read out; what all kinds of motion have in common."""
+"""Motion: the camera's motion during the readout of one photo; the interface shared by all kinds of motion."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(ABC):
-    """How the camera moved while one photo was read out, in its readout frame (readout.py).
+    """Camera motion during the readout of one photo, in its readout frame (readout.py).
 
-    Abstract: each kind of motion is a final class of its own that says how positions are mapped, and none overrides
-    what is written out here. A new kind is a subclass, ``class MyMotion(Motion, kind="my-tag")``, that
-    ``motion/__init__.py`` imports; its tag says in motion files which class reads them.
+    Abstract: each kind of motion is a final class that defines how positions are mapped; none overrides
+    the concrete methods below. A new kind is a subclass, ``class MyMotion(Motion, kind="my-tag")``, that
+    ``motion/__init__.py`` imports; the tag identifies the class in motion files.
 
     Attributes:
         width: columns of the readout frame [px].
-        reference: the row (first | middle | last) at whose moment the global-shutter picture is taken;
+        reference: the row (first | middle | last) whose time is that of the global-shutter picture;
             the motion is zero there.
         readout: direction in which the stored pixels were read.
-        estimator: what found this motion.
+        estimator: name of the method or source that found this motion.
         confidence: probability (0 ... 1) that it is right: mean displacement error below 1 px of 256 rows or a tenth of
-            what the motion displaces, whichever is more; None where the estimator gives none.
-        reason: why there is no motion, when an estimator declined; else None.
-        roll_deg, tilt_deg: how the camera was held (see :class:`~unshutter.options.Camera`), where that was known when
-            the motion was found [degrees]; else None.
-        attitude_from: where the attitude comes from; empty otherwise.
-        exposure_s: how long the photo was exposed, where that was known [s]; else None.
-        kind_shares: how likely each kind of motion (pan, hand, quadratic) is, if the camera moved: names and shares;
-            empty where the estimator does not tell.
-        film: why the film inside the photo was not used; None where it was, or there is none.
-        version: version of unshutter that made it.
+            the motion's own displacement, whichever is more; None if the estimator does not report one.
+        reason: why there is no motion, if the estimator declined; otherwise None.
+        roll_deg, tilt_deg: attitude of the camera (see :class:`~unshutter.options.Camera`) [degrees]; None if unknown
+            when the motion was found.
+        attitude_from: source of the attitude; empty if unknown.
+        exposure_s: exposure time of the photo [s]; None if unknown.
+        kind_shares: probability of each kind of motion (pan, hand, quadratic), given that the camera moved, as
+            (name, share); empty if the estimator does not report them.
+        film: why the film inside the photo was not used; None if it was used or the photo has none.
+        version: version of unshutter that created the motion.
 
     Raises:
-        UnshutterError: numbers that are not finite, that do not fit together, or that no photo can have.
-        UsageError: an unknown reference row.
+        UnshutterError: a value is not finite, is impossible for a photo, or contradicts another value.
+        UsageError: unknown reference row.
     """
 
     kind: ClassVar[str]
@@ -86,7 +86,7 @@ class Motion(ABC):
         checks.check_known(roll=self.roll_deg, tilt=self.tilt_deg, exposure=self.exposure_s)
         row_index(self.reference, self.height)
 
-    # ---- what each kind says for itself ----------------------------------------------------------------
+    # ---- defined by each kind --------------------------------------------------------------------------
 
     @property
     @abstractmethod
@@ -101,19 +101,19 @@ class Motion(ABC):
     @property
     @abstractmethod
     def is_zero(self) -> bool:
-        """Whether rectifying with this motion changes nothing."""
+        """Whether rectifying with this motion leaves the picture unchanged."""
 
     @abstractmethod
     def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
-        """RS positions [px] of the readout frame -> GS positions [px]."""
+        """Maps RS positions [px] of the readout frame to GS positions [px]."""
 
     @abstractmethod
     def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
-        """GS positions [px] of the readout frame -> RS positions [px]."""
+        """Maps GS positions [px] of the readout frame to RS positions [px]."""
 
     @abstractmethod
     def check_unfolded(self) -> None:
-        """Passes where every place of the scene was seen by one row only.
+        """Checks that every point of the scene was read by one row only.
 
         Raises:
             UnshutterError: the motion turns faster than rows are read.
@@ -121,54 +121,54 @@ class Motion(ABC):
 
     @abstractmethod
     def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
-        """How fast the picture moved at each row, of at least two; the same whatever the reference row.
+        """Returns how fast the picture moved at each row; needs at least two rows, independent of the reference row.
 
         Returns:
-            turning [H] about the viewing axis [rad per row], positive clockwise as seen in the picture, and
+            Angular rate [H] about the viewing axis [rad per row], positive clockwise as seen in the picture, and
             velocity [H, 2], (col, row) of the scene in the middle of the picture [px per row].
         """
 
     @abstractmethod
     def rereferenced(self, reference: Reference) -> Self:
-        """This camera motion, with the picture taken at another row's moment."""
+        """Returns the same camera motion relative to another reference row."""
 
     @abstractmethod
     def resized(self, height: int, width: int) -> Self:
-        """This motion for the picture scaled to another size.
+        """Returns this motion for the picture scaled to another size.
 
-        Rows are matched at their centres; the first and last slope carry on to the new borders.
+        Rows are matched at their centres; the first and last slopes are extrapolated to the new borders.
 
         Raises:
-            UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not stay one).
+            UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not remain one).
         """
 
     @abstractmethod
     def scaled(self, strength: float) -> Self:
-        """The whole motion times ``strength``: 0 does nothing, 1 is this motion.
+        """Returns the motion multiplied by ``strength``: 0 has no effect, 1 is this motion.
 
         Raises:
-            UsageError: a strength below 0 or above 2.
+            UsageError: ``strength`` is below 0 or above 2.
         """
 
     @abstractmethod
     def _settle(self) -> None:
-        """Checks what only this kind has, and makes its arrays read-only; the first step when one is made."""
+        """Checks the attributes specific to this kind and makes its arrays read-only; called first on construction."""
 
     @abstractmethod
     def _own_data(self) -> dict[str, Any]:
-        """What the motion file keeps of this kind in addition to the common keys, as JSON takes it."""
+        """Returns the JSON keys specific to this kind, which the motion file adds to the common ones."""
 
     @classmethod
     @abstractmethod
     def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> Self:
-        """Made from what a motion file says.
+        """Builds the motion from the contents of a motion file.
 
         Args:
             data: the whole file, see :meth:`_own_data`.
-            common: the common attributes, checked.
+            common: the validated common attributes.
         """
 
-    # ---- what is the same for all ----------------------------------------------------------------------
+    # ---- shared by all kinds ---------------------------------------------------------------------------
 
     @property
     def height(self) -> int:
@@ -177,12 +177,12 @@ class Motion(ABC):
 
     @property
     def reference_row(self) -> int:
-        """Index of the row that has zero motion."""
+        """Index of the reference row, whose motion is zero."""
         return row_index(self.reference, self.height)
 
     @cached_property
     def largest_px(self) -> float:
-        """The farthest that anything in the picture is moved [px], by t_x, r_z or any other rotation."""
+        """Largest displacement of any point of the picture [px], whatever its cause (t_x, r_z, other rotations)."""
         row = np.arange(self.height, dtype=np.float64)[:, None]
         col = np.array([[0.0, (self.width - 1) / 2, self.width - 1.0]])
         moved = self.rs_to_gs(col, row)
@@ -190,7 +190,7 @@ class Motion(ABC):
 
     @property
     def common(self) -> dict[str, Any]:
-        """The attributes that all kinds have, by name."""
+        """Attributes shared by all kinds, by name."""
         return {field.name: getattr(self, field.name) for field in fields(Motion)}
 
     def __eq__(self, other: object) -> bool:
@@ -214,22 +214,22 @@ class Motion(ABC):
             parts.append(str(self.reason))
         return f"{type(self).__name__}({', '.join(parts)})"
 
-    def __reduce__(self) -> tuple:  # look-ups that are cached in an object cannot be pickled: they are made anew
+    def __reduce__(self) -> tuple:  # cached look-up functions cannot be pickled; they are rebuilt
         return _made, (type(self), {field.name: getattr(self, field.name) for field in fields(self)})
 
-    # ---- file form -------------------------------------------------------------------------------------
+    # ---- file format -----------------------------------------------------------------------------------
 
     def to_json(self) -> str:
-        """The motion as JSON text, format ``unshutter-motion/1`` (docs/reference/conventions)."""
+        """Returns the motion as JSON text, format ``unshutter-motion/1`` (docs/reference/conventions)."""
         rows = {name: getattr(self, name) for name in ("height", "reference_row", "largest_px", "tx_px", "rz_rad")}
         return motion_file.written(self.kind, self.common, rows, self._own_data())
 
     @staticmethod
     def from_json(text: str) -> Motion:
-        """Reads what :meth:`to_json` wrote; the motion is of the kind that was written.
+        """Parses text written by :meth:`to_json` and returns a motion of the stored kind.
 
         Raises:
-            UnshutterError: the text is not a motion of this format, or its numbers do not fit together.
+            UnshutterError: the text is not a motion of this format, or its values are inconsistent.
         """
         with motion_file.reading():
             data = motion_file.parsed(text)
@@ -242,20 +242,21 @@ class Motion(ABC):
         return motion
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes :meth:`to_json` to a file, replacing what is there.
+        """Writes :meth:`to_json` to a file, replacing any existing one.
 
         Raises:
-            UnshutterError: it cannot be written.
+            UnshutterError: the file cannot be written.
         """
         with written_whole(Path(path)) as part:
             part.write_text(self.to_json() + "\n", encoding="utf-8")
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> Motion:
-        """Reads a motion file; the motion is of the kind that was saved.
+        """Reads a motion file and returns a motion of the stored kind.
 
         Raises:
-            MissingFileError: there is no such file; UnshutterError: it cannot be read or is not a motion.
+            MissingFileError: there is no such file.
+            UnshutterError: the file cannot be read or is not a motion.
         """
         try:
             text = Path(path).read_text(encoding="utf-8")

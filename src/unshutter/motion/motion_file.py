@@ -1,4 +1,4 @@
-"""The file form of a motion: JSON, format ``unshutter-motion/1`` (docs/reference). Knows no kind of motion."""
+"""Motion files: JSON, format ``unshutter-motion/1`` (docs/reference). Independent of the kinds of motion."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ FORMAT = "unshutter-motion/1"
 
 
 def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[str, Any]) -> str:
-    """A motion as JSON text.
+    """Returns a motion as JSON text.
 
     Args:
-        kind: its tag.
-        common: its attributes that all kinds have.
+        kind: tag of the motion's kind.
+        common: attributes shared by all kinds.
         rows: height, reference_row, largest_px, tx_px and rz_rad.
-        own: further keys of its kind.
+        own: additional keys of this kind.
     """
     data = {
         "format": FORMAT,
@@ -58,10 +58,10 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """The keys and values of a motion file; to be read inside :func:`reading`.
+    """Parses a motion file into its keys and values; call it inside :func:`reading`.
 
     Raises:
-        UnshutterError: it is of another format.
+        UnshutterError: the file has another format.
     """
     data = json.loads(text)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
@@ -70,12 +70,12 @@ def parsed(text: str) -> dict[str, Any]:
 
 
 def kind_of(data: dict[str, Any]) -> str:
-    """The tag of the motion's kind; the first files had none."""
+    """Returns the tag of the motion's kind; the earliest files had none."""
     return str(data.get("kind", "rotations" if "rotations_rad" in data else "rows"))
 
 
 def common_of(data: dict[str, Any]) -> dict[str, Any]:
-    """The attributes that all kinds of motion have."""
+    """Returns the attributes shared by all kinds of motion."""
     attitude = dict(data.get("attitude") or {})
     return {
         "width": int(data["width"]),
@@ -97,7 +97,7 @@ def common_of(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def reason_of(data: dict[str, Any]) -> Reason | None:
-    """Why there is no motion; versions before 1.1 wrote the sentence alone."""
+    """Returns why there is no motion; versions before 1.1 wrote only the sentence."""
     if "declined" in data:
         return Reason.from_json(data["declined"])
     sentence = visible(str(data.get("reason", "")))
@@ -109,16 +109,16 @@ def _number(value: Any) -> float | None:
 
 
 def numbers(values: Any) -> np.ndarray:
-    """Nested lists of a file as an array; ValueError or TypeError where they are none of numbers."""
+    """Converts nested lists from a file to an array; raises ValueError or TypeError if they are not numeric."""
     return np.array(values, dtype=np.float64)
 
 
 @contextmanager
 def reading() -> Iterator[None]:
-    """Whatever is wrong with a stranger's file becomes one line.
+    """Turns any error in a malformed file into a one-line message.
 
     Raises:
-        UnshutterError: instead of what Python and NumPy raise.
+        UnshutterError: replaces the exceptions of Python and NumPy.
     """
     try:
         yield

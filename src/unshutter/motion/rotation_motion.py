@@ -1,4 +1,4 @@
-"""A motion of three rotations per row: what a camera with a known focal length does when it only turns."""
+"""Motion with three rotations per row: a purely rotating camera with a known focal length."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from unshutter.options import Reference, check_strength
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64, Numbers
 
-_FARTHEST = np.pi / 2  # rad; at a right angle nothing of the centre's neighbourhood stays in front of the camera
+_FARTHEST = np.pi / 2  # rad; beyond a right angle the picture's centre is no longer in front of the camera
 
 
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class RotationMotion(Motion, kind="rotations"):
-    """Rotation of the camera's picture at every row, about all three axes; exact, signs as in geometry/rotations.py.
+    """Rotation of the camera about all three axes at every row; exact, signs as in geometry/rotations.py.
 
-    ``tx_px`` and ``rz_rad`` are worked out from the rotations and say what they do at the picture's centre: how many
-    columns the row's homography moves it, and by how much it turns a line of pixels there. That is all of a motion
-    that turns about the z axis alone, and the projection to the paper's motion (Eq. 1) of any other: positions are
-    mapped by the rotations themselves, which also shift rows.
+    ``tx_px`` and ``rz_rad`` are derived from the rotations and describe their effect at the picture's centre: the
+    number of columns by which the row's homography moves it, and the angle by which it turns a line of pixels there.
+    For a rotation about the z axis alone they are the whole motion; otherwise they are its projection onto the paper's
+    motion (Eq. 1). Positions are mapped by the rotations themselves, which also shift rows.
 
     Attributes:
         rotations: [H, 3] rotation vector (r_x, r_y, r_z) of every row [rad], zero at the reference row.
         focal_px: focal length [px of this size].
 
     Raises:
-        UnshutterError: not three finite numbers per row, a rotation of 90 degrees or more, or a focal length that
+        UnshutterError: the array is not [H, 3] or not finite, a rotation is 90 degrees or more, or the focal length
             is not positive.
     """
 
@@ -54,7 +54,7 @@ class RotationMotion(Motion, kind="rotations"):
         if np.linalg.norm(rotations, axis=1).max() >= _FARTHEST:
             raise UnshutterError("the motion turns the camera by 90 degrees or more")
 
-    # ---- what it says ----------------------------------------------------------------------------------
+    # ---- mapping ---------------------------------------------------------------------------------------
 
     @cached_property
     def tx_px(self) -> np.ndarray:
@@ -63,7 +63,7 @@ class RotationMotion(Motion, kind="rotations"):
 
     @cached_property
     def rz_rad(self) -> np.ndarray:
-        """[H] angle by which each row's rotation turns a line of pixels there [rad]."""
+        """[H] angle by which each row's rotation turns a line of pixels at the picture's centre [rad]."""
         return checks.read_only(np.arctan2(-self._matrices[:, 0, 1], self._matrices[:, 1, 1]))
 
     @property
@@ -73,28 +73,28 @@ class RotationMotion(Motion, kind="rotations"):
 
     @property
     def is_zero(self) -> bool:
-        """Whether rectifying with this motion changes nothing."""
+        """Whether rectifying with this motion leaves the picture unchanged."""
         return not self.rotations.any()
 
     def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
-        """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
+        """Maps RS positions [px] of the readout frame to GS positions [px] (closed form)."""
         return rotation_geometry.rotated_rs_to_gs(*positions(col, row), self._rotation_at, self.focal_px, self.center)
 
     def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
-        """GS positions [px] of the readout frame -> RS positions [px] (exact inverse)."""
+        """Maps GS positions [px] of the readout frame to RS positions [px] (exact inverse)."""
         return rotation_geometry.rotated_gs_to_rs(*positions(col, row), self._rotation_at, self.focal_px, self.center)
 
     def check_unfolded(self) -> None:
-        """Passes where every place of the scene was seen by one row only, and all of it in front of the camera.
+        """Checks that every point of the scene was read by one row only and lay in front of the camera.
 
         Raises:
-            UnshutterError: the motion turns faster than rows are read, or out of the picture's plane.
+            UnshutterError: the motion turns faster than rows are read, or turns part of the picture behind the camera.
         """
         reach = self.width / 2 + np.abs(self.tx_px).max()
         row = np.arange(self.height, dtype=np.float64)
         wx, wy, wz = self._rotation_at(row)[1].T
         x, y = np.array([[-reach], [reach]]) / self.focal_px, (row - self.center[1]) / self.focal_px
-        # how many rows a point at (x, y) is carried on while one row is read; linear in x, so the ends tell
+        # rows by which a point at (x, y) moves while one row is read; linear in x, so the two ends suffice
         speed = self.focal_px * (wz * x - wx * (1 + y * y) + wy * x * y)
         if speed.max() >= 1:
             raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
@@ -104,9 +104,9 @@ class RotationMotion(Motion, kind="rotations"):
             raise UnshutterError("the motion turns part of the picture behind the camera")
 
     def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
-        """Turning [H] [rad per row] and velocity [H, 2] [px per row] of the middle, whose ray is (0, 0, 1).
+        """Returns the angular rate [H] [rad per row] and velocity [H, 2] [px per row] at the picture's centre.
 
-        It moves by the rates (w_x, w_y, w_z) x (0, 0, 1).
+        The central ray (0, 0, 1) moves by the rates (w_x, w_y, w_z) x (0, 0, 1).
         """
         rates = slope(self._matrices) @ self._matrices.transpose(0, 2, 1)
         wx, wy, wz = rates[:, 2, 1], rates[:, 0, 2], rates[:, 1, 0]
@@ -119,17 +119,17 @@ class RotationMotion(Motion, kind="rotations"):
 
     @cached_property
     def _rotation_at(self) -> rotation_geometry.RowRotation:
-        """The rotation of any row; carried on smoothly past the first and the last, as a RowMotion is."""
+        """Rotation at any row; extrapolated smoothly beyond the first and last rows, as in RowMotion."""
         rotations = _continued(self._matrices, BEYOND)
         look_up = rotation_geometry.row_rotation_from_samples(rotations)
         return lambda row: look_up(row + BEYOND)
 
-    # ---- changed into ----------------------------------------------------------------------------------
+    # ---- derived motions -------------------------------------------------------------------------------
 
     def rereferenced(self, reference: Reference) -> RotationMotion:
-        """This camera motion, with the picture taken at another row's moment.
+        """Returns the same camera motion relative to another reference row.
 
-        Exact: the new GS picture is the old one turned by R of the new reference row m, so R(row) R(m)^T remains.
+        Exact: the new GS picture is the old one rotated by R of the new reference row m, which leaves R(row) R(m)^T.
         """
         row = row_index(reference, self.height)
         if not self.rotations[row].any():
@@ -139,9 +139,9 @@ class RotationMotion(Motion, kind="rotations"):
         return replace(self, reference=reference, rotations=rotations)
 
     def resized(self, height: int, width: int) -> RotationMotion:
-        """This motion for the picture scaled to another size: the focal length scales with the width.
+        """Returns this motion for the picture scaled to another size; the focal length scales with the width.
 
-        Rows are matched at their centres; the first and last turn carry on to the new borders.
+        Rows are matched at their centres; the rotation is extrapolated beyond the first and last rows.
 
         Raises:
             UnshutterError: the aspect ratio changes by more than two per cent.
@@ -154,11 +154,11 @@ class RotationMotion(Motion, kind="rotations"):
         return moved.rereferenced(self.reference)
 
     def scaled(self, strength: float) -> RotationMotion:
-        """All rotation angles times ``strength``: 0 does nothing, 1 is this motion."""
+        """Returns the motion with all rotation angles multiplied by ``strength``: 0 has no effect, 1 is this motion."""
         check_strength(strength)
         return replace(self, rotations=self.rotations * strength)
 
-    # ---- file form -------------------------------------------------------------------------------------
+    # ---- file format -----------------------------------------------------------------------------------
 
     def _own_data(self) -> dict[str, Any]:
         return {"rotations_rad": self.rotations.tolist(), "focal_px": self.focal_px}
@@ -174,14 +174,14 @@ class RotationMotion(Motion, kind="rotations"):
 
 
 def _continued(rotations: np.ndarray, rows: int) -> np.ndarray:
-    """Matrices [H, 3, 3] with so many rows more at both ends: the turns from the end, mirrored in time.
+    """Extends matrices [H, 3, 3] by ``rows`` rows at both ends, reflecting the rotations about each end.
 
-    R(-k) = R(0) R(k)^T R(0): the odd reflection that RowMotion uses, for rotations that do not commute.
+    R(-k) = R(0) R(k)^T R(0): the odd reflection used by RowMotion, for rotations that do not commute.
     """
     for end in (-1, 1):
         missing = rows
         while missing:
-            ordered = rotations[::end]  # the end to continue comes last
+            ordered = rotations[::end]  # the end to extend comes last
             last = ordered[-1]
             more = last @ ordered[-2 : -2 - missing : -1].transpose(0, 2, 1) @ last if len(ordered) > 1 else last[None]
             missing -= len(more)

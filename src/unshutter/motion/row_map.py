@@ -1,4 +1,4 @@
-"""The paper's row map: which row's motion each pixel of the GS picture is given (row block)."""
+"""The paper's row map: the row whose motion applies to each pixel of the GS picture (row block)."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _SMALLEST_AREA_PX = 1e-3  # a side
 @final
 @dataclass(frozen=True, eq=False)
 class RowMap:
-    """For every GS position the RS row that saw it.
+    """The RS row that read each GS position.
 
     Attributes:
-        residual_px: float32 [h, w] row map less the pixel's own row [px], in the frame for which it was made.
-        corner: (left, top) of the area that it covers, in the readout frame [px]; beyond the area the residual
-            of its border goes on.
+        residual_px: float32 [h, w] row map minus the pixel's own row [px], in the frame for which it was computed.
+        corner: (left, top) of the area it covers, in the readout frame [px]; outside this area the residual at the
+            border is used.
         size: (width, height) of that area [px].
-        pose: (t_x [px], r_z [rad]) of the GS picture in the frame for which the row map was made.
+        pose: (t_x [px], r_z [rad]) of the GS picture in the frame for which the row map was computed.
 
     Raises:
-        UnshutterError: numbers that are not finite, that do not fit together, or that no photo can have.
+        UnshutterError: a value is not finite, is impossible for a photo, or contradicts another value.
     """
 
     residual_px: np.ndarray
@@ -60,11 +60,11 @@ class RowMap:
     def __hash__(self) -> int:
         return hash((self.corner, self.size, self.pose, self.residual_px.tobytes()))
 
-    def __reduce__(self) -> tuple:  # so that its array is read-only in another process, too
+    def __reduce__(self) -> tuple:  # keeps the array read-only in another process
         return RowMap, (self.residual_px, self.corner, self.size, self.pose)
 
     def row_at(self, col: Any, row: Any, middle: tuple[float, float]) -> np.ndarray:
-        """The RS row [px] that saw each GS position; ``middle`` is the picture's, (col, row) [px]."""
+        """Returns the RS row [px] that read each GS position; ``middle`` is the picture's centre, (col, row) [px]."""
         moved, turned = self.pose
         col, row = geometry.rs_to_gs(*positions(col, row), moved, np.float64(turned), middle)
         height, width = self.residual_px.shape
@@ -73,11 +73,11 @@ class RowMap:
         return row + _bilinear(self.residual_px, np.nan_to_num(x), np.nan_to_num(y))
 
     def moved(self, tx_px: float, rz_rad: float) -> RowMap:
-        """This row map for a GS picture that is moved and turned by so much more, about its own moved centre."""
+        """Returns the row map for a GS picture moved and turned further, about its own moved centre."""
         return replace(self, pose=(self.pose[0] + tx_px, self.pose[1] + rz_rad))
 
     def resized(self, across: float, down: float) -> RowMap:
-        """This row map for the picture scaled by these factors along columns and rows."""
+        """Returns the row map for the picture scaled by these factors along columns and rows."""
         return RowMap(
             residual_px=self.residual_px * np.float32(down),
             corner=(self.corner[0] * across, self.corner[1] * down),
@@ -86,14 +86,14 @@ class RowMap:
         )
 
     def scaled(self, strength: float) -> RowMap:
-        """Residual and pose times ``strength``."""
+        """Returns the row map with residual and pose multiplied by ``strength``."""
         pose = (self.pose[0] * strength, self.pose[1] * strength)
         return replace(self, residual_px=self.residual_px * np.float32(strength), pose=pose)
 
-    # ---- file form -------------------------------------------------------------------------------------
+    # ---- file format -----------------------------------------------------------------------------------
 
     def to_data(self) -> dict[str, Any]:
-        """As JSON takes it; the residual is little-endian float32, compressed by zlib, in base64."""
+        """Returns a JSON-ready dictionary; the residual is little-endian float32, zlib-compressed, in base64."""
         packed = zlib.compress(self.residual_px.astype("<f4").tobytes())
         return {
             "residual_px": base64.b64encode(packed).decode("ascii"),
@@ -105,16 +105,16 @@ class RowMap:
 
     @classmethod
     def of_data(cls, data: dict[str, Any]) -> RowMap:
-        """Reads what :meth:`to_data` wrote.
+        """Reads the data written by :meth:`to_data`.
 
         Raises:
-            UnshutterError, KeyError, TypeError, ValueError: it is none.
+            UnshutterError, KeyError, TypeError, ValueError: the data are not a row map.
         """
         shape = tuple(int(side) for side in data["shape"])
         _check_shape(shape)
         size = 4 * shape[0] * shape[1]
         unpacker = zlib.decompressobj()
-        try:  # one byte more than there should be: a few bytes could hold gigabytes
+        try:  # at most one byte more than expected: a few bytes could expand to gigabytes
             unpacked = unpacker.decompress(base64.b64decode(data["residual_px"], validate=True), size + 1)
         except zlib.error as error:
             raise UnshutterError(f"the row map of the motion file is damaged: {error}") from None
@@ -131,7 +131,7 @@ def _check_shape(shape: tuple[int, ...]) -> None:
 
 
 def _bilinear(table: np.ndarray, col: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """Values of a table [h, w] at positions, the border's beyond it."""
+    """Interpolates a table [h, w] at positions, clamping them to its border."""
     height, width = table.shape
     x, y = np.clip(col, 0, width - 1), np.clip(row, 0, height - 1)
     left, top = (np.minimum(np.floor(p).astype(int), last) for p, last in ((x, width - 2), (y, height - 2)))

@@ -1,4 +1,4 @@
-"""A row motion with the paper's row map, which says which row's motion each pixel of the GS picture is given."""
+"""Row motion with the paper's row map, which selects the row whose motion applies to each pixel of the GS picture."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class RowMapMotion(Motion, kind="row-map"):
-    """A :class:`RowMotion` whose GS -> RS map follows a row map (paper, row block) instead of the exact inverse.
+    """:class:`RowMotion` whose GS -> RS map follows a row map (paper, row block) instead of the exact inverse.
 
-    ``gs_to_rs`` differs from that of its ``row_motion`` by the row map's error; everything else is the same.
+    Only ``gs_to_rs`` differs from that of its ``row_motion``, by the error of the row map.
 
     Attributes:
         tx_px: [H] t_x of every row [px], positive moves the scene to the right.
         rz_rad: [H] r_z of every row [rad], positive turns the scene clockwise as seen in the picture.
-        row_map: the row whose motion each GS pixel is given.
+        row_map: the row whose motion applies to each GS pixel.
         center_shift_px: see :class:`RowMotion`.
     """
 
-    __slots__ = ("rz_rad", "tx_px")  # so that fields can stand for Motion's abstract properties
+    __slots__ = ("rz_rad", "tx_px")  # lets fields implement Motion's abstract properties
 
     tx_px: np.ndarray
     rz_rad: np.ndarray
@@ -49,26 +49,26 @@ class RowMapMotion(Motion, kind="row-map"):
         """This motion without its row map."""
         return RowMotion(tx_px=self.tx_px, rz_rad=self.rz_rad, center_shift_px=self.center_shift_px, **self.common)
 
-    # ---- what it says ----------------------------------------------------------------------------------
+    # ---- mapping ---------------------------------------------------------------------------------------
 
     @property
     def is_zero(self) -> bool:
-        """Whether rectifying with this motion changes nothing: whatever row is looked up, it did not move."""
+        """Whether rectifying leaves the picture unchanged: no row moved, so the row map has no effect."""
         return self.row_motion.is_zero
 
     def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
-        """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
+        """Maps RS positions [px] of the readout frame to GS positions [px] (closed form)."""
         return self.row_motion.rs_to_gs(col, row)
 
     def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
-        """GS positions [px] of the readout frame -> RS positions [px], Eq. 1 with the row map's motion."""
+        """Maps GS positions [px] of the readout frame to RS positions [px], Eq. 1 with the motion of the mapped row."""
         col, row = positions(col, row)
         seen_by = self.row_map.row_at(col, row, ((self.width - 1) / 2, (self.height - 1) / 2))
         tx, rz, _ = self.row_motion.at(np.clip(seen_by, 0, self.height - 1))
         return geometry.gs_to_rs_by_row_map(col, row, tx, rz, self.row_motion.center)
 
     def check_unfolded(self) -> None:
-        """Passes where every place of the scene was seen by one row only.
+        """Checks that every point of the scene was read by one row only.
 
         Raises:
             UnshutterError: the motion turns faster than rows are read.
@@ -76,22 +76,22 @@ class RowMapMotion(Motion, kind="row-map"):
         self.row_motion.check_unfolded()
 
     def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
-        """Turning [H] [rad per row] and velocity [H, 2] [px per row] of its row motion."""
+        """Returns the angular rate [H] [rad per row] and velocity [H, 2] [px per row] of its row motion."""
         return self.row_motion.rates()
 
-    # ---- changed into ----------------------------------------------------------------------------------
+    # ---- derived motions -------------------------------------------------------------------------------
 
     def rereferenced(self, reference: Reference) -> RowMapMotion:
-        """This camera motion, with the picture taken at another row's moment; exact."""
+        """Returns the same camera motion relative to another reference row; exact."""
         row = row_index(reference, self.height)
         row_map = self.row_map.moved(float(self.tx_px[row]), float(self.rz_rad[row]))
         return self._with(self.row_motion.rereferenced(reference), row_map)
 
     def resized(self, height: int, width: int) -> RowMapMotion:
-        """This motion for the picture scaled to another size: the row map scales with it.
+        """Returns this motion for the picture scaled to another size; the row map scales with it.
 
         Raises:
-            UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not stay one).
+            UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not remain one).
         """
         if (height, width) == (self.height, self.width):
             return self
@@ -99,16 +99,16 @@ class RowMapMotion(Motion, kind="row-map"):
         return self._with(self.row_motion.resampled(height, width), row_map).rereferenced(self.reference)
 
     def scaled(self, strength: float) -> RowMapMotion:
-        """Motion and row map times ``strength``: 0 does nothing, 1 is this motion."""
+        """Returns the motion with its row motion and row map multiplied by ``strength``: 0 has no effect."""
         return self._with(self.row_motion.scaled(strength), self.row_map.scaled(strength))
 
     def _with(self, rows: RowMotion, row_map: RowMap) -> RowMapMotion:
-        """Another motion and another map of the same photo."""
+        """Returns a motion of the same photo with another row motion and row map."""
         return RowMapMotion(
             tx_px=rows.tx_px, rz_rad=rows.rz_rad, center_shift_px=rows.center_shift_px, row_map=row_map, **rows.common
         )
 
-    # ---- file form -------------------------------------------------------------------------------------
+    # ---- file format -----------------------------------------------------------------------------------
 
     def _own_data(self) -> dict[str, Any]:
         return {**self.row_motion._own_data(), "row_map": self.row_map.to_data()}

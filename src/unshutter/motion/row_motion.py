@@ -1,4 +1,4 @@
-"""The motion of the paper: a translation t_x and a rotation r_z for every row."""
+"""The paper's motion: a translation t_x and a rotation r_z for every row."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class RowMotion(Motion, kind="rows"):
-    """t_x and r_z of every row, by which positions are mapped (paper, Eq. 1; signs as in geometry/rows.py).
+    """Translation t_x and rotation r_z of every row (paper, Eq. 1; signs as in geometry/rows.py).
 
     Attributes:
         tx_px: [H] t_x of every row [px], positive moves the scene to the right.
@@ -33,7 +33,7 @@ class RowMotion(Motion, kind="rows"):
             non-zero only after :meth:`rereferenced`.
     """
 
-    __slots__ = ("rz_rad", "tx_px")  # so that fields can stand for Motion's abstract properties
+    __slots__ = ("rz_rad", "tx_px")  # lets fields implement Motion's abstract properties
 
     tx_px: np.ndarray
     rz_rad: np.ndarray
@@ -44,21 +44,21 @@ class RowMotion(Motion, kind="rows"):
         object.__setattr__(self, "rz_rad", checks.read_only(self.rz_rad))
         checks.check_lengths(self.center_shift_px)
 
-    # ---- made from -------------------------------------------------------------------------------------
+    # ---- constructors ----------------------------------------------------------------------------------
 
     @classmethod
     def zero(cls, height: int, width: int, **common: Any) -> RowMotion:
-        """No motion at all; ``common`` sets further attributes (estimator, reason, readout ...)."""
+        """Returns zero motion; ``common`` sets further attributes (estimator, reason, readout ...)."""
         return cls(width, np.zeros(height), np.zeros(height), **common)
 
     @classmethod
     def from_polynomials(
         cls, tx_coefficients: Sequence[float], rz_coefficients: Sequence[float], height: int, width: int, **common: Any
     ) -> RowMotion:
-        """Motion whose t_x [px] and r_z [rad] are polynomials in u = row / (height - 1).
+        """Returns a motion whose t_x [px] and r_z [rad] are polynomials in u = row / (height - 1).
 
         Args:
-            tx_coefficients, rz_coefficients: of u^0, u^1, ...; a constant term is kept as it is given.
+            tx_coefficients, rz_coefficients: of u^0, u^1, ...; constant terms are kept.
         """
         u = np.arange(height) / max(height - 1, 1)
         tx = geometry.polynomial(np.asarray(tx_coefficients, dtype=np.float64), u)
@@ -76,12 +76,14 @@ class RowMotion(Motion, kind="rows"):
         degree: int | None = None,
         **common: Any,
     ) -> RowMotion:
-        """Motion known at some rows only (increasing, at least two).
+        """Returns a motion from samples at some rows (at least two, in increasing order).
 
         Args:
             rows: row of each sample [px].
+            tx_px, rz_rad: motion at each sample.
+            height, width: size of the readout frame [px].
             degree: fit a polynomial of this degree (the predecessor: 2); None interpolates linearly and
-                carries the first and last slope to the borders.
+                extrapolates the first and last slopes to the borders.
         """
         known = np.asarray(rows, dtype=np.float64)
         if known.size < 2 or (np.diff(known) <= 0).any():
@@ -93,7 +95,7 @@ class RowMotion(Motion, kind="rows"):
             tx, rz = (np.polynomial.Polynomial.fit(known, a, degree)(every_row) for a in (tx_px, rz_rad))
         return cls(width, tx, rz, **common)
 
-    # ---- what it says ----------------------------------------------------------------------------------
+    # ---- mapping ---------------------------------------------------------------------------------------
 
     @property
     def center(self) -> tuple[float, float]:
@@ -102,22 +104,22 @@ class RowMotion(Motion, kind="rows"):
 
     @property
     def is_zero(self) -> bool:
-        """Whether rectifying with this motion changes nothing."""
+        """Whether rectifying with this motion leaves the picture unchanged."""
         return not (self.tx_px.any() or self.rz_rad.any())
 
     def rs_to_gs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
-        """RS positions [px] of the readout frame -> GS positions [px] (closed form)."""
+        """Maps RS positions [px] of the readout frame to GS positions [px] (closed form)."""
         col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
         tx, rz, _ = self.at(row)
         return geometry.rs_to_gs(col, row, tx, rz, self.center)
 
     def gs_to_rs(self, col: Any, row: Any) -> tuple[Float64[Numbers, "*at"], Float64[Numbers, "*at"]]:
-        """GS positions [px] of the readout frame -> RS positions [px] (exact inverse)."""
+        """Maps GS positions [px] of the readout frame to RS positions [px] (exact inverse)."""
         col, row = np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64)
         return geometry.gs_to_rs(col, row, self.at, self.center)
 
     def check_unfolded(self) -> None:
-        """Passes where every place of the scene was seen by one row only.
+        """Checks that every point of the scene was read by one row only.
 
         Raises:
             UnshutterError: the motion turns faster than rows are read.
@@ -127,11 +129,11 @@ class RowMotion(Motion, kind="rows"):
             raise UnshutterError("the motion turns faster than rows are read: the picture would fold over itself")
 
     def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
-        """Turning [H] [rad per row] and velocity [H, 2] [px per row] of the picture's middle, from where rows go.
+        """Returns the angular rate [H] [rad per row] and velocity [H, 2] [px per row] at the picture's centre.
 
-        With F(x, v) the GS position of RS column x, row v, the slope of F along a row says how far the picture was
-        turned at that moment, and its slope over the rows, turned into the RS picture, falls short of one row by what
-        the scene moved during that time.
+        Let F(x, v) be the GS position of RS column x, row v. The slope of F along a row gives the angle of the picture
+        at that moment. Its slope across rows, rotated into the RS picture, differs from one row by the distance that
+        the scene moved in that time.
         """
         rows = np.arange(self.height, dtype=np.float64)
         middle_col, middle_row = (self.width - 1) / 2, (self.height - 1) / 2
@@ -139,50 +141,50 @@ class RowMotion(Motion, kind="rows"):
         angle = -np.unwrap(np.arctan2(row[2] - row[0], col[2] - col[0]))
         cos, sin = np.cos(angle), np.sin(angle)
         slope_col, slope_row, turning = (slope(values) for values in (col[1], row[1], angle))
-        # on the row itself, less what the rotation about the middle does there
+        # on the row itself, minus the effect of the rotation about the centre
         across = -(slope_col * cos - slope_row * sin) + turning * (rows - middle_row)
         along = 1 - (slope_col * sin + slope_row * cos)
         return turning, np.stack([across, along], axis=-1)
 
     @cached_property
     def at(self) -> geometry.MotionAtRow:
-        """The motion of any row; carried on smoothly past the first and the last, where no photo looks.
+        """Motion at any row; extrapolated smoothly beyond the first and last rows, where the photo has no pixels.
 
-        (Kinked there, the map would be costly to interpolate in the cells that straddle the border.)
+        (A kink at the border would make the map costly to interpolate in the cells that straddle it.)
         """
         tx, rz = (np.pad(a, BEYOND, mode="reflect", reflect_type="odd") for a in (self.tx_px, self.rz_rad))
         look_up = geometry.row_motion_from_samples(tx, rz)
         return lambda row: look_up(row + BEYOND)
 
-    # ---- changed into ----------------------------------------------------------------------------------
+    # ---- derived motions -------------------------------------------------------------------------------
 
     def rereferenced(self, reference: Reference) -> RowMotion:
-        """This camera motion, with the picture taken at another row's moment.
+        """Returns the same camera motion relative to another reference row.
 
-        Exact: the new GS picture is the old one turned by r_z and moved by t_x of the new reference row m.
+        Exact: the new GS picture is the old one rotated by r_z and translated by t_x of the new reference row m.
         Substituting p_m = R(r_m) p + t_m in Eq. 1 gives t - t_m, r - r_m and a rotation centre moved by t_m.
         """
         row = row_index(reference, self.height)
         tx, rz = self.tx_px[row], self.rz_rad[row]
         shift = self.center_shift_px + float(tx)
-        if not (self.rz_rad - rz).any():  # nothing rotates: the centre does not matter
+        if not (self.rz_rad - rz).any():  # no rotation: the centre is irrelevant
             shift = 0.0
         return replace(self, reference=reference, tx_px=self.tx_px - tx, rz_rad=self.rz_rad - rz, center_shift_px=shift)
 
     def resized(self, height: int, width: int) -> RowMotion:
-        """This motion for the picture scaled to another size: t_x scales with the width, r_z stays.
+        """Returns this motion for the picture scaled to another size: t_x scales with the width, r_z does not change.
 
-        Rows are matched at their centres; the first and last slope carry on to the new borders.
+        Rows are matched at their centres; the first and last slopes are extrapolated to the new borders.
 
         Raises:
-            UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not stay one).
+            UnshutterError: the aspect ratio changes by more than two per cent (a rotation would not remain one).
         """
         if (height, width) == (self.height, self.width):
             return self
         return self.resampled(height, width).rereferenced(self.reference)
 
     def resampled(self, height: int, width: int) -> RowMotion:
-        """As :meth:`resized`, but in the same pose: rows differ in place, so the reference row is not quite zero."""
+        """Resizes as :meth:`resized` does but keeps the pose: rows shift, so the reference row is not quite zero."""
         checks.check_aspect(self.height, self.width, height, width)
         at, known = matching_rows(self.height, height), np.arange(self.height, dtype=np.float64)
         scale = width / self.width
@@ -190,7 +192,7 @@ class RowMotion(Motion, kind="rows"):
         return replace(self, width=width, tx_px=tx, rz_rad=rz, center_shift_px=self.center_shift_px * scale)
 
     def scaled(self, strength: float) -> RowMotion:
-        """Both motions times ``strength``: 0 does nothing, 1 is this motion."""
+        """Returns the motion with t_x and r_z multiplied by ``strength``: 0 has no effect, 1 is this motion."""
         check_strength(strength)
         return replace(
             self,
@@ -199,7 +201,7 @@ class RowMotion(Motion, kind="rows"):
             center_shift_px=self.center_shift_px * strength,
         )
 
-    # ---- file form -------------------------------------------------------------------------------------
+    # ---- file format -----------------------------------------------------------------------------------
 
     def _own_data(self) -> dict[str, Any]:
         return {"center_shift_px": self.center_shift_px} if self.center_shift_px else {}

@@ -1,4 +1,4 @@
-"""Values that are known once per row: found between rows, beyond them, and at the rows of another size."""
+"""Interpolation and extrapolation of per-row values, and resampling to another number of rows."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from unshutter.options import Reference
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float, Float64
 
-BEYOND = 128  # rows past the first and the last on which a motion goes on smoothly
+BEYOND = 128  # rows beyond the first and last to which a motion is extrapolated smoothly
 
 
 def row_index(reference: Reference, height: int) -> int:
-    """Index of a reference row.
+    """Returns the index of a reference row.
 
     Raises:
-        UsageError: there is none of that name.
+        UsageError: unknown reference row.
     """
     rows = {"first": 0, "middle": height // 2, "last": height - 1}
     if reference not in rows:
@@ -28,14 +28,14 @@ def row_index(reference: Reference, height: int) -> int:
 
 
 def matching_rows(height: int, new_height: int) -> Float64[np.ndarray, "{new_height}"]:
-    """[new_height] where the rows of a picture scaled to ``new_height`` lie in the one of ``height``, by centres."""
+    """[new_height] positions, by row centres, of the rows of a picture scaled to ``new_height`` in the original."""
     return (np.arange(new_height) + 0.5) * (height / new_height) - 0.5
 
 
 def interpolated(
     at: Float[np.ndarray, "rows"], known_at: Float[np.ndarray, "known"], values: Float[np.ndarray, "known"]
 ) -> Float[np.ndarray, "rows"]:
-    """Linear interpolation that carries the first and the last slope on beyond the ends."""
+    """Interpolates linearly, extrapolating the first and last slopes beyond the ends."""
     inner = np.interp(at, known_at, values)
     if len(known_at) < 2:
         return inner
@@ -47,11 +47,11 @@ def interpolated(
 
 
 def slope(values: Float[np.ndarray, "rows *rest"]) -> Float[np.ndarray, "rows *rest"]:
-    """Change per row of values [H, ...], of at least two rows."""
+    """Returns the change per row of values [H, ...] with at least two rows."""
     return np.gradient(values, axis=0, edge_order=2 if len(values) > 2 else 1)
 
 
 def positions(col: object, row: object) -> tuple[Float64[np.ndarray, "*at"], Float64[np.ndarray, "*at"]]:
-    """Two float64 arrays of one shape."""
+    """Returns two float64 arrays broadcast to a common shape."""
     col, row = np.broadcast_arrays(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
     return col, row

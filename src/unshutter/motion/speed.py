@@ -1,4 +1,4 @@
-"""How fast the camera moved, once the time of the readout is known: a motion's rates per row, in seconds."""
+"""Camera speed per second, from a motion's rates per row and a known readout time."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Speed:
-    """Speed of the scene in the picture at the moment of each row; readout frame, signs as those of a Motion.
+    """Speed of the scene in the picture at the time of each row; readout frame, signs as in Motion.
 
     Attributes:
         readout_ms: time from the first to the last row [ms].
-        angular_deg_s: [H], about the viewing axis, positive clockwise as seen in the picture [deg/s].
+        angular_deg_s: [H] angular rate about the viewing axis, positive clockwise as seen in the picture [deg/s].
         velocity_px_s: [H, 2], (col, row) of the scene in the middle of the picture [px/s].
     """
 
@@ -32,10 +32,11 @@ class Speed:
 
     @classmethod
     def of(cls, motion: Motion, readout_ms: float) -> Speed:
-        """The speed of a motion; the same whatever its reference row.
+        """Returns the speed of a motion; independent of its reference row.
 
         Raises:
-            UsageError: a time that is not positive; UnshutterError: a motion of fewer than two rows.
+            UsageError: the readout time is not positive.
+            UnshutterError: the motion has fewer than two rows.
         """
         check_readout_ms(readout_ms)
         if motion.height < 2:
@@ -45,7 +46,7 @@ class Speed:
         return cls(readout_ms, np.degrees(turning) * per_second, velocity * per_second)
 
     def summary(self) -> dict:
-        """Mean and peak for people and JSON: signed, but for the peak of the velocity, which is its magnitude."""
+        """Returns mean and peak, ready for JSON; all signed except the peak velocity, which is a magnitude."""
         peak = self.angular_deg_s[np.abs(self.angular_deg_s).argmax()]
         return {
             "readout_ms": self.readout_ms,
@@ -58,7 +59,7 @@ class Speed:
 
 
 def check_readout_ms(readout_ms: float) -> None:
-    """Raises UsageError where this cannot be the time of a readout.
+    """Raises UsageError if this is not a valid readout time.
 
     Examples:
         >>> check_readout_ms(-1)
@@ -70,7 +71,7 @@ def check_readout_ms(readout_ms: float) -> None:
 
 
 def json_with_speed(motion: Motion, readout_ms: float) -> str:
-    """The motion's file form with the key ``speed`` added; :meth:`Motion.from_json` reads it, too.
+    """Returns the motion as JSON text with an added ``speed`` key; :meth:`Motion.from_json` accepts it.
 
     Examples:
         >>> motion = unshutter.RowMotion.from_polynomials([0, 60], [0], height=480, width=640)

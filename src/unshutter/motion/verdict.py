@@ -1,4 +1,4 @@
-"""Verdict: whether a photo's motion is undone or the photo left unchanged, and why."""
+"""Verdict: whether a photo's motion is undone, and if not, why the photo is left unchanged."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from unshutter.motion.motion import Motion
 from unshutter.options import Undo
 from unshutter.reasons import SOURCES, Cause, Code, MotionSource, Reason, pixels
 
-SURE, LIKELY = 0.8, 0.5  # confidence from which on a verdict is sure, or likely: calibrated probabilities
-_LARGE = 1 / 12  # of the rows: an unsure motion that moves anything farther is worth a look
-_SMALLEST = 256  # motions that were found and move nothing by a row in so many are no larger than their errors
-_PROBABLY = 0.5  # confidence that nothing moved
-LEAST_PX = 0.5  # below, a photo loses more by being resampled than it gains
+SURE, LIKELY = 0.8, 0.5  # least confidence of a verdict that is sure, or likely: calibrated probabilities
+_LARGE = 1 / 12  # of the rows: an unsure motion with a larger displacement deserves a look
+_SMALLEST = 256  # estimated motions below 1 / this of the rows are within their error
+_PROBABLY = 0.5  # least confidence that nothing moved
+LEAST_PX = 0.5  # below this, resampling costs more sharpness than the correction gains
 
 _CAUSES = {
     Code.NO_MOTION: Cause.NO_MOTION,
@@ -29,11 +29,11 @@ _CAUSES = {
     Code.TOO_SMALL: Cause.TOO_SMALL,
     Code.STRENGTH_0: Cause.STRENGTH_0,
 }
-_WITH_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}  # whose sentence does not state it
+_WITH_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}  # their sentences do not state it
 
 
 class Certainty(StrEnum):
-    """A confidence in a word."""
+    """A confidence as a word."""
 
     SURE = "sure"
     LIKELY = "likely"
@@ -41,21 +41,21 @@ class Certainty(StrEnum):
 
     @classmethod
     def of(cls, confidence: float) -> Certainty:
-        """The word for a confidence."""
+        """Returns the word for a confidence."""
         return cls.SURE if confidence >= SURE else cls.LIKELY if confidence >= LIKELY else cls.UNSURE
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a motion is undone.
+    """Whether a motion is undone, and why if it is not.
 
     Attributes:
-        largest_px: the farthest that anything would be moved [px].
-        confidence: the motion's.
-        reason: why the photo is left unchanged; None where the motion is undone.
-        source: where the motion comes from; None: the photo's pixels, or whoever gave it.
-        rows: of the picture; 0 where it is not known.
-        film: why the film inside the photo was not used; None where it was, or there is none.
+        largest_px: largest displacement that undoing the motion would cause [px].
+        confidence: confidence of the motion.
+        reason: why the photo is left unchanged; None if the motion is undone.
+        source: source of the motion; None if it was estimated from the photo's pixels or supplied by the user.
+        rows: number of rows of the picture; 0 if unknown.
+        film: why the film inside the photo was not used; None if it was used or the photo has none.
     """
 
     largest_px: float
@@ -67,11 +67,11 @@ class Verdict:
 
     @classmethod
     def of(cls, motion: Motion, undo: Undo) -> Verdict:
-        """Whether a motion is undone.
+        """Decides whether to undo a motion.
 
         Args:
-            motion: as it would be undone: for the photo's size, with its strength and reference row.
-            undo: what is asked for; of it, the strength and the least confidence count here.
+            motion: the motion to undo, for the photo's size, with its strength and reference row.
+            undo: the user's options; only strength and minimum confidence matter here.
         """
         largest, sure = motion.largest_px, motion.confidence
         source = MotionSource(motion.estimator) if motion.estimator in set(MotionSource) else None
@@ -84,43 +84,43 @@ class Verdict:
 
     @property
     def certainty(self) -> Certainty | None:
-        """The confidence in a word; None where there is none."""
+        """The confidence as a word; None if there is no confidence."""
         return None if self.confidence is None else Certainty.of(self.confidence)
 
     @property
     def needs_a_look(self) -> bool:
-        """Whether a large motion is undone that is unsure, so that a person should compare both pictures."""
+        """Whether a large but unsure motion is undone, so that someone should compare both pictures."""
         return self.changes and self.certainty is Certainty.UNSURE and self.largest_px > _LARGE * self.rows > 0
 
     @property
     def cause(self) -> Cause | None:
-        """Why the photo is left unchanged, as it is counted; None where the motion is undone."""
+        """Why the photo is left unchanged, as counted in summaries; None if the motion is undone."""
         return None if self.reason is None else _CAUSES.get(self.reason.code, Cause.NO_EVIDENCE)
 
     @property
     def sentence(self) -> str:
-        """Why the photo is left unchanged, ``not sure: confidence 0.01``; empty where the motion is undone."""
+        """Why the photo is left unchanged, e.g. ``not sure: confidence 0.01``; empty if the motion is undone."""
         if self.reason is None:
             return ""
         return str(self.reason) + (self._at_confidence if self.reason.code in _WITH_CONFIDENCE else "")
 
     @property
     def film_sentence(self) -> str:
-        """Why the film inside the photo was not used; empty where it was, or there is none."""
+        """Why the film inside the photo was not used; empty if it was used or the photo has none."""
         return "" if self.film is None else f"{self.film}: not used"
 
     def left_alone(self, motion: Motion) -> Motion:
-        """What is undone of a motion where the verdict is to leave the photo unchanged: nothing, for this reason."""
+        """Returns a zero motion with this verdict's reason, for a photo that is left unchanged."""
         return replace(motion.scaled(0), reason=self.reason)
 
     def described(self) -> str:
-        """``up to 41 px, confidence 0.93: sure``, or why the photo is left unchanged; where the motion comes from."""
+        """One-line summary, e.g. ``up to 41 px, confidence 0.93: sure``, or why the photo is left unchanged."""
         look = ", please look" if self.needs_a_look else ""
         words = f"up to {pixels(self.largest_px)}{self._at_confidence}{look}" if self.changes else self.sentence
         return words if self.source is None else f"{words} ({SOURCES[self.source]})"
 
     def as_json(self) -> dict[str, Any]:
-        """The verdict for programs, as logs, manifests and the page's API have it."""
+        """Returns the verdict as a JSON-ready dictionary for logs, manifests and the page's API."""
         data = {"changed": self.changes, "largest_px": round(self.largest_px, 2), "confidence": self.confidence}
         data |= {"certainty": self.certainty, "please_look": self.needs_a_look}
         if self.source is not None:
@@ -146,7 +146,7 @@ class Verdict:
 
 
 def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Undo) -> Reason | None:
-    """Why a motion is not undone; None where it is."""
+    """Returns why a motion should not be undone, or None if it should."""
     if motion.is_zero and motion.reason is not None:
         return motion.reason
     if undo.strength == 0:
@@ -154,7 +154,7 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
     if motion.is_zero:
         return Reason(Code.NO_MOTION)
     if sure is not None and undo.min_confidence > 0:
-        if largest < max(LEAST_PX, motion.height / _SMALLEST):  # no larger than what one photo can show
+        if largest < max(LEAST_PX, motion.height / _SMALLEST):  # below what a single photo can show
             if sure >= _PROBABLY:
                 return Reason(Code.NO_VISIBLE_MOTION)
             return Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=_two_decimals(sure))
@@ -164,5 +164,5 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
 
 
 def _two_decimals(confidence: float) -> float:
-    """Rounded down: what is below a limit must not read as if it met it."""
+    """Rounds down, so that a value below a limit never appears to reach it."""
     return math.floor(100 * confidence + 1e-9) / 100

@@ -1,1 +1,1 @@
-"""The film inside a photo: how the camera moved while the photo was read out, from the frames around its moment."""
+"""The film inside a photo: estimates the photo's motion from the film frames around the time of exposure."""

@@ -1,4 +1,4 @@
-"""The frames of a photo's film about the photo's moment, as small grey copies."""
+"""Decodes the frames of a photo's film around the photo's time as small grey copies."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
     from unshutter.photo.film import PhotoFilm
 
 _IDENTIFIER = "com.apple.quicktime.content.identifier"
-_MOST_FRAMES = 120  # that are decoded
-_ABOUT_S = 1.2  # before and after the photo's moment: what lies farther off does not count
-_KINDS = "mov,mp4,m4a,3gp,3g2,mj2"  # as FFmpeg calls the files that are opened
+_MOST_FRAMES = 120  # decoded at most
+_ABOUT_S = 1.2  # before and after the photo's time; frames farther away are ignored
+_KINDS = "mov,mp4,m4a,3gp,3g2,mj2"  # FFmpeg's names of the file formats accepted
 _LARGEST_FRAME = 1 << 24  # px
 
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """Frames about a photo's moment.
+    """Frames around the time of a photo.
 
     Attributes:
         frames: grey copies of the stored frames.
-        times_s: when they were taken.
-        moment_s: when the photo was, in the film's time; None: unknown.
+        times_s: time of each frame [s].
+        moment_s: time of the photo on the film's clock [s]; None if unknown.
     """
 
     frames: list[UInt8[np.ndarray, "height width"]]
@@ -39,8 +39,8 @@ class Film:
 
 
 def decoded(film: PhotoFilm) -> Film | None:
-    """The frames of a film; None where it cannot be read, is another photo's, or PyAV is not installed."""
-    os.environ.setdefault("SVT_LOG", "1")  # an encoder that talks on standard error
+    """Decodes the frames of a film; returns None if it is unreadable, belongs to another photo, or PyAV is missing."""
+    os.environ.setdefault("SVT_LOG", "1")  # silences an encoder that writes to standard error
     try:
         import av
         from av import error as av_error
@@ -64,11 +64,11 @@ def decoded(film: PhotoFilm) -> Film | None:
 
 
 def _frames(container: Any, moment_s: float | None) -> Any:
-    """The frames of the longest film in a container that are about a moment."""
+    """Yields the frames around a moment from the longest video stream of a container."""
     films = [stream for stream in container.streams.video if stream.codec_context is not None]
     if not films:
         return
-    film = max(films, key=lambda each: each.frames)  # some phones put a sharper copy of the photo into a second one
+    film = max(films, key=lambda each: each.frames)  # some phones store a sharper copy of the photo in a second one
     film.thread_type = "AUTO"
     for frame in container.decode(film):
         if frame.time is None or (moment_s is not None and frame.time < moment_s - _ABOUT_S):
@@ -79,7 +79,7 @@ def _frames(container: Any, moment_s: float | None) -> Any:
 
 
 def _grey(frame: Any) -> np.ndarray:
-    """A copy in which corners are followed."""
+    """Returns the small grey copy in which corners are tracked."""
     shrink = max(min(frame.height, frame.width) / TRACKED_SIDE, 1.0)
     size = {"width": round(frame.width / shrink), "height": round(frame.height / shrink)}
     return frame.to_ndarray(format="gray", interpolation="AREA", **size)

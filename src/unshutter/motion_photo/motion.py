@@ -1,4 +1,4 @@
-"""A photo's motion by its film, or that it stood still; where the film was stabilised, nothing."""
+"""Estimates a photo's motion, or that it had none, from its film; stabilised films are rejected."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt8
 
 NAME = MotionSource.FILM.value
-_AROUND, _FEWEST = 30, 6  # frames on both sides of the photo that count; those without which a film says nothing
-_MATCHED = 2  # frames on both sides that the photo is compared with
-_USUAL_RATIO = ReadoutRatio(0.6, 0.2, "what is usual")  # of phones' films
-_LEAST_RATIO = 0.12  # frames that are read out faster than this were rectified by the phone
-_LEAST_PX = 0.25  # px of ROWS rows, mean over the photo: less is none
-_OFF_PX = 1.5  # px of ROWS rows by which the photo may lie beside the path of a film that was not stabilised
-_AGAINST_PX, _AGAINST_SHARE = 0.8, 0.1  # by which its rate may differ from the path's; and share of it
+_AROUND, _FEWEST = 30, 6  # frames used on each side of the photo; fewest frames of a usable film
+_MATCHED = 2  # frames on each side that the photo is compared with
+_USUAL_RATIO = ReadoutRatio(0.6, 0.2, "what is usual")  # typical of phones' films
+_LEAST_RATIO = 0.12  # frames with a shorter readout were rectified by the phone
+_LEAST_PX = 0.25  # px of ROWS rows, mean over the photo: less counts as no motion
+_OFF_PX = 1.5  # px of ROWS rows: largest distance of the photo from the path of an unstabilised film
+_AGAINST_PX, _AGAINST_SHARE = 0.8, 0.1  # tolerated difference between its rate and the path's, and share of it
 _RATIOS = (0.05, 2.0)  # readout times of photos [frame intervals]
 _STEP = 0.05  # frame intervals
-_SYSTEMATIC_PX = 0.08  # px of ROWS rows: lens corrections, and whatever else is no motion
-_RIGHT_PX, _RIGHT_SHARE = 1.0, 0.1  # a motion is right to so many px of ROWS rows, or that share of it
+_SYSTEMATIC_PX = 0.08  # px of ROWS rows: lens corrections and other effects that are not motion
+_RIGHT_PX, _RIGHT_SHARE = 1.0, 0.1  # tolerance of a correct motion: px of ROWS rows, or share of it
 
 
 @dataclass(frozen=True)
 class FilmEvidence:
-    """What the film of a photo says.
+    """The evidence of a photo's film about the photo's motion.
 
     Attributes:
-        motion: the photo's motion, zero with a reason where it stood still; None: the film says nothing.
-        reason: why it says nothing; None where it says something.
+        motion: the photo's motion, zero with a reason if the camera stood still; None if the film is inconclusive.
+        reason: why the film is inconclusive; otherwise None.
     """
 
     motion: Motion | None = None
@@ -52,7 +52,7 @@ class FilmEvidence:
 
 
 def film_motion(view: View) -> FilmEvidence | None:
-    """What the film of a photo says of its motion; None where the photo has no film that can be read.
+    """Returns the evidence of a photo's film about its motion, or None if the photo has no readable film.
 
     Raises:
         UnshutterError: the photo is damaged or gone.
@@ -63,19 +63,19 @@ def film_motion(view: View) -> FilmEvidence | None:
         return None
     try:
         return motion_by(film, view)
-    except (cv2.error, np.linalg.LinAlgError):  # frames that show nothing, or noise
+    except (cv2.error, np.linalg.LinAlgError):  # blank or noisy frames
         return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
 
 
 def motion_by(film: Film, view: View) -> FilmEvidence:
-    """What a film says of a photo's motion.
+    """Returns the evidence of a film about a photo's motion.
 
     Args:
-        film: frames around the photo's moment.
-        view: the photo, and what is known of its camera.
+        film: frames around the photo's time.
+        view: the photo and the known data of its camera.
     """
     height, width = film.frames[0].shape
-    if len(film.frames) < _FEWEST or height > width:  # set upright: its rows are not those of the sensor
+    if len(film.frames) < _FEWEST or height > width:  # rotated upright: its rows are not those of the sensor
         return FilmEvidence(reason=Reason(Code.FILM_TOO_SHORT))
     still = _Still.of(view, film)
     if still is None:
@@ -91,7 +91,7 @@ def motion_by(film: Film, view: View) -> FilmEvidence:
     frames = run.frames(focal, ratio)
     near = still.near - run.first
     fit = still.fit(frames, run, near)
-    if fit is not None and abs((at := _nearest(frames, fit)[0]) - near) > _MATCHED:  # the photo's moment is elsewhere
+    if fit is not None and abs((at := _nearest(frames, fit)[0]) - near) > _MATCHED:  # taken at another time
         near = int(np.clip(round(at), 0, len(run.greys) - 1))
         fit = still.fit(frames, run, near) or fit
     if fit is None:
@@ -99,16 +99,16 @@ def motion_by(film: Film, view: View) -> FilmEvidence:
     return _judged(view, frames, fit, ratio)
 
 
-# ---- the photo in the film -----------------------------------------------------------------------------------
+# ---- the photo within the film -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class _Still:
-    """A photo as it lies in its film.
+    """A photo located within its film.
 
     Attributes:
-        copy: grey, in the readout frame.
-        placement: of it.
+        copy: grey copy in the readout frame.
+        placement: placement of that copy in the film's frames.
         near: number of the frame in which it was found.
         readout: direction in which the stored photo was read, if the film's rows are those of the sensor.
         focal_px: focal length [px of the film's copies].
@@ -122,7 +122,7 @@ class _Still:
 
     @classmethod
     def of(cls, view: View, film: Film) -> _Still | None:
-        """The photo found in one of the frames; None where it is not."""
+        """Locates the photo in one of the frames; returns None if it is not found."""
         stored = view.photo.grey(TRACKED_SIDE)
         last = len(film.frames) - 1
         middle = last / 2
@@ -143,7 +143,7 @@ class _Still:
         return cls(copy, place, near, readout, view.focal_px() * scale)
 
     def fit(self, frames: Frames, run: _Run, near: int) -> StillFit | None:
-        """The turn of its rows, by the frames about one of them; None where it is found in too few."""
+        """Fits the rotation of the photo's rows from the frames around ``near``; None if found in fewer than two."""
         found: dict[int, Matches] = {}
         guess = np.zeros(3)
         unit, focal = frames.height / ROWS, frames.fit.focal_px
@@ -167,13 +167,13 @@ class _Still:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """Frames of one shot about the photo's moment.
+    """Consecutive frames of one shot around the photo's time.
 
     Attributes:
-        first: number of the first in the film.
+        first: number of the first of them in the film.
         greys: the frames.
-        starts: when they were taken [usual frame intervals since the first].
-        pairs: tracks of the background from each to the next.
+        starts: times of the frames [usual frame intervals since the first].
+        pairs: tracks of the background from each frame to the next.
     """
 
     first: int
@@ -183,7 +183,7 @@ class _Run:
 
     @classmethod
     def around(cls, film: Film, near: int) -> _Run | None:
-        """The frames about one of them that hang together; None where they are too few."""
+        """Returns the connected frames around ``near``, or None if there are too few."""
         first, last = max(near - _AROUND, 0), min(near + _AROUND, len(film.frames) - 1)
         links = {k: background(follow(film.frames[k], film.frames[k + 1])) for k in range(first, last)}
         while near > first and all(links[k].joined for k in range(first, near)) is False:
@@ -198,7 +198,7 @@ class _Run:
         return cls(first, film.frames[first : last + 1], starts.tolist(), pairs)
 
     def ratio(self, focal_px: float) -> ReadoutRatio | None:
-        """Their readout ratio, if they show none the usual one; None where they contradict any.
+        """Returns the frames' readout ratio, the usual one if they do not reveal it, or None if they contradict any.
 
         Args:
             focal_px: focal length [px of ROWS rows].
@@ -209,7 +209,7 @@ class _Run:
             return None if error.reason.code is Code.SHOOK_TOO_FAST else _USUAL_RATIO
 
     def frames(self, focal_px: float, ratio: ReadoutRatio) -> Frames:
-        """What they say of the camera.
+        """Fits the camera's rotation to the frames.
 
         Args:
             focal_px: focal length [px of ROWS rows].
@@ -220,11 +220,11 @@ class _Run:
         return Frames(fit, np.array(self.starts), ratio.value, height, width)
 
 
-# ---- is it to be believed? -----------------------------------------------------------------------------------
+# ---- plausibility --------------------------------------------------------------------------------------------
 
 
 def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> FilmEvidence:
-    """The motion of a photo whose film was not stabilised."""
+    """Returns the motion of the photo, or why it is rejected, for instance because the film was stabilised."""
     at, off_px = _nearest(frames, fit)
     shape = _shape(frames)
     rate = ((frames.path(np.array([at + _STEP])) - frames.path(np.array([at - _STEP])))[0] / (2 * _STEP)) * shape
@@ -240,7 +240,7 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> F
     if size < _LEAST_PX:
         return FilmEvidence(view.no_motion(NAME, Reason(Code.FILM_STOOD_STILL)))
     motion = view.rotation_motion(turns / frames.fit.focal_px, NAME)
-    if motion.is_zero:  # what fits would fold the picture
+    if motion.is_zero:  # the fitted motion would fold the picture
         return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
     errors = [*(fit.error[1] * shape), ratio.error * np.linalg.norm(rate), against]  # of the last row
     error = np.hypot(np.linalg.norm(errors) / 2, _SYSTEMATIC_PX)
@@ -249,12 +249,12 @@ def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutRatio) -> F
 
 
 def _nearest(frames: Frames, fit: StillFit) -> tuple[float, float]:
-    """The moment at which the path comes nearest to the photo [frame intervals], and how near [px of ROWS rows]."""
+    """Returns the time [frame intervals] at which the path is closest to the photo, and the distance [px of ROWS]."""
     times = np.arange(frames.times[0], frames.times[-1] + 1, _STEP)
     off = np.linalg.norm((frames.path(times) - fit.turn[0]) * _shape(frames), axis=1)
     return float(times[off.argmin()]), float(off.min())
 
 
 def _shape(frames: Frames) -> np.ndarray:
-    """[3] what turns about the three axes do to a picture, at its edge for the third."""
+    """[3] displacement in the picture per unit of rotation about each axis; at the picture's edge for the z axis."""
     return np.array([1.0, 1.0, ROWS / 2 / frames.fit.focal_px])

@@ -1,4 +1,4 @@
-"""Where a photo lies in a frame of its film: at which scale, turned how, and which of its places are found where."""
+"""Registers a photo to a frame of its film: scale, orientation, and matching points."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from unshutter.frames.tracks import follow
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64, UInt8
 
-_FEATURES, _CONTRAST = 1200, 0.015  # of each picture; below SIFT's usual 0.04, for scenes that show little
-_RATIO = 0.75  # how much nearer the best partner is than the second
-_NEAR, _FEWEST = 4.0, 25  # px, and features within them, that make a match
-_LEAST_SHARE = 0.3  # of the partners that have to agree
+_FEATURES, _CONTRAST = 1200, 0.015  # of each picture; below SIFT's usual 0.04, for scenes with little texture
+_RATIO = 0.75  # Lowe's ratio test: distance of the best match over that of the second best
+_NEAR, _FEWEST = 4.0, 25  # px of tolerance, and fewest features within it
+_LEAST_SHARE = 0.3  # least share of matches that agree
 _SCALES = (0.25, 4.0)  # of the photo's copy in the film
-_SKEW = 6.0  # degrees off a quarter turn: no film is turned so against its photo
-_MATCHES = 40  # corners without which a frame says nothing
+_SKEW = 6.0  # degrees off a quarter turn; no film is rotated further against its photo
+_MATCHES = 40  # fewest matches in a usable frame
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a photo lies in a frame of its film, roughly.
+    """Approximate placement of a photo in a frame of its film.
 
     Attributes:
-        quarter_turns: counter-clockwise, that the stored photo has to be given to lie as the film's frames do.
+        quarter_turns: counter-clockwise quarter turns that align the stored photo with the film's frames.
         scale: px of the film per px of the photo's copy.
     """
 
@@ -37,11 +37,11 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Places of a photo that are found in a frame.
+    """Points of a photo matched in a frame.
 
     Attributes:
-        photo: [N, 2] (col, row) about the photo's middle, turned like the film, at the film's scale [px of the frame].
-        frame: [N, 2] (col, row) about the frame's middle [px of the frame].
+        photo: [N, 2] (col, row) from the photo's centre, rotated like the film, at the film's scale [px of the frame].
+        frame: [N, 2] (col, row) from the frame's centre [px of the frame].
     """
 
     photo: Float64[np.ndarray, "matches 2"]
@@ -52,7 +52,7 @@ class Matches:
 
 
 def placement(photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray, "height width"]) -> Placement | None:
-    """Where a photo lies in a frame; None where they do not show the same.
+    """Locates a photo in a frame by SIFT features; returns None if they do not show the same scene.
 
     Args:
         photo: grey copy of the stored photo.
@@ -87,13 +87,13 @@ def matches(
     scale: float,
     guess: Float64[np.ndarray, "3"],
 ) -> Matches | None:
-    """Places of a photo that are found in a frame, to a tenth of a pixel; None where they are too few.
+    """Matches points of a photo in a frame to a tenth of a pixel; returns None if there are too few.
 
     Args:
-        photo: grey copy of the photo, turned like the film.
+        photo: grey copy of the photo, rotated like the film.
         frame: grey copy of a frame.
         scale: see :class:`Placement`.
-        guess: columns and rows [px of the frame] and angle [rad] by which the frame's middle is off the photo's.
+        guess: displacement (columns, rows) [px of the frame] and angle [rad] of the frame's centre from the photo's.
     """
     height, width = frame.shape
     cos, sin = np.cos(guess[2]), np.sin(guess[2])
@@ -101,7 +101,7 @@ def matches(
     middle, photo_middle = (np.array([size[1] - 1, size[0] - 1]) / 2 for size in (frame.shape, photo.shape))
     linear = scale * turn
     matrix = np.column_stack([linear, middle + guess[:2] - linear @ photo_middle])
-    if scale < 1:  # so that details do not alias
+    if scale < 1:  # avoids aliasing
         photo = cv2.GaussianBlur(photo, (0, 0), 0.4 / scale)
     placed = cv2.warpAffine(photo, matrix, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
     seen = cv2.warpAffine(np.full(photo.shape, 255, np.uint8), matrix, (width, height)) == 255
@@ -110,12 +110,12 @@ def matches(
     inside = cv2.erode(seen.astype(np.uint8), np.ones((15, 15), np.uint8), borderValue=(0,))[at[:, 1], at[:, 0]] > 0
     if inside.sum() < _MATCHES:
         return None
-    start = (tracks.start[inside] - middle - guess[:2]) @ turn  # back by the angle
+    start = (tracks.start[inside] - middle - guess[:2]) @ turn  # undoes the rotation
     return Matches(start, tracks.end[inside] - middle)
 
 
 def _like(picture: np.ndarray, other: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """A picture with the brightnesses of another one, by their histograms."""
+    """Matches the brightness of a picture to another one by histogram specification."""
     if not seen.any():
         return picture
     levels = np.arange(256)

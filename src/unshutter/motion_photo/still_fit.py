@@ -1,18 +1,18 @@
-"""How the camera turned while a photo's rows were read, from where its places lie in the frames of its film.
+"""Fits the rotation of the camera during a photo's readout to the photo's points matched in the frames of its film.
 
-The film's frames say the camera's turn T(t) over time (frames/camera.py). A place of the photo that lies in row y of
-it, 0 ... 1, at x, and in frame k at x', shows the turn Q(y) of that row against the film:
+The film's frames give the camera's rotation T(t) over time (frames/camera.py). A point of the photo at x, in row y
+(0 ... 1), and at x' in frame k shows the rotation Q(y) of that row against the film:
 
     x' - x = J (T(t of its row in frame k) - Q(y)) + g x + (p . x) x + r |x|^2 x
 
-where J is the Jacobian of a turn, g what remains of the scale, p what moving towards a slanted surface does, and r the
-difference of two lens corrections. Q is taken as a parabola: q0 + q1 (y - 1/2) + q2 ((y - 1/2)^2 - 1/12). All unknowns
-are linear. What Q changes by from row to row is the photo's motion; neither the readout time of the photo nor the
-moment at which it was taken have to be known.
+where J is the Jacobian of a rotation, g the remaining scale, p the effect of moving towards a slanted surface, and r
+the difference between two lens corrections. Q is modelled as a parabola: q0 + q1 (y - 1/2) + q2 ((y - 1/2)^2 - 1/12).
+All unknowns are linear. The change of Q from row to row is the photo's motion; neither the photo's readout time nor
+the time at which it was taken is needed.
 
-Both are there to be checked, though. If the film was not stabilised, then it shows the middle of what the sensor sees,
-so q0 lies on the path T; and q1 is T's rate there, times a readout time that a camera can have. A stabilised film
-follows a path of its own, and fails.
+Both serve as a check, though. If the film was not stabilised, its centre is that of the sensor, so q0 lies on the path
+T, and q1 equals the rate of T there times a plausible readout time. A stabilised film follows a path of its own and
+fails this check.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
 _ROUNDS = 6
-_DEGREES = 3.0  # of freedom of Student's t
-_FINEST = 0.05  # px of ROWS rows; matches are not taken to be better than this
-_CURVATURE = 0.25  # px of ROWS rows: q2 beforehand, as a standard deviation
-_COMMON = 4.0  # matches err together
-_TURNS = 9  # unknowns of q0, q1, q2; after them come those of growth, of a slant and of the lens
+_DEGREES = 3.0  # degrees of freedom of Student's t
+_FINEST = 0.05  # px of ROWS rows; lower limit of the matches' noise
+_CURVATURE = 0.25  # px of ROWS rows: prior standard deviation of q2
+_COMMON = 4.0  # errors of matches are correlated
+_TURNS = 9  # unknowns of q0, q1, q2; followed by those of scale, slant and lens
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """What a film says of the camera.
+    """The camera's rotation as estimated from a film.
 
     Attributes:
-        fit: the camera's turn.
-        times: of the frames in the fit [frame intervals].
+        fit: the camera's rotation over time.
+        times: times of the frames in the fit [frame intervals].
         ratio: readout time of a frame, in frame intervals.
-        height, width: of the frames' copies [px].
+        height, width: size of the frames' copies [px].
     """
 
     fit: Fit
@@ -55,19 +55,19 @@ class Frames:
     width: int
 
     def path(self, at: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
-        """The turn at times, by the shifts that it makes [px of ROWS rows; about the z axis: at the focal length]."""
+        """Rotation at given times, as shifts in the picture [px of ROWS rows; about z: at the focal length]."""
         return self.fit.turn(at) * self.fit.focal_px
 
 
 @dataclass(frozen=True, eq=False)
 class StillFit:
-    """The turn of a photo's rows.
+    """The fitted rotation of a photo's rows.
 
     Attributes:
-        turn: [3, 3] q0, q1, q2 of three axes [px of ROWS rows of the film].
+        turn: [3, 3] q0, q1, q2 about three axes [px of ROWS rows of the film].
         error: [3, 3] their standard deviations.
-        noise_px: of the matches [px of ROWS rows].
-        matches: how many there are.
+        noise_px: noise of the matches [px of ROWS rows].
+        matches: number of matches.
     """
 
     turn: Float64[np.ndarray, "3 3"]
@@ -76,7 +76,7 @@ class StillFit:
     matches: int
 
     def rotation(self, row: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
-        """The turn of rows, 0 ... 1, against the first [px of ROWS rows of the film]."""
+        """Returns the rotation of rows, 0 ... 1, relative to the first [px of ROWS rows of the film]."""
         centred = row - 0.5
         moved = centred[:, None] * self.turn[1] + (centred**2)[:, None] * self.turn[2]
         first = -0.5 * self.turn[1] + 0.25 * self.turn[2]
@@ -84,11 +84,11 @@ class StillFit:
 
 
 def fit_still(film: Frames, found: Mapping[int, Matches], height: float) -> StillFit:
-    """The turn of a photo's rows.
+    """Fits the rotation of a photo's rows.
 
     Args:
-        film: what the film says of the camera.
-        found: frame -> places of the photo that are found in it.
+        film: the camera's rotation, from the film.
+        found: frame -> points of the photo matched in it.
         height: rows of the photo [px of the film's copies, at its scale].
     """
     unit = ROWS / film.height
@@ -112,7 +112,7 @@ def fit_still(film: Frames, found: Mapping[int, Matches], height: float) -> Stil
 
 
 def _equations(film: Frames, frame: int, found: Matches, height: float, unit: float) -> tuple[np.ndarray, np.ndarray]:
-    """[N, 2, unknowns] and [N, 2]: the matches of a frame as equations [px of ROWS rows]."""
+    """[N, 2, unknowns] and [N, 2]: linear equations for the matches in a frame [px of ROWS rows]."""
     start, end = found.photo * unit, found.frame * unit
     focal, middle = film.fit.focal_px, np.array([film.width * unit, ROWS]) / 2
     J = turn_jacobian((start + end) / 2 + middle, film.width * unit, focal)

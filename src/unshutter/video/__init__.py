@@ -1,1 +1,1 @@
-"""Clips: decoded, each frame's motion undone, encoded; all else in their files is kept."""
+"""Rectifies clips: decodes frames, undoes their motion and encodes them; everything else in the file is preserved."""

@@ -1,6 +1,6 @@
-"""The motion of a whole clip: kept during a first pass over its frames, looked up in a second one.
+"""The motion of a whole clip, recorded during a first pass over its frames and looked up during a second one.
 
-Only rotations are kept, about 1 kB for each frame, and 3 kB where a gyro says them.
+Only rotations are stored, about 1 kB per frame, or 3 kB with a gyro.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class CameraPath:
-    """The motion of the frames of a clip, in their order.
+    """The motion of the frames of a clip, in order.
 
     Attributes:
         undo: how their motion is undone.
         readout: direction in which stored pixels were read.
-        height, width: of the readout frame [px].
-        times_s: when each frame is shown [s].
-        cuts: whether a frame shows another scene than the one before it.
-        steps: turn from the frame before to each frame, at the reference row [rad]; NaN where it is unknown.
-        focals: focal length of each frame [heights]; NaN where it is unknown.
-        borders: how far each frame reaches once its motion is undone (:func:`borders_of`).
+        height, width: size of the readout frame [px].
+        times_s: presentation time of each frame [s].
+        cuts: whether a frame shows another scene than the previous one.
+        steps: rotation since the previous frame, at the reference row [rad]; NaN if unknown.
+        focals: focal length of each frame [heights]; NaN if unknown.
+        borders: extent of each frame once its motion is undone (:func:`borders_of`).
     """
 
     undo: ClipUndo
@@ -50,24 +50,24 @@ class CameraPath:
     borders: list[Float32[np.ndarray, "4 9"]] = field(default_factory=list)
     _own_steps: list[Step | None] = field(default_factory=list)  # between middle rows
     _motions: list[_Rows | Reason | None] = field(default_factory=list)
-    _at_reference: np.ndarray = field(default_factory=lambda: np.eye(3))  # of the last frame, since its middle row
+    _at_reference: np.ndarray = field(default_factory=lambda: np.eye(3))  # of the last frame, from its middle row
 
     def __len__(self) -> int:
         return len(self.times_s)
 
     @property
     def aspect(self) -> float:
-        """Width of the readout frame by its height."""
+        """Width of the readout frame divided by its height."""
         return self.width / self.height
 
     def add(self, motion: Motion, step: Step | None, cut: bool, time_s: float) -> None:
-        """The next frame.
+        """Adds the next frame.
 
         Args:
-            motion: of a small picture, first row as the reference.
-            step: turn since the frame before; None where it is unknown.
+            motion: motion of a small picture, with the first row as the reference.
+            step: rotation since the previous frame; None if unknown.
             cut: whether it shows another scene.
-            time_s: when it is shown [s].
+            time_s: presentation time [s].
         """
         focal = np.nan if step is None else step.focal_heights
         at_reference = np.eye(3)
@@ -90,18 +90,18 @@ class CameraPath:
         self._at_reference = at_reference
 
     def motion(self, frame: int) -> Motion:
-        """The motion of a frame, first row as the reference; zero, with the reason, where it has none."""
+        """Returns the motion of a frame, first row as the reference; zero, with a reason, if it has none."""
         kept = self._motions[frame]
         return kept.motion() if isinstance(kept, _Rows) else RowMotion.zero(ROWS, ROWS, reason=kept)
 
     def step(self, frame: int) -> Step | None:
-        """The camera's turn since the frame before, between middle rows."""
+        """Returns the camera's rotation since the previous frame, between middle rows."""
         return self._own_steps[frame]
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """A rotation motion in little memory."""
+    """Compact storage of a rotation motion."""
 
     rotations: Float32[np.ndarray, "rows 3"]
     width: int

@@ -1,8 +1,8 @@
-"""Readout times of cameras, mode by mode: the table for clips that do not tell it themselves.
+"""Readout times of cameras by mode: the table for clips that do not contain their own.
 
-The file cameras.csv says where its times come from (lens profiles that users of Gyroflow share) and under which licence
-(CC0). Profiles contradict one another at times, lenses of a phone differ, and not every mode is listed: an answer is a
-range and a value to take, with how closely the clip's mode is known.
+The file cameras.csv names the source of its times (lens profiles shared by users of Gyroflow) and their licence (CC0).
+Some profiles contradict each other, the lenses of a phone differ, and not every mode is listed: each answer consists of
+a range, a typical value and how closely the clip's mode is matched.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from importlib.resources import files
 
 from unshutter.errors import UsageError
 
-_SAME_RATE, _SAME_TIME = 0.012, 0.1  # shares: 29.97 and 30 frames a second are one mode; 16.7 and 17.7 ms agree
-# Where QuickTime and Android files keep the names, as FFmpeg calls these tags.
+_SAME_RATE, _SAME_TIME = 0.012, 0.1  # shares: 29.97 and 30 frames per second are one mode; 16.7 and 17.7 ms agree
+# Tags of QuickTime and Android files that hold the names, as FFmpeg calls them.
 _MAKES = ("make", "com.apple.quicktime.make", "com.android.manufacturer")
 _MODELS = ("model", "com.apple.quicktime.model", "com.android.model")
-# GoPro files name their firmware only; it begins with the camera's code.
+# GoPro files name only their firmware, which begins with the camera's code.
 _GOPROS = {
     "HD4.01": "HERO4 Silver",
     "HD4.02": "HERO4 Black",
@@ -50,7 +50,7 @@ _SPELLINGS = (
 
 
 class Match(StrEnum):
-    """How closely the table knows the mode of a clip."""
+    """How closely a table entry matches the mode of a clip."""
 
     MODE = "this mode"
     OTHER_RATE = "this frame size at another rate"
@@ -59,18 +59,18 @@ class Match(StrEnum):
 
 @dataclass(frozen=True)
 class CameraMode:
-    """A camera in one of its modes: a line of the table.
+    """A camera in one of its modes: one line of the table.
 
     Attributes:
-        brand, model: of the camera, as a profile spells them.
-        lens: one of its lenses or fields of view; empty where profiles do not say which, or it does not matter.
-        width, height: of a frame [px].
+        brand, model: brand and model, as spelled in a profile.
+        lens: one of its lenses or fields of view; empty if the profiles do not name it, or it does not matter.
+        width, height: size of a frame [px].
         fps: frames per second.
-        readout_ms: time in which a frame is read out [ms], the median of the profiles.
-        least_ms, most_ms: what the profiles range over [ms].
-        profiles: how many they are.
-        upward: whether they say that the last stored row is read first, as where a phone is held upside down.
-        note: what else the time holds for.
+        readout_ms: readout time of a frame [ms], the median of the profiles.
+        least_ms, most_ms: range of the profiles [ms].
+        profiles: number of profiles.
+        upward: whether the last stored row is read first, for instance in a phone held upside down.
+        note: further conditions of the time.
     """
 
     brand: str
@@ -88,44 +88,44 @@ class CameraMode:
 
     @property
     def name(self) -> str:
-        """Of the camera, with its lens."""
+        """Name of the camera, with its lens."""
         return " ".join(filter(None, (self.brand, self.model, self.lens)))
 
     @property
     def mode(self) -> str:
-        """The mode in words."""
+        """Description of the mode."""
         return f"{self.width}x{self.height} px at {self.fps:g} frames/s"
 
     @property
     def time(self) -> str:
-        """The readout time in words: a range where profiles disagree."""
+        """Description of the readout time; a range if the profiles disagree."""
         one = _agree(self.least_ms, self.most_ms)
         return f"{self.readout_ms:.1f} ms" if one else f"{self.least_ms:.1f} to {self.most_ms:.1f} ms"
 
     @property
     def notes(self) -> list[str]:
-        """What else is to be said of it."""
+        """Further remarks about the mode."""
         upward = "read from the bottom up: the camera was upside down" if self.upward else ""
         return [note for note in (self.note, upward) if note]
 
     def has_size(self, size: tuple[int, int]) -> bool:
-        """Whether its frames are of this (width, height), upright or not."""
+        """Whether its frames have this (width, height), in either orientation."""
         return set(size) == {self.width, self.height}
 
     def has_rate(self, rate: float) -> bool:
-        """Whether it takes this many frames per second."""
+        """Whether it records this many frames per second."""
         return abs(rate / self.fps - 1) <= _SAME_RATE
 
 
 @dataclass(frozen=True)
 class ListedReadout:
-    """What the table says of a clip's readout time.
+    """The table's readout time for a clip.
 
     Attributes:
-        low, typical, high: range of the times that fit, and the one to take [ms]; none above the frame interval.
+        low, typical, high: range of the matching times, and the one to use [ms]; none above the frame interval.
         camera: brand and model.
-        match: how closely the mode is known.
-        profiles: how many profiles say it.
+        match: how closely the mode is matched.
+        profiles: number of profiles.
     """
 
     low: float
@@ -137,13 +137,13 @@ class ListedReadout:
 
     @property
     def is_certain(self) -> bool:
-        """Whether it is one number: of this very mode, and its profiles agree."""
+        """Whether it is a single value: of this very mode, with profiles that agree."""
         return self.match is Match.MODE and _agree(self.low, self.high)
 
 
 @cache
 def table() -> tuple[CameraMode, ...]:
-    """All that is known, by brand, model, lens and mode."""
+    """Returns all known modes, sorted by brand, model, lens and mode."""
     text = (files("unshutter") / "video" / "cameras.csv").read_text(encoding="utf-8")
     lines = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
     return tuple(
@@ -169,28 +169,28 @@ def table() -> tuple[CameraMode, ...]:
 
 
 def find(make: str, model: str, size: tuple[int, int], rate: float) -> ListedReadout | None:
-    """The readout time of a camera in a mode; None where the table does not have the camera.
+    """Looks up the readout time of a camera in a mode; returns None if the camera is not in the table.
 
     Args:
-        make: of the camera, as its files spell it; may be empty.
-        model: of the camera, with or without the make.
-        size: (width, height) of a frame [px], upright or not.
+        make: brand, as spelled in the camera's files; may be empty.
+        model: model, with or without the brand.
+        size: (width, height) of a frame [px], in either orientation.
         rate: frames per second.
     """
     return _range([mode for mode in table() if _is_of(mode, make, model)], size, rate)
 
 
 def find_tagged(tags: Mapping[str, str], size: tuple[int, int], rate: float) -> ListedReadout | None:
-    """As :func:`find`, of the camera that a clip's tags name."""
+    """Looks up the readout time of the camera named in a clip's tags, like :func:`find`."""
     return find(*camera_of(tags), size, rate)
 
 
 def find_named(name: str, size: tuple[int, int], rate: float) -> ListedReadout:
-    """As :func:`find`, of a camera that the user names: brand, model and lens as far as they tell it from others.
+    """Looks up the readout time of a camera that the user names by brand, model and lens, as far as needed.
 
     Raises:
-        UsageError: the table does not have the camera, or not this frame size, or the name fits several lenses or
-            cameras whose times differ.
+        UsageError: the camera or this frame size is not in the table, or the name fits several lenses or cameras with
+            different times.
     """
     known = listed(name)
     known = [mode for mode in known if _spelled(name) in _names(mode)] or known
@@ -209,15 +209,15 @@ def find_named(name: str, size: tuple[int, int], rate: float) -> ListedReadout:
 
 
 def camera_of(tags: Mapping[str, str]) -> tuple[str, str]:
-    """(make, model) of the camera that a clip's tags name; empty where they name none."""
-    values = {key.lower(): value for key, value in tags.items()}  # Matroska's are in upper case
+    """Returns (make, model) of the camera named in a clip's tags; empty if there are none."""
+    values = {key.lower(): value for key, value in tags.items()}  # Matroska writes them in upper case
     make, model = (next((values[key] for key in keys if values.get(key)), "") for keys in (_MAKES, _MODELS))
     code = values.get("firmware", "")[:6]
     return ("GoPro", _GOPROS[code]) if not model and code in _GOPROS else (make, model)
 
 
 def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> ListedReadout | None:
-    """What modes of one camera say of the one in question: those that come closest to it."""
+    """Returns the readout time from the modes of one camera that match the given one most closely."""
     of_size = [mode for mode in modes if mode.has_size(size)]
     same = [mode for mode in of_size if mode.has_rate(rate)]
     match = Match.MODE if same else Match.OTHER_RATE if of_size else Match.OTHER_MODE
@@ -235,10 +235,10 @@ def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> Liste
 
 
 def listed(word: str | None = None) -> list[CameraMode]:
-    """The modes of the cameras whose name has a word in it, whatever its case and spelling; None: all.
+    """Returns the modes of cameras whose name contains a word, in any case and spelling; all if the word is None.
 
     Raises:
-        UsageError: there is none.
+        UsageError: there is no such camera.
     """
     plain, spelled = _plain(word or ""), _spelled(word or "")
     matches = [mode for mode in table() if plain in _plain(mode.name) or (spelled and spelled in _spelled(mode.name))]
@@ -248,7 +248,7 @@ def listed(word: str | None = None) -> list[CameraMode]:
 
 
 def as_text(modes: Iterable[CameraMode]) -> str:
-    """A line for each mode."""
+    """Formats the modes, one per line."""
     rows = [(mode.name, mode.mode, mode.time, ", ".join(mode.notes)) for mode in modes]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
@@ -258,7 +258,7 @@ def as_text(modes: Iterable[CameraMode]) -> str:
 
 
 def _is_of(mode: CameraMode, make: str, model: str) -> bool:
-    """Whether a mode is one of the camera that a file names, whichever its lens."""
+    """Whether a mode belongs to the camera named in a file, with any of its lenses."""
     brand = _plain(mode.brand)
     first = (re.findall(r"[a-z0-9]+", make.lower()) or [""])[0]
     if first and not brand.startswith(first) and not first.startswith(brand):
@@ -268,7 +268,7 @@ def _is_of(mode: CameraMode, make: str, model: str) -> bool:
 
 
 def _names(mode: CameraMode) -> set[str]:
-    """What a camera may be called."""
+    """Returns the possible names of a camera."""
     whole = (mode.model, f"{mode.brand} {mode.model}", f"{mode.model} {mode.lens}", mode.name)
     return {_spelled(name) for name in whole}
 
@@ -280,7 +280,7 @@ def _plain(name: str) -> str:
 
 @cache
 def _spelled(name: str) -> str:
-    """A name in the spelling in which the table is searched."""
+    """Returns a name in the normalised spelling used for searching the table."""
     name = name.lower()
     for pattern, instead in _SPELLINGS:
         name = re.sub(pattern, instead, name)

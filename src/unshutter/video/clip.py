@@ -1,4 +1,4 @@
-"""A clip as it comes in: what it says about itself, its frames, and the packets of its other streams."""
+"""An input clip: its properties, its frames, and the packets of its other streams."""
 
 from __future__ import annotations
 
@@ -32,42 +32,42 @@ from unshutter.video.planes import PixelFormat
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
 
-_WHOLE = 0.03  # of a frame interval: times are taken to be this close to even ones
-_LONGEST_GAP = 4  # frame intervals; what lies farther apart is no motion
+_WHOLE = 0.03  # of a frame interval: times this close to even ones are taken as even
+_LONGEST_GAP = 4  # frame intervals; frames farther apart are not neighbours
 _PROGRESSIVE = (0, 1)  # FFmpeg's field orders: unknown, progressive
-_LEAD_S = 10.0  # s in which files that have no index have a key frame
-_LARGE = 6_000_000  # px: such frames are not decoded several at a time, for memory; other steps take far longer
-_NO_TABLES = ("mpegts", "mpeg", "h264", "hevc", "mpegvideo", "m4v", "mjpeg", "obu")  # whose lengths FFmpeg estimates
+_LEAD_S = 10.0  # s within which files without an index have a key frame
+_LARGE = 6_000_000  # px: such frames are decoded one at a time, to save memory; other steps take longer
+_NO_TABLES = ("mpegts", "mpeg", "h264", "hevc", "mpegvideo", "m4v", "mjpeg", "obu")  # FFmpeg estimates their length
 
 
 @dataclass(frozen=True)
 class SidePacket:
-    """A packet of another stream of a clip's file, of sound or subtitles, which goes into the new file unchanged."""
+    """A packet of another stream (sound, subtitles), which is copied to the new file unchanged."""
 
     packet: Packet
 
 
 @dataclass(frozen=True)
 class Clip:
-    """A clip by its file's headers and first frames; each reader opens the file for itself.
+    """A clip, described by its file's headers and first frames; each reader opens the file separately.
 
     Attributes:
-        path: of the file; of pictures, their pattern (``frames/%05d.png``).
-        pixels: how they are stored.
-        codec: of the frames, as FFmpeg calls it.
-        height, width: of the stored frames [px].
+        path: path of the file, or the pattern of pictures (``frames/%05d.png``).
+        pixels: pixel format.
+        codec: codec of the frames, as FFmpeg calls it.
+        height, width: size of the stored frames [px].
         interval_s: the usual time from one frame to the next [s].
-        frames: how many there are; 0: unknown.
-        duration_s: of the clip [s]; 0: unknown.
-        tags: of the container and of the film, later ones first.
-        ticks: units in a second of the times of its frames, at most a million.
-        side_data: of the first frame, by FFmpeg's names; later frames are not asked, since PyAV then
-            keeps them for good.
-        lead_s: by how much earlier the file has to be read, so that a key frame comes first [s].
-        expected: how much of it there should be.
-        timing: when its frames are shown.
-        pictures: of a sequence of pictures; None: a film.
-        bits_per_s: of the film's frames; 0: unknown.
+        frames: number of frames; 0 if unknown.
+        duration_s: duration [s]; 0 if unknown.
+        tags: tags of the container and of the video stream; the latter take precedence.
+        ticks: time units per second of its frames, at most a million.
+        side_data: side data of the first frame, by FFmpeg's names; not read from later frames, since PyAV would then
+            never free it.
+        lead_s: how much earlier reading must begin so that a key frame comes first [s].
+        expected: how much of the clip there should be.
+        timing: how its frames get their times.
+        pictures: the sequence of pictures; None for a film.
+        bits_per_s: bit rate of the frames; 0 if unknown.
     """
 
     path: str
@@ -93,11 +93,11 @@ class Clip:
 
         Args:
             path: a film, a folder of pictures, or a pattern of their names.
-            fps: of pictures; a film says it itself.
-            max_pixels: of a frame; clips of larger ones are refused.
+            fps: frames per second of pictures; a film states its own.
+            max_pixels: clips with larger frames are rejected.
 
         Raises:
-            UnshutterError: it is not a film, or one that cannot be used.
+            UnshutterError: the file is not a film, or not a usable one.
         """
         place, pictures = os.fspath(path), PictureSequence.at(path)
         with opened(place, pictures, fps) as container:
@@ -141,21 +141,21 @@ class Clip:
         return self.pictures is not None
 
     def expected_frames(self, start: float | None = None, end: float | None = None) -> int:
-        """How many frames there should be between these moments [s], as far as the file says; at least 2."""
+        """Returns the expected number of frames between two times [s], as far as the file states it; at least 2."""
         if start is None and end is None and self.frames:
             return self.frames
         last = min(end or self.duration_s, self.duration_s or math.inf)
         return max(round((last - (start or 0.0)) / self.interval_s), 2)
 
     def opened(self) -> AbstractContextManager[Any]:
-        """The file as PyAV reads it; UnshutterError where it cannot be read any more."""
+        """Opens the file with PyAV; raises UnshutterError if it can no longer be read."""
         return opened(self.path, self.pictures, 1 / self.interval_s if self.pictures else None)
 
     def iter_frames(self, start: float | None = None, end: float | None = None) -> Iterator[VideoFrame]:
-        """The frames that are shown from and before these moments [s], in order; None: all.
+        """Yields the frames between two times [s] in presentation order; None means no limit.
 
         Raises:
-            UnshutterError: the file is damaged, or ends before it should.
+            UnshutterError: the file is damaged, or ends early.
         """
         for item in self.items(start, end):
             if not isinstance(item, SidePacket):
@@ -164,14 +164,14 @@ class Clip:
     def items(
         self, start: float | None = None, end: float | None = None, all_streams: bool = False
     ) -> Iterator[VideoFrame | SidePacket]:
-        """Frames in the order in which they are shown, and packets of the other streams where they lie between them.
+        """Yields frames in presentation order, and packets of the other streams where they lie between them.
 
         Args:
-            start, end: only what is shown from and before these moments [s]; None: all.
-            all_streams: also give the other streams' packets.
+            start, end: limits of the presentation time [s]; None for no limit.
+            all_streams: also yield the other streams' packets.
 
         Raises:
-            UnshutterError: the file is damaged, or ends before it should.
+            UnshutterError: the file is damaged, or ends early.
         """
         with self.opened() as container:
             film = film_of(container, self.path)
@@ -180,7 +180,7 @@ class Clip:
                 container.seek(int((start - self.lead_s) / film.time_base), stream=film)
             times, ending = Times(self.timing), Ending(self.path, self.expected)
             for packet in packets(container, None, self.path):
-                of_film = packet.stream.index == film.index  # packet.stream_index of the last, empty packets is 0
+                of_film = packet.stream.index == film.index  # packet.stream_index is 0 in the final, empty packets
                 ending.add(packet, of_film)
                 if not of_film:
                     if all_streams and packet.dts is not None and _is_within(time_of(packet), start, end):
@@ -195,13 +195,13 @@ class Clip:
             ending.check(start, end)
 
     def check_whole(self, start: float | None = None, end: float | None = None) -> None:
-        """Checks that a film lasts to the end of the part that is kept, where its file size says that it was cut off.
+        """Checks that a film whose file is cut off still contains all of the selected part.
 
         Args:
-            start, end: the part that is kept [s]; None: all.
+            start, end: the selected part [s]; None for no limit.
 
         Raises:
-            UnshutterError: it ends before.
+            UnshutterError: the film ends before that part does.
         """
         if not self.expected.length.cut:
             return
@@ -212,7 +212,7 @@ class Clip:
             ending.check(None, end)
 
     def since(self, before: VideoFrame | None, frame: VideoFrame) -> float | None:
-        """Time from one frame to the next in usual frame intervals; None where they are not neighbours."""
+        """Returns the time from one frame to the next in usual frame intervals, or None if they are not neighbours."""
         if before is None or before.time is None or frame.time is None:
             return 1.0
         tick = float(frame.time_base or 0) / self.interval_s
@@ -234,13 +234,13 @@ class Clip:
 
 
 def frame_bytes(clip: Clip) -> float:
-    """Memory that a decoded frame of a clip takes [bytes]."""
+    """Returns the memory size of a decoded frame of a clip [bytes]."""
     size = sum(plane.bands / plane.across / plane.down for plane in clip.pixels.planes)
     return size * clip.height * clip.width * (1 if clip.pixels.depth == 8 else 2)
 
 
 def _check_size(place: str, width: int, height: int, most: int) -> None:
-    """Raises UnshutterError for frames that are too small or too large to be worked on."""
+    """Raises UnshutterError if frames are too small or too large to be processed."""
     if not width or not height:
         raise UnshutterError("{clip} does not say how large its frames are", clip=place)
     size = f"{width}x{height} px"
@@ -251,10 +251,10 @@ def _check_size(place: str, width: int, height: int, most: int) -> None:
 
 
 def _first_frame(place: str, pictures: PictureSequence | None, fps: float | None) -> tuple[dict[str, bytes], int]:
-    """The first frame's side data, and how much later than its packet's its decoding time is [ticks].
+    """Returns the first frame's side data, and the delay of its decoding time after that of its packet [ticks].
 
     Raises:
-        UnshutterError: the clip is interlaced, which only frames tell, or has no frame.
+        UnshutterError: the clip has no frame, or is interlaced, which only its frames reveal.
     """
     with opened(place, pictures, fps) as container:
         film, first_dts = film_of(container, place), None

@@ -1,4 +1,4 @@
-"""Python's functions for clips: a whole file, or frames of a decoder of one's own."""
+"""Python API for clips: a whole file, or frames from your own decoder."""
 
 from __future__ import annotations
 
@@ -80,18 +80,17 @@ def rectify_clip(
     Args:
         source: a film, a folder of numbered pictures, or a pattern of their names (``frames/%05d.png``).
         output: the file to write; for pictures a new folder, or a pattern.
-        progress: called with the name of a step, how many of its parts are done, and how many there are, as far as the
-            clip says.
-        on_readout: called with the readout ratio and the time from frame to frame [s] once the ratio is found; not
-            where it is stated.
+        progress: called with the name of a step, the number of its parts that are done, and the expected total.
+        on_readout: called with the readout ratio and the frame interval [s] once the ratio is found; not called if
+            you state it.
         **options: as those of ``unshutter video``.
 
     Returns:
-        How many frames were rectified, why others were not, and the readout ratio with its source.
+        The number of rectified frames, why others were left unchanged, and the readout ratio with its source.
 
     Raises:
-        UsageError: options that do not go together, or do not fit the clip.
-        UnshutterError: the clip cannot be read, or the output not be written.
+        UsageError: options contradict each other, or do not suit the clip.
+        UnshutterError: the clip cannot be read, or the output cannot be written.
 
     Examples:
         >>> outcome = unshutter.rectify_clip("walk.mp4", "straight.mp4", readout_ratio=0.6)
@@ -107,7 +106,7 @@ def rectify_clip(
 _PATHS = ("motion", "save_motion", "preview", "plot", "json_log")
 
 
-# ---- frames of another decoder --------------------------------------------------------------------------------
+# ---- frames from your own decoder -----------------------------------------------------------------------------
 
 
 class ClipFramesOptions(ClockKeywords, total=False):
@@ -125,30 +124,30 @@ class ClipFramesOptions(ClockKeywords, total=False):
 
 @takes_options(ClipFramesOptions, Clock, Camera, ClipUndo, Steadiness)
 def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFramesOptions]) -> Iterator[np.ndarray]:
-    """Rectifies the frames of a clip that you decode yourself, by one motion of the camera for each whole frame.
+    """Rectifies the frames of a clip that you decode yourself, using one camera motion for each whole frame.
 
-    Frames come out in order, some 30 frames after they were taken from ``frames``, and so many are held in memory;
-    up to 240 while the readout ratio is searched.
+    Frames are yielded in order, some 30 frames after they are read, and as many are held in memory; up to 240 while
+    the readout ratio is estimated.
 
     Args:
         frames: uint8 or uint16 arrays [H, W] or [H, W, bands] of one size, in the order in which they were taken, at
             even intervals.
-        readout_ratio: time in which a frame is read out, in frame intervals (above 0, at most 1). Without it, and
-            without ``readout_ms`` and ``fps``, it is found from the frames, if they show it.
-        focal_px: focal length [px of the frames]; by default it is found from the frames.
-        edges: ``fill`` mirrors a frame in places that it did not see, ``keep`` leaves them black.
-        fps: frames per second, for ``readout_ms`` and for ``stabilize``, which takes 30 without it.
-        stabilize: also smooth the camera's path: movements shorter than so many seconds go. Frames are then gone
-            through twice, so ``frames`` must be a list, or an object that begins again each time it is iterated over;
-            the first frame comes out after the first pass.
-        **options: the readout ratio in other words, and how motion is undone.
+        readout_ratio: readout time of a frame, in frame intervals (above 0, at most 1). Without it, and without
+            ``readout_ms`` and ``fps``, it is estimated from the frames, if they reveal it.
+        focal_px: focal length [px of the frames]; by default it is estimated from the frames.
+        edges: areas outside the original frame: ``fill`` mirrors the frame, ``keep`` leaves them black.
+        fps: frames per second, for ``readout_ms`` and for ``stabilize``, which assumes 30 by default.
+        stabilize: also smooth the camera's path: movements shorter than this many seconds are removed. This takes
+            two passes, so ``frames`` must be a list, or an object that starts again each time it is iterated over;
+            the first frame is yielded after the first pass.
+        **options: other ways to state the readout ratio, and how motion is undone.
 
     Yields:
-        Each frame as a new array, or the frame itself where it does not change.
+        Each frame as a new array, or the frame itself if it does not change.
 
     Raises:
-        UsageError: an option that cannot be, arrays of another kind, or an iterator to stabilise.
-        UnknownRatioError: the readout ratio was not stated, and the frames do not show it.
+        UsageError: an option is invalid, the arrays are of another kind, or an iterator is to be stabilised.
+        UnknownRatioError: the readout ratio was not stated, and the frames do not reveal it.
 
     Examples:
         >>> frames = (np.zeros((120, 160, 3), np.uint8) for _ in range(10))  # from any decoder
@@ -199,10 +198,10 @@ def _steady(
 
 
 def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator[tuple[np.ndarray, FrameMotion]]:
-    """Frames with their motion, some frames after they were taken.
+    """Yields frames with their motion, some frames after reading them.
 
     Raises:
-        UnknownRatioError: the readout ratio is not known, and the frames do not show it.
+        UnknownRatioError: the readout ratio is unknown, and the frames do not reveal it.
     """
     first = next(frames, None)
     if first is None:
@@ -225,7 +224,7 @@ def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator
 
 
 def _check(frame: np.ndarray, first: np.ndarray) -> None:
-    """Raises UsageError for what is not a frame, or not one like the first."""
+    """Raises UsageError if this is not a frame; UnshutterError if it differs in size or type from the first one."""
     if not isinstance(frame, np.ndarray) or frame.dtype not in (np.uint8, np.uint16) or frame.ndim not in (2, 3):
         raise UsageError("frames must be uint8 or uint16 arrays [H, W] or [H, W, bands]")
     if frame.ndim == 3 and not 1 <= frame.shape[2] <= _MOST_BANDS:

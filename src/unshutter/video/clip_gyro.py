@@ -1,4 +1,4 @@
-"""The gyro log of a clip: found in its file or next to it, compared with the picture, and used if that follows it."""
+"""The gyro log of a clip: found in its file or next to it, compared with the picture, and used if they agree."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from unshutter.video.options import GYRO_OFF, Shutter
 from unshutter.video.pipeline import ahead
 from unshutter.video.readout_tags import readout_tag
 
-_PARTS, _PART = 14, 31  # parts of a clip that are compared with the log, and frames of each
-_FEWEST = 15  # pairs of frames that can be followed
+_PARTS, _PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
+_FEWEST = 15  # pairs of frames with usable tracks
 _LEAST_TRACKS = 12  # of a pair
-_MISSING_S = 0.25  # at the ends of a clip that a log may leave out
-_SAME_CLOCK_S = 0.6  # farthest that the clocks of a log and a clip in one file are apart
-_INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # last bytes of its files, which have their log at the end
+_MISSING_S = 0.25  # at either end of a clip that a log may omit
+_SAME_CLOCK_S = 0.6  # largest offset between the clocks of a log and a clip in one file
+_INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # last bytes of Insta360's files, which have their log at the end
 
 
 @dataclass(frozen=True)
 class ClipGyro:
-    """A clip's gyro log and what came of it.
+    """A clip's gyro log and the result of comparing it with the clip.
 
     Attributes:
-        origin: where the log is from.
-        synchronisation: how it belongs to the clip; None where it could not be compared.
-        turns: how the camera turned; None where the log is left alone.
-        reason: why it is left alone; None where it is used.
-        stated_ratio: readout time that the log states [frame intervals]; None: it states none.
+        origin: where the log comes from.
+        synchronisation: how the log is aligned with the clip; None if they could not be compared.
+        turns: the camera's rotation; None if the log is not used.
+        reason: why the log is not used; None if it is.
+        stated_ratio: readout time stated in the log [frame intervals]; None if it states none.
     """
 
     origin: str
@@ -55,7 +55,7 @@ class ClipGyro:
 
     @property
     def ratio(self) -> ReadoutRatio | None:
-        """The readout ratio that the clip and its log show; None where they show none."""
+        """The readout ratio revealed by the clip and its log; None if they do not reveal it."""
         if self.synchronisation is None or self.reason is not None:
             return None
         if self.stated_ratio is not None:
@@ -66,13 +66,13 @@ class ClipGyro:
         return ReadoutRatio(float(np.clip(alignment.ratio, 0, 1)), error, "gyro")
 
     def with_ratio(self, ratio: float) -> ClipGyro:
-        """With a readout ratio from elsewhere; the middle row keeps its moment."""
+        """Returns the log with a readout ratio from another source; the time of the middle row does not change."""
         if self.turns is None:
             return self
         return replace(self, turns=replace(self.turns, alignment=replace(self.turns.alignment, ratio=ratio)))
 
     def as_json(self) -> dict[str, Any]:
-        """The record for a log of runs."""
+        """Returns the record for a log of runs."""
         record: dict[str, Any] = {"origin": self.origin, "used": self.reason is None}
         if self.reason is not None:
             record["declined"] = self.reason.as_json()
@@ -95,18 +95,18 @@ def gyro_of_clip(
     ratio: float | None = None,
     watch: Watch | None = None,
 ) -> ClipGyro | None:
-    """The gyro log of a clip, synchronised with it; None where it has none.
+    """Returns the gyro log of a clip, synchronised with it, or None if it has none.
 
     Args:
         clip: the clip.
         readout: direction in which the stored pixels were read.
-        shutter: the camera as far as the user knows it, and the log's file.
-        span: the part of the clip that is kept [s].
-        ratio: readout time in frame intervals, if it is known.
-        watch: called for every part of the clip that is looked at.
+        shutter: what the user states about the camera, and the log's file.
+        span: the selected part of the clip [s].
+        ratio: readout time in frame intervals, if known.
+        watch: called for every part of the clip that is examined.
 
     Raises:
-        UnshutterError: the log that the user names cannot be read; or the clip cannot.
+        UnshutterError: the clip, or the log that the user names, cannot be read.
     """
     log = _log(clip, shutter.gyro)
     if log is None:
@@ -135,7 +135,7 @@ def gyro_of_clip(
 
 
 def _log(clip: Clip, choice: str | None) -> GyroLog | None:
-    """The log that the user names, or else the one in the clip's file."""
+    """Returns the log that the user names, or otherwise the one in the clip's file."""
     if choice == GYRO_OFF:
         return None
     if choice is not None:
@@ -144,7 +144,7 @@ def _log(clip: Clip, choice: str | None) -> GyroLog | None:
 
 
 def _may_have_log(clip: Clip) -> bool:
-    """Whether a film's file has a track of data, or a maker's data at its end: others are not searched."""
+    """Whether a film's file has a data track, or a maker's data at its end; other files are not searched."""
     with suppress(OSError), open(clip.path, "rb") as stream:
         stream.seek(-len(_INSTA360), 2)
         if stream.read() == _INSTA360:
@@ -154,7 +154,7 @@ def _may_have_log(clip: Clip) -> bool:
 
 
 def _offsets(log: GyroLog, span: tuple[float, float]) -> tuple[float, float] | None:
-    """Least and greatest offset of the log's clock; None where it is shorter than the clip."""
+    """Returns the least and greatest offset of the log's clock, or None if the log is shorter than the clip."""
     if log.on_clip_clock:
         return -_SAME_CLOCK_S, _SAME_CLOCK_S
     least, greatest = log.span_s[0] - span[0] - _MISSING_S, log.span_s[1] - span[1] + _MISSING_S
@@ -168,13 +168,13 @@ def _covers(log: GyroLog, synchronisation: Synchronisation, span: tuple[float, f
     return inside[0] - ends[0] < _MISSING_S and ends[1] - inside[1] < _MISSING_S and log.covers(*inside)
 
 
-# ---- what is compared ------------------------------------------------------------------------------------------
+# ---- parts to compare ------------------------------------------------------------------------------------------
 
 
 def _parts(clip: Clip, log: GyroLog, span: tuple[float, float]) -> list[float]:
-    """When the parts of the clip begin that are compared with the log [s].
+    """Returns the start times of the parts of the clip that are compared with the log [s].
 
-    They lie all over it, and each in that place of its neighbourhood in which the camera turned most, if that is known.
+    They are spread over the clip, each where the camera turned most in its neighbourhood, if that is known.
     """
     length = _PART * clip.interval_s
     if span[1] - span[0] <= _PARTS * length:
@@ -189,13 +189,13 @@ def _parts(clip: Clip, log: GyroLog, span: tuple[float, float]) -> list[float]:
 
 
 def _liveliness(log: GyroLog, begin_s: float, length_s: float) -> float:
-    """By how much a camera's speed changed from frame to frame and further, not within one [rad/s]."""
+    """Returns how much the angular velocity varies on time scales of a frame and longer [rad/s]."""
     angles = log.angles(np.linspace(begin_s, begin_s + length_s, _PART))
     return float(np.diff(angles, axis=0).std(axis=0).sum() * _PART / length_s)
 
 
 def _pairs(clip: Clip, readout: Readout, starts: list[float], watch: Watch | None) -> Iterator[Pair]:
-    """Tracks between the consecutive frames of parts of the clip."""
+    """Yields the tracks between consecutive frames in parts of the clip."""
     camera, steps = CameraMotion(readout=readout), Steps("gyro", len(starts), watch)
     for start in starts:
         before = grey_before = None

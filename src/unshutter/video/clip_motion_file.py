@@ -1,4 +1,4 @@
-"""The file form of a clip's motion: JSON, format ``unshutter-clip-motion/1`` (docs/reference), a frame a line."""
+"""Motion files of clips: JSON, format ``unshutter-clip-motion/1`` (docs/reference), one frame per line."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from unshutter.video.clip import Clip
 from unshutter.video.moving_frames import GYRO_ROWS, ROWS, MovingFrame
 
 FORMAT = "unshutter-clip-motion/1"
-_STRIDE = 4  # rows: of so many, the rotation of one is written
-_SAVED = tuple((rows - 1) // _STRIDE + 1 for rows in (ROWS, GYRO_ROWS))  # rotations of a frame in a file
+_STRIDE = 4  # the rotation of every fourth row is written
+_SAVED = tuple((rows - 1) // _STRIDE + 1 for rows in (ROWS, GYRO_ROWS))  # numbers of rotations per frame in a file
 _LARGEST = 1 << 30  # bytes
 
 
@@ -37,11 +37,11 @@ class ClipMotion:
     Attributes:
         ratio: readout time in frame intervals.
         readout: direction in which the stored pixels were read.
-        height, width: of the stored frames [px].
-        times_s: [N] when each frame is shown [s], increasing.
-        motions: [N] of small pictures (``ROWS``), first row as the reference.
-        cuts: [N] whether a frame shows another scene than the one before it.
-        steps: [N] turn of the camera since the frame before; None where it is unknown.
+        height, width: size of the stored frames [px].
+        times_s: [N] presentation time of each frame [s], increasing.
+        motions: [N] motions of small pictures (``ROWS``), first row as the reference.
+        cuts: [N] whether a frame shows another scene than the previous one.
+        steps: [N] rotation of the camera since the previous frame; None if unknown.
     """
 
     ratio: float
@@ -54,7 +54,7 @@ class ClipMotion:
     steps: list[Step | None]
 
     def at(self, time_s: float) -> tuple[Motion, bool, Step | None]:
-        """Motion of the frame that is shown at a moment, whether it follows a cut, and the turn since the one before.
+        """Returns the motion of the frame shown at a time, whether it follows a cut, and the rotation leading to it.
 
         Raises:
             UnshutterError: the file has no such frame.
@@ -66,7 +66,7 @@ class ClipMotion:
 
 
 class MotionWriter:
-    """Writes frames as they go by."""
+    """Writes a motion file frame by frame."""
 
     def __init__(self, stream: TextIO, clip: Clip, ratio: ReadoutRatio, readout: Readout):
         self._stream, self._first = stream, True
@@ -84,7 +84,7 @@ class MotionWriter:
         stream.write(json.dumps(head)[:-1] + ', "frames": [\n')
 
     def add(self, moving: MovingFrame) -> None:
-        """The next frame."""
+        """Writes the next frame."""
         motion = moving.motion
         record: dict[str, Any] = {"time_s": moving.frame.time or 0.0, "cut": moving.cut}
         if isinstance(motion, RotationMotion):
@@ -100,7 +100,7 @@ class MotionWriter:
         self._first = False
 
     def end(self) -> None:
-        """After the last frame."""
+        """Completes the file after the last frame."""
         self._stream.write("\n]}\n")
 
 
@@ -108,10 +108,10 @@ class MotionWriter:
 def motion_written(
     path: Path | None, overwrite: bool, clip: Clip, ratio: ReadoutRatio, readout: Readout
 ) -> Iterator[MotionWriter | None]:
-    """Writes a motion file whole or not at all; None without a path.
+    """Writes a motion file completely or not at all; yields None without a path.
 
     Raises:
-        UnshutterError: it cannot be written.
+        UnshutterError: the file cannot be written.
     """
     if path is None:
         yield None
@@ -126,7 +126,7 @@ def load(path: Path) -> ClipMotion:
     """Reads a motion file.
 
     Raises:
-        UnshutterError: it cannot be read, or is none.
+        UnshutterError: the file cannot be read, or is not a motion file.
     """
     try:
         check_plain(path)
@@ -174,7 +174,7 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
 
 
 def _step(frame: dict[str, Any]) -> Step | None:
-    """The camera's turn since the frame before; files of earlier versions do not hold it."""
+    """Returns the camera's rotation since the previous frame; files of earlier versions lack it."""
     record = frame.get("step")
     if record is None:
         return None
@@ -186,7 +186,7 @@ def _step(frame: dict[str, Any]) -> Step | None:
 
 @cache
 def _between(saved: int) -> np.ndarray:
-    """[rows, saved] weights of cubics through four rows that were saved, at all rows."""
+    """[rows, saved] weights that interpolate all rows by cubics through four saved rows."""
     rows = (saved - 1) * _STRIDE + 1
     at = np.arange(rows) / _STRIDE
     first = np.clip(np.floor(at).astype(int) - 1, 0, saved - 4)

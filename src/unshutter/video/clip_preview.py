@@ -1,4 +1,4 @@
-"""Before and after, side by side: a picture of five moments, or a short film."""
+"""Previews with before and after side by side: a picture of five moments, or a short film."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt8
 
 _MOMENTS = 5
-_WIDTH = 640  # px, of either half
+_WIDTH = 640  # px, of each half
 _LONGEST_S = 10.0
 _FILMS = (".mp4", ".mov", ".mkv")
 _PICTURES = (".jpg", ".jpeg", ".png")
 
 
 def check_ending(path: Path | None) -> None:
-    """Raises UsageError for a preview that is neither a picture nor a film."""
+    """Raises UsageError if a preview is neither a picture nor a film."""
     if path is not None and path.suffix.lower() not in (*_FILMS, *_PICTURES):
         raise UsageError(f"a preview is a picture (.jpg, .png) or a film (.mp4), not {path.name}")
 
 
 def write_preview(path: Path, before: Clip, after: str, start_s: float, frames: int, overwrite: bool) -> None:
-    """Writes a preview of a clip that was rectified.
+    """Writes a preview of a rectified clip.
 
     Args:
-        path: what is written.
-        before: the clip as it was.
-        after: the file that came of it.
-        start_s: where that began in the clip [s].
-        frames: how many it has.
-        overwrite: whether a file may be replaced.
+        path: file to write.
+        before: the original clip.
+        after: the rectified file.
+        start_s: time in the original at which the rectified part begins [s].
+        frames: number of frames in the rectified file.
+        overwrite: whether an existing file may be replaced.
 
     Raises:
-        UnshutterError: it cannot be written.
+        UnshutterError: the preview cannot be written.
     """
     pairs = _pairs(before, Clip.look(after, 1 / before.interval_s), start_s)
     with written_whole(path, overwrite) as part:
@@ -61,17 +61,17 @@ def write_preview(path: Path, before: Clip, after: str, start_s: float, frames: 
 
 
 def _pairs(before: Clip, after: Clip, start_s: float) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
-    """Frames of both clips, side by side."""
+    """Yields frames of both clips, side by side."""
     for one, other in zip(before.iter_frames(start_s or None), after.iter_frames(), strict=False):
         yield np.concatenate([small_picture(one), small_picture(other)], axis=1)
 
 
 def small_picture(frame: VideoFrame, turned_as: VideoFrame | None = None) -> UInt8[np.ndarray, "height width 3"]:
-    """A frame upright and small, RGB.
+    """Returns a frame upright and small, in RGB.
 
     Args:
-        frame: as it is stored.
-        turned_as: the frame that says how it is turned, where this one does not.
+        frame: the frame as stored.
+        turned_as: the frame that holds the rotation, if this one does not.
     """
     height = 2 * round(_WIDTH * frame.height / frame.width / 2)
     pixels = frame.reformat(width=_WIDTH, height=height, format="rgb24").to_ndarray()

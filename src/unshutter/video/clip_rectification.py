@@ -1,4 +1,4 @@
-"""Rectifies a whole clip: checks it, finds its readout time, rectifies its frames, writes its file."""
+"""Rectifies a whole clip: checks it, determines its readout time, rectifies its frames and writes the output file."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from unshutter.video.readout_choice import Visibility, readout_ratio_of_clip, to
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
-ReadoutCallback: TypeAlias = Callable[[ReadoutRatio, float], None]  # called with a ratio and the frame interval [s]
+ReadoutCallback: TypeAlias = Callable[[ReadoutRatio, float], None]  # receives the ratio and the frame interval [s]
 
 
 def rectify_clip_file(
@@ -53,17 +53,17 @@ def rectify_clip_file(
     Args:
         source: a film, a folder of pictures, or a pattern of their names.
         output: a file, or a folder or pattern for pictures.
-        options: what is done.
-        ratio: the readout ratio, if it is known already; unused where the options state it.
+        options: the user's options.
+        ratio: the readout ratio, if already known; ignored if the options state it.
         watch: called for every frame.
-        on_readout: called once the readout ratio is found here, which may be long before the clip is done.
-        on_rate: called early where the new film becomes much larger or smaller than the clip (see ``FilmWriter``).
+        on_readout: called once the readout ratio is found, which may be long before the clip is done.
+        on_rate: called early if the new film will be much larger or smaller than the clip (see ``FilmWriter``).
 
     Raises:
-        UsageError: options that do not fit the clip.
-        UnshutterError: the clip cannot be read, or the output not be written.
+        UsageError: the options do not suit the clip.
+        UnshutterError: the clip cannot be read, or the output cannot be written.
     """
-    cv2.setNumThreads(1)  # the threads are in the pipeline
+    cv2.setNumThreads(1)  # the pipeline has its own threads
     path, target = on_this_machine(source), Path(on_this_machine(output))
     log, after_killed_run = check_targets(path, target, options)
     clip = Clip.look(path, options.fps, options.max_pixels)
@@ -103,11 +103,11 @@ def _pipeline(
     watch: Watch | None,
     on_readout: ReadoutCallback | None,
 ) -> tuple[Pipeline, Visibility | None, ClipGyro | None]:
-    """The steps for a clip, its readout ratio and direction taken from the motion file, the options, or the clip.
+    """Returns the steps for a clip, with readout ratio and direction from the motion file, the options or the clip.
 
     Returns:
-        The steps; how little a clip of unknown readout time can show, where that is too little to change a frame; and
-        the gyro log, if there is one.
+        The steps; the bound on visible motion, if a clip of unknown readout time cannot show enough to change a frame;
+        and the gyro log, if there is one.
     """
     if options.motion is not None:
         motion = load(options.motion)
@@ -140,7 +140,7 @@ def _pipeline(
 
 
 def _check_size(motion: ClipMotion, clip: Clip) -> None:
-    """Raises UnshutterError where a motion file is of frames of another size."""
+    """Raises UnshutterError if a motion file belongs to frames of another size."""
     if (motion.height, motion.width) != (clip.height, clip.width):
         raise UnshutterError(
             f"the motion file is of frames of {motion.width}x{motion.height} px, the clip has "
@@ -148,7 +148,7 @@ def _check_size(motion: ClipMotion, clip: Clip) -> None:
         )
 
 
-# ---- what is written --------------------------------------------------------------------------------------
+# ---- output ---------------------------------------------------------------------------------------------
 
 
 def _write(
@@ -159,7 +159,7 @@ def _write(
     watch: Watch | None,
     on_rate: RateCallback | None,
 ) -> None:
-    """Writes the clip; pictures without an encoder."""
+    """Writes the clip; as pictures if there is no encoder."""
     clip, options = pipeline.clip, pipeline.options
     warper = Warper(clip, options.undo)
     if options.undo.edges == "crop":
@@ -175,17 +175,17 @@ def _write(
 
 
 class _NothingChangedError(Exception):
-    """No frame changes, and then nothing is to be written."""
+    """No frame changes, and the user wants no output in that case."""
 
 
 def _copy(clip: Clip, target: Path, overwrite: bool) -> None:
-    """Writes the clip's file as it is."""
+    """Copies the clip's file unchanged."""
     with written_whole(target, overwrite) as part:
         shutil.copyfile(clip.path, part)
 
 
 def _is_simple(clip: Clip, target: Path, options: RectifyClip) -> bool:
-    """Whether a clip of which no frame changes can be copied as a file, with no motion to write or draw."""
+    """Whether a clip without changed frames can be copied as a file, with no motion to write or plot."""
     whole = options.start is None and options.end is None
     same_kind = not clip.of_pictures and target.suffix.lower() == Path(clip.path).suffix.lower()
     return whole and same_kind and options.encode == Encode() and options.save_motion is options.plot is None
@@ -200,7 +200,7 @@ def _write_film(
     watch: Watch | None,
     on_rate: RateCallback | None,
 ) -> None:
-    """Writes a film; its frames go into a copy of the clip's file where its kind allows that."""
+    """Writes a film; its frames replace those in a copy of the clip's file if the format allows it."""
     clip, options = pipeline.clip, pipeline.options
     whole = options.start is None and options.end is None
     into_copy = whole and _same_family(clip.path, target) and mp4_movie.can_take(clip.path)
@@ -228,11 +228,11 @@ def _write_film(
 def _write_pictures(
     pipeline: Pipeline, warper: Warper, target: Path, outcome: ClipOutcome, watch: Watch | None
 ) -> None:
-    """Writes pictures into a new folder, which gets its name when all of them are there."""
+    """Writes pictures into a new folder, which is given its name once all of them are written."""
     folder, name = pictures.folder_and_name(target, pipeline.clip.pictures)
     with new_folder(folder) as part, _counted(pipeline, warper, outcome, watch) as items:
         for number, item in enumerate(items, 1):
-            assert isinstance(item, NewFrame)  # no other streams were asked for
+            assert isinstance(item, NewFrame)  # no other streams were requested
             write_picture(item.picture, part / (name % number))
         if pipeline.options.only_changed and not outcome.rectified:
             raise _NothingChangedError
@@ -242,10 +242,10 @@ def _write_pictures(
 def _counted(
     pipeline: Pipeline, warper: Warper, outcome: ClipOutcome, watch: Watch | None, all_streams: bool = False
 ) -> Iterator[Iterator[NewFrame | SidePacket]]:
-    """The rectified frames and packets; as a frame goes by, the outcome counts it and its motion is written.
+    """Yields the rectified frames and packets, counting each frame in the outcome and writing its motion.
 
     Raises:
-        UnshutterError: there is not a single frame; or the motion file cannot be written.
+        UnshutterError: there are no frames, or the motion file cannot be written.
     """
     clip, options = pipeline.clip, pipeline.options
     steps = Steps("frames", clip.expected_frames(options.start, options.end), watch)

@@ -1,4 +1,4 @@
-"""Film files as PyAV reads them: the film in a file, its packets and frames one by one, and when these are shown."""
+"""Film files as read by PyAV: the video stream, its packets and frames one by one, and their presentation times."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from unshutter.video.pictures import PictureSequence
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
 
-_LOOKED_AT = 120  # packets that tell the usual frame interval
-# FFmpeg's names of the files that are opened. Not among them: lists of other files (HLS, concat), which could have it
-# open any file of this machine, or fetch one.
+_LOOKED_AT = 120  # packets from which the usual frame interval is determined
+# FFmpeg's names of accepted formats. Lists of other files (HLS, concat) are excluded, because they could make it
+# open any file on this machine, or fetch one.
 _KINDS = (
     "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,mpegvideo,m4v,h264,hevc,av1,obu,ivf,mjpeg,flv,ogg,asf,mxf,nut,dv,"
     "wtv,yuv4mpegpipe,gif"
 )
-_LARGEST_FRAME = 1 << 28  # px; a decoder asks for memory before anybody else knows its frames' size
+_LARGEST_FRAME = 1 << 28  # px; a decoder allocates memory before its frames' size can be checked
 
 
 @cache
 def av() -> ModuleType:
-    """The library that reads and writes films.
+    """Returns the library that reads and writes films.
 
     Raises:
         UnshutterError: it is not installed.
     """
-    os.environ.setdefault("SVT_LOG", "1")  # that encoder talks on standard error
+    os.environ.setdefault("SVT_LOG", "1")  # silences an encoder that writes to standard error
     try:
         import av
         from av import logging
@@ -50,15 +50,15 @@ def av() -> ModuleType:
 
 @contextmanager
 def opened(place: str, pictures: PictureSequence | None = None, fps: float | None = None) -> Iterator[Any]:
-    """The file as PyAV reads it.
+    """Opens a file with PyAV.
 
     Args:
-        place: of a film; a sequence of pictures is only called so.
-        pictures: a sequence of them; None: a film.
-        fps: of pictures.
+        place: path of a film; for pictures only a name for messages.
+        pictures: a sequence of pictures; None for a film.
+        fps: frames per second of pictures.
 
     Raises:
-        UnshutterError: there is none, or it is not a film.
+        UnshutterError: there is no such file, or it is not a film.
     """
     if pictures is None:
         check_plain(Path(place))
@@ -67,7 +67,7 @@ def opened(place: str, pictures: PictureSequence | None = None, fps: float | Non
         rate = str(Fraction(fps or 30).limit_denominator(100_000))
         settings = {"framerate": rate, "start_number": str(pictures.first), "pattern_type": "sequence"}
         name, arguments = pictures.pattern, {"format": "image2", "options": settings}
-    try:  # by its whole path: what stands before a colon would be taken for a protocol
+    try:  # absolute path, because text before a colon would be taken for a protocol
         container = av().open(os.path.abspath(name), metadata_errors="replace", **arguments)
     except (OSError, ValueError, av().error.FFmpegError) as error:
         cause = error.strerror if isinstance(error, OSError) else ""
@@ -82,25 +82,25 @@ def opened(place: str, pictures: PictureSequence | None = None, fps: float | Non
 
 
 def film_of(container: Any, place: str) -> Any:
-    """The first stream of pictures that move; UnshutterError where there is none."""
-    films = [s for s in container.streams.video if not s.disposition & 0x400]  # an attached picture is a cover
+    """Returns the first stream of moving pictures; raises UnshutterError if there is none."""
+    films = [s for s in container.streams.video if not s.disposition & 0x400]  # attached pictures are cover art
     if not films or films[0].codec_context is None:
         raise UnshutterError("{clip} has no film in it, or one of an unknown kind", clip=place)
     return films[0]
 
 
 def packets(container: Any, stream: Any, place: str) -> Iterator[Packet]:
-    """The packets of a stream (None: of all) to the end of the file; UnshutterError where they cannot be read."""
+    """Yields the packets of one stream, or of all if None; raises UnshutterError if they cannot be read."""
     try:
         yield from container.demux(stream) if stream is not None else container.demux()
-    except IndexError:  # PyAV, at the end, after the empty packets of all streams but those that began in mid-file
+    except IndexError:  # raised by PyAV at the end of files with streams that began in mid-file
         return
     except av().error.FFmpegError as error:
         raise UnshutterError(f"cannot read {{clip}} to its end: {error.strerror}", clip=place) from None
 
 
 def decoded(packet: Packet, place: str) -> list[VideoFrame]:
-    """The frames that a packet completes; UnshutterError where it is damaged."""
+    """Returns the frames that a packet completes; raises UnshutterError if it is damaged."""
     try:
         return packet.decode()
     except av().error.FFmpegError:
@@ -108,22 +108,22 @@ def decoded(packet: Packet, place: str) -> list[VideoFrame]:
 
 
 def time_of(packet: Packet) -> float | None:
-    """When a packet is shown or heard [s]; None: unknown."""
+    """Returns the presentation time of a packet [s], or None if it is unknown."""
     return None if packet.pts is None else float(packet.pts * packet.time_base)
 
 
 def damaged(place: str, at: float | None) -> UnshutterError:
-    """The error for a film that is damaged at a moment [s]."""
+    """Returns the error for a film that is damaged at a given time [s]."""
     where = "" if at is None else f" at {at:.1f} s"
     return UnshutterError(f"{{clip}} is damaged{where}: take what is whole with --start and --end", clip=place)
 
 
 def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
-    """The times of a film's first packets.
+    """Returns the times of a film's first packets.
 
     Returns:
-        The usual time from frame to frame [s], the median of theirs; the earliest time that one of them has [ticks of
-        the stream], None: none has; and how many come before the first that has one.
+        The usual frame interval [s], the median of the packets'; their earliest time [ticks of the stream], None if
+        none has one; and the number of packets before the first that has one.
     """
     times, before = [], 0
     for packet in packets(container, stream, "the clip"):
@@ -134,7 +134,7 @@ def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
         if len(times) + before > _LOOKED_AT:
             break
     first = min(times, default=None)
-    times = sorted(set(times))[:-4] if len(times) > 8 else sorted(set(times))  # the last ones may still lack some
+    times = sorted(set(times))[:-4] if len(times) > 8 else sorted(set(times))  # the last ones may not be complete yet
     gaps = sorted(b - a for a, b in pairwise(times))
     stated = [1 / float(rate) for rate in (stream.guessed_rate, stream.average_rate) if rate]
     if not gaps:
@@ -144,7 +144,7 @@ def first_times(container: Any, stream: Any) -> tuple[float, int | None, int]:
 
 
 def bits_per_s(container: Any, stream: Any) -> float:
-    """Bits per second of a film's frames, as its file says, else of all that is in the file but sound; 0: unknown."""
+    """Returns a film's bit rate as its file states it, or else that of the whole file except sound; 0 if unknown."""
     stated = stream.codec_context.bit_rate or stream.metadata.get("BPS", "")
     if stated and str(stated).isdecimal():
         return float(stated)
@@ -152,7 +152,7 @@ def bits_per_s(container: Any, stream: Any) -> float:
     return float(max((container.bit_rate or 0) - sound, 0))
 
 
-# ---- when frames are shown -------------------------------------------------------------------------------
+# ---- presentation times ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -160,10 +160,10 @@ class FrameTiming:
     """The rule by which a film's frames get their times.
 
     Attributes:
-        start: time of the first frame where it has none [ticks of the film].
-        step: from one frame to the next, usually [ticks].
-        delay: of files that store no time at which frames are shown, only the one at which they are decoded (AVI):
-            from that to the other [ticks]; None: files with times.
+        start: time of the first frame if it has none [ticks of the film].
+        step: usual time from one frame to the next [ticks].
+        delay: in files that store decoding times only (AVI), the decoding time minus the presentation time [ticks];
+            None for files with presentation times.
     """
 
     start: int
@@ -172,14 +172,14 @@ class FrameTiming:
 
 
 class Times:
-    """Gives frames their times, in the order in which they are shown: later than the one before, always."""
+    """Assigns presentation times to frames in order, each later than the previous one."""
 
     def __init__(self, timing: FrameTiming):
         self._timing = timing
         self._last: int | None = None
 
     def set(self, frame: VideoFrame) -> None:
-        """Gives the next frame its time."""
+        """Assigns its time to the next frame."""
         timing = self._timing
         at = frame.pts
         if timing.delay is not None:

@@ -1,4 +1,4 @@
-"""How frames are encoded: like those of the clip, unless the user chooses otherwise."""
+"""Chooses the encoding of frames: that of the clip, unless the user chooses another."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ _CRF = {"libx264": 18, "libx265": 20, "libsvtav1": 24, "libvpx-vp9": 24}
 _X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", "slow", "slower", "veryslow"))
 _PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
 _QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
-_BY_RATE = {*_CRF, "mpeg4", "mpeg2video"}  # that can be given bits per second: those of a clip of the same kind
+_BY_RATE = {*_CRF, "mpeg4", "mpeg2video"}  # encoders that can take the bit rate of a clip of the same codec
 _PRORES = {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"}
-_CONSTANT_RATE = {"mpeg1video", "mpeg2video"}  # whose frames are counted, and have no times of their own
-_COARSE = {"mpeg4", "msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"}  # whose times have at most 16 bits a second
-_MOST_TICKS = 65_535  # of these
-_LARGE = 10_000_000  # bytes of a frame: libx264 holds nearly twice that of each frame that it looks ahead
-_LAMBDA = 118  # FFmpeg's units of a quality of 1
+_CONSTANT_RATE = {"mpeg1video", "mpeg2video"}  # frames are numbered and have no times of their own
+_COARSE = {"mpeg4", "msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"}  # time bases have at most 16 bits
+_MOST_TICKS = 65_535  # per second, for these
+_LARGE = 10_000_000  # bytes per frame: libx264's lookahead holds nearly twice that for each frame
+_LAMBDA = 118  # FFmpeg's units per quality step
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 
 
 @dataclass(frozen=True)
 class Encoder:
-    """An encoder and how it is set.
+    """An encoder and its settings.
 
     Attributes:
-        name: as FFmpeg calls it.
-        pixel_format: of the frames to encode; the clip's own, unless that is a sequence of pictures.
-        options: of it.
-        qscale: quality of encoders that have no CRF; None: CRF, or bits per second.
-        bits_per_s: that it is to take; None: as many as the quality needs.
+        name: FFmpeg's name of the encoder.
+        pixel_format: format of the frames to encode; the clip's own, unless that is a sequence of pictures.
+        options: options of the encoder.
+        qscale: quality for encoders without CRF; None if CRF or a bit rate is set.
+        bits_per_s: target bit rate; None if the quality determines it.
     """
 
     name: str
@@ -60,14 +60,14 @@ class Encoder:
 
     @classmethod
     def choose(cls, clip: Clip, encode: Encode) -> Encoder:
-        """The encoder for a clip.
+        """Chooses the encoder for a clip.
 
         Args:
-            clip: what comes in.
-            encode: codec, quality and preset that the user chose.
+            clip: the input clip.
+            encode: the user's codec, quality and preset.
 
         Raises:
-            UsageError: the encoder takes no such preset or quality.
+            UsageError: the encoder does not support the preset or quality.
             UnshutterError: there is no encoder for these frames.
         """
         name = encode.codec or ("libx264" if clip.of_pictures else clip.codec)
@@ -93,16 +93,16 @@ class Encoder:
         return cls(name, format_, options, bits_per_s=rate or None)
 
     def add_to(self, container: Any, like: VideoStream, clip: Clip, size: tuple[int, int]) -> VideoStream:
-        """A stream of a container that this encodes.
+        """Adds a stream with this encoder to a container.
 
         Args:
-            container: PyAV's, being written.
-            like: the stream that came in.
-            clip: what it says.
+            container: PyAV's, open for writing.
+            like: the input stream.
+            clip: the input clip.
             size: height and width of the frames [px].
 
         Raises:
-            UnshutterError: files of this kind take no such stream.
+            UnshutterError: files of this kind cannot hold such a stream.
         """
         rate = like.guessed_rate or like.average_rate or 30
         try:
@@ -128,7 +128,7 @@ class Encoder:
 
 
 def _checked(name: str, clip: Clip) -> str:
-    """The pixel format for an encoder; refuses one that is not there, or does not write such frames."""
+    """Returns the pixel format for an encoder; raises if the encoder is missing or does not support the frames."""
     try:
         codec = av().Codec(name, "w")
     except ValueError:
@@ -138,7 +138,7 @@ def _checked(name: str, clip: Clip) -> str:
     takes = [each.name for each in codec.video_formats or []]
     if not takes or clip.pixels.name in takes:
         return clip.pixels.name
-    if clip.of_pictures:  # of colours that no film has; all others stay as they are stored
+    if clip.of_pictures:  # with colours that films do not have; all other formats are kept
         odd = "444" if (clip.height | clip.width) & 1 else "420"
         preferred = [f"yuv{odd}p", f"yuv{odd}p10le"] if clip.pixels.depth == 8 else [f"yuv{odd}p10le", f"yuv{odd}p"]
         if usable := [each for each in [*preferred, "yuv422p10le"] if each in takes]:
@@ -149,7 +149,7 @@ def _checked(name: str, clip: Clip) -> str:
 
 
 def _speed(name: str, preset: str | None) -> dict[str, str]:
-    """The preset as an encoder's option."""
+    """Returns the preset as encoder options."""
     if preset is None:
         return {}
     if name not in _PRESETS:
@@ -160,12 +160,12 @@ def _speed(name: str, preset: str | None) -> dict[str, str]:
 
 
 def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
-    """The unit of time for an encoder: the film's own, if the encoder takes it.
+    """Returns the time base for an encoder: the film's own if the encoder supports it.
 
     Args:
-        name: of the encoder.
-        film_base: the film's own unit [s].
-        rate: frames a second.
+        name: name of the encoder.
+        film_base: the film's own time base [s].
+        rate: frames per second.
     """
     if name in _CONSTANT_RATE:
         return 1 / rate
@@ -176,7 +176,7 @@ def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
 
 
 def _follow(stream: Any, source: Any) -> None:
-    """Copies the settings that only an encoder of the same kind can take over."""
+    """Copies the settings that only an encoder of the same kind can adopt."""
     context = stream.codec_context
     tag = source.codec_tag
     if tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4 and tag != "\0\0\0\0":
@@ -185,11 +185,11 @@ def _follow(stream: Any, source: Any) -> None:
         stream.options["profile"] = _PRORES[source.profile]
 
 
-# ---- the display that a clip was made for --------------------------------------------------------------
+# ---- mastering display ---------------------------------------------------------------------------------
 
 
 def _hdr(clip: Clip, display: Callable[[list[float]], str], light: Callable[[int, int], str]) -> list[str]:
-    """A clip's mastering display and light levels as settings of an encoder."""
+    """Returns a clip's mastering display and light levels as encoder settings."""
     side_data = clip.side_data
     settings = []
     if len(raw := side_data.get("MASTERING_DISPLAY_METADATA", b"")) >= 88:

@@ -1,4 +1,4 @@
-"""Where a film ends, and whether that is where it should: files that were cut off end early."""
+"""Detects films that end early because their file was cut off."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from unshutter.video.file_length import FileLength
 if TYPE_CHECKING:
     from av import Packet
 
-_NEAR = 1.5  # frame intervals: as far from where it should a film may end
-_SHORT = 2.0  # the same where some other stream may be the longest of a file that was cut off
-_REORDERED = 32  # frames among which the order of decoding may differ from that of showing
-_SLOPPY, _SLOPPY_S = 4, 0.25  # frame intervals and seconds by which the headers of whole files may be wrong
+_NEAR = 1.5  # frame intervals: tolerance of the end of a film
+_SHORT = 2.0  # frame intervals: tolerance if another stream may be the longest in a cut-off file
+_REORDERED = 32  # frames within which decoding and presentation order may differ
+_SLOPPY, _SLOPPY_S = 4, 0.25  # frame intervals and seconds by which headers of complete files may be wrong
 
 
 @dataclass(frozen=True)
 class ExpectedLength:
-    """How much of a film there should be.
+    """The expected length of a film.
 
     Attributes:
-        length: what the file says of its length.
-        frames: of the film, as its tables have it; 0: unknown.
-        counts_empty: whether some of these may have no data: AVI counts repeated frames.
-        interval_s: from frame to frame [s].
-        start_s: when the film begins [s].
-        end_s: when it ends, by its tables [s]; None: unknown.
+        length: the length stated by the file.
+        frames: number of frames in its tables; 0 if unknown.
+        counts_empty: whether some of them may be empty: AVI counts repeated frames.
+        interval_s: usual frame interval [s].
+        start_s: start time of the film [s].
+        end_s: end time according to its tables [s]; None if unknown.
     """
 
     length: FileLength
@@ -43,11 +43,11 @@ class ExpectedLength:
 
 
 class Ending:
-    """How far a file was read, from its packets in their order.
+    """Tracks how far a file has been read, from its packets in order.
 
     Args:
-        path: of the file, for the user.
-        expected: how much there should be.
+        path: path of the file, for messages.
+        expected: the expected length.
     """
 
     def __init__(self, path: str, expected: ExpectedLength):
@@ -56,7 +56,7 @@ class Ending:
         self._latest: deque[float] = deque(maxlen=_REORDERED)  # ends of frames [s]
 
     def add(self, packet: Packet, of_film: bool) -> None:
-        """The next packet."""
+        """Registers the next packet."""
         at = time_of(packet)
         if at is not None:
             at += float((packet.duration or 0) * packet.time_base)
@@ -68,13 +68,13 @@ class Ending:
                 self._latest.append(at)
 
     def check(self, start: float | None, end: float | None) -> None:
-        """After the last packet.
+        """Checks the end of the film after the last packet.
 
         Args:
-            start, end: the part of the film that is kept [s]; None: all.
+            start, end: the selected part of the film [s]; None for no limit.
 
         Raises:
-            UnshutterError: the file ends before that part does, and before it should.
+            UnshutterError: the file ends before that part does, and earlier than expected.
         """
         expected, near = self._expected, _NEAR * self._expected.interval_s
         if end is not None and self._film_s >= end - near:
@@ -96,12 +96,12 @@ class Ending:
             raise self._early("ends in the middle of its data")
 
     def _without_gap(self, near: float) -> float:
-        """When the film ends without those of its last frames that lie before others that are missing."""
+        """Returns the end of the film before the first gap among its last frames."""
         ends = sorted(self._latest)
         return next((a for a, b in pairwise(ends) if b - a > near), self._film_s)
 
     def _since(self, at: float, seconds: float) -> float:
-        """How far a file of that length was read: files that begin late count from there, others from 0."""
+        """Returns how much of the stated length was read: late-starting files count from their start, others from 0."""
         return at - self._expected.start_s if self._expected.start_s >= seconds else at
 
     def _of(self, seconds: float) -> str:

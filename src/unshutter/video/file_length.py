@@ -1,4 +1,4 @@
-"""How long a film's file says that it is, in bytes and in seconds, where FFmpeg does not hand it on.
+"""Reads a film file's stated length, in bytes and in seconds, which FFmpeg does not pass on.
 
 Sources: RFC 8794 and 9559 (EBML, Matroska); ISO/IEC 14496-12 (MP4); Adobe's FLV specification 10.1; Microsoft's AVI
 RIFF and ASF references; ISO/IEC 13818-1 (MPEG streams).
@@ -13,10 +13,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import BinaryIO
 
-_MOST_PARTS = 100_000  # of a file that are looked at
+_MOST_PARTS = 100_000  # most parts of a file that are examined
 _LARGEST_HEADER = 1 << 20  # bytes
-_FLV_HEAD = 1 << 16  # bytes at the beginning that hold a film's length
-_TS_PACKETS = ((188, 0), (192, 4), (204, 0), (208, 0))  # bytes of a packet, and where in it the first 0x47 is
+_FLV_HEAD = 1 << 16  # bytes at the start of the file in which the length is stored
+_TS_PACKETS = ((188, 0), (192, 4), (204, 0), (208, 0))  # packet size in bytes, and position of its first 0x47
 _UNTIL_CLUSTER = 0x1F43B675
 _SEGMENT, _INFO, _SCALE, _DURATION = 0x18538067, 0x1549A966, 0x2AD7B1, 0x4489
 _ASF_FILE = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
@@ -24,11 +24,11 @@ _ASF_FILE = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 
 @dataclass(frozen=True)
 class FileLength:
-    """The length of a file by its own headers.
+    """The length of a file according to its own headers.
 
     Attributes:
-        cut: whether it has fewer bytes than they say; None: they do not say how many it should have.
-        seconds: at which the longest of its streams ends; None: they do not say that.
+        cut: whether the file has fewer bytes than stated; None if no size is stated.
+        seconds: end time of its longest stream; None if not stated.
     """
 
     cut: bool | None = None
@@ -39,8 +39,8 @@ def file_length(path: str, kind: str) -> FileLength:
     """Reads the length of a file from its headers.
 
     Args:
-        path: of it.
-        kind: FFmpeg's name of such files.
+        path: path of the file.
+        kind: FFmpeg's name of the file format.
     """
     reader = _READERS.get(kind.partition(",")[0])
     if reader is not None:
@@ -77,7 +77,7 @@ def _matroska_seconds(stream: BinaryIO, start: int, length: int) -> float | None
 
 
 def _elements(stream: BinaryIO, at: int, end: int) -> Iterator[tuple[int, int, int | None]]:
-    """(name, where its content begins, how long that is; None: unknown) of EBML elements side by side."""
+    """Yields (name, start of the content, its length or None if unknown) of consecutive EBML elements."""
     for _ in range(_MOST_PARTS):
         if at >= end:
             return
@@ -101,7 +101,7 @@ def _elements(stream: BinaryIO, at: int, end: int) -> Iterator[tuple[int, int, i
 
 
 def _boxes(stream: BinaryIO, size: int) -> FileLength:
-    """MP4 and QuickTime: FFmpeg hands on how long they are, but not whether the last box is all there."""
+    """MP4 and QuickTime: checks whether the last box is complete; FFmpeg only passes on the duration."""
     at = 0
     for _ in range(_MOST_PARTS):
         stream.seek(at)
@@ -111,7 +111,7 @@ def _boxes(stream: BinaryIO, size: int) -> FileLength:
         length, name = struct.unpack(">I4s", head[:8])
         if length == 1:
             (length,) = struct.unpack(">Q", head[8:16])
-        if length < 8:  # to the end
+        if length < 8:  # extends to the end of the file
             break
         at += length
         if at > size:
@@ -127,7 +127,7 @@ def _riff(stream: BinaryIO, size: int) -> FileLength:
         if len(head) < 8 or head[:4] != b"RIFF":
             break
         (length,) = struct.unpack("<I", head[4:])
-        if length in (0, 0xFFFFFFFF):  # not known when it was written
+        if length in (0, 0xFFFFFFFF):  # unknown when the file was written
             return FileLength()
         at += 8 + length + (length & 1)
         if at > size + 1:
@@ -156,7 +156,7 @@ def _asf(stream: BinaryIO, size: int) -> FileLength:
         return FileLength()
     (stated_size,) = struct.unpack_from("<Q", head, at + 40)
     played, _, ahead_ms, flags = struct.unpack_from("<QQQI", head, at + 64)
-    if flags & 1 or not played:  # a broadcast, whose length was not known
+    if flags & 1 or not played:  # a broadcast of unknown length
         return FileLength()
     return FileLength(stated_size > size, played / 1e7 - ahead_ms / 1e3)
 
@@ -170,7 +170,7 @@ def _transport_stream(stream: BinaryIO, size: int) -> FileLength:
 
 
 def _program_stream(stream: BinaryIO, size: int) -> FileLength:
-    """MPEG-PS: whether its last packet is all there."""
+    """MPEG-PS: checks whether the last packet is complete."""
     start = max(size - 3 * 0xFFFF, 0)
     stream.seek(start)
     tail = stream.read()

@@ -1,4 +1,4 @@
-"""The film that is written: frames are encoded, everything else is copied."""
+"""Writes the output film: encodes frames and copies everything else."""
 
 from __future__ import annotations
 
@@ -19,27 +19,26 @@ from unshutter.video.encoders import Encoder
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
 
-RateCallback: TypeAlias = Callable[[float, float], None]  # called with bits per second of the clip and of the new film
-_TELLING_S = 2.0  # s of the new film that tell how large it becomes
-_ALIKE = 1.6  # times as many bits per second, or as few: less is not worth a word
+RateCallback: TypeAlias = Callable[[float, float], None]  # receives the bit rates of the clip and of the new film
+_TELLING_S = 2.0  # s of the new film from which its size is predicted
+_ALIKE = 1.6  # ratio of bit rates; smaller differences are not reported
 
 
 class FilmWriter:
-    """A file that is being written: frames and packets in, in their order.
+    """Writes a film from frames and packets, in order.
 
     Args:
-        container: PyAV's, being written.
-        source: the file that came in, open.
-        clip: what that says.
-        encoder: of the frames.
-        copy: whether tags and other streams go in, too.
+        container: PyAV's, open for writing.
+        source: the input file, open.
+        clip: the input clip.
+        encoder: encoder of the frames.
+        copy: whether to copy tags and other streams too.
         size: height and width of the frames [px].
-        start_s: of the old film, becomes the new one's beginning [s].
-        on_rate: called once, early, where the new film takes many more or fewer bits per second than the clip's: with
-            those of the clip and of the new one.
+        start_s: time in the input at which the new film starts [s].
+        on_rate: called once, early, with the bit rates of the clip and of the new film if they differ considerably.
 
     Attributes:
-        left_out: what of the file that came in did not find a place, for the user.
+        left_out: streams of the input file that could not be copied, for the user.
     """
 
     def __init__(
@@ -66,10 +65,10 @@ class FilmWriter:
             self._add_others(source, like)
             if source.chapters():
                 container.set_chapters(source.chapters())
-        self._shift = start_s  # becomes the moment 0
+        self._shift = start_s  # becomes time 0
         self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
         self._clip, self._on_rate, self._bytes, self._packets = clip, on_rate, 0, 0
-        self._last = -(1 << 62)  # time of the frame before [units of the encoder]
+        self._last = -(1 << 62)  # time of the previous frame [units of the encoder]
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
 
@@ -93,10 +92,10 @@ class FilmWriter:
                 self.left_out.append(f"stream {stream.index} ({name})")
 
     def add_frame(self, frame: VideoFrame) -> None:
-        """The next frame, rectified; its times as they came in."""
+        """Writes the next rectified frame, with the times of the original."""
         if frame.format.name != self._pixel_format:
             frame = frame.reformat(format=self._pixel_format)
-        frame.pict_type = 0  # the encoder decides which are key frames
+        frame.pict_type = 0  # the encoder chooses the key frames
         if frame.pts is not None and frame.time_base is not None:
             base = self._stream.codec_context.time_base
             ticks = round((frame.pts - round(self._shift / frame.time_base)) * frame.time_base / base)
@@ -105,7 +104,7 @@ class FilmWriter:
         self._put(lambda: self._add_encoded(self._stream.encode(frame)))
 
     def add_packet(self, packet: Packet) -> None:
-        """The next packet of another stream."""
+        """Writes the next packet of another stream."""
         copy = self._streams.get(packet.stream_index)
         if copy is None:
             return
@@ -119,12 +118,12 @@ class FilmWriter:
         self._put(lambda: self._container.mux(packet))
 
     def end(self) -> None:
-        """After the last frame."""
+        """Completes the file after the last frame."""
         self._put(lambda: self._add_encoded(self._stream.encode(None)))
         self._put(self._container.close)
 
     def _add_encoded(self, encoded: list[Packet]) -> None:
-        """The next packets of the film; compares their size with the clip's once there are enough of them."""
+        """Writes the next packets of the film; compares its bit rate with the clip's once it can be predicted."""
         for packet in encoded:
             self._bytes, self._packets = self._bytes + packet.size, self._packets + 1
         self._container.mux(encoded)
@@ -147,7 +146,7 @@ class FilmWriter:
 
 
 def check_ending(ending: str) -> None:
-    """Raises UnshutterError where no film that can be written ends so."""
+    """Raises UnshutterError if no writable film format has this file ending."""
     if ending.lower() in pictures.ENDINGS:
         raise UnshutterError(
             f"'{ending}' is not a film: name a new folder for pictures, or a pattern: out/%05d{ending}"
@@ -160,15 +159,15 @@ def check_ending(ending: str) -> None:
 
 @contextmanager
 def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[Any]:
-    """A container that is being written.
+    """Opens a container for writing.
 
     Args:
         place: a path, or an open file.
-        ending: of the film's name.
-        ticks: units in a second of the times that the file as a whole has, where it has some.
+        ending: file ending of the film.
+        ticks: time units per second for the file as a whole, if it has any.
 
     Raises:
-        UnshutterError: films of this ending are not known.
+        UnshutterError: the file ending is unknown.
     """
     options = {}
     if ending.lower() in (".mov", ".mp4", ".m4v"):
@@ -186,12 +185,12 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
     try:
         yield container
     finally:
-        with suppress(Exception):  # the first error was raised already
+        with suppress(Exception):  # the first error has already been raised
             container.close()
 
 
 def _takes(container: Any, stream: Any) -> bool:
-    """Whether a container has a place for a stream: muxers only report it when a header is written."""
+    """Whether a container can hold a stream; muxers only report this when writing a header."""
     trial = av().open(io.BytesIO(), "w", format=container.format.name)
     try:
         trial.add_stream_from_template(stream)

@@ -1,8 +1,8 @@
-"""The dense model for clips, in which near and far move differently: the flow between each frame and its neighbours.
+"""The dense model for clips, in which depths move differently: optical flow between each frame and its neighbours.
 
-The flow is found on small grey copies (frames/neighbours.py). It says where each pixel of a rectified frame looks, and
-the planes are warped by it as they are by the camera's motion (frame_map.py). Frames are not averaged, as photos are:
-grain would come and go from row to row.
+The flow is computed on small grey copies (frames/neighbours.py). It determines where each pixel of a rectified frame is
+sampled, and the planes are warped by it as they are by the camera's motion (frame_map.py). Unlike photos, frames are
+not averaged: grain would vary from row to row.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt, UInt8
 
 
-_ALMOST_ALL = 0.8  # of the picture is found in both frames
-_MOST_ROWS = 400  # short side [px] of the small copies of clips; of such large ones, the flow is found in half the size
+_ALMOST_ALL = 0.8  # share of the picture found in both frames
+_MOST_ROWS = 400  # short side [px] of clips' small copies; for copies this large, the flow is computed at half the size
 
 
 @dataclass(frozen=True)
 class Lender:
-    """A frame from which another one may borrow what it did not see.
+    """A frame from which another one may borrow areas that it does not show.
 
     Attributes:
-        planes: its pixels as they are stored.
-        where: where each pixel of the rectified frame looks in it.
+        planes: its pixels as stored.
+        where: where each pixel of the rectified frame is sampled in it.
     """
 
     planes: list[UInt[np.ndarray, "rows columns *bands"]]
@@ -48,9 +48,9 @@ class LinkedFrame:
     """A frame and the flow between it and its neighbours.
 
     Attributes:
-        moving: the frame, and the camera's motion where that is known.
-        links: -1 and 1 -> the flow to the frame before and after, of those that show the same scene.
-        planes: -1 and 1 -> pixels of these frames, where they are to be borrowed from.
+        moving: the frame, with the camera's motion if known.
+        links: -1 and 1 -> the flow to the previous and next frames, if they show the same scene.
+        planes: -1 and 1 -> pixels of these frames, if they may be borrowed.
         timing: the clock of the clip.
         readout: direction in which its stored pixels were read.
     """
@@ -62,9 +62,9 @@ class LinkedFrame:
     readout: Readout
 
     def maps(self, undo: ClipUndo) -> tuple[FrameMap | None, list[Lender]]:
-        """Where each pixel of the rectified frame looks, in the frame itself and in those that may lend to it.
+        """Returns where each pixel of the rectified frame is sampled, in the frame itself and in possible lenders.
 
-        None where the neighbours do not show enough.
+        The first is None if the neighbours are inconclusive.
         """
         if not self.links or not undo.strength:
             return None, []
@@ -72,7 +72,7 @@ class LinkedFrame:
         if motion.reason:
             return None, []
         own = motion.field.shift(0)
-        remainder = (1 - undo.strength) * own  # of the distortion
+        remainder = (1 - undo.strength) * own  # remaining distortion
         lenders = [
             Lender(planes, self._map(motion.field.shift(side * self.links[side].apart) - remainder))
             for side, planes in self.planes.items()
@@ -80,7 +80,7 @@ class LinkedFrame:
         return self._map(own - remainder), lenders
 
     def _map(self, shift: np.ndarray) -> FrameMap:
-        """A shift of every pixel of the small copy as the map of a whole frame."""
+        """Converts the shift of every pixel of the small copy to the map of a whole frame."""
         frame = self.moving.frame
         return FrameMap.along(shift, self.readout, frame.height, frame.width, self.moving.view)
 
@@ -88,7 +88,7 @@ class LinkedFrame:
 def linked(
     clip: Clip, items: Iterable[MovingFrame | SidePacket], ratio: float, readout: Readout, borrow: bool
 ) -> Iterator[LinkedFrame | SidePacket]:
-    """The items of a clip, its frames linked with their neighbours; three frames are held at a time.
+    """Yields the items of a clip, with frames linked to their neighbours; three frames are held at a time.
 
     Args:
         clip: the clip.
@@ -100,7 +100,7 @@ def linked(
     timing = Timing(ratio, readout.frame_size(clip.height, clip.width)[0])
     before: _Copied | None = None
     current: _Copied | None = None
-    packets: list[SidePacket] = []  # that came after the current frame
+    packets: list[SidePacket] = []  # that follow the current frame
     for item in items:
         if isinstance(item, SidePacket):
             packets.append(item)
@@ -119,18 +119,18 @@ def linked(
 
 @dataclass
 class _Copied:
-    """A frame and its small copy, in which flow is looked for."""
+    """A frame and the small copy in which flow is computed."""
 
     moving: MovingFrame
     copy: UInt8[np.ndarray, "rows columns"]  # small and grey, in the readout frame
-    planes: list[np.ndarray]  # empty where nothing is borrowed
+    planes: list[np.ndarray]  # empty unless pixels are borrowed
     to_next: Link | None = None
 
     @classmethod
     def at(cls, clip: Clip, moving: MovingFrame, readout: Readout, borrow: bool) -> _Copied:
         side = min(copy_side(clip.height, clip.width), _MOST_ROWS)
         copy = np.ascontiguousarray(readout.turn(clip.pixels.grey(moving.frame, side)))
-        # The frame itself may be written to before its neighbours are warped.
+        # The frame itself may be overwritten before its neighbours are warped.
         planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []
         return cls(moving, copy, planes)
 
@@ -148,7 +148,7 @@ class _Copied:
 
 
 def _connection(clip: Clip, current: _Copied, following: _Copied, ratio: float) -> Link | None:
-    """The flow between two frames; None where frames are missing between them, or they show different scenes."""
+    """Returns the flow between two frames, or None if they are not neighbours or show different scenes."""
     apart = clip.since(current.moving.frame, following.moving.frame)
     if apart is None or apart < ratio:
         return None
@@ -157,6 +157,6 @@ def _connection(clip: Clip, current: _Copied, following: _Copied, ratio: float) 
         flow_to_next = link(current.copy, following.copy, apart, halvings)
     except UnshutterError:
         return None
-    # Corners that went apart may mean a cut, or near and far that move very differently: then nearly all must be there.
+    # No common motion means a cut, or very different depths: the latter keep nearly all of the picture in view.
     too_little = following.moving.cut and flow_to_next.flow.consistent < _ALMOST_ALL
     return None if too_little else flow_to_next

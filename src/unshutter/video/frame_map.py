@@ -1,4 +1,4 @@
-"""A frame's motion undone on its planes as they are stored: no way through RGB, no change of what is not moved.
+"""Undoes a frame's motion on its planes as stored, without conversion to RGB or changes where nothing moves.
 
 The map is smooth, so it is exact at the nodes of a grid and linear between them. A clip's motion is that of a small
 picture of the same shape (``frame_motion.py``): its positions are scaled up to each plane's pixels, centre to centre.
@@ -23,21 +23,20 @@ from unshutter.warp.grid import gs_to_rs_map
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, Float32, UInt
 
-_NODES = 34  # about so many rows of them, and half of that to twice as many columns
-_BAND, _BAND_PX = 4, 128  # fewest rows of cells, and px, filled in at a time: they stay in the processor's cache
+_NODES = 34  # approximate number of rows of nodes; half to twice as many columns
+_BAND, _BAND_PX = 4, 128  # fewest rows of cells, and px, interpolated at a time, to stay in the processor's cache
 _LEAST_STEP = 8  # px between nodes, a multiple of every subsampling
-_FINE_STEP = 4  # the same where near and far move differently
+_FINE_STEP = 4  # px between nodes for the dense model
 
 
 @dataclass(frozen=True)
 class FrameMap:
-    """Where each pixel of the rectified frame looks in the frame as it is.
+    """Maps each pixel of the rectified frame to its position in the original frame.
 
     Attributes:
-        nodes: [2, N, M] col and row [px of the frame], at the middles of square cells; the first and the last lie
-            outside.
+        nodes: [2, N, M] col and row [px of the frame], at the centres of square cells; the first and last lie outside.
         step: side of the cells [px].
-        height, width: of the frame [px].
+        height, width: size of the frame [px].
     """
 
     nodes: Float32[np.ndarray, "2 node_rows node_cols"]
@@ -47,12 +46,12 @@ class FrameMap:
 
     @classmethod
     def of(cls, motion: Motion, height: int, width: int, view: SteadyView | None = None) -> FrameMap:
-        """The map of a frame of height x width [px].
+        """Returns the map for a frame of height x width [px].
 
         Args:
-            motion: of a picture of the same shape, of any size.
-            height, width: of the stored frame [px].
-            view: what the result shows, where that is not what the camera looked at.
+            motion: motion of a picture of the same shape and any size.
+            height, width: size of the stored frame [px].
+            view: the stabilised view to show; None for the camera's own view.
 
         Raises:
             UnshutterError: the motion turns faster than rows are read.
@@ -61,7 +60,7 @@ class FrameMap:
         step = max(_LEAST_STEP, 1 << round(np.log2(min(height, width) / _NODES)))
         scale = np.array([small[1] / width, small[0] / height])  # px of the motion per px of the frame
         col, row = (_seen(view, step, height, width) + 0.5) * scale[:, None, None] - 0.5
-        with np.errstate(all="ignore"):  # far outside, Newton's method may run away
+        with np.errstate(all="ignore"):  # far outside, Newton's method may diverge
             looks = np.stack(gs_to_rs_map(motion)(col, row))
         looks = (looks + 0.5) / scale[:, None, None] - 0.5
         far = float(height + width)
@@ -77,13 +76,13 @@ class FrameMap:
         width: int,
         view: SteadyView | None = None,
     ) -> FrameMap:
-        """The map of a frame of height x width [px] in which every place looks elsewhere by a shift of its own.
+        """Returns the map for a frame of height x width [px] in which every pixel has its own shift.
 
         Args:
             shift: (columns, rows) [px of a small copy of the readout frame], at each pixel of that copy.
             readout: direction in which the stored pixels were read.
-            height, width: of the stored frame [px].
-            view: what the result shows, where that is not what the camera looked at.
+            height, width: size of the stored frame [px].
+            view: the stabilised view to show; None for the camera's own view.
         """
         size = readout.frame_size(height, width)
         step = max(_FINE_STEP, 1 << int(np.log2(max(size[0] / shift.shape[0], 1))))
@@ -98,11 +97,11 @@ class FrameMap:
     def positions(
         self, across: int, down: int, scratch: Scratch | None = None
     ) -> Iterator[tuple[slice, tuple[Float32[np.ndarray, "rows cols"], ...]]]:
-        """(rows, (col, row) [px of a plane] at their pixels) of a plane, band by band from its top.
+        """Yields (rows, (col, row) [px of the plane] of their pixels) for a plane, band by band from the top.
 
         Args:
             across, down: pixels of the frame per pixel of the plane.
-            scratch: where the positions are written to; they are valid until the next band.
+            scratch: buffer for the positions, which are valid until the next band.
         """
         scratch = scratch or Scratch()
         height, width = -(-self.height // down), -(-self.width // across)
@@ -120,26 +119,26 @@ class FrameMap:
 
 
 def _middles(step: int, height: int, width: int) -> np.ndarray:
-    """[2, N, M] col and row [px of the frame] of the middles of its cells, and of those about it."""
+    """[2, N, M] col and row [px of the frame] of the centres of its cells and of those surrounding it."""
     rows, cols = ((np.arange(-1, -(-size // step) + 1) + 0.5) * step - 0.5 for size in (height, width))
     row, col = np.meshgrid(rows, cols, indexing="ij")
     return np.stack([col, row])
 
 
 def _seen(view: SteadyView | None, step: int, height: int, width: int) -> np.ndarray:
-    """[2, N, M] what the middles of the cells show: col and row [px] of the frame that a global shutter saw."""
+    """[2, N, M] positions shown at the centres of the cells: col and row [px] of the global-shutter frame."""
     middles = _middles(step, height, width)
     return middles if view is None else np.stack(view.looks(middles[0], middles[1], height, width))
 
 
 class Scratch(threading.local):
-    """Arrays that a thread uses again for each frame: giving it fresh memory is a good part of the work."""
+    """Buffers that a thread reuses for each frame, because allocating memory takes much of the time."""
 
     def __init__(self) -> None:
         self._arrays: dict[tuple[int, ...], np.ndarray] = {}
 
     def array(self, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
-        """Contents do not matter; valid until the next of that shape."""
+        """Returns an array with arbitrary content, valid until the next call with the same shape."""
         if shape not in self._arrays:
             self._arrays[shape] = np.empty(shape, np.float32)
         return self._arrays[shape]
@@ -152,14 +151,14 @@ def warp_plane(
     black: int | None,
     limit: int,
 ) -> None:
-    """Writes what a plane shows at positions into another one, bicubic (a = -0.75).
+    """Samples a plane at positions into another one, by bicubic interpolation (a = -0.75).
 
     Args:
         plane: values as stored.
         positions: (col, row) [px of the plane].
-        out: is written to; of the same type.
-        black: what is written where nothing was seen; None: the plane mirrored at its border.
-        limit: greatest value; a cubic may shoot beyond it.
+        out: output array of the same type.
+        black: value for positions outside the plane; None mirrors the plane at its border.
+        limit: greatest value, which cubic interpolation may exceed.
     """
     col, row = positions
     border = cv2.BORDER_REFLECT if black is None else cv2.BORDER_CONSTANT
@@ -175,13 +174,13 @@ def borrow_plane(
     missing: Bool[np.ndarray, "rows cols"],
     limit: int,
 ) -> None:
-    """Writes what a plane of another frame shows at positions into the places that are missing.
+    """Samples a plane of another frame at positions into the missing pixels.
 
     Args:
         plane: values as stored.
         positions: (col, row) [px of the plane].
-        out: is written to; of the same type.
-        missing: which pixels of it.
+        out: output array of the same type.
+        missing: mask of its pixels to fill.
         limit: greatest value.
     """
     columns = np.flatnonzero(missing.any(axis=0))
@@ -194,6 +193,6 @@ def borrow_plane(
 
 
 def on_plane(positions: tuple[Float32[np.ndarray, "rows cols"], ...], height: int, width: int) -> np.ndarray:
-    """Bool [rows, cols]: which positions lie on a plane, to the outer sides of its pixels."""
+    """Bool [rows, cols]: whether each position lies on a plane, including the outer halves of its border pixels."""
     col, row = positions
     return (col >= -0.5) & (col <= width - 0.5) & (row >= -0.5) & (row <= height - 0.5)

@@ -1,6 +1,6 @@
-"""How far a steady view stays inside what its frame shows, on all four sides.
+"""Distance between a stabilised view and the border of its frame's content, on all four sides.
 
-Lengths are counted in heights of the readout frame from its middle: a frame reaches from -1/2 to 1/2 down and from
+Lengths are in heights of the readout frame, measured from its centre: a frame extends from -1/2 to 1/2 down and from
 -aspect/2 to aspect/2 across.
 """
 
@@ -16,20 +16,20 @@ from unshutter.motion import Motion
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float32, Float64
 
-_PLACES = 9  # along each side at which it is known where the frame ends
-_POINTS = 5  # of each side of a view that are looked at, corners among them
+_PLACES = 9  # positions along each side at which the frame's border is stored
+_POINTS = 5  # points on each side of a view that are checked, corners included
 _HALVINGS, _LARGEST_ZOOM = 24, 4.0
 LEFT, RIGHT, TOP, BOTTOM = range(4)
 
 
 def borders_of(motion: Motion, aspect: float) -> Float32[np.ndarray, "4 9"]:
-    """How far a frame reaches on its left, right, upper and lower side once its motion is undone.
+    """Returns the extent of a frame on its left, right, upper and lower sides once its motion is undone.
 
-    At nine places along each side, where it reaches least near them.
+    Given at nine positions along each side, as the least extent near each of them.
 
     Args:
         motion: the part of a frame's motion that is undone.
-        aspect: width of the readout frame by its height.
+        aspect: width of the readout frame divided by its height.
     """
     at = np.linspace(-0.5, 0.5, _PLACES)
     ends = np.array([[-0.5 * aspect], [0.5 * aspect], [-0.5], [0.5]]) + np.zeros(_PLACES)
@@ -57,7 +57,7 @@ def borders_of(motion: Motion, aspect: float) -> Float32[np.ndarray, "4 9"]:
 
 
 def _outline(aspect: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """[points] x, y of places on the border of a view, and the side on which each lies."""
+    """[points] x and y of points on the border of a view, and the side on which each lies."""
     t = np.linspace(-0.5, 0.5, _POINTS)
     x = np.concatenate([np.full(_POINTS, -0.5), np.full(_POINTS, 0.5), t, t]) * aspect
     y = np.concatenate([t, t, np.full(_POINTS, -0.5), np.full(_POINTS, 0.5)])
@@ -71,17 +71,17 @@ def margins(
     zoom: float | Float64[np.ndarray, "frames"],
     aspect: float,
 ) -> tuple[Float64[np.ndarray, "frames points"], Float64[np.ndarray, "frames points 3"]]:
-    """How far places on the outlines of views lie inside their frames, and by how much a further turn changes that.
+    """Returns how far points on the outlines of views lie inside their frames, and how further rotation changes that.
 
     Args:
-        borders: what the frames show (:func:`borders_of`).
-        turns: rotation vectors from the steady camera to the one that took the frame [rad].
+        borders: extent of the frames' content (:func:`borders_of`).
+        turns: rotation vectors from the stabilised camera to the real camera [rad].
         focal: focal length [heights].
-        zoom: of all views, or of each.
-        aspect: width of the readout frame by its height.
+        zoom: zoom of all views, or of each.
+        aspect: width of the readout frame divided by its height.
 
     Returns:
-        Lengths, negative outside, and their slopes for turns [per rad].
+        Lengths, negative outside, and their derivatives with respect to the rotation [per rad].
     """
     x, y, side = _outline(aspect)
     size = np.asarray(zoom, np.float64).reshape(-1, 1)
@@ -106,7 +106,7 @@ def margins(
 def zoom_needed(
     borders: Float32[np.ndarray, "frames 4 9"], turns: Float64[np.ndarray, "frames 3"], focal: float, aspect: float
 ) -> Float64[np.ndarray, "frames"]:
-    """The least zoom, 1 to 4, at which each view shows nothing beyond its frame's border; see :func:`margins`."""
+    """Returns the least zoom, 1 to 4, at which each view stays inside its frame's border; see :func:`margins`."""
     low, high = np.ones(len(turns)), np.full(len(turns), _LARGEST_ZOOM)
     fits = margins(borders, turns, focal, low, aspect)[0].min(axis=1) >= 0
     for _ in range(_HALVINGS):

@@ -1,4 +1,4 @@
-"""A frame and its motion -> the frame that a global shutter would have taken."""
+"""Renders the frame a global shutter would have taken, from a frame and its motion."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
 
 _SIDE_DATA = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
-_FULL_RANGE = 2  # as FFmpeg counts
-_COARSE = 8  # px between places that are looked at for a crop, whose multiples are whole pixels of chroma
+_FULL_RANGE = 2  # FFmpeg's code
+_COARSE = 8  # px between points checked for a crop; its multiples are whole chroma pixels
 
 
 @dataclass(frozen=True)
 class NewFrame:
-    """A frame that is to be encoded.
+    """A frame ready for encoding.
 
     Attributes:
-        source: the frame that it was made of, and its motion.
-        picture: its pixels, time and colours; the source's own frame where nothing moved.
+        source: the original frame and its motion.
+        picture: its pixels, time and colours; the original frame itself if nothing moved.
     """
 
     source: MovingFrame
@@ -44,12 +44,12 @@ class NewFrame:
 
 @dataclass(frozen=True)
 class Warper:
-    """Makes the rectified frames of a clip.
+    """Renders the rectified frames of a clip.
 
     Attributes:
         clip: the clip.
         undo: how motion is undone.
-        window: the part of each frame that is kept; None: all of it.
+        window: the part of each frame to keep; None for all of it.
     """
 
     clip: Clip
@@ -59,22 +59,22 @@ class Warper:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width of the frames that come out [px]."""
+        """Height and width of the output frames [px]."""
         w = self.window
         return (self.clip.height, self.clip.width) if w is None else (w.bottom - w.top, w.right - w.left)
 
     def motion(self, moving: MovingFrame) -> Motion:
-        """The part of a frame's motion that is undone, at the reference row."""
+        """Returns the part of a frame's motion that is undone, at the reference row."""
         return moving.motion.rereferenced(self.undo.reference).scaled(self.undo.strength)
 
     def __call__(self, item: MovingFrame | LinkedFrame | SidePacket) -> NewFrame | SidePacket:
-        """The frame to encode; packets go on unchanged."""
+        """Returns the frame to encode; passes packets on unchanged."""
         if isinstance(item, SidePacket):
             return item
         return self._by_flow(item) if isinstance(item, LinkedFrame) else self.rectified(item)
 
     def rectified(self, moving: MovingFrame) -> NewFrame:
-        """A frame by its camera's motion."""
+        """Rectifies a frame by the camera's motion."""
         motion, frame, view = self.motion(moving), moving.frame, moving.view
         if motion.is_zero and view is None and self.window is None:
             return NewFrame(moving, frame)
@@ -87,7 +87,7 @@ class Warper:
         return NewFrame(moving, self._dressed(picture, frame))
 
     def _by_flow(self, linked: LinkedFrame) -> NewFrame:
-        """A frame by the flow to its neighbours; where they do not show enough, by the camera's motion."""
+        """Rectifies a frame by the flow to its neighbours or, if they are inconclusive, by the camera's motion."""
         moving, frame = linked.moving, linked.moving.frame
         where, lenders = linked.maps(self.undo)
         if where is None:
@@ -99,7 +99,7 @@ class Warper:
         return NewFrame(replace(moving, dense=True), self._dressed(picture, frame))
 
     def _warp(self, frame: VideoFrame, picture: VideoFrame, frame_map: FrameMap) -> None:
-        """Writes the planes of a frame, as they look after the motion is undone, into those of another."""
+        """Writes the rectified planes of a frame into those of another."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         full = frame.color_range == _FULL_RANGE or pixels.name.startswith("yuvj")
         planes = list(zip(pixels.planes, pixels.arrays(frame), pixels.arrays(picture), strict=True))
@@ -111,7 +111,7 @@ class Warper:
                     warp_plane(before, positions, after[rows], black, limit)
 
     def _borrow(self, lenders: list[Lender], picture: VideoFrame, own: FrameMap) -> None:
-        """Fills the places that a frame did not see from its neighbours, in the planes of the rectified frame."""
+        """Fills areas that a frame does not show from its neighbours, in the planes of the rectified frame."""
         pixels, limit = self.clip.pixels, (1 << self.clip.pixels.depth) - 1
         for across, down in dict.fromkeys((plane.across, plane.down) for plane in pixels.planes):
             alike = [k for k, plane in enumerate(pixels.planes) if (plane.across, plane.down) == (across, down)]
@@ -132,7 +132,7 @@ class Warper:
                     missing &= ~has
 
     def _dressed(self, picture: VideoFrame, frame: VideoFrame) -> VideoFrame:
-        """The new pixels with the time, colours and side data of the original frame."""
+        """Returns the new pixels with the time, colours and side data of the original frame."""
         if self.window is None and _SIDE_DATA & self.clip.side_data.keys():
             frame.make_writable()
             for new, old in zip(self.clip.pixels.arrays(picture), self.clip.pixels.arrays(frame), strict=True):
@@ -146,7 +146,7 @@ class Warper:
         return picture
 
     def _cut(self, frame: VideoFrame) -> VideoFrame:
-        """The window of a frame."""
+        """Crops a frame to the window."""
         height, width = self.size
         picture = av().VideoFrame(width, height, self.clip.pixels.name)
         assert self.window is not None
@@ -158,7 +158,7 @@ class Warper:
 
 
 def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
-    """The largest rectangle of a clip's shape that all its frames show after rectifying; None: they show everything.
+    """Returns the largest rectangle of the clip's shape that all rectified frames cover; None for all of it.
 
     Raises:
         CropTooSmallError: almost nothing would be left.
@@ -176,8 +176,8 @@ def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
 
 
 def _clear_invisible(mask: Bool[np.ndarray, "rows cols"], frame_map: FrameMap) -> None:
-    """Clears the places of a coarse mask that one frame does not show."""
-    margin = 1.0  # places between those that are looked at
+    """Clears the points of a coarse mask that a frame does not show."""
+    margin = 1.0  # one spacing between checked points
     for rows, (col, row) in frame_map.positions(_COARSE, _COARSE):
         inside = (col >= margin) & (col <= frame_map.width / _COARSE - 1 - margin)
         inside &= (row >= margin) & (row <= frame_map.height / _COARSE - 1 - margin)

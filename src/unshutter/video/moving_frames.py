@@ -1,4 +1,4 @@
-"""The motion of each frame of a clip, found from its neighbours while the clip goes by."""
+"""Estimates the motion of each frame of a clip from its neighbours while the clip is being decoded."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from unshutter.video.steady_view import SteadyView
 if TYPE_CHECKING:
     from av import VideoFrame
 
-ROWS = 65  # of the small pictures that motions of clips are of
-GYRO_ROWS = 257  # where a gyro says how the camera vibrated
-COPY_SIDE = 270  # px, short side of the copies in which corners are followed
-FEWEST = 8  # frames of a shot: what is shorter is more often a mistake than a cut
-_MARGIN = 4  # frames on both sides that only steady a window
+ROWS = 65  # of the small pictures to which the motions of clips refer
+GYRO_ROWS = 257  # if a gyro recorded the camera's vibration
+COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
+FEWEST = 8  # frames of a shot: shorter ones are usually errors, not cuts
+_MARGIN = 4  # extra frames on both sides of a window, for stability
 _CORE = (4, 24)  # fewest and most frames of a window
-_IN_MEMORY = 60_000_000  # bytes: frames that wait for their motion
+_IN_MEMORY = 60_000_000  # bytes of frames awaiting their motion
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,13 @@ class MovingFrame:
     """A frame of a clip and its motion.
 
     Attributes:
-        frame: as decoded.
-        motion: of a small picture of the same shape, first row as the reference; zero, with a reason, where none is.
-        cut: whether it shows another scene than the frame before it.
+        frame: the decoded frame.
+        motion: motion of a small picture of the same shape, first row as the reference; zero, with a reason, if none
+            was found.
+        cut: whether it shows another scene than the previous frame.
         dense: whether it was rectified by the flow to its neighbours instead of this motion.
-        step: the camera's turn since the frame before; None where it is unknown.
-        view: what the frame shows once the camera's path is smoothed; None: it is not.
+        step: the camera's rotation since the previous frame; None if unknown.
+        view: the stabilised view; None if the camera's path is not smoothed.
     """
 
     frame: VideoFrame
@@ -50,23 +51,23 @@ class MovingFrame:
 
 
 def window(clip: Clip) -> tuple[int, int]:
-    """How many frames' motion is found together, and how many more steady it: see :func:`window_for`."""
+    """Returns the window and margin [frames] for estimating motion, see :func:`window_for`."""
     return window_for(frame_bytes(clip))
 
 
 def window_for(size: float) -> tuple[int, int]:
-    """How many frames' motion is found together, and how many more steady it: as memory allows for frames [bytes]."""
+    """Returns the window and margin [frames] for estimating motion that memory allows for a frame size [bytes]."""
     return int(min(max(_IN_MEMORY / size, _CORE[0]), _CORE[1])), _MARGIN
 
 
 def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side: int = COPY_SIDE) -> GreyFrame:
-    """The grey copy of a frame, from which its motion is found.
+    """Returns the grey copy of a frame from which its motion is estimated.
 
     Args:
         clip: the clip.
-        frame: as decoded.
-        camera: knows how it is read out.
-        since: time since the frame before [usual frame intervals].
+        frame: the decoded frame.
+        camera: provides the readout direction.
+        since: time since the previous frame [usual frame intervals].
         side: short side of the copy [px].
     """
     readout = camera.readout
@@ -78,12 +79,12 @@ def look(clip: Clip, frame: VideoFrame, camera: CameraMotion, since: float, side
 def with_motion(
     clip: Clip, items: Iterable[VideoFrame | SidePacket], camera: CameraMotion
 ) -> Iterator[MovingFrame | SidePacket]:
-    """The items of a clip, its frames with their motion; they come some frames later than they are taken.
+    """Yields the items of a clip, its frames with their motion; they are delayed by some frames.
 
     Args:
         clip: the clip.
         items: frames and packets (:meth:`Clip.items`).
-        camera: finds the motion; its ratio is known.
+        camera: estimates the motion; its ratio must be known.
     """
     waiting: deque[VideoFrame | SidePacket] = deque()
 
@@ -107,12 +108,12 @@ def with_motion(
         yield MovingFrame(item, small, cut=last is not None and motion.scene != last.scene, step=step)
         last = motion
     for item in waiting:
-        assert isinstance(item, SidePacket)  # each frame has its motion by now
+        assert isinstance(item, SidePacket)  # all frames have their motion by now
         yield item
 
 
 def small_motion(motion: FrameMotion) -> Motion:
-    """The motion for a picture of ``ROWS`` rows, or ``GYRO_ROWS``."""
+    """Returns the motion for a picture of ``ROWS`` rows, or ``GYRO_ROWS`` with a gyro."""
     rows = ROWS if motion.turns is None else GYRO_ROWS
     width = max(1, round(motion.width * rows / motion.height))
     return replace(motion, height=rows, width=width).motion()

@@ -1,7 +1,7 @@
-"""MP4 and QuickTime files as boxes, and how the film in one is replaced: all other tracks, tags and tables are kept.
+"""Replaces the video track in MP4 and QuickTime files, keeping all other tracks, tags and tables.
 
-FFmpeg writes what it knows of; cameras and phones put more into their files: telemetry, timecode, places, names of
-their own. So only the film's samples are taken from what FFmpeg encoded, and put into the file that came in.
+FFmpeg writes only what it knows; cameras and phones put more into their files: telemetry, timecode, places, names of
+their own. So only the video samples are taken from FFmpeg's output and inserted into the original file.
 
 Source: ISO/IEC 14496-12; QuickTime File Format Specification.
 """
@@ -25,15 +25,15 @@ _LONG_HEAD = 16
 
 @dataclass(frozen=True)
 class Movie:
-    """A file's boxes.
+    """The boxes of a file.
 
     Attributes:
         stream: the open file.
         others: (type, content) of the boxes in ``moov`` that are not tracks.
-        tracks: the others.
-        early: whether ``moov`` comes before the samples, as players on the network like it.
-        brands: content of ``ftyp``; empty: none.
-        loose: (type, start, end) of further boxes of the file itself, which do not hold samples.
+        tracks: the tracks.
+        early: whether ``moov`` comes before the samples, as players on the network prefer.
+        brands: content of ``ftyp``; empty if there is none.
+        loose: (type, start, end) of other top-level boxes that do not hold samples.
     """
 
     stream: BinaryIO
@@ -45,10 +45,10 @@ class Movie:
 
     @classmethod
     def read(cls, stream: BinaryIO) -> Movie:
-        """Reads the boxes of a file, not its samples.
+        """Reads the boxes of a file, but not its samples.
 
         Raises:
-            NotPlainError: it is none, or in fragments.
+            NotPlainError: the file is not an MP4 or QuickTime file, or is fragmented.
         """
         extents = list(top_level_extents(stream))
         length = stream.seek(0, io.SEEK_END)
@@ -76,12 +76,12 @@ class Movie:
 
     @property
     def timescale(self) -> int:
-        """Units of its times in a second."""
+        """Time units per second."""
         header = dict(self.others)[b"mvhd"]
         return struct.unpack_from(">I", header, 20 if header[0] else 12)[0]
 
     def film(self) -> int:
-        """Index of the track of pictures that comes first.
+        """Returns the index of the first video track.
 
         Raises:
             NotPlainError: there is none.
@@ -98,16 +98,16 @@ def _read(stream: BinaryIO, start: int, end: int) -> bytes:
 
 
 def _by_time(tracks: list[list[Chunk]]) -> Iterator[tuple[int, int]]:
-    """(track, chunk) of all chunks, by their times; those of a track stay in order."""
+    """Yields (track, chunk) of all chunks in order of time; those of a track stay in order."""
     order = [(chunk.at_s, t, k) for t, chunks in enumerate(tracks) for k, chunk in enumerate(chunks)]
     return ((t, k) for _, t, k in sorted(order))
 
 
-# ---- another film ----------------------------------------------------------------------------------------
+# ---- replacing the film ----------------------------------------------------------------------------------
 
 
 def can_take(path: str) -> bool:
-    """Whether a file can be taken apart and put together again."""
+    """Whether a file can be taken apart and reassembled."""
     try:
         with open(path, "rb") as stream:
             movie = Movie.read(stream)
@@ -120,12 +120,12 @@ def can_take(path: str) -> bool:
 
 
 def write_with_film(original: BinaryIO, film: BinaryIO, out: BinaryIO) -> None:
-    """Writes the original with the film of another file.
+    """Writes the original file with the video track of another file.
 
     Args:
-        original: the file that came in (:func:`can_take`).
-        film: a file with the new film as its only track.
-        out: is written to, from its beginning.
+        original: the original file (:func:`can_take`).
+        film: a file whose only track is the new film.
+        out: output file, written from its beginning.
 
     Raises:
         UnshutterError: one of the files ends early.
@@ -156,7 +156,7 @@ def write_with_film(original: BinaryIO, film: BinaryIO, out: BinaryIO) -> None:
 
 
 def _moov(movie: Movie, tracks: list, starts: list[list[int]]) -> bytes:
-    """The tables, in their order: what is not a track keeps its place before or after them."""
+    """Builds the ``moov`` box; boxes other than tracks keep their place before or after them."""
     others = [box(name, content) for name, content in movie.others]
     inner = [box(b"trak", track.moved(each)) for track, each in zip(tracks, starts, strict=True)]
     return box(b"moov", b"".join([others[0], *inner, *others[1:]]))

@@ -1,4 +1,4 @@
-"""The tracks of MP4 and QuickTime files: where their samples are, and how a track is put into another file.
+"""Tracks of MP4 and QuickTime files: locates their samples, and moves a track to another file.
 
 Source: ISO/IEC 14496-12; QuickTime File Format Specification. Numbers are big-endian.
 """
@@ -12,30 +12,30 @@ import numpy as np
 
 from unshutter.photo.containers.boxes import inside
 
-_OWN_ENTRY = {  # of a sample entry: what belongs to one encoder's data, not to the film
+_OWN_ENTRY = {  # boxes of a sample entry that belong to the encoded data rather than the film
     *(b"avcC", b"hvcC", b"av1C", b"vpcC", b"lhvC", b"dvcC", b"dvvC", b"dvwC", b"hvcE", b"vexu"),
     *(b"btrt", b"glbl", b"esds", b"fiel", b"clap"),
 }
-_VISUAL = 78  # bytes of a visual sample entry before the boxes in it
+_VISUAL = 78  # bytes of a visual sample entry before its boxes
 _FULL = 4  # bytes of version and flags
 
 
 class NotPlainError(ValueError):
-    """A file whose tracks cannot be taken apart: in fragments, damaged, or with its samples elsewhere."""
+    """A file whose tracks cannot be taken apart: fragmented, damaged, or with samples stored elsewhere."""
 
 
 def box(name: bytes, content: bytes) -> bytes:
-    """A box with its head."""
+    """Returns a box with its header."""
     return struct.pack(">I4s", len(content) + 8, name) + content
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """Samples that lie side by side.
+    """Consecutive samples of a track.
 
     Attributes:
-        at_s: time of the first [s].
-        start, size: where they are in their file [bytes].
+        at_s: time of the first sample [s].
+        start, size: position and length in the file [bytes].
     """
 
     at_s: float
@@ -45,16 +45,16 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Track:
-    """A track as a file says it is.
+    """A track as described in a file.
 
     Attributes:
-        content: of its ``trak`` box.
+        content: content of its ``trak`` box.
     """
 
     content: bytes
 
     def part(self, *names: bytes) -> bytes:
-        """The content of a box in boxes; KeyError where there is none."""
+        """Returns the content of a nested box; raises KeyError if there is none."""
         content = self.content
         for name in names:
             content = dict(inside(content))[name]
@@ -67,18 +67,18 @@ class Track:
 
     @property
     def timescale(self) -> int:
-        """Units of its times in a second."""
+        """Time units per second."""
         header = self.part(b"mdia", b"mdhd")
         return struct.unpack_from(">I", header, 20 if header[0] else 12)[0]
 
     @property
     def number(self) -> int:
-        """Its ID."""
+        """ID of the track."""
         header = self.part(b"tkhd")
         return struct.unpack_from(">I", header, 20 if header[0] else 12)[0]
 
     def chunks(self) -> list[Chunk]:
-        """Its chunks in their order.
+        """Returns the chunks of the track in order.
 
         Raises:
             NotPlainError: its tables contradict each other.
@@ -92,14 +92,14 @@ class Track:
         ]
 
     def samples(self) -> list[int]:
-        """Where each of its samples is in its file [bytes]; errors as :meth:`chunks`."""
+        """Returns the position of each sample in the file [bytes]; raises like :meth:`chunks`."""
         sizes, per_chunk, offsets, _ = self._tables()
         ends = np.concatenate([[0], np.cumsum(sizes)])
         before = ends[np.concatenate([[0], np.cumsum(per_chunk)])[:-1]]  # each chunk
         return (np.repeat(offsets - before, per_chunk) + ends[:-1]).tolist()
 
     def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Sizes of samples, samples in each chunk, offsets of chunks [bytes], times of samples [s]."""
+        """Returns sizes of samples, samples per chunk, offsets of chunks [bytes] and times of samples [s]."""
         try:
             table = dict(inside(self.part(b"mdia", b"minf", b"stbl")))
             wide = b"co64" in table
@@ -115,7 +115,7 @@ class Track:
         return sizes, per_chunk, offsets.astype(np.int64), times / max(self.timescale, 1)
 
     def moved(self, starts: list[int]) -> bytes:
-        """Its ``trak`` content with chunks that begin elsewhere."""
+        """Returns its ``trak`` content with new chunk offsets."""
         offsets = _offsets(starts)
 
         def change(content: bytes, path: tuple[bytes, ...]) -> bytes:
@@ -131,12 +131,12 @@ class Track:
         return change(self.content, (b"mdia", b"minf", b"stbl"))
 
     def with_film(self, film: Track, movie_scale: int, film_movie_scale: int) -> Track:
-        """This track with the samples of another, but its own names, times, turns and tags.
+        """Returns this track with the samples of another, but its own names, times, rotation and tags.
 
         Args:
-            film: the track whose samples these are.
-            movie_scale: units in a second of the file that this track is in.
-            film_movie_scale: the same of the other file.
+            film: the track that provides the samples.
+            movie_scale: time units per second of this track's file.
+            film_movie_scale: time units per second of the other file.
         """
         header = bytearray(self.part(b"tkhd"))
         theirs = film.part(b"tkhd")
@@ -159,7 +159,7 @@ class Track:
         return Track(out)
 
     def _media_with(self, film: Track) -> bytes:
-        """The ``mdia`` content: theirs where it is about samples."""
+        """Returns the ``mdia`` content, taking the boxes that describe samples from the new film."""
         header, theirs = bytearray(self.part(b"mdia", b"mdhd")), film.part(b"mdia", b"mdhd")
         struct.pack_into(">I", header, 20 if header[0] else 12, film.timescale)
         _set_duration(header, 16, _duration(theirs, 16))
@@ -167,7 +167,7 @@ class Track:
         for name, content in inside(film.part(b"mdia", b"minf", b"stbl")):
             if name == b"stsd":
                 content = _entry_with(content, self.part(b"mdia", b"minf", b"stbl", b"stsd"))
-            elif name == b"stsc":  # every sample by itself, so that sound can lie between them
+            elif name == b"stsc":  # one sample per chunk, so that sound can be interleaved
                 content = struct.pack(">IIIII", 0, 1, 1, 1, 1)
             elif name in (b"stco", b"co64"):
                 name, content = b"co64", _offsets(film.samples())
@@ -183,7 +183,7 @@ class Track:
 
 
 def _offsets(starts: list[int]) -> bytes:
-    """The content of a ``co64`` box."""
+    """Returns the content of a ``co64`` box."""
     return struct.pack(">II", 0, len(starts)) + np.array(starts, ">u8").tobytes()
 
 
@@ -200,13 +200,13 @@ def _sizes(table: dict[bytes, bytes]) -> np.ndarray:
 
 
 def _per_chunk(runs: np.ndarray, chunks: int) -> np.ndarray:
-    """[chunks] samples in each."""
+    """[chunks] number of samples in each."""
     first = runs[:, 0].astype(np.int64) - 1
     return np.repeat(runs[:, 1].astype(np.int64), np.diff(np.append(first, chunks)))
 
 
 def _duration(header: bytes, at: int) -> int:
-    """The duration in tkhd (at 20) or mdhd (at 16), which are longer in their version 1."""
+    """Returns the duration in tkhd (at 20) or mdhd (at 16), whose fields are longer in version 1."""
     if header[0]:
         return struct.unpack_from(">Q", header, at + 8)[0]
     return struct.unpack_from(">I", header, at)[0]
@@ -220,12 +220,12 @@ def _set_duration(header: bytearray, at: int, value: int) -> None:
 
 
 def _size(track: Track) -> bytes:
-    """Width and height of the first sample entry."""
+    """Returns width and height of the first sample entry."""
     return track.part(b"mdia", b"minf", b"stbl", b"stsd")[8 + 8 + 24 : 8 + 8 + 28]
 
 
 def _rescaled_edits(edits: bytes, scale: int, theirs: int) -> bytes:
-    """The ``edts`` content with its lengths in other units."""
+    """Returns the ``edts`` content with its lengths in other units."""
     content = dict(inside(edits))[b"elst"]
     (count,) = struct.unpack_from(">I", content, _FULL)
     kind = ">Qqi" if content[0] else ">Iii"
@@ -237,7 +237,7 @@ def _rescaled_edits(edits: bytes, scale: int, theirs: int) -> bytes:
 
 
 def _entry_with(theirs: bytes, ours: bytes) -> bytes:
-    """Their ``stsd`` content, its first entry extended by our boxes about colours and light."""
+    """Returns the new film's ``stsd`` content, its first entry extended by our boxes about colours and light."""
     entries, own = list(inside(theirs[8:])), list(inside(ours[8:]))
     name, content = entries[0]
     kinds = {n for n, _ in inside(content[_VISUAL:])}

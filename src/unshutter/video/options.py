@@ -21,7 +21,7 @@ from unshutter.options import (
 )
 
 ClipEdges = Literal["keep", "crop", "fill", "borrow"]
-MAX_CLIP_PIXELS = 38_000_000  # of a frame, unless a user allows more: 8K
+MAX_CLIP_PIXELS = 38_000_000  # per frame, unless the user allows more: 8K
 _LONGEST_S = 1e9
 GYRO_OFF = "off"
 USUAL_PERIOD_S = 2.0
@@ -33,15 +33,15 @@ class Shutter:
     """The camera of a clip, as far as the user knows it.
 
     Attributes:
-        readout_ms: time in which a frame is read out [ms].
-        readout_ratio: the same in frame intervals; without either see video/readout_choice.py.
+        readout_ms: readout time of a frame [ms].
+        readout_ratio: readout time in frame intervals; for clips with neither see video/readout_choice.py.
         camera: name in the table of cameras.
         readout: direction in which the stored pixels were read; ``auto`` is top-to-bottom.
-        focal_px: focal length [px of a frame]; None: found.
-        gyro: file of the clip's gyro log, or ``off``; None: the log in the clip's file, if there is one.
+        focal_px: focal length [px of a frame]; None to estimate it.
+        gyro: file of the clip's gyro log, or ``off``; None for the log in the clip's file, if any.
 
     Raises:
-        UsageError: numbers that cannot be, or two of them for the same.
+        UsageError: a number is out of range, or the readout time is stated twice.
     """
 
     readout_ms: float | None = option(
@@ -83,14 +83,14 @@ class Shutter:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing is stated: no readout time, no focal length, no gyro log."""
+        """Whether the user states no readout time, camera, focal length or gyro log."""
         return self.readout_ms is self.readout_ratio is self.camera is self.focal_px is self.gyro is None
 
     def ratio(self, interval_s: float) -> float | None:
-        """Readout time in frame intervals, where it is stated.
+        """Returns the readout time in frame intervals, or None if it is not stated.
 
         Raises:
-            UsageError: longer than a frame.
+            UsageError: it is longer than a frame interval.
         """
         if self.readout_ms is None:
             return self.readout_ratio
@@ -107,15 +107,15 @@ class ClipUndo:
     """How the motion of frames is undone.
 
     Attributes:
-        reference: row at whose moment each frame is taken.
+        reference: row whose capture time each frame shows.
         strength: 0 (nothing), 1 (the whole motion), at most 2.
-        edges: ``keep`` leaves places that a frame did not see black, ``crop`` cuts all frames to the largest rectangle
-            of the clip's shape without them, ``fill`` mirrors the frame, ``borrow`` takes them from the frames before
-            and after, and fills what these did not see either.
+        edges: areas outside the original frame: ``keep`` leaves them black, ``crop`` cuts all frames to the largest
+            rectangle of the clip's shape without them, ``fill`` mirrors the frame, ``borrow`` takes them from the
+            previous and next frames, and fills the rest.
         model: ``camera``: one motion of the camera for the whole frame; ``dense``: near and far may move differently.
 
     Raises:
-        UsageError: a value that is none of its choices, or values that do not go together.
+        UsageError: a value is not among its choices, or values contradict each other.
     """
 
     reference: Reference = option("middle", "Row whose capture time each frame should show. Default: middle.")
@@ -153,12 +153,12 @@ class Steadiness:
     """How the camera's path is smoothed.
 
     Attributes:
-        stabilize: movements shorter than so many seconds are smoothed away; None: the camera keeps its path.
-        zoom_limit: the most that is cut off width and height [per cent]; None: 15.
-        level: whether horizons are made level, by the accelerometer of the gyro log.
+        stabilize: movements shorter than this many seconds are smoothed away; None leaves the path unchanged.
+        zoom_limit: most of the width and height that may be cut off [per cent]; None: 15.
+        level: whether horizons are levelled, using the accelerometer of the gyro log.
 
     Raises:
-        UsageError: numbers that cannot be, or options that need ``stabilize``.
+        UsageError: a number is out of range, or an option needs ``stabilize``.
     """
 
     stabilize: float | None = option(
@@ -187,7 +187,7 @@ class Steadiness:
 
     @property
     def largest_zoom(self) -> float:
-        """Zoom at which as much is cut off as may be."""
+        """Zoom at the limit of what may be cut off."""
         return 1 / (1 - (_ZOOM_LIMIT if self.zoom_limit is None else self.zoom_limit) / 100)
 
 
@@ -196,13 +196,13 @@ class Encode:
     """How frames are encoded.
 
     Attributes:
-        codec: encoder, as FFmpeg calls it; None: the clip's own.
-        crf: quality, smaller is better; None: as many bits per second as the clip has; where that is of another codec,
-            or of pictures, a quality at which no loss is seen.
-        preset: of libx264, libx265 and libsvtav1: fast or small; None: the encoder's own.
+        codec: encoder, as FFmpeg calls it; None for the clip's own codec.
+        crf: quality, smaller is better; None for the clip's bit rate or, for another codec or pictures, a visually
+            lossless quality.
+        preset: trades speed for size in libx264, libx265 and libsvtav1; None for the encoder's default.
 
     Raises:
-        UsageError: a quality that cannot be.
+        UsageError: the quality is out of range.
     """
 
     codec: str | None = option(
@@ -227,23 +227,23 @@ class RectifyClip:
     """Everything that can be chosen about rectifying a clip.
 
     Attributes:
-        shutter: what is known of the camera.
+        shutter: what the user states about the camera.
         undo: how motion is undone.
         steadiness: how the camera's path is smoothed.
         encode: how frames are encoded.
         fps: frames per second of a sequence of pictures.
-        start, end: what is kept of the clip [s]; None: all.
-        motion: file with the clip's motion; None: it is found.
-        save_motion: file to write it to.
-        preview: picture or film to write that shows moments before and after.
-        plot: picture to write of the camera's motion.
-        only_changed: whether a clip of which no frame changes is not written.
-        overwrite: whether outputs that exist may be replaced.
-        json_log: file to add what happens to.
-        max_pixels: of a frame; clips of larger ones are refused.
+        start, end: limits of the part to keep [s]; None for no limit.
+        motion: file with the clip's motion; None to estimate it.
+        save_motion: file to write the motion to.
+        preview: picture or film to write that compares before and after.
+        plot: picture to write with a plot of the camera's motion.
+        only_changed: whether to write nothing if no frame changes.
+        overwrite: whether existing outputs may be replaced.
+        json_log: log file to append a record of the run to.
+        max_pixels: clips with larger frames are rejected.
 
     Raises:
-        UsageError: options that do not go together, or numbers that cannot be.
+        UsageError: options contradict each other, or a number is out of range.
     """
 
     shutter: Shutter = field(default_factory=Shutter)
@@ -298,5 +298,5 @@ class RectifyClip:
             raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
 
     def span(self, duration_s: float) -> tuple[float, float]:
-        """Start and end [s] of the part that is kept; the end of a clip of unknown length (0) is taken as a minute."""
+        """Returns start and end [s] of the part to keep; a clip of unknown length (0) is assumed to last a minute."""
         return self.start or 0.0, self.end or duration_s or 60.0

@@ -1,4 +1,4 @@
-"""The outcome of a clip, counted frame by frame, for the user, the log and the plot."""
+"""The outcome of rectifying a clip, accumulated frame by frame, for the user, the log and the plot."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ if TYPE_CHECKING:
     from unshutter.video.stabilisation import Stabilisation
 from unshutter.video.moving_frames import MovingFrame
 
-_GAP, _GAP_S = 10, 1.0  # frame intervals and seconds without a frame that are reported
+_GAP, _GAP_S = 10, 1.0  # longer gaps between frames, in frame intervals and seconds, are reported
 
 
 @dataclass
 class ClipOutcome:
-    """The outcome of a clip.
+    """The outcome of rectifying a clip.
 
     Attributes:
-        source, output: the clip and the new one, as the user named them.
-        ratio: readout time in frame intervals, and where it comes from.
+        source, output: the clip and the new one, as named by the user.
+        ratio: readout time in frame intervals, and its source.
         interval_s: the usual time from one frame to the next [s].
-        model: how motion was to be described.
-        written: whether there is a new clip: not where nothing changes and only changes were asked for.
-        after_killed_run: whether leftovers of an earlier run, which was killed, were removed.
+        model: the motion model requested.
+        written: whether there is a new clip; False if nothing changed and only changes were requested.
+        after_killed_run: whether leftovers of an earlier, killed run were removed.
         frames: number of frames.
-        rectified: how many of them moved.
-        dense: how many of these by the flow to their neighbours.
-        reasons: why others were left unchanged, and how many.
-        cuts_s: when the scene changes [s].
-        left_out: streams of the file that the new file has no place for.
-        turns: of each frame, when it is shown [s], and how far the camera turned about x, y and z in its rows [rad].
-        gyro: the clip's gyro log and what came of it; None: it has none.
-        stabilisation: the smoothed path; None: the camera kept its own.
+        rectified: number of frames rectified.
+        dense: number of those rectified by the flow to their neighbours.
+        reasons: why the others were left unchanged, with counts.
+        cuts_s: times of scene changes [s].
+        left_out: streams of the input file that the new file cannot hold.
+        turns: presentation time [s] and rotation of the camera about x, y and z during the readout [rad], by frame.
+        gyro: the clip's gyro log and the result of using it; None if it has none.
+        stabilisation: the smoothed path; None if the camera's path was left unchanged.
     """
 
     source: str
@@ -66,7 +66,7 @@ class ClipOutcome:
 
     @property
     def unchanged(self) -> dict[str, int]:
-        """Why frames were left unchanged, in sentences, and how many."""
+        """Why frames were left unchanged, in sentences, with counts."""
         counts: Counter[str] = Counter()
         for reason, count in self.reasons.items():
             counts[str(reason)] += count
@@ -79,13 +79,13 @@ class ClipOutcome:
 
     @property
     def gap_s(self) -> tuple[float, float] | None:
-        """The longest gap between frames: from when on, and for how long [s]; None: there is none worth mentioning."""
+        """Start and length of the longest gap between frames [s]; None if it is negligible."""
         times = [time_s for time_s, _ in self.turns]
         longest, at = max(((b - a, a) for a, b in pairwise(times)), default=(0.0, 0.0))
         return (at, longest) if longest > max(_GAP * self.interval_s, _GAP_S) else None
 
     def add(self, moving: MovingFrame) -> None:
-        """Counts one more frame."""
+        """Counts another frame."""
         self.frames += 1
         self.dense += moving.dense
         if moving.dense or not moving.motion.is_zero:
@@ -99,12 +99,12 @@ class ClipOutcome:
         self.turns.append((time_s, tuple(motion.rotations[-1] - motion.rotations[0]) if is_rotation else (nan,) * 3))
 
     def add_unchanged(self, frames: int, reason: Reason) -> None:
-        """Counts frames that are left unchanged for one reason."""
+        """Counts frames left unchanged for the same reason."""
         self.frames += frames
         self.reasons[reason] += frames
 
     def as_json(self) -> dict[str, Any]:
-        """The record of the run for the log."""
+        """Returns the record of the run for the log."""
         plausible, ms = self.ratio.plausible, 1000 * self.interval_s
         return {
             "source": self.source,
@@ -128,7 +128,7 @@ class ClipOutcome:
         }
 
     def plot(self, path: Path, overwrite: bool) -> None:
-        """Draws how fast the camera turned.
+        """Plots how fast the camera turned.
 
         Raises:
             UnshutterError: the picture cannot be written.

@@ -18,10 +18,10 @@ from unshutter.video.options import RectifyClip
 
 
 def on_this_machine(source: str) -> str:
-    """A name that FFmpeg cannot take for something else: it knows ``concat:a|b``, ``subfile,...:a``, URLs.
+    """Returns a name that FFmpeg cannot misread: it interprets ``concat:a|b``, ``subfile,...:a`` and URLs.
 
     Raises:
-        UnshutterError: it is not of a file or folder of this machine.
+        UnshutterError: it is not a file or folder on this machine.
     """
     file = place(source)
     if not isinstance(file, Path):
@@ -30,24 +30,24 @@ def on_this_machine(source: str) -> str:
 
 
 def are_pictures(target: Path) -> bool:
-    """Whether pictures are to be written there, rather than a film."""
+    """Whether the output is a sequence of pictures rather than a film."""
     return pictures.is_pattern(str(target)) or not target.suffix or target.is_dir()
 
 
 def check_targets(source: str, target: Path, options: RectifyClip) -> tuple[JsonLog | None, bool]:
-    """Checks all that is to be written.
+    """Checks all outputs.
 
     Args:
         source: the clip, as :func:`on_this_machine` names it.
-        target: where it goes.
-        options: what is done.
+        target: the output.
+        options: the user's options.
 
     Returns:
-        The log, where one is asked for; and whether an earlier run was killed there, whose leftovers were removed.
+        The log, if requested; and whether leftovers of an earlier, killed run were removed there.
 
     Raises:
-        UsageError: one name stands for two files, or has an ending of another kind of file.
-        UnshutterError: something may not be written, or cannot.
+        UsageError: one name stands for two files, or has a file ending of another kind.
+        UnshutterError: an output must not or cannot be written.
     """
     check_ending(options.preview)
     if options.plot is not None:

@@ -1,4 +1,4 @@
-"""The first pass over a clip whose camera's path is smoothed: from it, the steady views for the second pass."""
+"""The first pass over a clip whose camera path is smoothed; it determines the stabilised views for the second pass."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from unshutter.video.stabilisation import stabilised
 
 
 def with_steady_views(pipeline: Pipeline, gyro: ClipGyro | None, watch: Watch | None) -> Pipeline:
-    """The steps for a clip whose camera's path is smoothed: it is found in a first pass over the frames.
+    """Returns the steps for stabilising a clip, after a first pass that determines the camera's path.
 
     Raises:
-        UsageError: the horizon is to be level, but no log says which way is up.
-        UnshutterError: nothing says how the camera turned between frames.
+        UsageError: the horizon is to be levelled, but no log contains acceleration.
+        UnshutterError: the camera's rotation between frames is unknown.
     """
     clip, options, readout = pipeline.clip, pipeline.options, pipeline.readout
     if options.steadiness.level:
@@ -47,7 +47,7 @@ def with_steady_views(pipeline: Pipeline, gyro: ClipGyro | None, watch: Watch | 
 
 
 def _check_gravity(gyro: ClipGyro | None) -> None:
-    """Raises UsageError where no gyro log says which way is up."""
+    """Raises UsageError unless a gyro log gives the direction of gravity."""
     if gyro is None:
         raise UsageError("--level needs a gyro log with acceleration, and the clip has no log: name one with --gyro")
     if gyro.turns is None:
@@ -59,7 +59,7 @@ def _check_gravity(gyro: ClipGyro | None) -> None:
 def watched(
     items: Generator[MovingFrame | SidePacket], clip: Clip, options: RectifyClip, watch: Watch | None
 ) -> Iterator[MovingFrame]:
-    """The frames among the items, each of them reported as one that was looked at."""
+    """Yields the frames among the items, reporting progress for each."""
     steps = Steps("looking", clip.expected_frames(options.start, options.end), watch)
     for item in items:
         if not isinstance(item, SidePacket):

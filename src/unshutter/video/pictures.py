@@ -1,4 +1,4 @@
-"""Clips that are pictures in a folder: ``frames/00001.png``, ``frames/00002.png`` ..."""
+"""Clips stored as numbered pictures in a folder: ``frames/00001.png``, ``frames/00002.png`` ..."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ ENDINGS = {".png": "png", ".jpg": "mjpeg", ".jpeg": "mjpeg", ".tif": "tiff", ".t
 
 @dataclass(frozen=True)
 class PictureSequence:
-    """Pictures that are a clip.
+    """A sequence of pictures that forms a clip.
 
     Attributes:
-        pattern: of their names, with ``%%`` for each other ``%``, of the folder's name too.
+        pattern: pattern of their paths, with any other ``%`` written as ``%%``, in the folder's name too.
         first: number of the first one.
     """
 
@@ -30,14 +30,13 @@ class PictureSequence:
 
     @classmethod
     def at(cls, path: str | os.PathLike[str]) -> PictureSequence | None:
-        """The pictures at a place; None: it is a film, or nothing.
+        """Returns the pictures at a path, or None for a film or a missing file.
 
         Args:
             path: a file, a folder of numbered pictures, or a pattern like ``frames/%05d.png``.
 
         Raises:
-            UnshutterError: no pictures, a folder of several kinds of them, some are missing between others, or one is
-                no file.
+            UnshutterError: there are no pictures, several kinds of them, gaps in their numbers, or one is not a file.
         """
         place = Path(path)
         if place.is_dir():
@@ -60,7 +59,7 @@ class PictureSequence:
 
 
 def files_of(place: str) -> list[Path]:
-    """The files of a clip: the film, or all numbered pictures of the folder that it is read from."""
+    """Returns the files of a clip: the film, or the folder and all numbered pictures that it is read from."""
     path = Path(place)
     if path.is_dir():
         folder, name = path, _NAME
@@ -79,7 +78,7 @@ def is_pattern(place: str) -> bool:
 
 
 def _only_kind(folder: Path) -> tuple[str, int, str]:
-    """The text before the numbers of a folder's pictures, the fewest digits of these, and the text after them."""
+    """Returns the text before the numbers of a folder's pictures, their fewest digits, and the text after them."""
     numbers: dict[tuple[str, str], list[str]] = {}
     for name in os.listdir(folder):
         if (match := _NAME.fullmatch(name)) and match[3].lower() in ENDINGS:
@@ -94,14 +93,14 @@ def _only_kind(folder: Path) -> tuple[str, int, str]:
 
 
 def _digits(numbers: list[str]) -> set[int]:
-    """How many digits numbers are filled up to: one length where 9, 10 or 0009, 10000 follow each other; else all."""
+    """Returns the padded lengths of numbers: one if 9, 10 or 0009, 10000 follow each other; otherwise all lengths."""
     fewest = min(map(len, numbers))
     filled = any(len(number) > fewest and number.startswith("0") for number in numbers)
     return set(map(len, numbers)) if filled else {fewest}
 
 
 def _numbers(folder: Path, stem: str, digits: int, ending: str) -> list[int]:
-    """The numbers of the pictures of a folder that are called so, in order."""
+    """Returns the numbers of a folder's pictures with this name, in order."""
     name = re.compile(rf"{re.escape(stem)}(\d{{{digits},18}}){re.escape(ending)}", re.ASCII)
     try:
         numbers = [match[1] for each in os.listdir(folder) if (match := name.fullmatch(each))]
@@ -114,18 +113,18 @@ def _escaped(name: str) -> str:
     return name.replace("%", "%%")
 
 
-# ---- written --------------------------------------------------------------------------------------------
+# ---- output ---------------------------------------------------------------------------------------------
 
 
 def folder_and_name(target: Path, like: PictureSequence | None) -> tuple[Path, str]:
-    """Where pictures go and what they are called.
+    """Returns the folder of the output pictures and the pattern of their names.
 
     Args:
         target: a folder, or a pattern.
-        like: pictures that say how they are called where the target does not.
+        like: input pictures, whose names are used if the target is a folder.
 
     Raises:
-        UnshutterError: pictures of this ending cannot be written.
+        UnshutterError: pictures with this file ending cannot be written.
     """
     if is_pattern(str(target)):
         folder, name = target.parent, target.name

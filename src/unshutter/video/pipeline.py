@@ -1,7 +1,7 @@
-"""The steps of a clip's frames: decode, find the motion, link with neighbours, warp.
+"""The processing steps of a clip's frames: decode, estimate motion, link with neighbours, warp.
 
-Each step is a generator that a thread of its own works on ahead of the next. Packets of the clip's other streams pass
-through all of them, between the frames where they lie in the file.
+Each step is a generator that runs ahead of the next in its own thread. Packets of the clip's other streams pass through
+all of them, in their place between the frames.
 
     VideoFrame -> MovingFrame -> (LinkedFrame ->) NewFrame
 """
@@ -35,28 +35,28 @@ from unshutter.warp.pixels import thread_count
 if TYPE_CHECKING:
     from av import VideoFrame
 
-_LINKED_AHEAD = 1  # frames; each is in memory
+_LINKED_AHEAD = 1  # frames, all held in memory
 _DECODED_AHEAD, _MOVING_AHEAD = 2, 8  # frames, if they are small
-_AHEAD_BYTES = 25_000_000  # of frames that wait between two steps
+_AHEAD_BYTES = 25_000_000  # of frames queued between two steps
 _T = TypeVar("_T")
 _U = TypeVar("_U")
 _END = object()
-_ASK_S = 0.1  # how often a step that waits checks whether it is to stop
+_ASK_S = 0.1  # interval at which a waiting step checks whether to stop
 
 
 @dataclass(frozen=True)
 class Pipeline:
-    """The steps that a clip's frames go through.
+    """The processing steps of a clip's frames.
 
     Attributes:
         clip: the clip.
-        options: which part of it is kept, and how motion is undone.
+        options: the part to keep, and how motion is undone.
         ratio: readout time in frame intervals.
         readout: direction in which stored pixels were read.
-        file_motion: motion from a file; None: it is found from the frames.
-        unmoved: why no frame is to be changed; None: frames are rectified.
-        gyro: how the camera turned; None: only frames tell it.
-        stabilisation: the frames' views and their motion, known from a first pass; None: the camera keeps its path.
+        file_motion: motion from a file; None to estimate it from the frames.
+        unmoved: why no frame is changed; None if frames are rectified.
+        gyro: the camera's rotation from a gyro; None to use only the frames.
+        stabilisation: the frames' views and motion from a first pass; None if the camera's path is left unchanged.
     """
 
     clip: Clip
@@ -69,7 +69,7 @@ class Pipeline:
     stabilisation: Stabilisation | None = None
 
     def moving(self, all_streams: bool = False) -> Generator[MovingFrame | SidePacket]:
-        """The frames with their motion; with ``all_streams``, also the packets of the other streams."""
+        """Yields the frames with their motion; with ``all_streams``, also the packets of the other streams."""
         at_most = max(1, int(_AHEAD_BYTES / frame_bytes(self.clip)))
         frames = self.clip.items(self.options.start, self.options.end, all_streams)
         items = ahead(frames, min(_DECODED_AHEAD, at_most))
@@ -92,10 +92,10 @@ class Pipeline:
             turns=self.gyro,
             whole_path=self.options.steadiness.stabilize is not None or self.options.save_motion is not None,
         )
-        return ahead(with_motion(self.clip, items, camera), min(_MOVING_AHEAD, at_most))  # while the next are looked at
+        return ahead(with_motion(self.clip, items, camera), min(_MOVING_AHEAD, at_most))  # as the next are analysed
 
     def rectified(self, warper: Warper, all_streams: bool = False) -> Generator[NewFrame | SidePacket]:
-        """The frames to encode; with ``all_streams``, also the packets of the other streams."""
+        """Yields the frames to encode; with ``all_streams``, also the packets of the other streams."""
         undo = self.options.undo
         items: Generator[MovingFrame | LinkedFrame | SidePacket] = self.moving(all_streams)
         if undo.model == "dense" and undo.strength and self.unmoved is None:
@@ -138,9 +138,9 @@ def _steady(
 
 
 def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
-    """The items, worked out by a thread of their own up to so many ahead; errors come out here.
+    """Yields the items, computed by a separate thread up to ``most`` ahead; re-raises its errors.
 
-    When the iterator is closed, the thread ends after the item it is at, and closes its own source.
+    When the iterator is closed, the thread ends after its current item and closes its own source.
     """
     waiting: Queue[Any] = Queue(most)
     stopped = threading.Event()
@@ -163,7 +163,7 @@ def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
 
 
 def _work(source: Iterator[Any], waiting: Queue[Any], stopped: threading.Event) -> None:
-    """Puts items into a queue, then the end or the error that ended them."""
+    """Puts items into a queue, followed by an end marker or an error."""
 
     def put(item: Any, error: BaseException | None) -> bool:
         while not stopped.is_set():
@@ -177,7 +177,7 @@ def _work(source: Iterator[Any], waiting: Queue[Any], stopped: threading.Event) 
             if not put(item, None):
                 break
         put(_END, None)
-    except BaseException as error:  # whatever it is, the one who asks has to know
+    except BaseException as error:  # re-raised by the consumer, whatever it is
         put(_END, error)
     finally:
         if isinstance(source, Generator):
@@ -185,7 +185,7 @@ def _work(source: Iterator[Any], waiting: Queue[Any], stopped: threading.Event) 
 
 
 def side_by_side(function: Callable[[_T], _U], items: Iterable[_T], threads: int) -> Generator[_U]:
-    """``function`` of each item, in order, several at a time."""
+    """Yields ``function`` of each item, in order, computing several in parallel."""
     running: deque[Future[_U]] = deque()
     with ThreadPoolExecutor(threads) as pool:
         try:

@@ -1,4 +1,4 @@
-"""The planes of a decoded frame as arrays, without a copy and without a change of colours."""
+"""The planes of a decoded frame as arrays, without copying or converting colours."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Plane:
-    """How one plane of a pixel format is stored.
+    """Storage of one plane of a pixel format.
 
     Attributes:
-        bands: values of a pixel that lie side by side (3 in packed RGB, 2 in the chroma of NV12).
+        bands: consecutive values per pixel (3 in packed RGB, 2 in the chroma of NV12).
         across, down: pixels of the frame per pixel of the plane.
-        black: its value where nothing was seen, in frames of the limited range.
-        black_full: the same in frames of the full range.
+        black: value of black in limited-range frames.
+        black_full: value of black in full-range frames.
     """
 
     bands: int
@@ -39,8 +39,8 @@ class PixelFormat:
     """A pixel format whose planes can be warped.
 
     Attributes:
-        name: as FFmpeg calls it.
-        depth: bits of a value.
+        name: FFmpeg's name of the format.
+        depth: bits per value.
         planes: in the order of the format.
     """
 
@@ -50,10 +50,10 @@ class PixelFormat:
 
     @classmethod
     def of(cls, pixel_format: av.VideoFormat | None) -> PixelFormat:
-        """The planes of an FFmpeg pixel format.
+        """Returns the planes of an FFmpeg pixel format.
 
         Raises:
-            UnshutterError: its values are not whole bytes side by side.
+            UnshutterError: its values are not stored as consecutive whole bytes.
         """
         if pixel_format is None:
             raise UnshutterError("the clip does not say how its pixels are stored")
@@ -64,7 +64,7 @@ class PixelFormat:
         packed = max(map(len, by_plane)) > 1
         if odd or pixel_format.has_palette or pixel_format.is_bit_stream or not 8 <= depth <= 16 or name.endswith("be"):
             raise UnshutterError(f"cannot work on pixels of the format {name}: convert the clip to yuv420p first")
-        if packed and depth not in (8, 16):  # P010 and its like keep their bits elsewhere
+        if packed and depth not in (8, 16):  # P010 and similar formats place their bits differently
             raise UnshutterError(f"cannot work on pixels of the format {name}: convert the clip to yuv420p10le first")
         planes = []
         for k, inside in enumerate(by_plane):
@@ -76,7 +76,7 @@ class PixelFormat:
         return cls(name, depth, tuple(planes))
 
     def arrays(self, frame: av.VideoFrame) -> list[UInt[np.ndarray, "rows columns *bands"]]:
-        """The planes of a frame: views of its memory, valid as long as the frame itself is kept."""
+        """Returns the planes of a frame: views of its memory, valid as long as the frame exists."""
         dtype = np.dtype(np.uint8 if self.depth == 8 else "<u2")
         views = []
         for stored, plane in zip(frame.planes, self.planes, strict=True):
@@ -88,7 +88,7 @@ class PixelFormat:
         return views
 
     def grey(self, frame: av.VideoFrame, side: int) -> UInt8[np.ndarray, "rows columns"]:
-        """A small grey copy of a frame, its short side about so many px; never larger than the frame."""
+        """Returns a small grey copy of a frame, with a short side of about ``side`` px; never larger than the frame."""
         luma = self.arrays(frame)[0]
         if luma.ndim == 3:
             luma = luma[..., 1] if luma.shape[2] > 2 else luma[..., 0]

@@ -1,7 +1,7 @@
-"""The readout time of a clip: stated by its file, by the table of cameras, by its frames, or the usual one.
+"""Determines the readout time of a clip: from its file, the table of cameras, its frames, or a usual value.
 
-No clip is refused because its readout time is unknown. The usual value comes with its range, and where frames cannot
-show a difference at any time in that range, nothing has to be undone.
+A clip is never rejected because its readout time is unknown. The usual value comes with a range, and if the frames
+cannot show a difference for any time in that range, nothing is changed.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from unshutter.video.pipeline import ahead
 from unshutter.video.readout_search import find_ratio
 from unshutter.video.readout_tags import readout_tag
 
-_PERCENTILES = (5, 50, 95)  # of the table: the range of a kind of camera, and its usual value
-_SIMILAR_RATE = 1.3  # factor between frame rates at which cameras read out in similar times
+_PERCENTILES = (5, 50, 95)  # of the table: range of a kind of camera, and usual value
+_SIMILAR_RATE = 1.3  # ratio of frame rates within which readout times are similar
 _KINDS = {
     "phones": "apple samsung xiaomi redmi realme poco oneplus huawei honor zte ulefone oppo vivo nothing google",
     "action cameras and drones": (
@@ -35,25 +35,25 @@ _KINDS = {
     ),
     "cameras": "sony canon nikon panasonic fujifilm blackmagic sigma red leica kinefinity olympus om hasselblad z",
 }
-_FAST_SHARE = 95  # per cent of the background's corners that move by no more than what counts
-_LOST_SHARE = 0.05  # of pairs of frames that cannot be followed: with more, no bound is known
+_FAST_SHARE = 95  # percentile of the background corners' speed that is used
+_LOST_SHARE = 0.05  # share of pairs of frames that cannot be tracked; with more, there is no bound
 _ROUNDING_PX = 0.05
 
 
 def readout_ratio_of_clip(
     clip: Clip, readout: Readout, shutter: Shutter, span: tuple[float, float], watch: Watch | None = None
 ) -> ReadoutRatio:
-    """The readout ratio of a clip's camera; where nothing states or shows it, the usual one with its range.
+    """Returns the readout ratio of a clip's camera, or the usual one with its range if it is unknown.
 
     Args:
-        clip: the clip; its tags name the camera where the user does not.
+        clip: the clip; its tags name the camera if the user does not.
         readout: direction in which the stored pixels were read.
-        shutter: the camera as far as the user knows it, but not its readout time.
-        span: the part of the clip that is searched [s].
+        shutter: what the user states about the camera, except the readout time.
+        span: the part of the clip to search [s].
         watch: called for every part of it.
 
     Raises:
-        UsageError: the user names a camera that the table does not have, or not in this mode.
+        UsageError: the table lacks the camera that the user names, or its mode.
         UnshutterError: the clip cannot be read.
     """
     tag = None if clip.of_pictures else readout_tag(clip.path)
@@ -77,7 +77,7 @@ def readout_ratio_of_clip(
 
 
 def _usual(clip: Clip, reason: Reason) -> ReadoutRatio:
-    """The readout ratio that is usual for cameras of the clip's kind, by the table."""
+    """Returns the usual readout ratio of cameras of the clip's kind, from the table."""
     make = cameras.camera_of(clip.tags)[0].lower().split()
     kind = next((kind for kind, brands in _KINDS.items() if make and make[0] in brands.split()), "")
     rate = 1 / clip.interval_s
@@ -94,16 +94,16 @@ def _ratio(ms: float, clip: Clip) -> float:
     return min(ms / 1000 / clip.interval_s, 1.0)
 
 
-# ---- how little there may be to see ----------------------------------------------------------------------------
+# ---- bound on the visible motion -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Visibility:
-    """How much of a rolling shutter a clip can show.
+    """The bound on the rolling-shutter distortion that a clip can show.
 
     Attributes:
-        largest_px: by how much rows of a frame differ at most, at the longest plausible readout time [px].
-        frames: how many were looked at: all of the part that is kept.
+        largest_px: largest displacement within a frame at the longest plausible readout time [px].
+        frames: number of frames examined: all of the selected part.
     """
 
     largest_px: float
@@ -113,14 +113,14 @@ class Visibility:
 def too_little_to_see(
     clip: Clip, readout: Readout, options: RectifyClip, longest_ratio: float, watch: Watch | None = None
 ) -> Visibility | None:
-    """The bound on what undoing the motion would change; None where that may be half a pixel or more.
+    """Returns the bound on what undoing the motion would change, or None if it is half a pixel or more.
 
-    Ends at the first frames that may show more.
+    Stops at the first frames that may show more.
 
     Args:
         clip: the clip.
         readout: direction in which the stored pixels were read.
-        options: the part that is kept, and how motion is undone.
+        options: the part to keep, and how motion is undone.
         longest_ratio: longest plausible readout time [frame intervals].
         watch: called for every frame.
 
@@ -150,9 +150,9 @@ def too_little_to_see(
 
 
 def _speed(tracks: Tracks, undo: ClipUndo) -> float:
-    """How far nearly everything that is straightened moves from one frame to the next [px of the copy].
+    """Returns the 95th percentile of the tracks' displacement from one frame to the next [px of the copy].
 
-    NaN where the frames cannot be followed.
+    NaN if the frames cannot be tracked.
     """
     straightened = background(tracks)
     if not straightened.joined:

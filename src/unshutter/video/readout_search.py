@@ -1,4 +1,4 @@
-"""The readout time of a clip's camera, found from the clip: parts of it are asked one by one, and have to agree."""
+"""Estimates the readout time of a clip's camera from parts of the clip, which must agree."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ from unshutter.video.clip import Clip
 from unshutter.video.moving_frames import look
 from unshutter.video.pipeline import ahead
 
-_PART, _FEWEST = 60, 20  # frames that are asked together, and those that are worth asking
+_PART, _FEWEST = 60, 20  # frames in a part, and fewest pairs of a usable one
 _MOST_PARTS = 12
-_FAR = 3.0  # standard deviations: parts that differ by more do not agree
-_AGREE = 0.6  # share of the parts' weight that has to
+_FAR = 3.0  # standard deviations: parts that differ by more disagree
+_AGREE = 0.6  # least share of the parts' weight that agrees
 _GUESSED_RATIO = 0.5
 
 
 def find_ratio(
     clip: Clip, readout: Readout, focal_px: float | None, span: tuple[float, float], watch: Watch | None = None
 ) -> ReadoutRatio:
-    """The readout ratio of a clip's camera.
+    """Estimates the readout ratio of a clip's camera.
 
     Args:
         clip: the clip.
         readout: direction in which the stored pixels were read.
-        focal_px: focal length [px of a frame]; None: found, too.
-        span: the part of the clip that is looked at [s].
+        focal_px: focal length [px of a frame]; None to estimate it.
+        span: the part of the clip to examine [s].
         watch: called for every part of it.
 
     Raises:
-        UnknownRatioError: the clip does not show it.
+        UnknownRatioError: the clip does not reveal it.
         UnshutterError: the clip cannot be read.
     """
     ratios: list[ReadoutRatio] = []
     unknown = UnknownRatioError.because(Reason.of(Code.NO_CLEAR_PART, frames=_FEWEST))
     starts, length_s = _parts(clip, span)
-    steps = Steps("readout time", 2 * _PART * len(starts), watch)  # half of the time goes into looking at frames
+    steps = Steps("readout time", 2 * _PART * len(starts), watch)  # tracking takes half of the time
     for number, start in enumerate(starts):
         run = _tracked(clip, readout, start, start + 1.001 * length_s, steps)
         if len(run.pairs) >= _FEWEST:
@@ -63,10 +63,10 @@ def find_ratio(
 
 
 def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:
-    """The ratio that the parts of a clip agree on.
+    """Returns the ratio on which the parts of a clip agree.
 
     Raises:
-        UnknownRatioError: they do not agree.
+        UnknownRatioError: they disagree.
     """
     values, errors = np.array([part.value for part in parts]), np.array([part.error for part in parts])
     weights = 1 / errors**2
@@ -83,7 +83,7 @@ def agreed(parts: list[ReadoutRatio]) -> ReadoutRatio:
 
 
 def _parts(clip: Clip, span: tuple[float, float]) -> tuple[list[float], float]:
-    """Starts of parts, evenly over what is kept of a clip, and their length [s]."""
+    """Returns the start times of parts, spread evenly over the selected span, and their length [s]."""
     length = _PART * clip.interval_s
     starts = np.linspace(span[0], max(span[1] - 1.1 * length, span[0]), _MOST_PARTS)
     if (span[1] - span[0]) < _MOST_PARTS * length:
@@ -97,7 +97,7 @@ class _Run:
 
     Attributes:
         pairs: tracks of the background from each frame to the next.
-        starts: when the frames were taken [usual frame intervals], one more than pairs.
+        starts: times of the frames [usual frame intervals], one more than pairs.
     """
 
     pairs: list[Tracks] = field(default_factory=list)
@@ -109,7 +109,7 @@ class _Run:
 
 
 def _tracked(clip: Clip, readout: Readout, start: float, end: float, steps: Steps) -> _Run:
-    """The longest run of neighbours between two moments."""
+    """Returns the longest run of connected frames between two times."""
     camera = CameraMotion(readout=readout)
     runs, frames = [_Run()], 0
     before = copy = None

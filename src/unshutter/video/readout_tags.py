@@ -1,7 +1,7 @@
-"""Readout times that cameras write into their clips.
+"""Reads readout times that cameras write into their clips.
 
 GoPro: SROT, in the telemetry track [ms]. Apple: a key of the movie or of the film's track [us]. CAMM, the motion
-metadata of Android and of cameras for street views: packets of type 1, the skew from the first row to the last [ns].
+metadata of Android and street-view cameras: packets of type 1, the skew from the first row to the last [ns].
 
 Sources: gopro/gpmf-parser, README (GPMF's keys, lengths and values); QuickTime File Format Specification (metadata
 keys); Google, Camera Motion Metadata Specification 1.0; names of keys as exiftool.org lists them (facts only).
@@ -19,24 +19,24 @@ from unshutter.photo.containers.boxes import inside
 from unshutter.video.mp4_movie import Movie
 from unshutter.video.mp4_tracks import NotPlainError, Track
 
-_MOST_CHUNKS, _LONGEST_CHUNK = 20, 1 << 22  # of a track that are read; bytes of one
-_SHORTEST_MS, _LONGEST_MS = 0.1, 1000.0  # beyond, it is no readout time
+_MOST_CHUNKS, _LONGEST_CHUNK = 20, 1 << 22  # most chunks of a track that are read; most bytes of one
+_SHORTEST_MS, _LONGEST_MS = 0.1, 1000.0  # plausible readout times
 _APPLE_KEY = b"com.apple.quicktime.camera.framereadouttimeinmicroseconds"
 _NESTED = 0  # type of GPMF entries that hold entries
 _GPMF_NUMBERS = {b"f": ">f", b"d": ">d", b"l": ">i", b"L": ">I", b"s": ">h", b"S": ">H"}
-_CAMM_BYTES = {0: 12, 1: 8, 2: 12, 3: 12, 4: 12, 5: 24, 6: 56, 7: 12}  # of a packet's content, by its type
+_CAMM_BYTES = {0: 12, 1: 8, 2: 12, 3: 12, 4: 12, 5: 24, 6: 56, 7: 12}  # bytes of a packet's content, by its type
 _CAMM_EXPOSURE = 1
-_KEY_NUMBERS = {(23, 4): ">f", (24, 8): ">d"}  # (well-known type, bytes) of values that are no whole numbers
+_KEY_NUMBERS = {(23, 4): ">f", (24, 8): ">d"}  # (well-known type, bytes) of floating-point values
 _TEXT, _SIGNED, _UNSIGNED = 1, (21, 65, 66, 67, 74), (22, 75, 76, 77, 78)
 
 
 @dataclass(frozen=True)
 class ReadoutTag:
-    """A readout time as a clip's file says it.
+    """A readout time stated in a clip's file.
 
     Attributes:
         ms: from the first row to the last [ms].
-        writer: who wrote it.
+        writer: maker or format that wrote it.
     """
 
     ms: float
@@ -44,10 +44,10 @@ class ReadoutTag:
 
 
 def readout_tag(path: str) -> ReadoutTag | None:
-    """The readout time that a clip's camera wrote; None where it wrote none, or one that cannot be.
+    """Reads the readout time stored by a clip's camera; returns None if it is missing or implausible.
 
     Args:
-        path: of an MP4 or QuickTime file; others have none.
+        path: path of an MP4 or QuickTime file; other files have none.
     """
     with suppress(OSError, NotPlainError, KeyError, struct.error, IndexError, ValueError), open(path, "rb") as stream:
         movie = Movie.read(stream)
@@ -62,7 +62,7 @@ def readout_tag(path: str) -> ReadoutTag | None:
 
 
 def _apple(movie: Movie) -> Iterator[float]:
-    """The values of its key, of the movie and of its tracks [ms]."""
+    """Yields the values of Apple's key in the movie and its tracks [ms]."""
     holders = [movie.others, *(list(inside(track.content)) for track in movie.tracks)]
     for name, content in (box for holder in holders for box in holder):
         if name == b"meta":
@@ -71,7 +71,7 @@ def _apple(movie: Movie) -> Iterator[float]:
 
 
 def _values(meta: bytes, key: bytes) -> Iterator[float]:
-    """Numbers under a key of a box of metadata, which in MP4 begins with a version and in QuickTime does not."""
+    """Yields the numbers under a key of a metadata box, which starts with a version in MP4 but not in QuickTime."""
     boxes = dict(inside(meta if meta[4:8] == b"hdlr" else meta[4:]))
     names, at = [], 8
     keys = boxes.get(b"keys", b"")
@@ -88,7 +88,7 @@ def _values(meta: bytes, key: bytes) -> Iterator[float]:
 
 
 def _number(data: bytes) -> float | None:
-    """The value of a ``data`` box: its type, its language, its bytes."""
+    """Returns the value of a ``data`` box, which holds a type, a language and bytes."""
     kind, value = int.from_bytes(data[:4], "big"), data[8:]
     if (kind, len(value)) in _KEY_NUMBERS:
         return struct.unpack(_KEY_NUMBERS[kind, len(value)], value)[0]
@@ -109,7 +109,7 @@ def _gopro(movie: Movie) -> Iterator[float]:
 
 
 def _srot(data: bytes) -> Iterator[float]:
-    """The values of SROT in GPMF: entries of a key, a type, the size and number of values, and these."""
+    """Yields the values of SROT in GPMF, whose entries hold a key, a type, size and number of values, and those."""
     at = 0
     while at + 8 <= len(data):
         key, kind, size, many = data[at : at + 4], data[at + 4 : at + 5], data[at + 5], data[at + 6 : at + 8]
@@ -123,7 +123,7 @@ def _srot(data: bytes) -> Iterator[float]:
 
 
 def _camm(movie: Movie) -> Iterator[float]:
-    """The skews in packets of two bytes that are reserved, a type, and its content."""
+    """Yields the skews in CAMM packets, which hold two reserved bytes, a type, and the content."""
     for chunk in _chunks(movie, b"camm"):
         at = 0
         while at + 4 <= len(chunk):
@@ -137,7 +137,7 @@ def _camm(movie: Movie) -> Iterator[float]:
 
 
 def _chunks(movie: Movie, kind: bytes) -> Iterator[bytes]:
-    """The first samples of the tracks of a kind."""
+    """Yields the first chunks of the tracks of a kind."""
     for track in movie.tracks:
         if _kind(track) == kind:
             for chunk in track.chunks()[:_MOST_CHUNKS]:
@@ -146,5 +146,5 @@ def _chunks(movie: Movie, kind: bytes) -> Iterator[bytes]:
 
 
 def _kind(track: Track) -> bytes:
-    """The type of a track's samples."""
+    """Returns the type of a track's samples."""
     return track.part(b"mdia", b"minf", b"stbl", b"stsd")[12:16]

@@ -1,4 +1,4 @@
-"""A sheet that compares readout times: one frame as taken and rectified with each of them, side by side."""
+"""A sheet for comparing readout times: one frame as taken, and rectified with each of them, side by side."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from unshutter.video.output_checks import on_this_machine
 from unshutter.video.pipeline import Pipeline
 
 _ENDINGS = (".jpg", ".jpeg", ".png")
-_AROUND = 12  # frames on both sides of the one that is shown, from which its motion is found
+_AROUND = 12  # frames on both sides of the one shown, used for estimating its motion
 _MOST = 8  # readout times on a sheet
-_ACROSS = 2  # pictures in a row
+_ACROSS = 2  # pictures per row
 _LABEL_PX = 28
 
 
 def parsed_times(text: str) -> list[float]:
-    """Readout times [ms] from ``8,12,16,20``.
+    """Parses readout times [ms] such as ``8,12,16,20``.
 
     Raises:
         UsageError: it is not a list of up to eight positive numbers.
@@ -51,7 +51,7 @@ def parsed_times(text: str) -> list[float]:
 def write_trial(
     source: str, output: str, options: RectifyClip, times_ms: list[float], watch: Watch | None = None
 ) -> float:
-    """Writes the sheet of the frame at which the readout times differ most; returns when it is shown [s].
+    """Writes the sheet for the frame at which the readout times differ most; returns that frame's time [s].
 
     Args:
         source: the clip.
@@ -61,8 +61,8 @@ def write_trial(
         watch: called for every frame.
 
     Raises:
-        UsageError: a readout time longer than a frame, or the sheet has the name of another kind of file.
-        UnshutterError: the clip cannot be read, the sheet cannot be written, or no frame shows a motion.
+        UsageError: a readout time is longer than a frame interval, or the sheet's file ending is that of another kind.
+        UnshutterError: the clip cannot be read, the sheet cannot be written, or no frame shows motion.
     """
     path, target = on_this_machine(source), Path(on_this_machine(output))
     if target.suffix.lower() not in _ENDINGS:
@@ -83,7 +83,7 @@ def write_trial(
 
 
 def _most_distorted(clip: Clip, options: RectifyClip, ratio: float, watch: Watch | None) -> float:
-    """When the frame is shown that a readout ratio changes most [s]."""
+    """Returns the time of the frame that a readout ratio changes most [s]."""
     readout = Readout.parse(options.shutter.readout)
     pipeline = Pipeline(clip, options, ReadoutRatio(ratio, 0.0, "given"), readout)
     steps, largest, time_s = Steps("looking", clip.expected_frames(options.start, options.end), watch), 0.0, None
@@ -101,7 +101,7 @@ def _most_distorted(clip: Clip, options: RectifyClip, ratio: float, watch: Watch
 def _sheet(
     clip: Clip, options: RectifyClip, time_s: float, ratios: list[float | None], labels: list[str]
 ) -> np.ndarray:
-    """[H, W, 3] RGB: one frame for each ratio, as taken for None, with its label."""
+    """[H, W, 3] RGB: the frame for each ratio, or as taken for None, with its label."""
     tiles = []
     for ratio, label in zip(ratios, labels, strict=True):
         moving = _moving_at(clip, options, time_s, ratio or 1.0)
@@ -115,7 +115,7 @@ def _sheet(
 
 
 def _moving_at(clip: Clip, options: RectifyClip, time_s: float, ratio: float) -> MovingFrame:
-    """The frame at a time [s] and its motion at a readout ratio."""
+    """Returns the frame at a time [s] with its motion for a readout ratio."""
     readout = Readout.parse(options.shutter.readout)
     known = ReadoutRatio(ratio, 0.0, "given")
     camera = CameraMotion(known, options.shutter.focal_px, readout, window=window(clip), fewest=FEWEST)

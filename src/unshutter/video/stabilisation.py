@@ -1,11 +1,11 @@
-"""The steady path of a clip's camera, and the zoom at which no frame shows its border.
+"""Stabilises a clip: the camera's smoothed path, and the zoom at which no frame shows its border.
 
-Scenes are smoothed one by one. A turn that is unknown is taken as even: shake goes on there, but nothing jumps. All
-frames are enlarged alike, by what the frame that is turned farthest needs. Where that is more than the limit, the
-smoothing of its scene keeps within the limit (frames/path_smoothing.py).
+Scenes are smoothed one by one. An unknown rotation is assumed to be even: shake remains there, but nothing jumps. All
+frames are enlarged equally, as far as the frame with the largest correction needs. If that exceeds the limit, the
+smoothing of its scene is restricted to stay within it (frames/path_smoothing.py).
 
-The small turns between frames are added up as vectors in the camera's axes. What that leaves out, and that borders
-move along curves, is taken into account by solving again about the last solution.
+The small rotations between frames are added up as vectors in the camera's axes. The resulting error, and the curvature
+of the borders' motion, are taken into account by solving again around the last solution.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from unshutter.video.steady_view import SteadyView
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
-_ROWS = 256  # turns are weighted by px of so many rows
-_ROUNDS = 3  # in which the equations are linearised
-_SPARE = 5e-4  # heights kept free of what the linear equations leave out
-_LEVEL = 50.0  # weight of a level horizon, in that of a turn
-_NEGLIGIBLE = 1.0005  # zoom: less is none
-_GAPS = 0.1, 10.0  # frame intervals between frames of a scene
-_SHRINKS = 12  # halvings of the search for a turn that fits
+_ROWS = 256  # rotations are weighted in px of a picture with this many rows
+_ROUNDS = 3  # of linearisation
+_SPARE = 5e-4  # heights kept free for errors of linearisation
+_LEVEL = 50.0  # weight of a level horizon, relative to that of a rotation
+_NEGLIGIBLE = 1.0005  # smaller zooms are treated as none
+_GAPS = 0.1, 10.0  # limits of the frame intervals within a scene
+_SHRINKS = 12  # bisection steps of the search for a rotation that fits
 
 
 @dataclass(frozen=True, eq=False)
 class Stabilisation:
-    """The steady views of a clip's frames.
+    """The stabilised views of a clip's frames.
 
     Attributes:
         path: the camera's path.
-        turns: [frames, 3] from the steady camera to the one that took each frame, at the reference row [rad].
+        turns: [frames, 3] rotation from the stabilised to the real camera, at the reference row [rad].
         focals: [frames] focal length [heights].
-        zoom: of all frames.
-        limited: frames in which the zoom limit made the smoothing weaker.
-        unknown: frames to which the camera's turn is unknown.
+        zoom: zoom of all frames.
+        limited: number of frames in which the zoom limit weakened the smoothing.
+        unknown: number of frames whose rotation since the previous frame is unknown.
         level: whether horizons are level.
     """
 
@@ -58,13 +58,13 @@ class Stabilisation:
     level: bool
 
     def view(self, frame: int) -> SteadyView | None:
-        """The view of a frame; None: what the camera looked at."""
+        """Returns the stabilised view of a frame, or None if it is the camera's own."""
         if self.zoom == 1.0 and not self.turns[frame].any():
             return None
         return SteadyView(self.turns[frame], float(self.focals[frame]), self.zoom, self.path.readout)
 
     def as_json(self) -> dict[str, Any]:
-        """The record for a log of runs."""
+        """Returns the record for a log of runs."""
         return {
             "zoom": self.zoom,
             "cut_share": 1 - 1 / self.zoom,
@@ -77,13 +77,13 @@ class Stabilisation:
 def stabilised(
     path: CameraPath, steadiness: Steadiness, interval_s: float, up: Float64[np.ndarray, "frames 3"] | None = None
 ) -> Stabilisation:
-    """The steady views of a clip.
+    """Computes the stabilised views of a clip.
 
     Args:
         path: the camera's path.
-        steadiness: what the user asks for.
+        steadiness: the user's options.
         interval_s: usual time from one frame to the next [s].
-        up: direction that points up, in the camera's axes, where horizons are to be level.
+        up: upward direction in the camera's axes; None if horizons need not be level.
     """
     scenes = list(_scenes(path, interval_s, up))
     stiffness = stiffness_for((steadiness.stabilize or 0.0) / interval_s)
@@ -117,7 +117,7 @@ def _scenes(path: CameraPath, interval_s: float, up: np.ndarray | None) -> list[
 
 
 def _scene(path: CameraPath, part: slice, interval_s: float, usual_focal: float, up: np.ndarray | None) -> _Scene:
-    """The frames from one cut to the next."""
+    """Returns the frames from one cut to the next as a scene."""
     gaps = np.clip(np.diff(path.times_s[part]) / interval_s, *_GAPS)
     times = np.concatenate([[0.0], np.cumsum(gaps)])
     focals = np.array(path.focals[part])
@@ -127,7 +127,7 @@ def _scene(path: CameraPath, part: slice, interval_s: float, usual_focal: float,
     steps = np.array(path.steps[part]) * np.stack([across, across, np.ones_like(across)], axis=-1)
     steps[0] = 0.0
     unknown = np.asarray(np.isnan(steps).any(axis=1))
-    if unknown.any():  # turns are taken as even there
+    if unknown.any():  # rotation is assumed to be even there
         rates = steps[1:] / gaps[:, None]
         seen = ~unknown[1:]
         for axis in range(3):
@@ -141,13 +141,13 @@ class _Scene:
     """Frames without a cut.
 
     Attributes:
-        times: when they are shown [usual frame intervals].
-        steps: [frames, 3] turn to each from the one before [rad].
+        times: presentation times [usual frame intervals].
+        steps: [frames, 3] rotation from the previous frame to each frame [rad].
         focal: focal length [heights].
-        aspect: width of the readout frame by its height.
-        borders: how far each frame reaches.
-        unknown: how many steps are unknown.
-        up: [frames, 3] direction that points up; None: horizons are left unchanged.
+        aspect: width of the readout frame divided by its height.
+        borders: extent of each frame.
+        unknown: number of unknown steps.
+        up: [frames, 3] upward direction; None if horizons are left unchanged.
     """
 
     times: np.ndarray
@@ -159,11 +159,11 @@ class _Scene:
     up: np.ndarray | None
 
     def smoothed(self, stiffness: float, zoom: float | None) -> Float64[np.ndarray, "frames 3"]:
-        """Turns from the steady camera to the one that took each frame.
+        """Returns the rotation from the stabilised to the real camera for each frame.
 
         Args:
-            stiffness: of the path (:func:`stiffness_for`).
-            zoom: at which no border is to be seen; None: of no matter.
+            stiffness: stiffness of the path (:func:`stiffness_for`).
+            zoom: zoom at which no border may show; None for no such constraint.
         """
         turns, unit = np.zeros_like(self.steps), self.focal * _ROWS
         for _ in range(_ROUNDS):
@@ -175,7 +175,7 @@ class _Scene:
             room = None
             if zoom is not None:
                 inside, slopes = margins(self.borders, turns, self.focal, zoom, self.aspect)
-                slopes = slopes / self.focal  # heights for each unit
+                slopes = slopes / self.focal  # heights per unit
                 left = inside - _SPARE - np.einsum("nmi,ni->nm", slopes, turns * self.focal)
                 room = Room(-slopes, left * _ROWS)
             smoothing = Smoothing(self.times, stiffness, weights)
@@ -183,11 +183,11 @@ class _Scene:
         return turns
 
     def needed(self, turns: np.ndarray) -> Float64[np.ndarray, "frames"]:
-        """The zoom that each frame needs so that its border is not seen."""
+        """Returns the zoom that each frame needs to hide its border."""
         return zoom_needed(self.borders, turns, self.focal, self.aspect)
 
     def within(self, turns: np.ndarray, zoom: float) -> np.ndarray:
-        """The turns, less of those at which the border would still be seen."""
+        """Returns the rotations, reduced where the border would still show."""
         low, high = np.zeros(len(turns)), np.ones(len(turns))
         over = self.needed(turns) > zoom
         for _ in range(_SHRINKS if over.any() else 0):
@@ -197,19 +197,19 @@ class _Scene:
         return np.where(over, low, 1.0)[:, None] * turns
 
     def _path(self, turns: np.ndarray) -> np.ndarray:
-        """A path of which these turns are corrections: its smooth part is the steady camera's own, added up."""
+        """Returns a path with these rotations as corrections; its smooth part is the stabilised camera's, added up."""
         to_camera = rotation_matrix(turns)
         steady = to_camera[1:].transpose(0, 2, 1) @ rotation_matrix(self.steps[1:]) @ to_camera[:-1]
         return np.concatenate([np.zeros((1, 3)), np.cumsum(rotation_vector(steady), axis=0)]) + turns
 
     def _off_level(self, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """By how much the horizon of each steady view is turned clockwise [rad], and how much that counts.
+        """Returns the clockwise angle of each stabilised view's horizon [rad], and its weight.
 
-        The nearest of the frame's sides counts as up: cameras are also held upright, or hang.
+        The frame side nearest to up is taken as up: cameras are also held upright or mounted upside down.
         """
         assert self.up is not None
         right, down, _ = np.einsum("nji,nj->in", rotation_matrix(turns), self.up)
         angle = np.unwrap(np.arctan2(right, -down))
         quarter = np.pi / 2
-        sure = right**2 + down**2  # little is known of a camera that looks up or down
+        sure = right**2 + down**2  # undetermined for a camera that looks straight up or down
         return angle - quarter * np.round(np.average(angle, weights=sure + 1e-9) / quarter), 1 + _LEVEL * sure

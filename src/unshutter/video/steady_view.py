@@ -1,4 +1,4 @@
-"""The view of a steady camera: a frame as if the camera had looked elsewhere when it took it."""
+"""The view of a stabilised camera: a frame as if the camera had pointed elsewhere when it was taken."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SteadyView:
-    """The direction and the zoom of the steady camera, from those of the camera that took the frame.
+    """Direction and zoom of the stabilised camera relative to the real one.
 
     Attributes:
-        turn: [3] rotation vector [rad] that takes directions of the steady camera to those of the camera at the
-            reference row, in the axes of the readout frame (geometry/rotations.py).
+        turn: [3] rotation vector [rad] that takes directions of the stabilised camera to those of the real camera at
+            the reference row, in the axes of the readout frame (geometry/rotations.py).
         focal_heights: focal length in heights of the readout frame.
-        zoom: by how much the picture is enlarged, at least 1.
+        zoom: enlargement of the picture, at least 1.
         readout: direction in which the stored pixels were read.
     """
 
@@ -32,15 +32,15 @@ class SteadyView:
     readout: Readout
 
     def zoomed(self, zoom: float) -> SteadyView:
-        """This view at another zoom."""
+        """Returns this view at another zoom."""
         return replace(self, zoom=zoom)
 
     def looks(self, col: np.ndarray, row: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """Where the steady picture looks in the frame as a global shutter saw it at the reference row.
+        """Maps positions in the stabilised picture to the global-shutter frame at the reference row.
 
         Args:
-            col, row: positions in the steady picture [px, stored].
-            height, width: of the stored frame [px].
+            col, row: positions in the stabilised picture [px, stored].
+            height, width: size of the stored frame [px].
         """
         rows, columns = self.readout.frame_size(height, width)
         middle = (columns - 1) / 2, (rows - 1) / 2
