@@ -101,7 +101,7 @@ SENTENCES = {
     Code.FILM_TOO_SHORT: "the film inside it is too short",
     Code.FILM_DIFFERS: "the film inside it shows something else",
     Code.FILM_STABILISED: "the film inside it is stabilised",
-    Code.IMPOSSIBLE_MOTION: "what was found is no motion that a camera can make: {detail}",
+    Code.IMPOSSIBLE_MOTION: "what was found is not a motion that a camera can make: {detail}",
     Code.ASKED_FOR_NOTHING: "asked to do nothing",
     Code.NO_MOTION: "no motion",
     Code.NO_VISIBLE_MOTION: "no visible motion",
