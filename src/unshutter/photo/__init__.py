@@ -1,4 +1,4 @@
-"""Pixels and metadata in and out."""
+"""Reads and writes photos: pixels and metadata."""
 
 from unshutter.photo.photo import Photo
 

@@ -1,4 +1,4 @@
-"""The photo argument of Python functions: opened whatever its type, and pixels returned as the type that came."""
+"""Converts the photo argument of Python functions to a Photo, and resulting pixels back to the argument's type."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _PILLOW_MODES = ("L", "LA", "RGB", "RGBA", "I;16")
 
 
 def open_photo(argument: Any) -> Photo:
-    """The photo that an argument stands for.
+    """Opens the photo that an argument represents.
 
     Args:
         argument: a path; an encoded file as bytes, or open in binary mode; pixels [H, W] or [H, W, 1..4], uint8,
-            uint16, or floating point from 0 to 1 (which become 16 bits); a Pillow image, of which only the pixels
-            count; or a Photo.
+            uint16, or floating point from 0 to 1 (converted to 16 bits); a Pillow image, of which only the pixels
+            are used; or a Photo.
 
     Raises:
-        UnshutterError: something else, or no photo.
+        UnshutterError: the argument is none of these, or not a photo.
     """
     if isinstance(argument, Photo):
         return argument
@@ -40,11 +40,14 @@ def open_photo(argument: Any) -> Photo:
 
 
 def check_size(height: int, width: int, subject: str = "the photo", **files: object) -> None:
-    """Raises UnshutterError for a picture too small to find or undo a motion in.
+    """Checks that a picture is large enough to find or undo a motion.
 
     Args:
-        height, width: of the picture [px].
-        subject: what it is called in the message; files that this mentions stand in braces.
+        height, width: size of the picture [px].
+        subject: name of the picture in the message, with fields in braces for files.
+
+    Raises:
+        UnshutterError: the picture is too small.
         files: see :class:`unshutter.UnshutterError`.
     """
     if min(height, width) < SMALLEST_SIDE:
@@ -53,26 +56,26 @@ def check_size(height: int, width: int, subject: str = "the photo", **files: obj
 
 
 def is_bytes(argument: Any) -> bool:
-    """Whether it is an encoded file in memory."""
+    """Whether the argument is an encoded file in memory."""
     return isinstance(argument, (bytes, bytearray, memoryview))
 
 
 def is_stream(argument: Any) -> bool:
-    """Whether it is an open file."""
+    """Whether the argument is an open file."""
     return callable(getattr(argument, "read", None))
 
 
 def is_file(argument: Any) -> bool:
-    """Whether it stands for a file, which has a name and a format, rather than for pixels."""
+    """Whether the argument stands for a file, which has a name and a format, rather than for pixels."""
     return isinstance(argument, (str, os.PathLike, Photo)) or is_stream(argument)
 
 
 def in_kind(argument: Any, pixels: Any) -> Any:
-    """New pixels as what the old ones came as.
+    """Converts new pixels to the type of the original argument.
 
     Args:
         argument: an array or a Pillow image, see :func:`open_photo`.
-        pixels: the new ones, [H, W] or [H, W, 1..4], uint8 or uint16; None: the old ones are unchanged.
+        pixels: new pixels, [H, W] or [H, W, 1..4], uint8 or uint16; None: the pixels are unchanged.
 
     Returns:
         An array of the same type and number of dimensions, or a Pillow image of the same mode with the same ``info``.
@@ -94,16 +97,16 @@ def in_kind(argument: Any, pixels: Any) -> Any:
 
 
 def _is_pillow(argument: Any) -> bool:
-    """Whether it is a Pillow image; who has one has imported Pillow."""
+    """Whether the argument is a Pillow image; if it is, Pillow has been imported already."""
     module = sys.modules.get("PIL.Image")
     return module is not None and isinstance(argument, module.Image)
 
 
 def _pixels(argument: Any) -> Any:
-    """uint8 or uint16 pixels of an array or a Pillow image.
+    """Returns uint8 or uint16 pixels of an array or a Pillow image.
 
     Raises:
-        UnshutterError: neither, an image of another mode, or floating point that is not from 0 to 1.
+        UnshutterError: it is neither, an image of another mode, or floating point outside 0 to 1.
     """
     import numpy as np
 
@@ -117,6 +120,6 @@ def _pixels(argument: Any) -> Any:
         raise UnshutterError(f"a photo is {_TYPES}; got {type(argument).__name__}")
     if array.dtype.kind != "f":
         return array
-    if not (array.size and array.min() >= 0 and array.max() <= 1):  # not so for NaN either
+    if not (array.size and array.min() >= 0 and array.max() <= 1):  # also raised for NaN
         raise UnshutterError("pixels in floating point must lie between 0 and 1: scale them first, pixels / 255")
     return np.rint(array * 65535).astype(np.uint16)

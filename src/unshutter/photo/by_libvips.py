@@ -1,4 +1,4 @@
-"""What all formats that libvips reads and writes have in common."""
+"""Code shared by all formats that libvips reads and writes."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     import numpy as np
     import pyvips
 
-_KEEP_EXIF, _KEEP_XMP, _KEEP_IPTC, _KEEP_ICC, _KEEP_OTHER = 1, 2, 4, 8, 16  # libvips's flags
+_KEEP_EXIF, _KEEP_XMP, _KEEP_IPTC, _KEEP_ICC, _KEEP_OTHER = 1, 2, 4, 8, 16  # flags of libvips
 _KEEP = _KEEP_XMP | _KEEP_IPTC | _KEEP_ICC | _KEEP_OTHER
-_PLACEHOLDER = exif.PREFIX + b"II*\0\x08\0\0\0" + bytes(6)  # libvips refuses to write much EXIF
+_PLACEHOLDER = exif.PREFIX + b"II*\0\x08\0\0\0" + bytes(6)  # libvips refuses to write long EXIF
 _SAMPLES = {
     "float": "32-bit float",
     "double": "64-bit float",
@@ -34,20 +34,20 @@ _SAMPLES = {
 
 
 class ExifBlock(NamedTuple):
-    """EXIF in a file: its bytes, and the place of some of them that show libvips that this is EXIF."""
+    """EXIF in a file: its bytes, and the position of the marker by which libvips recognises it."""
 
     marker_at: int
     blob: bytes
 
 
 def without_exif_loops(source: Source, exif_blocks: Callable[[BinaryIO], Iterable[ExifBlock]]) -> Source:
-    """The data, with EXIF whose directories lead back to themselves hidden from libvips, which would work for minutes.
+    """Hides EXIF whose directories contain loops from libvips, which would take minutes to read them.
 
     Args:
-        source: the data.
+        source: the encoded data.
         exif_blocks: finds the EXIF in a file of the format.
     """
-    with suppress(OSError), source.stream() as stream:  # libvips reports what is wrong with a file
+    with suppress(OSError), source.stream() as stream:  # libvips reports errors in the file
         places = [block.marker_at for block in exif_blocks(stream) if exif.has_loop(block.blob)]
         if places:
             return source.patched(places, b"none")
@@ -55,7 +55,7 @@ def without_exif_loops(source: Source, exif_blocks: Callable[[BinaryIO], Iterabl
 
 
 def metadata_of(image: pyvips.Image) -> Metadata:
-    """The metadata that libvips found in a file."""
+    """Collects the metadata that libvips found in a file."""
     return Metadata(
         exif=field(image, "exif-data"),
         icc=field(image, "icc-profile-data"),
@@ -67,14 +67,14 @@ def metadata_of(image: pyvips.Image) -> Metadata:
 
 
 def open_image(source: Source, operation: str) -> pyvips.Image:
-    """The picture, its pixels not decoded yet.
+    """Opens the picture without decoding its pixels.
 
     Raises:
-        UnshutterError: libvips cannot make sense of it.
+        UnshutterError: libvips cannot read it.
     """
     with refusing("{photo} is damaged, incomplete or unusual", photo=source):
         image = source.load(operation, access="sequential")
-        image.get_fields()  # their names may be damaged, too
+        image.get_fields()  # checked here because their names may be damaged, too
     return image
 
 
@@ -86,18 +86,18 @@ def header(
     metadata: Metadata,
     pictures: int | None = None,
 ) -> Header:
-    """The header of a picture as libvips sees it.
+    """Creates the header of a picture opened by libvips.
 
     Args:
-        format: of the file.
+        format: format of the file.
         source: the file.
-        image: its picture, not decoded yet.
+        image: its picture, not yet decoded.
         coding: how it is encoded.
-        metadata: of the picture.
-        pictures: in the file; None: as libvips counts them.
+        metadata: metadata of the picture.
+        pictures: number of pictures in the file; None: as counted by libvips.
 
     Raises:
-        UnshutterError: several pictures, or pixels of a kind that unshutter does not take.
+        UnshutterError: the file holds several pictures, or pixels of an unsupported kind.
     """
     count = field(image, "n-pages", 1) if pictures is None else pictures
     if count > 1:
@@ -110,7 +110,7 @@ def header(
 
 
 def _check_pixels(source: Source, image: pyvips.Image) -> None:
-    """Refuses CMYK or CIELAB colours, samples other than 8 or 16 bits unsigned, more than four channels."""
+    """Rejects CMYK or CIELAB colours, samples other than 8 or 16 bits unsigned, and more than four channels."""
     if image.interpretation == "cmyk":
         raise UnshutterError("{photo} is in CMYK colours: convert it to RGB first", photo=source)
     if image.interpretation in ("lab", "labs", "labq", "lch", "xyz", "yxy", "hsv"):
@@ -125,28 +125,28 @@ def _check_pixels(source: Source, image: pyvips.Image) -> None:
 
 
 def decode(source: Source, operation: str, fail_on: str = "error") -> np.ndarray:
-    """The pixels [H, W, bands].
+    """Decodes the pixels [H, W, bands].
 
     Args:
         source: the file.
-        operation: libvips's.
-        fail_on: the least complaint of libvips's that is refused.
+        operation: libvips's loader.
+        fail_on: minimum severity of libvips's warnings and errors at which to fail.
 
     Raises:
-        UnshutterError: damaged or incomplete. (Of PNG and TIFF libvips warns much that harms nothing.)
+        UnshutterError: the file is damaged or incomplete. (Most of libvips's warnings for PNG and TIFF are harmless.)
     """
     with refusing("{photo} is damaged or incomplete", photo=source):
         return computed(source.load(operation, access="sequential", fail_on=fail_on))
 
 
 def encode(picture: Picture, operation: str, path: Path | None, **options: Any) -> bytes | None:
-    """A file of a picture, or its bytes without ``path``; ``pyvips.Error`` on failure.
+    """Encodes a picture to a file, or to bytes without ``path``; raises ``pyvips.Error`` on failure.
 
     Args:
-        picture: pixels, and the metadata that libvips is to write. Instead of EXIF it writes a placeholder.
-        operation: libvips's.
+        picture: pixels, and the metadata to be written by libvips. A placeholder is written instead of EXIF.
+        operation: libvips's saver.
         path: the file.
-        options: of the operation.
+        options: options of the operation.
     """
     image = _with_fields(picture.image, picture.metadata, picture.orientation)
     options["keep"] = _KEEP if picture.metadata.exif is None else _KEEP | _KEEP_EXIF
@@ -156,7 +156,7 @@ def encode(picture: Picture, operation: str, path: Path | None, **options: Any) 
 
 
 def _with_fields(image: pyvips.Image, metadata: Metadata, orientation: Orientation) -> pyvips.Image:
-    """The image with the metadata where libvips looks for them when it writes a file."""
+    """Adds the metadata to an image as fields that libvips writes to a file."""
     resolution = metadata.resolution
     image = image.copy(xres=resolution.across, yres=resolution.down)
     image.set_type(libvips().GValue.gint_type, "orientation", int(orientation))

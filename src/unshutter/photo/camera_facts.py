@@ -1,4 +1,4 @@
-"""What a photo's metadata say about its camera: focal length, exposure, time, readout, attitude."""
+"""Facts about the camera from a photo's metadata: focal length, exposure, time, readout, attitude."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class CameraFacts(ABC):
-    """What the metadata of a photo say about its camera."""
+    """Facts about the camera from the metadata of a photo."""
 
     height: int
     width: int
@@ -27,36 +27,36 @@ class CameraFacts(ABC):
     _metadata: Metadata
 
     def focal_px(self) -> float | None:
-        """Focal length in pixels of the stored picture, from EXIF's 35 mm equivalent; None where it is not known."""
+        """Returns the focal length in pixels of the stored picture from EXIF's 35 mm equivalent; None if unknown."""
         return exif.focal_px(self._metadata.exif, self.height, self.width)
 
     def exposure_s(self) -> float | None:
-        """How long the photo was exposed [s], from EXIF; None where it is not known."""
-        from unshutter.photo.tags import exposure  # here, as below: not before the photo is being decoded
+        """Returns the exposure time [s] from EXIF; None if unknown."""
+        from unshutter.photo.tags import exposure  # imported here, as below, so that decoding can start first
 
         return exposure.time_s(self._metadata.exif)
 
     def taken(self) -> datetime | None:
-        """When it was taken, by EXIF, in the camera's time zone; None where it is not known."""
+        """Returns the time at which the photo was taken, from EXIF, in the camera's time zone; None if unknown."""
         from unshutter.photo.tags import exposure
 
         return exposure.taken(self._metadata.exif)
 
     def is_merged(self) -> bool:
-        """Whether it was put together from several exposures (HDR), by EXIF: its exposure time is that of one."""
+        """Whether EXIF marks the photo as merged from several exposures (HDR); its exposure time is one of theirs."""
         from unshutter.photo.tags import exposure
 
         return exposure.is_merged(self._metadata.exif)
 
     def readout_time(self) -> ReadoutTime:
-        """How long its readout may have taken, by the kind of camera that EXIF names."""
+        """Returns the likely readout time for the kind of camera named in EXIF."""
         from unshutter.photo.tags import readout_time
 
         return readout_time.of_exif(self._metadata.exif)
 
     @cached_property
     def attitude(self) -> Attitude | None:
-        """How the camera was held, as an accelerometer, level gauge or gimbal wrote it; None where it is not known."""
+        """How the camera was held, as recorded by an accelerometer, level gauge or gimbal; None if unknown."""
         from unshutter.photo.tags import attitude
 
         metadata = self._metadata
@@ -64,7 +64,7 @@ class CameraFacts(ABC):
 
     @cached_property
     def flight(self) -> Flight | None:
-        """How the drone flew that took it; None where it is not known, or no drone did."""
+        """How the drone that took the photo flew; None if unknown or not taken by a drone."""
         from unshutter.photo.tags import flight
 
         return flight.of_xmp(self._metadata.xmp)

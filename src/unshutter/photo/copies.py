@@ -1,4 +1,4 @@
-"""Smaller or simpler copies of a picture: grey ones to find motion in, 8-bit sRGB ones for screens."""
+"""Reduced copies of a picture: grey ones for finding motion, 8-bit sRGB ones for screens."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ if TYPE_CHECKING:
 
     from unshutter.geometry.readout import Orientation
 
-_BEHIND = 128  # grey level behind transparent places of small copies
+_BEHIND = 128  # grey level behind transparent areas of small copies
 
 
 def upright(image: pyvips.Image, icc: bytes | None, orientation: Orientation, longest_px: int = 0) -> np.ndarray:
-    """A picture as a viewer shows it.
+    """Renders a picture as shown by a viewer.
 
     Args:
-        image: stored pixels, of 1 to 4 bands; transparent places are shown on white.
-        icc: profile of its colours; None: sRGB.
-        orientation: of the stored pixels.
-        longest_px: long side that it is made smaller to; 0: its own.
+        image: stored pixels, 1 to 4 bands; transparent areas are shown on white.
+        icc: its colour profile; None: sRGB.
+        orientation: orientation of the stored pixels.
+        longest_px: long side to which the picture is reduced; 0: full size.
 
     Returns:
-        [H, W, 3] uint8 RGB, not to be written to.
+        [H, W, 3] uint8 RGB, read-only.
 
     Raises:
-        UnshutterError: libvips refuses.
+        UnshutterError: libvips fails.
     """
     import numpy as np
 
@@ -46,15 +46,15 @@ def upright(image: pyvips.Image, icc: bytes | None, orientation: Orientation, lo
 
 
 def screen_pixels(image: pyvips.Image, height: int, width: int, profile: bytes | None) -> np.ndarray:
-    """[height, width, 3] uint8 sRGB of the stored pixels of an image, scaled to that size.
+    """Returns [height, width, 3] uint8 sRGB of the stored pixels of an image, scaled to that size.
 
     Args:
-        image: of 1 to 4 bands, 8 or 16 bits.
-        height, width: [px], not larger than the image; transparent places become grey.
-        profile: ICC profile of its colours; without one, or with one that does not fit, they count as sRGB.
+        image: image of 1 to 4 bands, 8 or 16 bits.
+        height, width: size [px], not larger than the image; transparent areas become grey.
+        profile: its ICC profile; without one, or with one that does not fit, the colours count as sRGB.
 
     Raises:
-        UnshutterError: libvips refuses.
+        UnshutterError: libvips fails.
     """
     import numpy as np
 
@@ -67,29 +67,29 @@ def screen_pixels(image: pyvips.Image, height: int, width: int, profile: bytes |
         if image.bands == 1:
             image = image.bandjoin([image, image])
         pixels = image.numpy()
-    missing = height - pixels.shape[0], width - pixels.shape[1]  # at most a row or column, by rounding
+    missing = height - pixels.shape[0], width - pixels.shape[1]  # at most a row or column, due to rounding
     if any(missing):
         pixels = np.pad(pixels, ((0, max(missing[0], 0)), (0, max(missing[1], 0)), (0, 0)), mode="edge")
     return np.ascontiguousarray(pixels[:height, :width])
 
 
 def _in_srgb(image: pyvips.Image, profile: bytes | None) -> pyvips.Image:
-    """The image in 8-bit sRGB; grey stays grey if it has no usable profile."""
+    """Converts the image to 8-bit sRGB; grey stays grey if it has no usable profile."""
     if profile is not None:
         try:
             return _computed(in_srgb(standard(image), profile, bits=8))
-        except libvips().Error:  # damaged, or for other colours: programs then take them for sRGB
+        except libvips().Error:  # damaged, or for other colours: programs then assume sRGB
             libvips().vips_lib.vips_error_clear()
     return to_8_bits(image)
 
 
 def _computed(image: pyvips.Image) -> pyvips.Image:
-    """The image with its pixels computed now, so that failures show here."""
+    """Computes the image's pixels now, so that failures occur here."""
     return libvips().Image.new_from_memory(image.write_to_memory(), image.width, image.height, image.bands, "uchar")
 
 
 def grey_size(height: int, width: int, short_side: int | None) -> tuple[int, int]:
-    """Height and width of the grey copy of a picture."""
+    """Returns height and width of the grey copy of a picture."""
     scale = 1.0 if short_side is None else min(short_side / min(height, width), 1.0)
     return max(round(height * scale), 1), max(round(width * scale), 1)
 
@@ -97,7 +97,7 @@ def grey_size(height: int, width: int, short_side: int | None) -> tuple[int, int
 def grey_copy(
     image: pyvips.Image, height: int, width: int, vscale: float | None = None, hscale: float | None = None
 ) -> np.ndarray:
-    """[height, width] uint8 luminance of an image scaled by the factors; by default those that give that size."""
+    """Returns the luminance [height, width] uint8 of an image, scaled by the factors or, by default, to that size."""
     import numpy as np
 
     vscale, hscale = vscale or height / image.height, hscale or width / image.width
@@ -105,10 +105,10 @@ def grey_copy(
         if image.hasalpha():
             image = image.flatten(background=[32896 if image.format == "ushort" else 128])
         if image.format == "ushort":
-            image = standard(image.cast("uchar", shift=True))  # first: the rest takes a third of the time
+            image = standard(image.cast("uchar", shift=True))  # first, because the rest then takes a third of the time
         if (hscale, vscale) != (1.0, 1.0):
             image = image.embed(*(0, 0, _aligned(image.width, hscale), _aligned(image.height, vscale)), extend="copy")
-            image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # hardly rings: no ghosts next to edges
+            image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # little ringing: no ghosts next to edges
         pixels = image.numpy()[:height, :width]
     if pixels.ndim == 3:
         import cv2
@@ -119,5 +119,5 @@ def grey_copy(
 
 
 def _aligned(size: int, scale: float) -> int:
-    """A size, a little larger, that scales to whole pixels: what is missing to them, libvips shifts to both sides."""
+    """Enlarges a size slightly so that it scales to whole pixels: libvips shifts any difference to both sides."""
     return min(range(size, size + 16), key=lambda padded: abs(padded * scale - round(padded * scale)))

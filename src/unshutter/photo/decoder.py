@@ -1,4 +1,4 @@
-"""From encoded data to pixels and grey copies: each decoded when it is first asked for, or ahead of that."""
+"""Decodes encoded data to pixels and grey copies, each on first use or ahead of it."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from unshutter.photo.source import Source
 if TYPE_CHECKING:
     import numpy as np  # not imported above: reading a file, which starts first, can do without
 
-_NEARLY = 1.1  # a grey copy may be so many times smaller than was asked for, where that is the cheaper one
+_NEARLY = 1.1  # a grey copy may be this many times smaller than requested if that is cheaper
 
 
 class Decoder:
-    """What encoded data hold.
+    """Decodes the picture in encoded data.
 
     Args:
-        source: where they lie.
-        header: what they say about their picture.
+        source: the encoded data.
+        header: the header of their picture.
     """
 
     def __init__(self, source: Source, header: Header):
         self.source, self._header = source, header
         self._process = os.getpid()
         self._height, self._width = header.height, header.width
-        self._grey_ahead: tuple[int, Future[np.ndarray]] | None = None  # short side asked for, and the copy
+        self._grey_ahead: tuple[int, Future[np.ndarray]] | None = None  # requested short side, and the copy
         self._pixels_ahead: Future[np.ndarray] | None = None
         self._grey_begun = self._pixels_begun = False
 
-    def __reduce__(self) -> tuple:  # the other process decodes it again
+    def __reduce__(self) -> tuple:  # the other process decodes the data again
         return Decoder, (self.source, self._header)
 
     def start(self, executor: Executor, grey_px: int | None, whole: bool) -> None:
-        """Begins with the grey copy, if one is needed, then the pixels, if all of them are (``whole``).
+        """Starts decoding the grey copy, if one is needed, then the pixels, if all are needed (``whole``).
 
-        Errors are raised where the results are asked for.
+        Errors are raised when the results are requested.
         """
         shrink = 1 if grey_px is None else self._shrink(grey_px)
         if grey_px is not None and shrink > 1 and not self._grey_begun:
@@ -54,39 +54,39 @@ class Decoder:
 
     @cached_property
     def pixels(self) -> np.ndarray:
-        """See ``Photo.pixels``."""
+        """The pixels, see ``Photo.pixels``."""
         self._grey_begun = self._pixels_begun = True
         if self._pixels_ahead is not None and self._has_its_threads:
-            with suppress(UnshutterError):  # decoded again for its message: libvips mixes those of two threads
+            with suppress(UnshutterError):  # decoded again for the error message: libvips mixes those of two threads
                 return self._pixels_ahead.result()
         return self._decode()
 
     def grey(self, short_side: int | None) -> np.ndarray:
-        """See ``Photo.grey``."""
+        """Returns a grey copy, see ``Photo.grey``."""
         shrink = self._shrink(short_side)
         if shrink > 1:
-            ahead, self._grey_ahead = self._grey_ahead, None  # given away once: it may be written to
-            with suppress(UnshutterError):  # what is wrong with the data, decoding the pixels says
+            ahead, self._grey_ahead = self._grey_ahead, None  # handed out only once, because the caller may write to it
+            with suppress(UnshutterError):  # decoding the pixels reports errors in the data
                 if ahead is not None and ahead[0] == short_side and self._has_its_threads:
                     return ahead[1].result()
                 return self._grey_of_smaller(short_side, shrink)
-        # libvips would take a masked picture's last channel for transparency
+        # otherwise libvips would treat the last channel of a masked picture as transparency
         pixels = self.pixels[..., :-1] if self._header.coding.masked else self.pixels
         return grey_copy(as_image(pixels), *grey_size(self._height, self._width, short_side))
 
     def reduced(self, longest: int) -> np.ndarray:
-        """The pixels [h, w, bands], decoded at a smaller size whose longer side is at least so long [px]."""
+        """Returns the pixels [h, w, bands], decoded at a reduced size whose longer side is at least this long [px]."""
         side = max(self._height, self._width)
         shrink = next((n for n in self._header.format.shrinks if side >= n * longest), 1)
         return self._decode(shrink) if shrink > 1 else self.pixels
 
     @property
     def _has_its_threads(self) -> bool:
-        """Whether this is the process in which decoding was begun: after a fork nobody would ever end it."""
+        """Whether this is the process in which decoding was started: after a fork, its threads would never finish."""
         return self._process == os.getpid()
 
     def _grey_of_smaller(self, short_side: int | None, shrink: int) -> np.ndarray:
-        """A grey copy of the pixels, decoded so many times smaller."""
+        """Computes a grey copy from pixels decoded at a reduced size."""
         small = as_image(self._decode(shrink))
         height, width = grey_size(self._height, self._width, short_side)
         if small.height < height:
@@ -94,7 +94,7 @@ class Decoder:
         return grey_copy(small, height, width, shrink * height / self._height, shrink * width / self._width)
 
     def _shrink(self, short_side: int | None) -> int:
-        """How many times smaller the data may be decoded for such a grey copy."""
+        """Returns the factor by which the data may be reduced in decoding for such a grey copy."""
         height, width = grey_size(self._height, self._width, short_side)
         scale = max(height / self._height, width / self._width)
         return next((n for n in self._header.format.shrinks if n * scale <= _NEARLY), 1)

@@ -1,4 +1,4 @@
-"""Pictures into files, as far as all formats have it in common."""
+"""Encodes pictures into files, as far as all formats have this in common."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ if TYPE_CHECKING:
     import pyvips
 
 _THUMBNAIL_SIDE = 160  # px
-_NAMED = 4  # of the parts that were left out; the rest is counted
+_NAMED = 4  # number of omitted parts to name; the others are counted
 
 
-# ---- what goes into a file -----------------------------------------------------------------------------
+# ---- contents of a file --------------------------------------------------------------------------------
 
 
 def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Picture, tuple[str, ...]]:
-    """The picture as a format can hold it, its metadata true of its pixels, and the names of what is lost.
+    """Fits a picture to a format, updates its metadata to match the pixels, and names what is lost.
 
     Args:
         picture: pixels and metadata of a photo.
-        format: of the file.
-        is_new: whether the pixels are others than the file's that the metadata come from: small pictures of the old
-            ones are replaced or removed.
+        format: format of the file.
+        is_new: whether the pixels differ from those of the file that the metadata come from; its thumbnails are then
+            replaced or removed.
 
     Raises:
-        UnshutterError: too large for the format.
+        UnshutterError: the picture is too large for the format.
     """
     lost_channels = tuple(_lost_channels(picture, format))
-    if picture.masked and not format.masks:  # libvips would take the mask for transparency
+    if picture.masked and not format.masks:  # otherwise libvips would treat the mask as transparency
         picture = replace(picture, image=standard(picture.image[: picture.image.bands - 1]))
     metadata, left_out = _true_metadata(picture, format, is_new)
     image, profile = _fitted_pixels(picture.image, metadata.icc, format)
@@ -47,7 +47,7 @@ def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Pictu
 
 
 def _lost_channels(picture: Picture, format: WrittenFormat) -> Iterator[str]:
-    """Names of the channels that a format cannot hold."""
+    """Yields the names of channels that a format cannot hold."""
     if picture.masked and not format.masks:
         yield "mask channel"
     if picture.has_alpha and not format.alpha and _is_transparent(picture.image):
@@ -55,14 +55,14 @@ def _lost_channels(picture: Picture, format: WrittenFormat) -> Iterator[str]:
 
 
 def _true_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Metadata, list[str]]:
-    """The metadata made true of the pixels, and the names of those that are lost."""
+    """Updates the metadata to match the pixels; returns them with the names of those that are lost."""
     image, metadata, orientation = picture.image, picture.metadata, picture.orientation
     left_out = [*metadata.without_place(format.holds), *metadata.left_behind]
     packet, resources = metadata.xmp, metadata.resources
     if packet is not None:
         film = metadata.film if "film" in format.holds else None
         left_out += xmp.gone(packet, film is not None)
-        # an orientation that only XMP gives stays there
+        # an orientation given only in XMP is kept there
         xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
         packet = xmp.after(packet, xmp.Next(image.height, image.width, xmp_orientation, is_new, film and film.place))
         if packet is None:
@@ -82,7 +82,7 @@ def _true_exif(image: pyvips.Image, blob: bytes | None, orientation: Orientation
 
 
 def _thumbnail(image: pyvips.Image) -> bytes:
-    """A JPEG of at most 160 px."""
+    """Creates a JPEG thumbnail of at most 160 px."""
     small = image.flatten() if image.hasalpha() else image
     small = small.resize(min(_THUMBNAIL_SIDE / max(small.width, small.height), 1.0), kernel="linear")
     return to_8_bits(small).jpegsave_buffer(Q=80, keep=0)
@@ -91,10 +91,12 @@ def _thumbnail(image: pyvips.Image) -> bytes:
 def _fitted_pixels(
     image: pyvips.Image, profile: bytes | None, format: WrittenFormat
 ) -> tuple[pyvips.Image, bytes | None]:
-    """Pixels that a format can hold, and their ICC profile: depth, alpha (else over black), one channel (else three).
+    """Converts pixels to depth and channels that a format can hold; returns them with their ICC profile.
+
+    Transparency that it cannot hold is flattened on black, and grey becomes three channels.
 
     Raises:
-        UnshutterError: too large for the format.
+        UnshutterError: the picture is too large for the format.
     """
     if max(image.width, image.height) > format.longest_side:
         raise UnshutterError(
@@ -108,7 +110,7 @@ def _fitted_pixels(
     if image.bands > 2 or format.grey:
         return image, profile
     grey, alpha = standard(image[0]), image[1:] if image.bands == 2 else None
-    if profile is not None and profile[16:20] == b"GRAY":  # its tones would be lost with it
+    if profile is not None and profile[16:20] == b"GRAY":  # for grey only, so it would be lost
         colour = in_srgb(grey, profile)
         profile = field(colour, "icc-profile-data")
     else:
@@ -117,17 +119,17 @@ def _fitted_pixels(
 
 
 def _is_transparent(image: pyvips.Image) -> bool:
-    """Whether an image shows through anywhere, by its last channel."""
+    """Whether any pixel of an image is transparent, according to its last channel."""
     opaque = 65_535 if image.format == "ushort" else 255
     return float(image[image.bands - 1].min()) < opaque  # pyright: ignore[reportArgumentType]
 
 
 class Encoded(NamedTuple):
-    """A picture as a file.
+    """A picture as an encoded file.
 
     Attributes:
         data: the file.
-        left_out: metadata that did not go into it, in words: ("IPTC", "texts"). :func:`not_written` says it in a line.
+        left_out: names of metadata that it lacks: ("IPTC", "texts"). :func:`not_written` lists them in a line.
     """
 
     data: bytes
@@ -135,7 +137,7 @@ class Encoded(NamedTuple):
 
 
 def not_written(left_out: Sequence[str]) -> str:
-    """One line for the user that names what a file could not take; empty where it took everything."""
+    """Lists the metadata that a file cannot hold in one line for the user; empty if there are none."""
     if not left_out:
         return ""
     named = list(dict.fromkeys(left_out))
@@ -149,10 +151,10 @@ def not_written(left_out: Sequence[str]) -> str:
 
 
 def to_bytes(picture: Picture, format: WrittenFormat) -> Encoded:
-    """An encoded file of a picture that is :func:`fitted`.
+    """Encodes a picture that is :func:`fitted`.
 
     Raises:
-        UnshutterError: libvips refuses.
+        UnshutterError: libvips fails.
     """
     with refusing(f"cannot encode the picture as {format.name.upper()}"):
         data = format.encode(picture, None)
@@ -163,13 +165,13 @@ def to_bytes(picture: Picture, format: WrittenFormat) -> Encoded:
 
 
 def to_file(picture: Picture, format: WrittenFormat, file: Path, target: Path) -> tuple[str, ...]:
-    """Writes a file of a picture that is :func:`fitted`; ``target`` is what messages call it.
+    """Writes a file of a picture that is :func:`fitted`; ``target`` is its name in messages.
 
     Returns:
-        What of the metadata the format could not take after all.
+        Names of metadata that the format could not hold after all.
 
     Raises:
-        UnshutterError: libvips or the system refuses.
+        UnshutterError: libvips or the system fails.
     """
     with refusing(f"cannot write {target}"):
         format.encode(picture, file)

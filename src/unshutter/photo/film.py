@@ -1,7 +1,7 @@
-"""The film that belongs to a photo: in its file, as Google's and Samsung's phones write it, or next to it, as Apple's.
+"""Finds the film that belongs to a photo: in its file (Google's and Samsung's phones) or next to it (Apple's).
 
-Source: Google, Motion Photo format 1.0; Apple, Live Photos: both files carry the same content identifier, the photo in
-its maker's note, the film under a key of QuickTime's metadata (names as exiftool.org lists them, facts only).
+Source: Google, Motion Photo format 1.0; Apple, Live Photos: both files hold the same content identifier, the photo in
+its maker note, the film under a key of QuickTime's metadata (names as listed by exiftool.org, facts only).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class PhotoFilm(NamedTuple):
 
     Attributes:
         place: an MP4 file in memory, or the path of a QuickTime file.
-        moment_s: when the photo was taken, in the film's time [s]; None: unknown.
-        identifier: the content identifier that the film must have; empty: any.
+        moment_s: time at which the photo was taken, in the film's time [s]; None: unknown.
+        identifier: content identifier that the film must have; empty: any.
     """
 
     place: bytes | Path
@@ -34,12 +34,12 @@ class PhotoFilm(NamedTuple):
 
 
 def film_of(source: Source | None, format: str, metadata: Metadata) -> PhotoFilm | None:
-    """The film that belongs to a photo; None where there is none.
+    """Finds the film that belongs to a photo; returns None if there is none.
 
     Args:
         source: the photo's encoded data; None: its pixels are new.
-        format: of it.
-        metadata: of the photo.
+        format: format of the encoded data.
+        metadata: metadata of the photo.
     """
     inside = metadata.film.content if metadata.film is not None else None
     if source is not None and format == "heic":

@@ -1,4 +1,4 @@
-"""The interface of a file format: how it is recognised, read and written. formats/ has one file for each."""
+"""The interface of a file format: recognising, reading and writing it. formats/ has one file per format."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coding:
-    """How a picture was encoded, to encode its successor alike.
+    """How a picture was encoded, so that its successor can be encoded alike.
 
     Attributes:
         quality: JPEG quality, 1 ... 100.
-        subsampled: chroma at half resolution.
-        lossless: WebP only.
-        bits: of a sample.
-        compression: TIFF's number of it.
-        masked: the last of 2 or 4 channels is a mask or similar, of which the file does not say that it is
-            transparency (TIFF only).
+        subsampled: whether chroma has half resolution.
+        lossless: whether it is lossless (WebP only).
+        bits: bits per sample.
+        compression: TIFF's number of the compression.
+        masked: whether the last of 2 or 4 channels is a mask or similar, not declared as transparency in the file
+            (TIFF only).
     """
 
     quality: int | None = None
@@ -41,15 +41,15 @@ class Coding:
 
 @dataclass(frozen=True)
 class Header:
-    """What is known of a picture that is not decoded yet.
+    """Properties of a picture that has not been decoded yet.
 
     Attributes:
-        format: of the file.
+        format: format of the file.
         coding: how it is encoded.
-        height, width: of the stored pixels [px].
-        bands: channels, alpha included.
-        orientation: of the stored pixels.
-        metadata: what goes to its successors.
+        height, width: size of the stored pixels [px].
+        bands: number of channels, including alpha.
+        orientation: orientation of the stored pixels.
+        metadata: metadata to copy to results.
     """
 
     format: Format
@@ -63,14 +63,14 @@ class Header:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture on its way into a file.
+    """A picture to be written to a file.
 
     Attributes:
         image: its pixels, without metadata.
-        metadata: those that go along.
-        orientation: of the pixels.
-        coding: how its predecessor was encoded.
-        quality: 1-100; None: like its predecessor's.
+        metadata: metadata to write.
+        orientation: orientation of the pixels.
+        coding: how the original was encoded.
+        quality: 1-100; None: like the original.
     """
 
     image: pyvips.Image
@@ -91,13 +91,13 @@ class Picture:
 
 
 class Format(ABC):
-    """A file format that is read.
+    """A file format that can be read.
 
     Attributes:
-        name: as in ``Photo.format``.
-        suffixes: of its files, the usual one first.
-        written_as: name of the format that results get: its own, or another where it is only read.
-        shrinks: how many times smaller pictures can be decoded, for less work; from the largest down.
+        name: its name, as in ``Photo.format``.
+        suffixes: extensions of its files, the usual one first.
+        written_as: name of the output format: its own, or another if the format is read-only.
+        shrinks: factors by which pictures can be reduced during decoding to save work, in descending order.
     """
 
     name: ClassVar[str]
@@ -107,51 +107,51 @@ class Format(ABC):
 
     @abstractmethod
     def recognises(self, source: Source, head: bytes) -> bool:
-        """Whether a file is of this format, unless one that was asked before claims it, too.
+        """Whether a file has this format, unless a format checked earlier claims it.
 
         Args:
             source: the file.
-            head: its first 64 bytes, which are enough for most; the ending of its name may lie.
+            head: its first 64 bytes, which suffice for most formats; the extension may be wrong.
 
         Raises:
-            OSError: it cannot be read.
+            OSError: the file cannot be read.
         """
 
     @abstractmethod
     def read_header(self, source: Source) -> Header:
-        """Reads what a file says about its picture.
+        """Reads the header of a file.
 
         Raises:
-            UnshutterError: damaged, of a kind that unshutter does not take, or in need of an extra that is missing.
-            OSError: it cannot be read.
+            UnshutterError: the file is damaged, of an unsupported kind, or needs an extra that is missing.
+            OSError: the file cannot be read.
         """
 
     @abstractmethod
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
-        """All stored pixels, decoded now.
+        """Decodes all stored pixels.
 
         Args:
-            source: what to decode.
-            header: what :meth:`read_header` says of it.
-            shrink: 1, or one of ``shrinks``: every so many rows and columns become one, rounded up.
+            source: data to decode.
+            header: result of :meth:`read_header`.
+            shrink: 1, or one of ``shrinks``: factor by which rows and columns are reduced, rounding up.
 
         Returns:
-            [H, W, bands] uint8 or uint16, not to be written to (very large pictures lie in a temporary file).
+            [H, W, bands] uint8 or uint16, read-only (very large pictures are kept in a temporary file).
 
         Raises:
-            UnshutterError: the data are damaged or end too early.
+            UnshutterError: the data are damaged or truncated.
         """
 
 
 class WrittenFormat(Format):
-    """A file format that is written, too.
+    """A file format that can also be written.
 
     Attributes:
-        longest_side: [px] that it can hold.
-        deep: whether it holds more than 8 bits.
-        grey, alpha: whether it holds pictures of one channel, and transparency.
-        masks: whether it holds a further channel that is not transparency.
-        holds: attributes of ``Metadata`` that its files have a place for.
+        longest_side: maximum side [px].
+        deep: whether it supports more than 8 bits.
+        grey, alpha: whether it supports pictures with one channel, and transparency.
+        masks: whether it supports an extra channel that is not transparency.
+        holds: attributes of ``Metadata`` that its files can hold.
     """
 
     name: ClassVar[PictureFormat]
@@ -164,24 +164,24 @@ class WrittenFormat(Format):
 
     @abstractmethod
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
-        """Encodes a picture into a file, or into bytes without ``path``; ``pyvips.Error`` on failure.
+        """Encodes a picture to a file, or to bytes without ``path``; raises ``pyvips.Error`` on failure.
 
         Args:
-            picture: pixels and metadata that the format can hold; of the metadata, those that libvips writes whole.
+            picture: pixels that the format can hold, and metadata, of which libvips writes those that it can preserve.
             path: the file.
         """
 
     @abstractmethod
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
-        """Adds EXIF, and the other metadata that libvips does not write well, to the file that :meth:`encode` wrote.
+        """Adds EXIF and other metadata that libvips does not write well to the file written by :meth:`encode`.
 
-        libvips would take EXIF apart and rebuild it: tags that it does not know are lost, and makers' notes move,
-        which breaks those that point to places counted from the blob's beginning.
+        libvips would take EXIF apart and rebuild it: tags unknown to it would be lost, and maker notes would move,
+        which breaks those whose offsets are relative to the start of the blob.
 
         Args:
-            file: seekable, open for reading and writing.
-            picture: the one that was encoded.
+            file: file, seekable, open for reading and writing.
+            picture: picture that was encoded.
 
         Returns:
-            Names of metadata that the format ``holds``, but that did not fit after all, such as "maker's note".
+            Names of metadata that the format ``holds`` but that did not fit, such as "maker's note".
         """

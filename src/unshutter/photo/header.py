@@ -1,4 +1,4 @@
-"""Photos opened: their format is recognised and their header read, before any pixels are decoded."""
+"""Opens photos: recognises their format and reads their header, before any pixels are decoded."""
 
 from __future__ import annotations
 
@@ -8,20 +8,19 @@ from unshutter.photo.formats import FORMATS
 from unshutter.photo.source import Source
 from unshutter.storage.plain_files import check_plain
 
-SEVERAL_PICTURES = ".mpo"  # of stereo cameras; by its first bytes it is a JPEG
+SEVERAL_PICTURES = ".mpo"  # from stereo cameras; its first bytes are those of a JPEG
 _HEAD_BYTES = 64
-# A picture of this size or more that takes fewer bits per pixel is of one colour: made to fill memory, not by a camera.
+# A picture this large with fewer bits per pixel has a single colour: made to exhaust memory, not by a camera.
 _MANY_PIXELS, _LEAST_BITS = 100_000_000, 0.03
 
 
 def read_header(source: Source, max_pixels: int) -> Header:
-    """Reads what encoded data say about their picture.
+    """Reads the header of encoded data.
 
     Raises:
-        MissingFileError: there is no such file.
-        UnshutterError: unreadable, of no format that is read, damaged, of a kind that the package does not
-            work on, more pixels than ``max_pixels`` or than its bytes can encode, or in need of an extra that is not
-            installed.
+        MissingFileError: the file does not exist.
+        UnshutterError: the data are unreadable, damaged, of an unknown format or an unsupported kind, have more pixels
+            than ``max_pixels`` or than their bytes can encode, or need an extra that is not installed.
     """
     format = recognise(source)
     try:
@@ -40,10 +39,10 @@ def read_header(source: Source, max_pixels: int) -> Header:
 
 
 def recognise(source: Source) -> Format:
-    """The format of encoded data, by their first bytes: endings may lie.
+    """Recognises the format of encoded data by their first bytes, because extensions may be wrong.
 
     Raises:
-        MissingFileError: there is no such file; UnshutterError: unreadable, empty, or of no format that is read.
+        MissingFileError: the file does not exist; UnshutterError: it is unreadable, empty, or of an unknown format.
     """
     suffix = source.path.suffix.lower() if source.path else ""
     if source.path:
@@ -59,7 +58,7 @@ def recognise(source: Source) -> Format:
     except OSError as error:
         reason = "it is a folder, not a photo" if isinstance(error, IsADirectoryError) else error.strerror
         raise UnshutterError(f"cannot read {{photo}}: {reason}", photo=source) from None
-    except ValueError as error:  # a NUL in the name
+    except ValueError as error:  # a NUL character in the name
         raise UnshutterError(f"cannot read {{photo}}: {error}", photo=source) from None
     if not head:
         raise UnshutterError("{photo} is empty (0 bytes)", photo=source)

@@ -1,4 +1,4 @@
-"""pyvips: imported when it is needed, kept quiet, its failures turned into one line; its images, colours and arrays."""
+"""Imports pyvips on demand, silences it and converts its errors; helpers for its images, colours and arrays."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     import numpy as np  # not imported above: reading a file, which starts first, can do without
     import pyvips
 
-_forked = False  # from a process that had loaded libvips
+_forked = False  # whether this process was forked from one that had loaded libvips
 
 
 @cache
 def libvips() -> Any:
-    """pyvips, without libvips's log: it repeats to standard error what errors say, and not always as text.
+    """Imports pyvips, without libvips's log, which repeats errors on standard error, not always as text.
 
     Raises:
-        UsageError: this process was forked from one that had it loaded. libvips's threads are not in this one, and it
-            would wait for them forever; it cannot restart them (8.18).
+        UsageError: this process was forked from one that had loaded it. It would wait forever for libvips's threads,
+            which do not exist in this process and cannot be restarted (8.18).
     """
     if _forked:
         raise UsageError(
             "this process was forked from one that had worked on photos, which libvips does not survive: start it "
             "afresh, ProcessPoolExecutor(mp_context=multiprocessing.get_context('spawn'))"
         )
-    first = "pyvips" not in sys.modules  # else the log is its importer's affair
+    first = "pyvips" not in sys.modules  # otherwise the log is the business of whoever imported it
     if first:
         os.environ.setdefault("VIPS_WARNING", "1")
     import pyvips
@@ -55,18 +55,18 @@ def _remember_the_fork() -> None:
 
 @contextmanager
 def refusing(what: str, **files: object) -> Iterator[None]:
-    """Failures of libvips become an UnshutterError: ``what``, with its files in braces, and the cause."""
+    """Converts errors of libvips to an UnshutterError: ``what``, with its files in braces, and the cause."""
     vips = libvips()
     _take_notes()
     try:
         yield
-    except (vips.Error, UnicodeDecodeError) as error:  # pyvips takes libvips's notes for text
+    except (vips.Error, UnicodeDecodeError) as error:  # pyvips decodes libvips's messages as text
         notes = _take_notes() if isinstance(error, UnicodeDecodeError) else f"{error.detail}\n{error.message}"
         raise UnshutterError(f"{what}: {_cause(notes)}", **files) from error
 
 
 def _take_notes() -> str:
-    """What libvips has complained of since the last time."""
+    """Returns libvips's messages since the last call, and clears them."""
     vips = libvips()
     notes = vips.ffi.string(vips.vips_lib.vips_error_buffer()).decode(errors="replace")
     vips.vips_lib.vips_error_clear()
@@ -74,11 +74,11 @@ def _take_notes() -> str:
 
 
 def _cause(notes: str) -> str:
-    """The cause in libvips's many lines of complaint: the system's, else the first."""
+    """Extracts the cause from libvips's messages: the system's if there is one, otherwise the first."""
     lines = [line.strip() for line in notes.splitlines() if line.strip()]
     system = [line.removeprefix("system error: ") for line in lines if line.startswith("system error: ")]
     known = [line for line in system if not line.startswith("Unknown error")]
-    lines = [line for line in lines if "bad seek" not in line]  # how libheif finds the end of a stream
+    lines = [line for line in lines if "bad seek" not in line]  # libheif seeks beyond the end to find it
     return (known or [in_plain_words(line) for line in lines] or ["unknown"])[0]
 
 
@@ -92,7 +92,7 @@ _SPOILT = re.compile(
 
 
 def in_plain_words(complaint: str) -> str:
-    """What a decoder complains of, without the names of libraries and of their functions."""
+    """Rephrases a decoder's message without the names of libraries and their functions."""
     if _TOO_SHORT.search(complaint) and "Corrupt" not in complaint:
         return "it ends too early"
     if _SPOILT.search(complaint):
@@ -102,16 +102,16 @@ def in_plain_words(complaint: str) -> str:
 
 # ---- threads -------------------------------------------------------------------------------------------
 
-_encoders = Lock()  # held while these are changed:
+_encoders = Lock()  # held while these are changed
 _encoding, _usual_threads = 0, 0
 
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Makes libvips use so many threads, whatever the machine has and VIPS_CONCURRENCY says.
+    """Sets the number of threads used by libvips, regardless of the machine and VIPS_CONCURRENCY.
 
-    For encoders whose output depends on that number. It is one number for the whole process: until the last block that
-    asks for it is left, all of libvips goes by it.
+    Needed for encoders whose output depends on this number. It applies to the whole process: all of libvips uses it
+    until the last block that set it is left.
     """
     global _encoding, _usual_threads
     vips = libvips().vips_lib
@@ -133,20 +133,20 @@ def threads(count: int) -> Iterator[None]:
 
 
 def field(image: pyvips.Image, name: str, default: Any = None) -> Any:
-    """A metadata field of libvips's, or the default."""
+    """Returns a metadata field of libvips, or the default."""
     return image.get(name) if image.get_typeof(name) else default
 
 
 def set_blob(image: pyvips.Image, name: str, data: bytes) -> None:
-    """Sets a metadata field of bytes."""
+    """Sets a metadata field to bytes."""
     image.set_type(libvips().GValue.blob_type, name, data)  # pyright: ignore[reportArgumentType]
 
 
 def standard(image: pyvips.Image) -> pyvips.Image:
-    """The image with the colour meaning that its bands and bits have here: libvips's operations go by it.
+    """Returns the image with the colour interpretation for its bands and bits, on which libvips's operations depend.
 
     Raises:
-        UnshutterError: not 1 to 4 bands of 8 or 16 bits.
+        UnshutterError: the image does not have 1 to 4 bands of 8 or 16 bits.
     """
     if image.format not in ("uchar", "ushort") or not 1 <= image.bands <= 4:
         raise UnshutterError(f"a photo has 1 to 4 bands of 8 or 16 bits, not {image.bands} of {image.format}")
@@ -156,17 +156,17 @@ def standard(image: pyvips.Image) -> pyvips.Image:
 
 
 def to_8_bits(image: pyvips.Image) -> pyvips.Image:
-    """65535 -> 255, rounded; images of 8 bits as they are."""
+    """Converts 16 bits to 8, rounding (65535 -> 255); images of 8 bits are returned unchanged."""
     return standard(image.linear([255 / 65535], [0.5], uchar=True)) if image.format == "ushort" else image
 
 
 def in_srgb(image: pyvips.Image, profile: bytes, bits: int | None = None) -> pyvips.Image:
-    """The image in sRGB from the colours of an ICC profile; ``pyvips.Error`` if that does not fit them.
+    """Converts the image from the colours of an ICC profile to sRGB; raises ``pyvips.Error`` if they do not match.
 
     Args:
-        image: 8 or 16 bits.
-        profile: of its colours.
-        bits: of the result; None: as many as the image has.
+        image: image of 8 or 16 bits.
+        profile: profile of its colours.
+        bits: bits per sample of the result; None: as in the image.
     """
     image = image.copy()
     set_blob(image, "icc-profile-data", profile)
@@ -177,11 +177,11 @@ def in_srgb(image: pyvips.Image, profile: bytes, bits: int | None = None) -> pyv
 
 
 def computed(image: pyvips.Image) -> np.ndarray:
-    """[H, W, bands] of an image, computed now; not to be written to. ``pyvips.Error`` where that fails."""
+    """Computes the pixels [H, W, bands] of an image, read-only; raises ``pyvips.Error`` on failure."""
     shape = image.height, image.width, image.bands
     dtype, size = {"uchar": ("uint8", 1), "ushort": ("uint16", 2)}[str(image.format)]
     if math.prod(shape) * size <= large_arrays.SPILL_BYTES:
-        data = image.write_to_memory()  # the long part; NumPy may be imported meanwhile
+        data = image.write_to_memory()  # the long part; NumPy may be imported at the same time
         import numpy as np
 
         pixels = np.frombuffer(data, dtype).reshape(shape)
@@ -195,7 +195,7 @@ def computed(image: pyvips.Image) -> np.ndarray:
 
 
 def as_image(pixels: np.ndarray) -> pyvips.Image:
-    """Pixels [H, W, bands] as libvips sees them, nothing copied, with the colour meaning of :func:`standard`."""
+    """Wraps pixels [H, W, bands] as a libvips image without copying, in the interpretation of :func:`standard`."""
     import numpy as np
 
     height, width, bands = pixels.shape
@@ -204,12 +204,12 @@ def as_image(pixels: np.ndarray) -> pyvips.Image:
 
 
 def with_bands(array: np.ndarray) -> np.ndarray:
-    """The array as pixels [H, W, bands] of a photo.
+    """Returns the array as pixels [H, W, bands] of a photo.
 
     Raises:
-        UnshutterError: another shape or type than a photo's, or no pixels.
+        UnshutterError: the shape or type is not a photo's, or there are no pixels.
     """
-    import numpy as np  # not above: reading a file, which starts first, can do without
+    import numpy as np  # imported here: reading a file, which starts first, does not need it
 
     array = np.asarray(array)
     if array.dtype not in (np.uint8, np.uint16):
@@ -219,20 +219,20 @@ def with_bands(array: np.ndarray) -> np.ndarray:
     return array.reshape(*array.shape[:2], -1)
 
 
-# sRGB and "unspecified", Display P3; transfers that are shown alike: Rec. 709, unspecified, Rec. 601, sRGB.
+# sRGB and "unspecified", Display P3; transfer functions displayed alike: Rec. 709, unspecified, Rec. 601, sRGB.
 _SRGB, _P3, _USUAL_TRANSFERS = (1, 2), 12, (1, 2, 6, 13)
 
 
 def profile_of(primaries: int, transfer: int, source: object) -> bytes | None:
-    """ICC profile of such colours; None where they are sRGB or unspecified.
+    """Returns the ICC profile for colours given as code points; None if they are sRGB or unspecified.
 
     Args:
-        primaries: code point.
-        transfer: code point.
-        source: for the message.
+        primaries: code point of the primaries.
+        transfer: code point of the transfer function.
+        source: source of the photo, for the message.
 
     Raises:
-        UnshutterError: those of HDR or video: pixels that look right only with these numbers, which are lost.
+        UnshutterError: the colours are HDR or video, which need the code points to look right, but these would be lost.
     """
     if transfer in _USUAL_TRANSFERS:
         if primaries in _SRGB:

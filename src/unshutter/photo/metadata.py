@@ -76,7 +76,7 @@ class Metadata:
 
     @property
     def jfif_density(self) -> tuple[int, int, int] | None:
-        """Unit and density for a JFIF header; None where EXIF gives the resolution, or nothing does."""
+        """Unit and density for a JFIF header; None if EXIF contains the resolution, or it is unknown."""
         if self.density is None and self.exif is None and self.resolution.is_known:
             per_cm = (min(max(round(10 * px), 1), 65_535) for px in self.resolution[:2])
             return 2, next(per_cm), next(per_cm)

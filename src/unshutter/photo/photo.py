@@ -1,4 +1,4 @@
-"""Photo: pixels and metadata, read from a file or array, and written to a file."""
+"""Photo: pixels and metadata, read from a file or an array, and written to a file."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Photo(CameraFacts, Writable):
-    """A picture as it is stored: never turned upright, with all that its file says about it.
+    """A picture as it is stored, never rotated to be upright, with all metadata of its file.
 
-    Pixels are decoded when they are first asked for, or before (:meth:`start_decoding`), once. :attr:`pixels` is always
-    [H, W, bands], for a grey photo too, of which bands is 1; :meth:`to_array` gives that one as [H, W].
+    Pixels are decoded once, on first use or earlier (:meth:`start_decoding`). :attr:`pixels` is always
+    [H, W, bands], with one band for a grey photo; :meth:`to_array` returns a grey photo as [H, W].
 
     What is preserved in a result:
 
-    * bits: 16-bit pixels stay so in PNG and TIFF, become 10 (if the photo had 10) or 12 in AVIF, are rounded to 8 in
-      JPEG and WebP;
-    * channels: grey stays grey in JPEG, PNG and TIFF, WebP and AVIF hold it as RGB; alpha is kept except in JPEG,
-      where the picture is laid over black;
-    * ICC profile, XMP, IPTC (JPEG and TIFF), and EXIF byte by byte (in TIFF, tag by tag), with the picture's size;
+    * bits: 16-bit pixels keep their depth in PNG and TIFF, become 10 (if the photo had 10) or 12 in AVIF, and are
+    rounded to 8 in JPEG and WebP;
+    * channels: grey stays grey in JPEG, PNG and TIFF, but becomes RGB in WebP and AVIF; alpha is kept except in JPEG,
+    where the picture is flattened on black;
+    * ICC profile, XMP, IPTC (JPEG and TIFF), and EXIF byte for byte (in TIFF, tag by tag), with the picture's size;
     * JPEG quality and chroma subsampling like the input's; TIFF compression if none or LZW, else deflate.
 
-    New pixels get a new thumbnail where the EXIF has one, except in TIFF, and lose all other small pictures of the old
-    ones. See docs/reference/formats.md for all that, measured.
+    New pixels get a new thumbnail if the EXIF has one, except in TIFF, and lose all other thumbnails of the old ones.
+    See docs/reference/formats.md for measurements of all this.
 
     Attributes:
         format: ``jpeg``, ``png``, ``webp``, ``tiff``, ``avif``, ``heic``, ``raw``, or ``array``.
-        height, width: of the stored pixels [px].
-        bands: channels, alpha included.
+        height, width: size of the stored pixels [px].
+        bands: number of channels, including alpha.
         orientation: EXIF orientation 1-8 of the stored pixels.
         path: the file that it was read from, if any.
     """
@@ -66,20 +66,20 @@ class Photo(CameraFacts, Writable):
     _decoder: Decoder | None = field(repr=False)
     _coding: Coding = field(repr=False)
     _metadata: Metadata = field(repr=False)
-    _new_pixels: np.ndarray | None = field(repr=False, default=None)  # pixels that are not the source's
-    _times_ns: Times | None = field(repr=False, default=None)  # of its file, before that was read
+    _new_pixels: np.ndarray | None = field(repr=False, default=None)  # pixels that differ from the source's
+    _times_ns: Times | None = field(repr=False, default=None)  # of its file, before it was read
 
-    # ---- in --------------------------------------------------------------------------------------------
+    # ---- reading ---------------------------------------------------------------------------------------
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], max_pixels: int = MAX_PIXELS) -> Photo:
-        """Reads what a file says about its picture; its pixels are decoded later.
+        """Reads the header of a file; its pixels are decoded later.
 
         Raises:
-            UnshutterError: missing, unreadable, empty, of no format that is read, damaged, several pictures in one
-                file, CMYK, CIELAB, floating point, or more than ``max_pixels``.
+            UnshutterError: the file is missing, unreadable, empty, damaged or of no known format, has several pictures,
+                is CMYK, CIELAB or floating point, or has more than ``max_pixels``.
         """
-        times_ns = times_of(Path(path))  # now: reading changes the first of them
+        times_ns = times_of(Path(path))  # first, because reading changes the access time
         return replace(cls._from_source(Source(Path(path)), max_pixels), _times_ns=times_ns)
 
     @classmethod
@@ -104,14 +104,14 @@ class Photo(CameraFacts, Writable):
 
     @classmethod
     def from_array(cls, array: np.ndarray, exposure_s: float | None = None) -> Photo:
-        """A photo of pixels [H, W] or [H, W, 1..4] (grey, grey + alpha, RGB, RGB + alpha), uint8 or uint16; copied.
+        """Creates a photo from a copy of pixels [H, W] or [H, W, 1..4] (grey, RGB, each with or without alpha).
 
         Args:
-            array: the pixels.
-            exposure_s: how long it was exposed [s], for EXIF; None: no EXIF.
+            array: the pixels, uint8 or uint16.
+            exposure_s: exposure time [s] for EXIF; None: no EXIF.
 
         Raises:
-            UnshutterError: another shape or type, or no pixels.
+            UnshutterError: the shape or type is unsupported, or there are no pixels.
         """
         pixels = with_bands(array).copy()
         pixels.setflags(write=False)
@@ -124,7 +124,7 @@ class Photo(CameraFacts, Writable):
         return cls("array", height, width, bands, 1, None, None, Coding(), metadata, pixels)
 
     def with_pixels(self, pixels: np.ndarray) -> Photo:
-        """New pixels, possibly of another size, under this photo's metadata and format; not copied.
+        """Returns a photo with new pixels, possibly of another size, and this one's metadata and format; not copied.
 
         Raises:
             UnshutterError: see :meth:`from_array`.
@@ -136,7 +136,7 @@ class Photo(CameraFacts, Writable):
             self, height=height, width=width, bands=bands, _new_pixels=pixels, _decoder=None, _metadata=metadata
         )
 
-    # ---- what it holds ---------------------------------------------------------------------------------
+    # ---- contents --------------------------------------------------------------------------------------
 
     @property
     def has_alpha(self) -> bool:
@@ -149,12 +149,12 @@ class Photo(CameraFacts, Writable):
         return self.bands in (2, 4) and self._coding.masked
 
     def start_decoding(self, executor: Executor | None = None, grey_px: int | None = None, whole: bool = True) -> None:
-        """Decodes in a thread of the executor (by default one of its own) while others work.
+        """Starts decoding in a thread of the executor (by default a new thread).
 
         Args:
-            executor: where to.
-            grey_px: short side of a grey copy that will be needed, before all else; None: none.
-            whole: all pixels will be needed.
+            executor: the executor; None: a new thread.
+            grey_px: short side of a grey copy that will be needed first; None: none.
+            whole: whether all pixels will be needed.
         """
         if self._decoder is not None:
             thread = executor or ThreadPoolExecutor(1)
@@ -164,7 +164,7 @@ class Photo(CameraFacts, Writable):
 
     @property
     def pixels(self) -> np.ndarray:
-        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16, not to be written to.
+        """The stored pixels [H, W, bands] (bands is 1 for grey), uint8 or uint16; read-only.
 
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone.
@@ -176,35 +176,35 @@ class Photo(CameraFacts, Writable):
 
     @property
     def image(self) -> pyvips.Image:
-        """The stored pixels as libvips sees them."""
+        """The stored pixels as a libvips image."""
         return as_image(self.pixels)
 
     @property
     def _picture(self) -> pyvips.Image:
-        """The image without a mask, which libvips would take for transparency."""
+        """The image without a mask, which libvips would treat as transparency."""
         return as_image(self.pixels[..., :-1]) if self.masked else self.image
 
     def to_array(self) -> np.ndarray:
-        """A copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
+        """Returns a copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
         return self.pixels[..., 0].copy() if self.bands == 1 else self.pixels.copy()
 
     def film(self) -> PhotoFilm | None:
-        """The film that belongs to the photo; None where there is none."""
+        """Returns the film that belongs to the photo; None if there is none."""
         from unshutter.photo import film
 
         source = self._decoder.source if self._decoder is not None else None
         return film.film_of(source, self.format, self._metadata)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
-        """A luminance copy (Rec. 601) of the stored pixels, antialiased; transparent places are mid-grey.
+        """Returns a luminance copy (Rec. 601) of the stored pixels, antialiased; transparent areas are mid-grey.
 
-        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, across as well, to 0.2 px, where a JPEG
-        gives a smaller one than was asked for to 0.5 px.
-        JPEGs about twice as large, or more, are decoded at a half, a quarter or an eighth of their size for it, whether
-        or not their pixels are known already: an estimate is the same whatever it is for.
+        Position p of the photo is at (p + 0.5) * h / height - 0.5 of the copy, likewise across, to 0.2 px; to 0.5 px if
+        a JPEG yields a smaller copy than requested.
+        JPEGs at least about twice as large are decoded at a half, quarter or eighth of their size for this, even if
+        their pixels have been decoded already, so that estimates do not depend on earlier calls.
 
         Args:
-            short_side: [px] of the copy, of which JPEGs may be up to a tenth short; never enlarged. None: full size.
+            short_side: short side of the copy [px], up to a tenth less for JPEGs; never enlarged. None: full size.
 
         Returns:
             uint8 [h, w].
@@ -219,7 +219,7 @@ class Photo(CameraFacts, Writable):
         return grey_copy(self._picture, *grey_size(self.height, self.width, short_side))
 
     def screen_copy(self, longest: int | None = None) -> np.ndarray:
-        """A copy of the stored pixels for a screen: sRGB by the photo's profile, antialiased, transparent over grey.
+        """Returns a copy of the stored pixels for a screen, in sRGB (using the photo's profile), flattened on grey.
 
         Args:
             longest: longer side [px]; never enlarged. None: full size.
@@ -244,7 +244,7 @@ class Photo(CameraFacts, Writable):
 
     @property
     def times_ns(self) -> Times:
-        """Access and modification time of the photo's file [ns since 1970], as they were when it was opened.
+        """Access and modification time of the photo's file [ns since 1970] when it was opened.
 
         Raises:
             UsageError: the photo does not come from a file.
@@ -254,10 +254,10 @@ class Photo(CameraFacts, Writable):
         return self._times_ns
 
     def upright(self, longest_px: int = 0) -> np.ndarray:
-        """The photo as a viewer shows it: [H, W, 3] uint8 sRGB, turned upright, on white where it is transparent.
+        """Returns the photo as shown by a viewer: [H, W, 3] uint8 sRGB, upright, on white if transparent.
 
         Args:
-            longest_px: long side that it is made smaller to; 0: real pixels.
+            longest_px: long side to which the photo is reduced; 0: full size.
 
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone.
@@ -265,20 +265,20 @@ class Photo(CameraFacts, Writable):
         return copies.upright(self._picture, self._metadata.icc, Orientation(self.orientation), longest_px)
 
     def file_as(self, format: str, how: Save) -> Source | None:
-        """The encoded data that the photo was read from, if a result with these options would be a copy of them.
+        """Returns the photo's encoded data, if a result with these options would be a copy of them.
 
         Args:
-            format: of the result.
-            how: options of its coding.
+            format: format of the result.
+            how: options for encoding.
 
         Returns:
-            None where the pixels are new, the format is another, or a quality or subsampling is asked for.
+            None if the pixels are new, the format differs, or a quality or subsampling is requested.
         """
         is_same = self.format == format and how.quality is how.subsampling is None
         return self._decoder.source if self._decoder is not None and is_same else None
 
     def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, tuple[str, ...]]:
-        """The photo as a format can hold it, and the names of what it cannot."""
+        """Returns the photo as a format can hold it, and the names of what it cannot hold."""
         coding = self._coding
         if save.subsampling is not None:
             coding = replace(coding, subsampled=save.subsampling == "4:2:0")

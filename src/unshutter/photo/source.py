@@ -1,4 +1,4 @@
-"""Where encoded data lie: in a file, or in memory."""
+"""The source of encoded data: a file or memory."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ class Source:
 
     @property
     def path(self) -> Path | None:
-        """The file, if it is one."""
+        """The path of the file, if it is one."""
         return self.place if isinstance(self.place, Path) else None
 
     @property
     def suffix(self) -> str:
-        """The ending of the file's name in lower case; empty for bytes in memory."""
+        """The extension of the file's name in lower case; empty for bytes in memory."""
         return self.place.suffix.lower() if isinstance(self.place, Path) else ""
 
     @property
     def length(self) -> int:
-        """Of the data, in bytes; OSError where the file is gone."""
+        """Length of the data in bytes; raises OSError if the file no longer exists."""
         return self.place.stat().st_size if isinstance(self.place, Path) else len(self.place)
 
     def stream(self) -> BinaryIO:
-        """A new stream at the beginning; OSError where the file cannot be read."""
+        """Opens a new stream at the beginning; raises OSError if the file cannot be read."""
         return self.place.open("rb") if isinstance(self.place, Path) else io.BytesIO(self.place)
 
     def data(self) -> bytes:
-        """All of them.
+        """Returns all data.
 
         Raises:
             UnshutterError: the file cannot be read.
@@ -58,16 +58,16 @@ class Source:
             raise UnshutterError(f"cannot read {{photo}}: {error.strerror}", photo=self) from None
 
     def copy_to(self, path: Path) -> None:
-        """Fills a file with them; OSError where that fails."""
+        """Copies the data to a file; raises OSError on failure."""
         if isinstance(self.place, Path):
-            import shutil  # not above: most photos are not copied
+            import shutil  # imported here: most photos are not copied
 
             shutil.copyfile(self.place, path)
         else:
             path.write_bytes(self.place)
 
     def patched(self, places: Sequence[int], data: bytes) -> Source:
-        """A copy in memory with some bytes replaced at each of the places; OSError where it cannot be read."""
+        """Returns a copy in memory with bytes replaced at each place; raises OSError if the file cannot be read."""
         with self.stream() as stream:
             copy = bytearray(stream.read())
         for at in places:
@@ -75,8 +75,8 @@ class Source:
         return Source(bytes(copy))
 
     def load(self, operation: str, **options: Any) -> pyvips.Image:
-        """The picture by one of libvips's loaders, lazily; ``pyvips.Error`` where it cannot make sense of it."""
+        """Opens the picture lazily with one of libvips's loaders; raises ``pyvips.Error`` if that fails."""
         image = libvips().Image
-        if isinstance(self.place, Path):  # as bytes: names need not be text
+        if isinstance(self.place, Path):  # encoded, because names need not be valid text
             return getattr(image, operation)(os.fsencode(self.place), **options)
         return getattr(image, operation + "_buffer")(self.place, **options)

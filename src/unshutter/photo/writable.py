@@ -1,4 +1,4 @@
-"""Pictures that can be written: as an encoded file in memory, or to a file on disc."""
+"""Writes pictures: as an encoded file in memory, or to a file on disc."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from unshutter.storage.files import Times, check_target, written_whole
 
 
 class Writable(ABC):
-    """A picture with metadata that can be written in any of the formats."""
+    """A picture with metadata that can be written in any output format."""
 
     format: str
     path: Path | None
@@ -26,24 +26,24 @@ class Writable(ABC):
         """Access and modification time of its file [ns since 1970].
 
         Raises:
-            UsageError: it does not come from a file.
+            UsageError: the picture does not come from a file.
         """
 
     @abstractmethod
     def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, tuple[str, ...]]:
-        """The picture as a format can hold it, and the names of what it cannot."""
+        """Returns the picture as a format can hold it, and the names of what it cannot hold."""
 
     def to_bytes(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
     ) -> bytes:
-        """The photo as an encoded file.
+        """Encodes the photo.
 
         Args:
             format: ``jpeg``, ``png``, ``webp``, ``tiff`` or ``avif``; its own by default
                 (PNG for arrays, AVIF for HEIC, TIFF for raw).
             quality: 1-100 for JPEG, WebP and AVIF; by default like the input's, else 95, 90 and 80.
-            subsampling: of JPEG's and AVIF's chroma, ``4:4:4`` (none) or ``4:2:0``; by default like the input's, which
-                is 4:4:4 for what lies between.
+            subsampling: chroma subsampling of JPEG and AVIF, ``4:4:4`` (none) or ``4:2:0``; by default like the input's
+                (4:4:4 for anything in between).
 
         Raises:
             UsageError: unknown format, quality or subsampling; UnshutterError: the format cannot hold the picture.
@@ -53,7 +53,7 @@ class Writable(ABC):
     def encode(
         self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
     ) -> Encoded:
-        """Like :meth:`to_bytes`, and says what of the metadata the format could not hold."""
+        """Encodes the photo like :meth:`to_bytes`, and names the metadata that the format cannot hold."""
         return self._encoded(Save(format, quality, subsampling))
 
     def _encoded(self, save: Save) -> Encoded:
@@ -71,31 +71,31 @@ class Writable(ABC):
         subsampling: Subsampling | None = None,
         keep_times: bool = False,
     ) -> tuple[str, ...]:
-        """Writes the photo whole or not at all: into a temporary file next to ``path``, renamed when complete.
+        """Writes the photo atomically: to a temporary file next to ``path`` that is renamed when complete.
 
-        It gets the permissions of the file that the photo was read from.
+        It gets the permissions of the file from which the photo was read.
 
         Args:
-            path: the ending names the format: .jpg .jpeg .png .webp .tif .tiff .avif.
+            path: file to write; its extension determines the format: .jpg .jpeg .png .webp .tif .tiff .avif.
             quality: see :meth:`to_bytes`.
-            overwrite: whether an existing file may be replaced; the photo's own never is, nor what a link leads to.
+            overwrite: whether an existing file may be replaced; never the photo's own or the target of a link.
             subsampling: see :meth:`to_bytes`.
             keep_times: whether it also gets the access and modification time that the photo's file had when it was
-                opened, as far as the file system can keep them.
+                opened, as far as the file system supports them.
 
         Returns:
-            The metadata that such files have no place for, in words, as in ``("IPTC",)``.
+            The names of metadata that the format cannot hold, such as ``("IPTC",)``.
 
         Raises:
-            UsageError: unknown ending, quality or subsampling, or ``keep_times`` for a photo that is not from a file;
-            UnshutterError: the file exists, is a link or the
-                photo's own, its folder is missing or cannot be written to, the disc is full, or the photo is damaged.
+            UsageError: unknown extension, quality or subsampling, or ``keep_times`` for a photo not from a file;
+            UnshutterError: the file exists, is a link or the photo's own, its folder is missing or read-only, the disc
+                is full, or the photo is damaged.
         """
         target, options = Path(path), Save(None, quality, subsampling, keep_times)
         times_ns = self.times_ns if options.keep_times else None
         format = of_target(target)
         check_target(target, overwrite, self.path)
-        picture, left_out = self._picture_for(format, options)  # decodes: damage is found before anything is written
+        picture, left_out = self._picture_for(format, options)  # decodes: damage is found before writing
         with written_whole(target, overwrite, mode_of=self.path, times_ns=times_ns) as part:
             left_out += encoding.to_file(picture, format, part, target)
         return left_out

@@ -1,1 +1,1 @@
-"""How files are put together, where more than one format is put together so."""
+"""File structures that several formats share."""

@@ -1,4 +1,4 @@
-"""Boxes, of which AVIF and HEIC files and Canon's newest raw files are made.
+"""Boxes, the building blocks of AVIF, HEIC and Canon's newest raw files.
 
 Source: ISO/IEC 14496-12 (boxes), ISO/IEC 23008-12 (HEIF: items and their properties).
 """
@@ -15,9 +15,9 @@ from unshutter.errors import UnshutterError
 from unshutter.geometry.readout import Orientation
 from unshutter.photo.source import Source
 
-_HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a size of 64 bits
-_LONGEST_READ = 1 << 24  # bytes: what pictures say of themselves takes some thousands
-_MOST_BOXES = 10_000  # of a file itself: pictures have a handful
+_HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a 64-bit size
+_LONGEST_READ = 1 << 24  # bytes: headers of pictures take a few thousand
+_MOST_BOXES = 10_000  # at the top level of a file: pictures have a handful
 _ANIMATION = re.compile(rb"....ftyp(avis|hevc|hevx|msf1)", re.DOTALL)
 
 
@@ -25,7 +25,7 @@ _ANIMATION = re.compile(rb"....ftyp(avis|hevc|hevx|msf1)", re.DOTALL)
 
 
 def top_level(file: BinaryIO, kind: bytes) -> bytes:
-    """Content of a box of the file itself, after which the file then stands; KeyError where there is none."""
+    """Returns the content of a top-level box, leaving the file just after it; raises KeyError if there is none."""
     for name, start, end in top_level_extents(file):
         if name == kind:
             file.seek(start)
@@ -34,9 +34,9 @@ def top_level(file: BinaryIO, kind: bytes) -> bytes:
 
 
 def top_level_extents(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
-    """(type, first byte of the content, byte after it) of the boxes of the file itself.
+    """Yields (type, first byte of the content, byte after it) of the top-level boxes.
 
-    The last one may claim to end behind the file.
+    The last one may claim to end beyond the end of the file.
     """
     length, at = file.seek(0, io.SEEK_END), 0
     for _ in range(_MOST_BOXES):
@@ -51,7 +51,7 @@ def top_level_extents(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
 
 
 def inside(data: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """(type, content) of the boxes in the content of another one."""
+    """Yields (type, content) of the boxes inside the content of another box."""
     at = 0
     while at + _HEAD <= len(data):
         head, size, name = _head(data[at : at + _LONG_HEAD], len(data) - at)
@@ -62,9 +62,9 @@ def inside(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _head(data: bytes, left: int) -> tuple[int, int, bytes]:
-    """(bytes of the head, of the whole box, type) of a box with at least 8 bytes.
+    """Parses the header of a box with at least 8 bytes into (bytes of the header, of the whole box, type).
 
-    A size of 0 means all that is ``left``; 1 that the size has 64 bits, behind the type.
+    A size of 0 means everything that is ``left``, and 1 a 64-bit size after the type.
     """
     size, name = struct.unpack_from(">I4s", data)
     if size == 1 and len(data) >= _LONG_HEAD:
@@ -73,10 +73,10 @@ def _head(data: bytes, left: int) -> tuple[int, int, bytes]:
 
 
 def refuse_animation(source: Source) -> None:
-    """Refuses a file whose type is that of a sequence of pictures.
+    """Rejects a file whose type is that of a sequence of pictures.
 
     Raises:
-        UnshutterError: it is one.
+        UnshutterError: the file is a sequence.
     """
     with source.stream() as stream:
         if _ANIMATION.match(stream.read(12)):
@@ -90,12 +90,12 @@ class BoxCoding(NamedTuple):
     """Coding of the primary picture of an AVIF or HEIC.
 
     Attributes:
-        orientation: what decoders do to the stored pixels (boxes irot, imir).
-        grey: no chroma at all.
-        subsampled: chroma at half the resolution in both directions (4:2:0).
-        code_points: primaries and transfer of the colours, (2, 2) where the file does not say.
+        orientation: transformation that decoders apply to the stored pixels (boxes irot, imir).
+        grey: whether there is no chroma.
+        subsampled: whether chroma has half the resolution in both directions (4:2:0).
+        code_points: primaries and transfer function of the colours; (2, 2) if the file does not specify them.
 
-    What ``grey`` and ``subsampled`` say holds for AVIF only.
+    ``grey`` and ``subsampled`` are valid for AVIF only.
     """
 
     orientation: Orientation = Orientation.NORMAL
@@ -104,7 +104,7 @@ class BoxCoding(NamedTuple):
     code_points: tuple[int, int] = (2, 2)
 
 
-_MIRRORS = (Orientation.FLIP_TOP_BOTTOM, Orientation.FLIP_LEFT_RIGHT)  # by the number in imir
+_MIRRORS = (Orientation.FLIP_TOP_BOTTOM, Orientation.FLIP_LEFT_RIGHT)  # by the value in imir
 
 
 def read_coding(file: BinaryIO) -> BoxCoding:
@@ -118,7 +118,7 @@ def read_coding(file: BinaryIO) -> BoxCoding:
             struct.unpack_from(">HH", data, 4) for name, data in listed if (name, data[:4]) == (b"colr", b"nclx")
         ]
         orientation = _orientation(own)
-        coding = own[b"av1C"][2] if b"av1C" in own else 0x0C  # a picture made of tiles has it in the tiles
+        coding = own[b"av1C"][2] if b"av1C" in own else 0x0C  # for a picture made of tiles, it is in the tiles
     except (KeyError, IndexError, struct.error):
         return BoxCoding()
     return BoxCoding(
@@ -130,7 +130,7 @@ def read_coding(file: BinaryIO) -> BoxCoding:
 
 
 def _orientation(own: dict[bytes, bytes]) -> Orientation:
-    """What the properties of a picture do to it together, in their order."""
+    """Combines the transformations among the properties of a picture, in their order."""
     orientation = Orientation.NORMAL
     for name, data in own.items():
         if name == b"irot":  # quarter turns, counter-clockwise
@@ -141,11 +141,11 @@ def _orientation(own: dict[bytes, bytes]) -> Orientation:
 
 
 def properties(meta: dict[bytes, bytes], item: int) -> list[tuple[bytes, bytes]]:
-    """(type, content) of the properties of an item; KeyError, IndexError or struct.error where they are damaged.
+    """Returns (type, content) of an item's properties; raises KeyError, IndexError or struct.error if damaged.
 
     Args:
-        meta: content of the boxes in ``meta``, by type.
-        item: its number.
+        meta: contents of the boxes in ``meta``, by type.
+        item: number of the item.
     """
     iprp = dict(inside(meta[b"iprp"]))
     listed = list(inside(iprp[b"ipco"]))
@@ -153,7 +153,7 @@ def properties(meta: dict[bytes, bytes], item: int) -> list[tuple[bytes, bytes]]
 
 
 def _associations(ipma: bytes, item: int) -> list[int]:
-    """Numbers, from 1, of the properties that belong to an item."""
+    """Returns the numbers, from 1, of the properties associated with an item."""
     version, wide_index = ipma[0], ipma[3] & 1
     (entries,) = struct.unpack_from(">I", ipma, 4)
     at = 8

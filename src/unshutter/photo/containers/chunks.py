@@ -1,7 +1,7 @@
-"""Chunks, of which PNG files are made.
+"""Chunks, the building blocks of PNG files.
 
-Source: W3C, PNG third edition, sections 5 (structure, conventions for names) and 14 (what editors do with chunks that
-they do not know).
+Source: W3C, PNG third edition, sections 5 (structure, naming conventions) and 14 (treatment of unknown chunks by
+editors).
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ from typing import BinaryIO, NamedTuple
 SIGNATURE_BYTES = 8
 TEXTS = frozenset({b"tEXt", b"zTXt", b"iTXt"})
 COLOURS = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"mDCV", b"cLLI"})
-_NAMED = TEXTS | COLOURS | {b"pHYs", b"tIME", b"bKGD"}  # these mean something to others than PNG's readers
+_NAMED = TEXTS | COLOURS | {b"pHYs", b"tIME", b"bKGD"}  # these are meaningful beyond PNG
 _USUAL_GAMMA = struct.pack(">I", 45455)
 _USUAL_PRIMARIES = struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)
 _LARGEST, _MOST, _MOST_BYTES = 1 << 26, 10_000, 1 << 27  # of a chunk's data, of chunks, and of the data of all [bytes]
-_LOWER = 0x20  # the bit that tells small letters from capitals
+_LOWER = 0x20  # the bit that distinguishes lower-case from upper-case letters
 
 
 class Chunk(NamedTuple):
-    """A chunk's name and data; ``data`` is None where they are damaged, or too long for a photo's metadata."""
+    """A chunk's name and data; ``data`` is None if they are damaged, or too long for a photo's metadata."""
 
     name: bytes
     data: bytes | None
 
 
 def is_safe_to_copy(name: bytes) -> bool:
-    """Whether a chunk's data are valid for other pixels, too, which the case of letters in its name shows."""
+    """Whether a chunk's data remain valid for other pixels, according to the case of letters in its name."""
     return bool(name[0] & _LOWER and name[3] & _LOWER)
 
 
 def of_file(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
-    """All chunks of a PNG, those after the pixels too, but for the names that are skipped."""
+    """Yields all chunks of a PNG, including those after the pixels, except for names to skip."""
     file.seek(SIGNATURE_BYTES)
     count, left = 0, _MOST_BYTES
     while len(head := file.read(8)) == 8 and head[4:] != b"IEND":
@@ -53,17 +53,17 @@ def of_file(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
 
 
 def has_data_behind(file: BinaryIO) -> bool:
-    """Whether something follows the last chunk of a PNG, of which :func:`of_file` has just been read to the end."""
-    return bool(file.read(_LARGEST)[4:].strip(b"\0\r\n"))  # behind a checksum
+    """Whether data follow the last chunk of a PNG; to be called after reading :func:`of_file` to the end."""
+    return bool(file.read(_LARGEST)[4:].strip(b"\0\r\n"))  # after a checksum
 
 
 def encoded(name: bytes, data: bytes) -> bytes:
-    """The bytes of a chunk."""
+    """Encodes a chunk."""
     return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
 
 def place_of(file: BinaryIO, name: bytes) -> tuple[int, int] | None:
-    """Where a chunk before the pixels begins and ends; None where there is none."""
+    """Returns the start and end of a chunk before the pixels; None if there is none."""
     at = SIGNATURE_BYTES
     file.seek(at)
     while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
@@ -76,7 +76,7 @@ def place_of(file: BinaryIO, name: bytes) -> tuple[int, int] | None:
 
 
 def in_words(chunks: Sequence[tuple[bytes, bytes]], has_profile: bool) -> Iterator[str]:
-    """Names of what a file without chunks lacks: not the colours, if a profile describes them or they are sRGB's."""
+    """Yields names of what is lost without chunks; not colours, if a profile describes them or they are sRGB's."""
     names = {name for name, _ in chunks}
     if names & TEXTS:
         yield "texts"

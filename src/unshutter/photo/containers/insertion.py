@@ -1,4 +1,4 @@
-"""Bytes put into the middle of a finished file."""
+"""Inserts or replaces bytes in the middle of a finished file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _PIECE = 1 << 24  # bytes
 
 
 def replace(file: BinaryIO, start: int, end: int, data: bytes) -> None:
-    """Replaces bytes by others. What is behind moves in pieces: pictures may be larger than memory."""
+    """Replaces bytes by others. Data after them are moved in pieces, because pictures may be larger than memory."""
     if len(data) >= end - start:
         file.seek(start)
         file.write(data[: end - start])
@@ -31,7 +31,7 @@ def _read_at(file: BinaryIO, at: int) -> bytes:
 
 
 def insert(file: BinaryIO, at: int, data: bytes) -> None:
-    """Moves what is behind a place, in pieces from the end: pictures may be larger than memory."""
+    """Inserts bytes, moving the data after them in pieces from the end, because pictures may be larger than memory."""
     end = file.seek(0, io.SEEK_END)
     while end > at:
         start = max(at, end - _PIECE)

@@ -1,7 +1,7 @@
-"""Items of a box file (AVIF, HEIC): its pictures and metadata, and where they are.
+"""Items of a box file (AVIF, HEIC): its pictures and metadata, and their positions.
 
-Of what there is in addition to the primary picture and its metadata (maps, mattes, further pictures, films) results get
-nothing: maps and mattes fit the old pixels only, and nothing here can write the rest. It is only named.
+Results contain only the primary picture and its metadata. Everything else (maps, mattes, further pictures, films) is
+only reported by name: maps and mattes fit only the old pixels, and nothing here can write the rest.
 
 Source: ISO/IEC 14496-12 (boxes iinf, iloc), ISO/IEC 23008-12 (HEIF: items, references, auxiliary images), ISO 21496-1
 (gain maps).
@@ -17,9 +17,9 @@ from typing import BinaryIO, NamedTuple
 from unshutter.photo.containers import boxes
 
 _MOST_ITEMS = 10_000
-_ALPHA = (":auxid:1", ":auxiliary:alpha")  # how the types of auxiliary pictures end
+_ALPHA = (":auxid:1", ":auxiliary:alpha")  # endings of the types of auxiliary pictures
 _DEPTH = (":auxid:2", ":auxiliary:depth")
-_METADATA = {b"Exif": "a second EXIF", b"mime": "a second XMP"}  # where there is one already
+_METADATA = {b"Exif": "a second EXIF", b"mime": "a second XMP"}  # names for further items of these kinds
 _XMP = b"application/rdf+xml"
 _FILMS = (b"moov", b"mpvd")
 _STRUCTURE = frozenset({b"ftyp", b"meta", b"mdat", b"free", b"skip", b"wide"})
@@ -27,7 +27,7 @@ _LONGEST_NAME = 40
 
 
 class _Item(NamedTuple):
-    """An item: its kind, whether viewers are to hide it, and for ``mime`` what it holds."""
+    """An item: its kind, whether viewers should hide it, and the content type if its kind is ``mime``."""
 
     kind: bytes
     hidden: bool
@@ -35,7 +35,7 @@ class _Item(NamedTuple):
 
 
 class _Reference(NamedTuple):
-    """That one item refers to others, and in which sense."""
+    """A reference from one item to others, of a certain kind."""
 
     kind: bytes
     item: int
@@ -43,7 +43,7 @@ class _Reference(NamedTuple):
 
 
 def extras_in_words(file: BinaryIO) -> tuple[str, ...]:
-    """Names of what the file holds in addition; what is damaged has none."""
+    """Names additional content of the file; empty if the file is damaged."""
     try:
         meta = dict(boxes.inside(boxes.top_level(file, b"meta")[4:]))
         names = [*_of_items(meta), *_of_boxes(file)]
@@ -92,7 +92,7 @@ def _is_metadata(item: _Item) -> bool:
 
 
 def _item_in_words(item: _Item) -> Iterator[str]:
-    """What an item is that is not part of the primary picture, nor a thumbnail; nothing for hidden pictures."""
+    """Names an item that is neither part of the primary picture nor a thumbnail; nothing for hidden pictures."""
     if item.kind == b"tmap":
         yield "gain map"
     elif item.kind == b"iptc":
@@ -104,7 +104,7 @@ def _item_in_words(item: _Item) -> Iterator[str]:
 
 
 def _parts(item: int, references: list[_Reference]) -> set[int]:
-    """An item and those that it is put together from."""
+    """Returns an item and those that it is composed of."""
     components = {one.item: one.to for one in references if one.kind == b"dimg"}
     parts, waiting = set(), [item]
     while waiting:
@@ -116,7 +116,7 @@ def _parts(item: int, references: list[_Reference]) -> set[int]:
 
 
 def _auxiliary_in_words(meta: dict[bytes, bytes], item: int) -> Iterator[str]:
-    """What an auxiliary picture is, by its property auxC; nothing for transparency, which results keep."""
+    """Names an auxiliary picture by its property auxC; nothing for transparency, which results keep."""
     own = dict(boxes.properties(meta, item))
     kind = own.get(b"auxC", b"")[4:].partition(b"\0")[0].decode(errors="replace").lower()
     if kind.endswith(_DEPTH):
@@ -156,11 +156,11 @@ def _printable(name: bytes) -> str:
     return "".join(chr(byte) for byte in name[:_LONGEST_NAME] if 32 < byte < 127)
 
 
-# ---- places --------------------------------------------------------------------------------------------
+# ---- positions -----------------------------------------------------------------------------------------
 
 
 def extent(file: BinaryIO, kind: bytes) -> tuple[int, int] | None:
-    """(first byte, length) of the first item of a kind; None without one, or where it is not in one piece."""
+    """Returns (first byte, length) of the first item of a kind; None if there is none, or it is fragmented."""
     try:
         meta = dict(boxes.inside(boxes.top_level(file, b"meta")[4:]))
         iinf, iloc = meta[b"iinf"], meta[b"iloc"]
@@ -171,14 +171,14 @@ def extent(file: BinaryIO, kind: bytes) -> tuple[int, int] | None:
 
 
 def _number_and_kind(data: bytes) -> tuple[int, bytes]:
-    """(number, kind) of an item."""
+    """Parses (number, kind) of an item."""
     if data[0] < 3:
         return struct.unpack_from(">H", data, 4)[0], data[8:12]
     return struct.unpack_from(">I", data, 4)[0], data[10:14]
 
 
 def _extent_of(iloc: bytes, item: int) -> tuple[int, int] | None:
-    """(first byte, length) of an item by the box iloc; IndexError where that is damaged."""
+    """Finds (first byte, length) of an item in the box iloc; raises IndexError if that is damaged."""
     version, sizes, more_sizes = iloc[0], iloc[4], iloc[5]
     stream = io.BytesIO(iloc[6:])
 
@@ -190,8 +190,8 @@ def _extent_of(iloc: bytes, item: int) -> tuple[int, int] | None:
 
     for _ in range(min(number(4 if version == 2 else 2), _MOST_ITEMS)):
         own = number(4 if version == 2 else 2)
-        in_file = version == 0 or number(2) & 15 == 0  # else counted from another box
-        number(2)  # of the file in which it is: this one
+        in_file = version == 0 or number(2) & 15 == 0  # otherwise relative to another box
+        number(2)  # number of the file that contains it: this one
         base, pieces = number(more_sizes >> 4), number(2)
         for _ in range(pieces):
             number(more_sizes & 15 if version else 0)

@@ -1,12 +1,12 @@
-"""Films in a photo's file: motion photos as Google's and Samsung's phones write them.
+"""Films in a photo's file: motion photos as written by Google's and Samsung's phones.
 
-In a HEIC the film is the content of the box mpvd. In a JPEG it stands behind the picture:
+In a HEIC, the film is the content of the box mpvd. In a JPEG, it follows the picture:
 
-Google's film ends with the file. Samsung's stands in a trailer: blocks with a number and a name, and a directory at the
-very end with the distance from there back to the start of each block. So the trailer can move as a whole, and blocks
-can be left out.
+Google's film extends to the end of the file. Samsung's is in a trailer: blocks with a number and a name, followed by a
+directory at the very end with the distance from the directory back to the start of each block. Thus the trailer can
+be moved as a whole, and blocks can be left out.
 
-Source: Google, Motion Photo format 1.0; for the trailer ExifTool's description of Samsung's tags.
+Source: Google, Motion Photo format 1.0; for the trailer, ExifTool's description of Samsung's tags.
 """
 
 from __future__ import annotations
@@ -19,26 +19,26 @@ from typing import BinaryIO, NamedTuple
 from unshutter.photo.containers import boxes
 from unshutter.photo.tags.xmp import FilmPlace
 
-_FILM = 0x0A30  # a block's number: MotionPhoto_Data
-# Blocks that are as true of new pixels: the film's version, how it is played, when and in which country it was taken.
+_FILM = 0x0A30  # number of the block MotionPhoto_Data
+# Blocks that remain valid for new pixels: the film's version, how to play it, when and in which country it was taken.
 _STAY_TRUE = (_FILM, 0x0A31, 0x0A33, 0x0A01, 0x0AA1)
 _HEAD, _FOOT = b"SEFH", b"SEFT"
 _LONGEST_DIRECTORY = 1 << 16  # bytes
 _LONGEST_NAME = 100
-_BOX = b"mpvd"  # of a HEIC
+_BOX = b"mpvd"  # in a HEIC
 _LONGEST_FILM = 1 << 28  # bytes
 _MOMENT = rb"""(?:MotionPhoto|MicroVideo)PresentationTimestampUs\s*(?:=\s*["']|>)\s*(\d{1,12})\b"""
 
 
 class AppendedFilm(NamedTuple):
-    """A motion photo's film, with what stands about it.
+    """A motion photo's film, and the data around it.
 
     Attributes:
-        data: all that comes behind the picture.
-        at: where in it the film begins.
-        length: of the film [bytes].
-        taken_from: how many bytes at the end of the old file this is made of.
-        left_behind: names of blocks that were true of the old pixels alone.
+        data: everything that follows the picture.
+        at: start of the film in these data.
+        length: length of the film [bytes].
+        taken_from: number of bytes at the end of the old file that these data come from.
+        left_behind: names of blocks that were valid only for the old pixels.
     """
 
     data: bytes
@@ -54,12 +54,12 @@ class AppendedFilm(NamedTuple):
 
     @property
     def place(self) -> FilmPlace:
-        """Where it is."""
+        """The position of the film."""
         return FilmPlace(self.at, self.length, len(self.data) - self.at)
 
 
 class _Block(NamedTuple):
-    """A block of a trailer, as its directory has it."""
+    """A block of a trailer, as listed in its directory."""
 
     kind: int
     data: bytes  # kind, length of the name, name, content
@@ -74,11 +74,11 @@ class _Block(NamedTuple):
 
 
 def film_of(file: BinaryIO, film_bytes: int | None) -> AppendedFilm | None:
-    """The film of a JPEG.
+    """Finds the film of a JPEG; returns None if there is none.
 
     Args:
         file: the JPEG.
-        film_bytes: length of the film at the end of the file, according to XMP; None: XMP names none.
+        film_bytes: length of the film at the end of the file, according to XMP; None: not specified.
     """
     in_trailer = _in_trailer(file)
     if in_trailer is not None:
@@ -91,7 +91,7 @@ def film_of(file: BinaryIO, film_bytes: int | None) -> AppendedFilm | None:
 
 
 def film_in_boxes(file: BinaryIO) -> bytes | None:
-    """The film of a HEIC."""
+    """Returns the film of a HEIC; None if there is none."""
     for name, start, end in boxes.top_level_extents(file):
         if name == _BOX and end - start <= _LONGEST_FILM:
             file.seek(start)
@@ -101,7 +101,7 @@ def film_in_boxes(file: BinaryIO) -> bytes | None:
 
 
 def moment_s(packet: bytes | None) -> float | None:
-    """When the photo was taken, in the film's time [s], by its XMP; None: unknown."""
+    """Returns the time at which the photo was taken, in the film's time [s], from XMP; None: unknown."""
     match = re.search(_MOMENT, packet or b"")
     return int(match[1]) / 1e6 if match else None
 
@@ -111,7 +111,7 @@ def _is_film(data: bytes) -> bool:
 
 
 def _in_trailer(file: BinaryIO) -> AppendedFilm | None:
-    """The film of Samsung's trailer, with the blocks that stay true; None where there is none."""
+    """Returns the film from Samsung's trailer, with the blocks that remain valid; None if there is none."""
     version, blocks, length = _blocks(file)
     film = next((block for block in blocks if block.kind == _FILM), None)
     if film is None or not _is_film(film.data[film.content_at :]):
@@ -125,9 +125,9 @@ def _in_trailer(file: BinaryIO) -> AppendedFilm | None:
 
 
 def _blocks(file: BinaryIO) -> tuple[int, list[_Block], int]:
-    """The version of a trailer, its blocks in their order, and its length [bytes].
+    """Returns the version of a trailer, its blocks in order, and its length [bytes].
 
-    No blocks where it contradicts itself, or is not there.
+    There are no blocks if the trailer is missing or inconsistent.
     """
     end = file.seek(0, io.SEEK_END) - 8
     file.seek(max(end, 0))
@@ -141,7 +141,7 @@ def _blocks(file: BinaryIO) -> tuple[int, list[_Block], int]:
     if not directory.startswith(_HEAD) or 12 + 12 * count > length:
         return 0, [], 0
     entries = [struct.unpack_from("<2xHII", directory, 12 + 12 * k) for k in range(count)]
-    blocks, free = [], end - length  # free: bytes before the directory that no block has yet
+    blocks, free = [], end - length  # free: bytes before the directory that are not yet assigned to a block
     for kind, before, size in sorted(entries, key=lambda entry: -entry[1]):
         if not 8 <= size <= before <= free:
             return 0, [], 0
@@ -154,7 +154,7 @@ def _blocks(file: BinaryIO) -> tuple[int, list[_Block], int]:
 
 
 def _trailer(version: int, blocks: list[_Block]) -> bytes:
-    """The bytes of a trailer."""
+    """Encodes a trailer."""
     directory, before = [_HEAD, struct.pack("<II", version, len(blocks))], sum(len(block.data) for block in blocks)
     for block in blocks:
         directory.append(struct.pack("<2xHII", block.kind, before, len(block.data)))

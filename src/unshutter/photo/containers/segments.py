@@ -1,4 +1,4 @@
-"""Segments, of which JPEG files are made.
+"""Segments, the building blocks of JPEG files.
 
 Source: ITU-T T.81, annex B.
 """
@@ -13,17 +13,17 @@ from typing import BinaryIO
 
 from unshutter.photo.tags import exif
 
-# markers; what the applications' segments hold, they say in their first bytes
+# markers; application segments identify their content by their first bytes
 END, SCAN, APP0, APP1, APP2, APP13, APP14, COMMENT = 0xD9, 0xDA, 0xE0, 0xE1, 0xE2, 0xED, 0xEE, 0xFE
 LONGEST = 65_533  # bytes of content
 _MOST_FILL = 1 << 16  # bytes before a marker
-_IN_A_SCAN = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # a marker that ends coded data, as restarts do not
+_IN_A_SCAN = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # a marker that ends coded data, unlike restart markers
 _PIECE = 1 << 20  # bytes
 _FILL = b"\0\xff \r\n\t"
 
 
 def before_the_scan(file: BinaryIO, markers: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
-    """(marker, content) of the segments before the first scan that have one of the markers."""
+    """Yields (marker, content) of the segments before the first scan that have one of the markers."""
     file.seek(2)
     while (marker := _marker(file)) not in (None, SCAN):
         size = file.read(2)
@@ -37,7 +37,7 @@ def before_the_scan(file: BinaryIO, markers: tuple[int, ...]) -> Iterator[tuple[
 
 
 def _marker(file: BinaryIO) -> int | None:
-    """The next marker, before which any number of bytes 0xFF may stand; None where there is none."""
+    """Reads the next marker, which any number of bytes 0xFF may precede; returns None if there is none."""
     if file.read(1) != b"\xff":
         return None
     for _ in range(_MOST_FILL):
@@ -47,7 +47,7 @@ def _marker(file: BinaryIO) -> int | None:
 
 
 def bytes_behind(file: BinaryIO) -> int:
-    """How many bytes follow the end of the picture; 0 where these are only fill, or the picture has no end."""
+    """Counts the bytes after the end of the picture; 0 if they are only padding, or the picture has no end."""
     for _ in before_the_scan(file, ()):
         pass
     while (marker := _after_segment(file)) not in (None, END):
@@ -59,7 +59,7 @@ def bytes_behind(file: BinaryIO) -> int:
 
 
 def _after_segment(file: BinaryIO) -> int | None:
-    """Leaves a segment whose marker was read, and the coded data that may follow it, behind: the next marker, read."""
+    """Skips a segment whose marker was read, and coded data after it; reads and returns the next marker."""
     size = file.read(2)
     if len(size) < 2:
         return None
@@ -70,16 +70,16 @@ def _after_segment(file: BinaryIO) -> int | None:
         if match is not None:
             file.seek(at + match.end())
             return piece[match.end() - 1]
-        at += len(piece) - 1  # a marker may be cut in two
+        at += len(piece) - 1  # a marker may be split between two pieces
         file.seek(at)
     return None
 
 
 def encoded(marker: int, content: bytes) -> bytes:
-    """The bytes of a segment."""
+    """Encodes a segment."""
     return struct.pack(">BBH", 0xFF, marker, len(content) + 2) + content
 
 
 def exif_of(file: BinaryIO) -> bytes | None:
-    """The EXIF blob of a JPEG."""
+    """Returns the EXIF blob of a JPEG; None if there is none."""
     return next((content for _, content in before_the_scan(file, (APP1,)) if content.startswith(exif.PREFIX)), None)

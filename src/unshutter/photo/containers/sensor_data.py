@@ -1,8 +1,8 @@
-"""Whether a raw file still holds all of its sensor's data.
+"""Checks whether a raw file still contains all of its sensor's data.
 
-LibRaw develops what it finds and takes the rest for zeros, without a word: a file that was cut short becomes a picture
-that is black from some row on. A file whose own tables say that it is whole counts as whole. Any other is read a
-second time with other bytes after its end: what differs was never there.
+LibRaw silently treats missing data as zeros: a truncated file becomes a picture that is black from some row on. A file
+that is complete according to its own tables counts as complete. Any other is decoded a second time with extra bytes
+after its end: values that differ were missing.
 
 Source: TIFF 6.0 (strips, tiles); TIFF/EP, DNG 1.6 (sub-directories); ISO/IEC 14496-12 (boxes).
 """
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     import numpy as np
 
 _PHOTOMETRIC, _SUB_PICTURES = 0x0106, 0x014A
-_TABLES = ((0x0111, 0x0117), (0x0144, 0x0145))  # where strips and tiles begin, and how long they are
-_OF_SENSORS = ((32803,), (34892,))  # photometric interpretation: a colour filter's mosaic, linear light
+_TABLES = ((0x0111, 0x0117), (0x0144, 0x0145))  # starts and lengths of strips and tiles
+_OF_SENSORS = ((32803,), (34892,))  # photometric interpretation: colour filter array, linear raw
 _MOST_SUB_PICTURES = 64
-_FUJI_TABLE = 84  # of places and lengths: of the JPEG, the header and the data
-_AFTER = b"\xa5" * 65_536  # like nothing that a decoder makes of a missing end
+_FUJI_TABLE = 84  # positions and lengths of the JPEG, the header and the data
+_AFTER = b"\xa5" * 65_536  # unlike anything that a decoder substitutes for missing data
 
 
 def is_whole(file: BinaryIO) -> bool | None:
-    """Whether all data in the file's own tables lie in it; None where there are no tables, or they may be wrong."""
+    """Whether the file contains all data listed in its tables; None if there are no tables, or they may be wrong."""
     length = file.seek(0, io.SEEK_END)
     file.seek(0)
     head = file.read(_FUJI_TABLE + 24)
@@ -49,41 +49,41 @@ def is_whole(file: BinaryIO) -> bool | None:
 
 
 def is_complete(data: bytes, pixels: np.ndarray, decode: Callable[[BinaryIO], np.ndarray | None]) -> bool:
-    """Whether a decoder needed nothing behind the end of the data.
+    """Whether a decoder needed no data beyond the end of the file.
 
     Args:
         data: a raw file.
-        pixels: the sensor's values that it became.
-        decode: gives those of another file; None where it does not know its kind, no values where it fails later.
+        pixels: sensor values decoded from it.
+        decode: decodes another file; returns None for an unknown kind, and no values if decoding fails later.
     """
     import numpy as np
 
-    if pixels.min() == pixels.max():  # no sensor is so quiet: all its data are missing
+    if pixels.min() == pixels.max():  # no sensor is so free of noise: all its data are missing
         return False
-    again = decode(io.BytesIO(data + _AFTER))  # a kind that is read from its end does without
+    again = decode(io.BytesIO(data + _AFTER))  # kinds that are read from the end do not depend on it
     return again is None or np.array_equal(again, pixels)
 
 
 def _sub_pictures(file: BinaryIO, tree: Tree) -> list[Directory]:
-    """The directories that hang on a page as pictures of their own."""
+    """Returns the sub-directories of pages that are separate pictures."""
     offsets = [offset for page in tree.pages for offset in _numbers(page, _SUB_PICTURES, tree)]
     trees = (read_tree(file, most_pages=1, first_at=offset) for offset in offsets[:_MOST_SUB_PICTURES])
     return [tree.pages[0] for tree in trees if tree is not None]
 
 
 def _is_sensors(picture: Directory, tree: Tree) -> bool:
-    """Whether a picture is said to be what the sensor saw, rather than a preview."""
+    """Whether a picture is declared to be sensor data rather than a preview."""
     return _numbers(picture, _PHOTOMETRIC, tree)[:1] in _OF_SENSORS
 
 
 def _parts(picture: Directory, tree: Tree) -> list[tuple[int, int]]:
-    """(place, length) of the strips and tiles of a picture."""
+    """Returns (start, length) of the strips and tiles of a picture."""
     tables = ((_numbers(picture, starts, tree), _numbers(picture, sizes, tree)) for starts, sizes in _TABLES)
     return [part for starts, sizes in tables for part in zip(starts, sizes, strict=False)]
 
 
 def _numbers(directory: Directory, tag: int, tree: Tree) -> tuple[int, ...]:
-    """The values of a SHORT or LONG tag."""
+    """Returns the values of a SHORT or LONG tag."""
     entry = directory.get(tag)
     if not isinstance(entry, Entry) or entry.kind not in (3, 4, 13):
         return ()

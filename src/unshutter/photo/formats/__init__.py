@@ -1,4 +1,4 @@
-"""The file formats: each has a line here and a file in this folder."""
+"""The file formats: each has one line here and one file in this folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from unshutter.photo.formats.raw import Raw
 from unshutter.photo.formats.tiff import Tiff
 from unshutter.photo.formats.webp import Webp
 
-# Asked in this order whether a file is theirs: AVIF files may call themselves HEIC, too, and most raw files TIFF.
+# Checked in this order: AVIF files may also claim to be HEIC, and most raw files to be TIFF.
 FORMATS: dict[str, Format] = {
     format.name: format
     for format in (
@@ -33,15 +33,15 @@ WRITTEN = {name: format for name in get_args(PictureFormat) if isinstance(format
 
 
 def of_suffix(suffix: str) -> Format | None:
-    """The format of files with this ending, if there is one."""
+    """Returns the format of files with this extension; None if there is none."""
     return next((format for format in FORMATS.values() if suffix.lower() in format.suffixes), None)
 
 
 def of_target(path: Path) -> WrittenFormat:
-    """The format that a file name asks to be written.
+    """Returns the output format for a file name.
 
     Raises:
-        UsageError: the ending names none, or one that is only read.
+        UsageError: the extension is unknown, or that of a read-only format.
     """
     format = of_suffix(path.suffix)
     if isinstance(format, WrittenFormat):

@@ -1,4 +1,4 @@
-"""AVIF: its boxes say how the picture was turned, and where EXIF is.
+"""AVIF: its boxes contain the picture's orientation and the position of its EXIF.
 
 Source: ISO/IEC 23008-12 (HEIF), AV1 Image File Format.
 """
@@ -23,13 +23,13 @@ from unshutter.photo.tags import exif
 if TYPE_CHECKING:
     import numpy as np
 
-_THREADS = 4  # of the encoder, on every machine: it cuts the picture into tiles by their number
+_THREADS = 4  # of the encoder, on every machine: it splits the picture into tiles by their number
 _SIGNATURE = re.compile(rb"....ftyp(avis|(....)*avif)", re.DOTALL)
 
 
 @final
 class Avif(WrittenFormat):
-    """AVIF: 8, 10 or 12 bits, RGB; grey inside the file is shown as three channels by the decoder."""
+    """AVIF: 8, 10 or 12 bits, RGB; the decoder returns grey as three channels."""
 
     name = written_as = "avif"
     suffixes = (".avif",)
@@ -41,7 +41,7 @@ class Avif(WrittenFormat):
         return _SIGNATURE.match(head) is not None
 
     def read_header(self, source: Source) -> Header:
-        """See Format. The orientation is that of the boxes, by which the decoder turns; EXIF's does not count."""
+        """See Format. The orientation is that of the boxes, which decoders apply; EXIF's is ignored."""
         boxes.refuse_animation(source)
         readable = without_exif_loops(source, _exif_blocks)
         image = by_libvips.open_image(readable, "heifload")
@@ -73,7 +73,7 @@ class Avif(WrittenFormat):
         options = {
             "compression": "av1",
             "Q": picture.quality or 80,
-            "effort": 0,  # a quarter of the time of 2, for which docs/reference/formats.md says what is lost
+            "effort": 0,  # takes a quarter of the time of 2; docs/reference/formats.md describes what is lost
             "bitdepth": deep if picture.image.format == "ushort" else 8,
             "subsample_mode": "on" if coding.subsampled else "off",
         }
@@ -81,7 +81,7 @@ class Avif(WrittenFormat):
             return by_libvips.encode(picture, "heifsave", path, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
-        """See WrittenFormat. Appends EXIF, and makes the placeholder's item, which is zeroed, point to it."""
+        """See WrittenFormat. Appends EXIF, and makes the item of the zeroed placeholder point to it."""
         blob = picture.metadata.exif
         old = None if blob is None else _exif_extent(file)
         if blob is None or old is None:
@@ -101,17 +101,17 @@ def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
     if extent is not None:
         at, length = extent
         file.seek(at)
-        content = file.read(length)  # four bytes that say where the TIFF header is, then EXIF
+        content = file.read(length)  # four bytes with the position of the TIFF header, then EXIF
         start = 4 + int.from_bytes(content[:4], "big")
         yield ExifBlock(at + start, content[start:])
 
 
 class _Extent(NamedTuple):
-    """Where an item of a box file is.
+    """Position of an item of a box file.
 
     Attributes:
-        numbers_at: place of two 32-bit numbers: offset, counted from ``base``, and length.
-        base, offset, length: as they are there.
+        numbers_at: position of two 32-bit numbers: offset, relative to ``base``, and length.
+        base, offset, length: the values there.
     """
 
     numbers_at: int
@@ -121,7 +121,7 @@ class _Extent(NamedTuple):
 
 
 def _exif_extent(file: BinaryIO) -> _Extent | None:
-    """Where an AVIF says that its EXIF is; None without EXIF, or where it is not written as libheif writes it."""
+    """Finds the EXIF of an AVIF; returns None without EXIF, or if it is not stored in libheif's way."""
     try:
         meta = boxes.top_level(file, b"meta")
         iinf, iloc = (dict(boxes.inside(meta[4:]))[name] for name in (b"iinf", b"iloc"))

@@ -1,7 +1,7 @@
-"""HEIC, read through libheif (package pi-heif, extra ``heic``).
+"""HEIC: read through libheif (package pi-heif, extra ``heic``).
 
-A HEIC file holds the pixels as the sensor was read; its boxes irot and imir say how a viewer is to turn and mirror
-them. libheif always does that while it decodes; what it gives is turned back here.
+A HEIC file contains the pixels as read from the sensor; its boxes irot and imir state how a viewer should rotate and
+mirror them. libheif always applies them while decoding, which is undone here.
 
 Source: ISO/IEC 23008-12 (HEIF).
 """
@@ -28,7 +28,7 @@ _SIGNATURE = re.compile(rb"....ftyp(hevc|hevx|msf1|(....)*(hei[cxms]|mif1))", re
 
 @final
 class Heic(Format):
-    """HEIC: only read."""
+    """HEIC: read-only."""
 
     name, written_as = "heic", "avif"
     suffixes = (".heic", ".heif", ".hif")
@@ -65,16 +65,16 @@ class Heic(Format):
 
 
 def _upright_pixels(source: Source) -> np.ndarray:
-    """[H, W, bands] uint8 or uint16 of the primary picture, turned and mirrored as the file asks."""
+    """Decodes the primary picture, [H, W, bands] uint8 or uint16, rotated and mirrored as the file specifies."""
     import numpy as np
 
     picture = _primary(source)
     try:
-        pixels = np.array(picture)  # copied: what pi-heif gives goes with its picture
-    except Exception as error:  # libheif's, by whatever class pi-heif gives them
+        pixels = np.array(picture)  # copied, because pi-heif's pixels are freed with its picture
+    except Exception as error:  # libheif's errors, in whichever class pi-heif raises them
         raise UnshutterError(f"{{photo}} is damaged or incomplete: {_cause(error)}", photo=source) from None
     pixels = pixels.reshape(*pixels.shape[:2], -1)
-    if _channels(picture).endswith("a"):  # colours multiplied by the opacity
+    if _channels(picture).endswith("a"):  # colours are premultiplied
         top = np.iinfo(pixels.dtype).max
         opacity = np.maximum(pixels[..., -1:], 1) / top
         plain = np.minimum(np.round(pixels[..., :-1] / opacity), top).astype(pixels.dtype)
@@ -84,7 +84,7 @@ def _upright_pixels(source: Source) -> np.ndarray:
 
 
 def _channels(picture: Any) -> str:
-    """One letter a channel."""
+    """Returns one letter per channel."""
     return picture.mode.partition(";")[0]
 
 
@@ -116,11 +116,11 @@ def _primary(source: Source) -> Any:
 
 
 def _item_names_are_text(file: BinaryIO) -> bool:
-    """Whether the types of all items are ASCII; where not, pi-heif crashes (1.4)."""
+    """Whether the types of all items are ASCII; otherwise pi-heif crashes (1.4)."""
     try:
         iinf = dict(boxes.inside(boxes.top_level(file, b"meta")[4:]))[b"iinf"]
     except KeyError:
-        return True  # others will complain
+        return True  # reported elsewhere
     entries = (content for name, content in boxes.inside(iinf[6 if iinf[:1] == b"\0" else 8 :]) if name == b"infe")
     return all(byte < 128 for entry in entries for byte in entry[8:])
 

@@ -1,4 +1,4 @@
-"""JPEG: its tables give quality and subsampling; metadata are segments, of which libvips loses or cuts some.
+"""JPEG: its tables contain quality and subsampling; its metadata are segments, some of which libvips loses or cuts.
 
 Source: ITU-T T.81 (segments, quantisation); ITU-T T.871 (JFIF); CIPA DC-008 (EXIF in APP1), DC-007 (several pictures in
 APP2); Adobe, XMP specification part 3 (XMP in APP1, Photoshop's resources in APP13).
@@ -30,7 +30,7 @@ from unshutter.photo.tags import exif, iptc, xmp
 if TYPE_CHECKING:
     import numpy as np
 
-# Warnings about JPEGs in which every pixel is there, and which all viewers show.
+# Warnings about JPEGs in which no pixels are missing and which all viewers display.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
 _TABLES, _FRAMES = 0xDB, (0xC0, 0xC1, 0xC2)  # markers
 # Luminance quantisation of quality 50, in any order (ITU-T T.81, table K.1).
@@ -43,7 +43,7 @@ _LUMINANCE = (
 _JFIF, _XMP = b"JFIF\0", b"http://ns.adobe.com/xap/1.0/\0"
 _MORE_XMP, _PICTURES = b"http://ns.adobe.com/xmp/extension/\0", b"MPF\0"
 _METADATA = (*range(APP0, APP0 + 16), COMMENT)
-# Segments that libvips reads, or that only say how this file is coded.
+# Segments that libvips reads, or that only describe the encoding of this file.
 _READ: dict[int, tuple[bytes, ...]] = {
     APP0: (_JFIF, b"JFXX\0", b"AVI1"),
     APP1: (exif.PREFIX, _XMP),
@@ -55,7 +55,7 @@ _READ: dict[int, tuple[bytes, ...]] = {
 
 @final
 class Jpeg(WrittenFormat):
-    """JPEG: 8 bits, grey or RGB, no alpha; the one format that is decoded at a part of its size for less work."""
+    """JPEG: 8 bits, grey or RGB, no alpha; the only format that can be decoded at a reduced size for less work."""
 
     name = written_as = "jpeg"
     suffixes = (".jpg", ".jpeg", ".jpe", ".jfif")
@@ -76,7 +76,7 @@ class Jpeg(WrittenFormat):
         return by_libvips.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
-        """See Format. To libjpeg damaged data are only a warning."""
+        """See Format. libjpeg only warns of damaged data."""
         with refusing("{photo} is damaged or incomplete", photo=source):
             data = without_exif_loops(source, _exif_blocks)
             try:
@@ -95,7 +95,7 @@ class Jpeg(WrittenFormat):
         return by_libvips.encode(written, "jpegsave", path, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
-        """See WrittenFormat. Of EXIF that is too long, the longest tags are left out."""
+        """See WrittenFormat. If EXIF is too long, its longest tags are left out."""
         metadata = picture.metadata
         left_out, added = [], b""
         if metadata.exif is not None:
@@ -107,7 +107,7 @@ class Jpeg(WrittenFormat):
         added += b"".join(segments.encoded(COMMENT, comment) for comment in metadata.comments)
         file.seek(2)
         at, head = 2, file.read(4)
-        if head[:2] == bytes([0xFF, APP0]):  # JFIF stays first
+        if head[:2] == bytes([0xFF, APP0]):  # JFIF must remain first
             at += 2 + struct.unpack(">H", head[2:])[0]
         elif metadata.jfif_density is not None:
             density = struct.pack(">BHH", *metadata.jfif_density)
@@ -134,15 +134,15 @@ def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
 
 
 def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
-    """Completes the metadata that libvips found in a JPEG by those that it loses or cuts.
+    """Completes the metadata that libvips found in a JPEG with those that it loses or truncates.
 
     Args:
-        metadata: as libvips sees them.
+        metadata: metadata found by libvips.
         file: the JPEG.
 
     Returns:
-        EXIF (libvips takes it apart), density, comments, Photoshop's resources of several segments, and the film of a
-        motion photo; with the names of what no result gets.
+        EXIF (which libvips takes apart), density, comments, Photoshop's resources in several segments, and the film of
+        a motion photo, along with the names of metadata that no result contains.
     """
     listed = list(before_the_scan(file, _METADATA))
     first_exif = next(iter(_beginning(listed, APP1, exif.PREFIX)), None)
@@ -157,7 +157,7 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     for prefix, name in ((exif.PREFIX, "a second EXIF"), (_XMP, "a second XMP")):
         if len(_beginning(listed, APP1, prefix)) > 1:
             left_behind.append(name)
-    has_pictures = _beginning(listed, APP2, _PICTURES) or xmp.has_gain_map(metadata.xmp)  # which have names
+    has_pictures = _beginning(listed, APP2, _PICTURES) or xmp.has_gain_map(metadata.xmp)  # which are named elsewhere
     if not has_pictures and bytes_behind(file) > (film.taken_from if film else 0):
         left_behind.append("data behind the picture")
     return replace(
@@ -172,7 +172,7 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
 
 
 def _beginning(listed: list[tuple[int, bytes]], marker: int, prefix: bytes) -> list[bytes]:
-    """Contents of the segments with a marker that begin with a prefix."""
+    """Returns the contents of segments with a marker that begin with a prefix."""
     return [content for own, content in listed if own == marker and content.startswith(prefix)]
 
 
@@ -182,24 +182,24 @@ def _density(listed: list[tuple[int, bytes]]) -> tuple[int, int, int] | None:
 
 
 def _lost(marker: int, content: bytes, packet: bytes | None) -> str:
-    """Name of a segment that no result gets; empty for those that are copied or only describe this file."""
+    """Names a segment that no result contains; empty for those that are copied or only describe this file."""
     if marker == COMMENT or content.startswith(_READ.get(marker, b"\0nothing")):
         return ""
     if marker == APP1 and content.startswith(_MORE_XMP):
         return "XMP beyond the first 64 kB"
     if marker == APP2 and content.startswith(_PICTURES):
-        return "" if xmp.has_gain_map(packet) else "previews or further pictures"  # a gain map is named as such
+        return "" if xmp.has_gain_map(packet) else "previews or further pictures"  # gain maps are named as such
     return f"data of other programs (APP{marker - APP0})"
 
 
-# ---- how it is encoded ---------------------------------------------------------------------------------
+# ---- encoding ------------------------------------------------------------------------------------------
 
 
 def read_coding(file: BinaryIO) -> Coding:
-    """Reads the tables and the frame header; defaults for what is missing or damaged.
+    """Reads the quantisation tables and the frame header; uses defaults for missing or damaged ones.
 
-    The quality is the one of libjpeg's scale whose luminance table is nearest in sum to the file's: cameras and Adobe
-    programs use tables of their own. Chroma at half the resolution in both directions (4:2:0), or less, counts as
+    The quality is that on libjpeg's scale whose luminance table has the sum closest to the file's, because cameras and
+    Adobe programs use their own tables. Chroma with half the resolution in both directions (4:2:0), or less, counts as
     subsampled; libvips also reports that for 4:2:2.
     """
     total, factors = None, b""
@@ -207,13 +207,13 @@ def read_coding(file: BinaryIO) -> Coding:
         if marker == _TABLES:
             total = _luminance_sum(content) or total
         else:
-            factors = content[7::3]  # of each component, horizontal << 4 | vertical
+            factors = content[7::3]  # per component, horizontal << 4 | vertical
     quality = None if total is None else _nearest_quality(total)
     return Coding(quality, subsampled=len(factors) == 3 and factors[0] >> 4 >= 2 and factors[0] & 15 >= 2)
 
 
 def _nearest_quality(total: int) -> int:
-    qualities = range(1, 101)  # the better, the smaller the sum
+    qualities = range(1, 101)  # the higher the quality, the smaller the sum
     first_below = bisect_left(qualities, -total, key=lambda quality: -_scaled_sum(quality))
     return min(qualities[max(first_below - 1, 0) : first_below + 1], key=lambda q: abs(_scaled_sum(q) - total))
 
@@ -224,7 +224,7 @@ def _scaled_sum(quality: int) -> int:
 
 
 def _luminance_sum(tables: bytes) -> int | None:
-    """Sum of quantisation table 0, if it is among these."""
+    """Returns the sum of quantisation table 0, if it is among these."""
     while tables:
         wide, name = tables[0] >> 4, tables[0] & 15
         values = tables[1 : 65 + 64 * wide]

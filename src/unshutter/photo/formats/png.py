@@ -1,6 +1,6 @@
-"""PNG: lossless, 8 or 16 bits; all metadata are chunks, before the pixels or behind them.
+"""PNG: lossless, 8 or 16 bits; all metadata are chunks, before or after the pixels.
 
-libvips reads only the chunks before the pixels, and rewrites texts. So they are read here, and copied unchanged.
+libvips reads only the chunks before the pixels and rewrites texts, so they are read here and copied unchanged.
 
 Source: W3C, PNG third edition (chunks, eXIf, cICP, acTL).
 """
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 _AFTER_HEADER = 33  # bytes: signature and the chunk IHDR
 _PIXELS = (b"IDAT", b"fdAT")
 _CARRIED = TEXTS | COLOURS | {b"pHYs", b"tIME"}
-# What belongs to the coding of the old pixels, and says nothing to a photographer: palettes, Apple's list of offsets,
-# frames of a still picture.
+# Chunks that belong to the encoding of the old pixels and mean nothing to a photographer: palettes, Apple's list of
+# offsets, frames of a still picture.
 _OF_THE_CODING = frozenset({b"IHDR", b"PLTE", b"tRNS", b"hIST", b"iCCP", b"acTL", b"fcTL", b"iDOT"})
 _IN_WORDS = {
     b"caBX": "content credentials",
@@ -75,13 +75,13 @@ class Png(WrittenFormat):
         return by_libvips.decode(without_exif_loops(source, _exif_blocks), "pngload")
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
-        """See WrittenFormat. :meth:`embed` adds XMP: libvips compresses it, which the XMP specification forbids."""
+        """See WrittenFormat. :meth:`embed` adds XMP, because libvips compresses it, against the XMP specification."""
         bits = 16 if picture.image.format == "ushort" else 8
         written = replace(picture, metadata=replace(picture.metadata, exif=None, xmp=None))
         return by_libvips.encode(written, "pngsave", path, filter="all", bitdepth=bits, palette=False)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
-        """See WrittenFormat. libvips always writes a resolution (pHYs), even if it is not known."""
+        """See WrittenFormat. libvips always writes a resolution (pHYs), even if it is unknown."""
         metadata, added = picture.metadata, []
         if metadata.exif is not None:
             added.append((b"eXIf", metadata.exif.removeprefix(exif.PREFIX)))
@@ -106,10 +106,10 @@ def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
 
 
 def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
-    """All but the profile in the chunk iCCP, which libvips unpacks, and the resolution.
+    """Reads all metadata except the profile in the chunk iCCP, which libvips decompresses, and the resolution.
 
     Raises:
-        UnshutterError: an animation, or colours of HDR or video.
+        UnshutterError: the file is an animation, or has colours of HDR or video.
     """
     blobs: dict[str, bytes] = {}
     carried: list[tuple[bytes, bytes]] = []
@@ -136,14 +136,14 @@ def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
 
 
 def _carried(name: bytes, data: bytes, coding: tuple[int, int], palette: bytes) -> bytes | None:
-    """The data of a chunk in the result; None where it is not copied."""
+    """Returns the data of a chunk for the result; None if it is not copied."""
     if name == b"bKGD":
         return _background(data, *coding, palette)
     return data if name in _CARRIED or chunks.is_safe_to_copy(name) else None
 
 
 def _metadata(source: Source, blobs: dict[str, bytes], carried: list[tuple[bytes, bytes]], lost: list[str]) -> Metadata:
-    """The metadata, from those of other formats by attribute, copied chunks, and names of what is lost."""
+    """Builds the metadata from blobs by attribute, copied chunks, and names of what is lost."""
     blob = blobs.get("exif", b"")
     if exif.has_loop(blob):
         lost.append("EXIF (damaged)")
@@ -158,24 +158,24 @@ def _metadata(source: Source, blobs: dict[str, bytes], carried: list[tuple[bytes
 
 
 def _cicp_profile(source: Source, carried: list[tuple[bytes, bytes]]) -> bytes | None:
-    """ICC profile of the colours in the chunk cICP; None where there is none, or it means sRGB.
+    """Returns the ICC profile for the colours in the chunk cICP; None if there is none, or it means sRGB.
 
     Raises:
-        UnshutterError: those of HDR or video.
+        UnshutterError: the colours are HDR or video.
     """
     code_points = dict(carried).get(b"cICP", b"")
     return profile_of(code_points[0], code_points[1], source) if len(code_points) == 4 else None
 
 
 def _coding(file: BinaryIO) -> tuple[int, int]:
-    """Bits of a sample and colour type."""
+    """Returns bits per sample and colour type."""
     file.seek(chunks.SIGNATURE_BYTES + 16)
     depth, colour_type = file.read(2).ljust(2, b"\0")
     return depth, colour_type
 
 
 def _background(data: bytes, depth: int, colour_type: int, palette: bytes) -> bytes | None:
-    """The chunk bKGD for the pixels as they are decoded: no palette, no less than 8 bits; None where it is damaged."""
+    """Converts the chunk bKGD to the decoded pixels: no palette, at least 8 bits; returns None if it is damaged."""
     if colour_type == _PALETTE:
         colour = palette[3 * data[0] : 3 * data[0] + 3] if data else b""
         return struct.pack(">3H", *colour) if len(colour) == 3 else None

@@ -1,10 +1,10 @@
 """Cameras' raw files, developed through LibRaw (package rawpy, extra ``raw``).
 
-Developed plainly, so that photos of a series stay comparable: the camera's white balance, no brightening, sRGB, 16
-bits. Rows stay rows of the sensor: LibRaw is not allowed to turn the picture, and has no lens corrections.
+Developed plainly, so that photos of a series remain comparable: the camera's white balance, no brightening, sRGB, 16
+bits. Rows remain rows of the sensor: LibRaw must not rotate the picture, and applies no lens corrections.
 
-Most raw files are TIFFs, some of them under another magic number. Fuji's holds a JPEG that has EXIF, Canon's newest
-is a box file like HEIC with a TIFF for each directory. Of other kinds no tags are read.
+Most raw files are TIFFs, some of them with another magic number. Fuji's contains a JPEG with EXIF, Canon's newest
+is a box file like HEIC with a TIFF for each directory. For other kinds, no tags are read.
 
 Source: the public descriptions of these formats by exiftool.org and github.com/lclevy/canon_cr3 (facts only).
 """
@@ -51,13 +51,13 @@ _COMPLAINT = rb"unknown file: (Unexpected end of file|data corrupted at .*)"  # 
 
 @final
 class Raw(Format):
-    """Raw files of all makers that LibRaw knows: only read, as 16-bit RGB."""
+    """Raw files of all makers that LibRaw supports: read-only, as 16-bit RGB."""
 
     name, written_as = "raw", "tiff"
     suffixes = tuple(f".{ending}" for ending in _CAMERAS.split())
 
     def recognises(self, source: Source, head: bytes) -> bool:
-        """See Format. Raw files of many makers begin like a TIFF; some only their ending identifies."""
+        """See Format. Raw files of many makers begin like a TIFF; some are identified only by their extension."""
         return _SIGNATURE.match(head) is not None or source.suffix in self.suffixes or _is_raw_tiff(source)
 
     def read_header(self, source: Source) -> Header:
@@ -102,7 +102,7 @@ class Raw(Format):
 
 
 def _orientation(flip: int) -> Orientation:
-    """What LibRaw's number for it does to the pixels: its bits are steps, the lowest first."""
+    """Converts LibRaw's number for an orientation, whose bits are steps in ascending order."""
     orientation = Orientation.NORMAL
     for bit, step in enumerate(_FLIPS):
         orientation = orientation.then(step) if flip & 1 << bit else orientation
@@ -110,10 +110,10 @@ def _orientation(flip: int) -> Orientation:
 
 
 def _is_whole(source: Source) -> bool | None:
-    """Whether a file is whole, by its own tables; None where they do not show that.
+    """Whether a file is complete according to its own tables; None if they do not show it.
 
     Raises:
-        UnshutterError: it cannot be whole.
+        UnshutterError: the file is incomplete.
     """
     with source.stream() as stream:
         whole = sensor_data.is_whole(stream)
@@ -128,7 +128,7 @@ def _is_complete(source: Source, pixels: np.ndarray) -> bool:
 
 
 def _sensor_values(stream: BinaryIO) -> np.ndarray | None:
-    """What the sensor saw; None for a kind of file that LibRaw does not know, no values where the data are damaged."""
+    """Decodes the sensor values; returns None for a kind unknown to LibRaw, no values if the data are damaged."""
     import numpy as np
     import rawpy
 
@@ -170,14 +170,14 @@ def _opened(source: Source) -> Iterator[Any]:
 
 
 def _is_raw_tiff(source: Source) -> bool:
-    """Whether a file is a DNG, or begins with a preview as the raw files of Nikon and Sony do."""
+    """Whether a file is a DNG, or begins with a preview like the raw files of Nikon and Sony."""
     with source.stream() as stream:
         tree = read_tree(stream, most_pages=1)
     return tree is not None and (_DNG_VERSION in tree.pages[0] or bool((tree.number(SUBFILE_TYPE) or 0) & 1))
 
 
 def read_tags(file: BinaryIO) -> Tree | None:
-    """The directories of a raw file; None where there are none that can be read."""
+    """Reads the directories of a raw file; returns None if there are none that can be read."""
     file.seek(0)
     head = file.read(96)
     if head[:4] in _OTHER_MAGIC:
@@ -193,19 +193,19 @@ def read_tags(file: BinaryIO) -> Tree | None:
 
 
 def exif_of(tree: Tree) -> bytes | None:
-    """EXIF of a raw file's tags. Panasonic has all of it, the maker's note too, in a JPEG in one of them."""
+    """Returns EXIF from a raw file's tags; Panasonic stores it all, including the maker note, in a JPEG in one tag."""
     return _whole_exif(tree) or exif.of_tiff(tree)
 
 
 def _whole_exif(tree: Tree) -> bytes | None:
-    """EXIF as it is in the JPEG that Panasonic has in a tag; None without one."""
+    """Returns the EXIF of the JPEG that Panasonic stores in a tag; None without one."""
     preview = tree.data(_PANASONIC_JPEG)
     whole = segments.exif_of(io.BytesIO(preview)) if preview and preview.startswith(b"\xff\xd8") else None
     return whole if exif.read(whole) else None
 
 
 def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
-    """Names of the metadata in a raw file that nothing here can read."""
+    """Yields the names of metadata in a raw file that cannot be read here."""
     if tree is None:
         yield "EXIF (of this kind of raw file it is not read)"
     elif _PRIVATE_DATA in tree.pages[0]:
@@ -224,7 +224,7 @@ def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
 
 
 def _canon_box(file: BinaryIO) -> bytes:
-    """Canon's own box in a CR3; empty where there is none."""
+    """Returns Canon's own box in a CR3; empty if there is none."""
     try:
         own = dict(boxes.inside(boxes.top_level(file, b"moov"))).get(b"uuid", b"")
     except KeyError:
@@ -233,7 +233,7 @@ def _canon_box(file: BinaryIO) -> bytes:
 
 
 def _canon_tags(file: BinaryIO) -> Tree | None:
-    """One tree of the three that a CR3 has for its first directory, EXIF and GPS; the maker's note is not read."""
+    """Combines a CR3's separate trees for the first directory, EXIF and GPS into one; the maker note is not read."""
     parts = dict(boxes.inside(_canon_box(file)))
     first, details, place = (read_tree(io.BytesIO(parts.get(name, b""))) for name in (b"CMT1", b"CMT2", b"CMT4"))
     if first is None:
@@ -247,21 +247,21 @@ def _canon_tags(file: BinaryIO) -> Tree | None:
 
 
 _STANDARD_ERROR = 2
-_turn = Lock()  # there is but one standard error
+_turn = Lock()  # there is only one standard error
 
 
 @contextmanager
 def kept_back(pattern: bytes) -> Iterator[None]:
-    """Keeps whole lines that match a pattern from standard error; what others write at the same time comes afterwards.
+    """Removes complete lines that match a pattern from standard error; other output there is delayed to the end.
 
-    For libraries whose printing nothing turns off. Threads wait for each other here.
+    For libraries whose output cannot be disabled. Threads wait for each other here.
     """
-    import tempfile  # not above: most photos do without
+    import tempfile  # imported here: most photos do not need it
 
     with _turn, tempfile.TemporaryFile() as held:
         try:
             shown = os.dup(_STANDARD_ERROR)
-        except OSError:  # closed: nobody would see it
+        except OSError:  # closed: nobody would see the output
             yield
             return
         _flush()

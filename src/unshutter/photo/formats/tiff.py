@@ -1,4 +1,4 @@
-"""TIFF: lossless, 8 or 16 bits; EXIF and IPTC are tags among its own.
+"""TIFF: lossless, 8 or 16 bits; EXIF and IPTC are stored among its own tags.
 
 Source: TIFF 6.0.
 """
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 _SIGNATURE = re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
 _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _EXTRA_SAMPLES = 0x0103, 0x0106, 0x0115, 0x0152
 _OLD_JPEG, _JPEG = 6, 7  # compressions
-_COLOURS = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}  # samples that they take, by photometric interpretation
-_UNSPECIFIED, _TRANSPARENCY = 0, (1, 2)  # meanings of an extra sample; colours multiplied by it (1) libvips divides
+_COLOURS = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}  # number of colour samples, by photometric interpretation
+_UNSPECIFIED, _TRANSPARENCY = 0, (1, 2)  # meanings of an extra sample; for (1), libvips undoes the premultiplication
 _PRIVATE, _LAYERS, _ICC = 0x8000, 0x935C, 0x8773
-_CARRIED = {iptc.IPTC_TAG, iptc.RESOURCES_TAG, _ICC, 0xEA1C}  # and what Windows keeps free
+_CARRIED = {iptc.IPTC_TAG, iptc.RESOURCES_TAG, _ICC, 0xEA1C}  # and a tag for padding by Windows
 _RESOLUTION, _RESOLUTION_UNIT = (0x011A, 0x011B), 0x0128
-_FRACTION, _MOST_PARTS = 5, 1000  # TIFF type; denominator: 9000/127 a centimetre are 180 an inch
+_FRACTION, _MOST_PARTS = 5, 1000  # TIFF type; maximum denominator: 9000/127 per centimetre are 180 per inch
 _PER_MM = {2: 25.4, 3: 10.0}  # by unit
-_MOST_TAGS = 4096  # in a directory
+_MOST_TAGS = 4096  # per directory
 _SMALLER_COPY, _MASK = 1, 4  # bits of a subfile's type
-_CLASSIC_BYTES = 3_500_000_000  # more go into a BigTIFF
+_CLASSIC_BYTES = 3_500_000_000  # larger files become BigTIFFs
 
 
 @final
@@ -70,14 +70,14 @@ class Tiff(WrittenFormat):
         metadata = replace(by_libvips.metadata_of(image), resources=None)
         if tree is None:
             return by_libvips.header(self, source, image, coding, metadata)
-        if exif.has_no_resolution_unit(tree):  # to libvips that is pixels by the millimetre
+        if exif.has_no_resolution_unit(tree):  # libvips reads that as pixels per millimetre
             metadata = replace(metadata, resolution=Resolution())
         metadata = replace(metadata, exif=exif.of_tiff(tree), resources=iptc.of_tiff(tree), description=None)
         metadata = replace(metadata, left_behind=tuple(_left_behind(tree)))
         return by_libvips.header(self, source, image, coding, metadata, _pictures(tree))
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
-        """See Format. Damaged JPEG data are but a warning; of other warnings most harm nothing."""
+        """See Format. Damaged JPEG data cause only a warning; most other warnings are harmless."""
         fail_on = "warning" if header.coding.compression == _JPEG else "error"
         return by_libvips.decode(source, "tiffload", fail_on)
 
@@ -98,17 +98,17 @@ class Tiff(WrittenFormat):
         more = iptc.tiff_tags(metadata.resources)
         added = exif.add_to_tiff(file, metadata.exif, image.height, image.width, more)
         if picture.masked:
-            _put_number(file, _EXTRA_SAMPLES, _UNSPECIFIED)  # libvips calls it transparency
+            _put_number(file, _EXTRA_SAMPLES, _UNSPECIFIED)  # libvips declares it as transparency
         tree = exif.read(metadata.exif)
         return [*(_unknown_tags(tree) if tree else ())] if added else ["EXIF and IPTC (the TIFF is too large)"]
 
 
 def _check_kind(source: Source, numbers: dict[int, int]) -> None:
-    """Refuses what libvips would read wrongly.
+    """Rejects files that libvips would read wrongly.
 
     Raises:
-        UnshutterError: old-style JPEG, of which some decoders make a black picture; grey with more than one channel
-            next to it, which is not RGB.
+        UnshutterError: it is an old-style JPEG, which some decoders turn black, or grey with more than one additional
+            channel, which is not RGB.
     """
     if numbers.get(_COMPRESSION) == _OLD_JPEG:
         raise UnshutterError(
@@ -122,19 +122,19 @@ def _check_kind(source: Source, numbers: dict[int, int]) -> None:
 
 
 def _extra_samples(numbers: dict[int, int]) -> int:
-    """Channels other than grey or RGB."""
+    """Returns the number of channels beyond grey or RGB."""
     return numbers.get(_SAMPLES, 1) - _COLOURS.get(numbers.get(_PHOTOMETRIC, -1), numbers.get(_SAMPLES, 1))
 
 
 def _left_behind(tree: Tree) -> Iterator[str]:
-    """What no result gets, in words: unknown tags, and parts of the maker's note."""
+    """Names the parts that no result contains: unknown tags, and parts of the maker note."""
     yield from _unknown_tags(tree)
     if moved_note.is_incomplete(tree):
         yield "parts of the maker's note"
 
 
 def _unknown_tags(tree: Tree) -> Iterator[str]:
-    """Private tags that no TIFF gets, in words; those with lower numbers are carried, or of the old coding."""
+    """Names private tags that no TIFF result contains; lower tags are copied, or belong to the old encoding."""
     for tag in tree.pages[0]:
         if tag == _LAYERS:
             yield "Photoshop's layers"
@@ -146,7 +146,7 @@ def _unknown_tags(tree: Tree) -> Iterator[str]:
 
 
 def _places(file: BinaryIO) -> tuple[str, dict[int, tuple[int, int]]]:
-    """The byte order, and TIFF type and place of what the first directory has for its tags."""
+    """Returns the byte order, and TIFF type and position of each tag's value in the first directory."""
     length, header = file.seek(0, io.SEEK_END), header_of(file)
     order, layout, at = header or ("<", CLASSIC, length)
     file.seek(min(at, length))
@@ -160,7 +160,7 @@ def _places(file: BinaryIO) -> tuple[str, dict[int, tuple[int, int]]]:
 
 
 def _numbers(file: BinaryIO) -> dict[int, int]:
-    """The whole numbers of the first directory, 0 for all else, by tag."""
+    """Returns integer values by tag from the first directory; 0 for tags that are not integers."""
     order, places = _places(file)
     numbers = {}
     for tag, (kind, at) in places.items():
@@ -171,7 +171,7 @@ def _numbers(file: BinaryIO) -> dict[int, int]:
 
 
 def _put_number(file: BinaryIO, tag: int, number: int) -> None:
-    """Gives a tag of one short number another one."""
+    """Replaces the value of a tag with a single SHORT."""
     order, places = _places(file)
     if tag in places:
         file.seek(places[tag][1])
@@ -179,7 +179,7 @@ def _put_number(file: BinaryIO, tag: int, number: int) -> None:
 
 
 def _put_resolution(file: BinaryIO, resolution: Resolution) -> None:
-    """Writes the resolution as exact fractions: libvips rounds it, 230 pixels an inch to 229.999."""
+    """Writes the resolution as exact fractions, because libvips rounds it: 230 pixels per inch become 229.999."""
     header, (order, places) = header_of(file), _places(file)
     by_unit = _PER_MM.get(_numbers(file).get(_RESOLUTION_UNIT, 0))
     for tag, per_mm in zip(_RESOLUTION, resolution[:2], strict=True):
@@ -187,7 +187,7 @@ def _put_resolution(file: BinaryIO, resolution: Resolution) -> None:
         if header is None or by_unit is None or kind != _FRACTION:
             continue
         exact = Fraction(per_mm * by_unit).limit_denominator(_MOST_PARTS)
-        if header[1] is CLASSIC:  # eight bytes, which do not fit into the entry
+        if header[1] is CLASSIC:  # eight bytes, which do not fit in the entry
             file.seek(at)
             (at,) = struct.unpack(order + "I", file.read(4))
         if 0 < exact.numerator < 1 << 32:
@@ -196,6 +196,6 @@ def _put_resolution(file: BinaryIO, resolution: Resolution) -> None:
 
 
 def _pictures(tree: Tree) -> int:
-    """Pages of a TIFF that are pictures: smaller copies and masks do not count."""
+    """Counts the pages of a TIFF that are pictures; reduced copies and masks do not count."""
     kinds = [tree.number(SUBFILE_TYPE, page=page) or 0 for page in range(len(tree.pages))]
     return sum(not kind & (_SMALLER_COPY | _MASK) for kind in kinds)

@@ -1,4 +1,4 @@
-"""WebP: lossy or lossless, as its predecessor was; EXIF is a chunk.
+"""WebP: lossy or lossless like the original; EXIF is a chunk.
 
 Source: RFC 9649 (the container's chunks).
 """
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     import numpy as np
 
 _SIGNATURE = re.compile(rb"RIFF....WEBP", re.DOTALL)
-_METADATA = {b"EXIF": "exif", b"XMP ": "xmp", b"XMP\0": "xmp"}  # the last is how some programs spell it
+_METADATA = {b"EXIF": "exif", b"XMP ": "xmp", b"XMP\0": "xmp"}  # the last is a misspelling by some programs
 _OF_THE_CODING = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ICCP", b"ANIM", b"ANMF"})
-_LONGEST = 1 << 28  # bytes of a chunk that is read
+_LONGEST = 1 << 28  # maximum size of a chunk to read [bytes]
 
 
 @final
@@ -64,7 +64,7 @@ class Webp(WrittenFormat):
         return by_libvips.encode(picture, "webpsave", path, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
-        """See WrittenFormat. EXIF goes into the chunk of the placeholder."""
+        """See WrittenFormat. EXIF replaces the content of the placeholder's chunk."""
         blob = picture.metadata.exif
         if blob is None:
             return []
@@ -87,7 +87,7 @@ class Webp(WrittenFormat):
 
 
 class _Chunk(NamedTuple):
-    """A chunk by its name, and where its data are."""
+    """A chunk's name, and the position of its data."""
 
     name: bytes
     at: int
@@ -95,7 +95,7 @@ class _Chunk(NamedTuple):
 
 
 def _chunks(file: BinaryIO) -> Iterator[_Chunk]:
-    """The chunks of a file, as long as it says that it is."""
+    """Yields the chunks of a file, up to the file length stated in its header."""
     file.seek(4)
     at, end = 12, 8 + int.from_bytes(file.read(4), "little")
     while at + 8 <= end:
@@ -114,10 +114,10 @@ def _data(file: BinaryIO, chunk: _Chunk) -> bytes:
 
 
 def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
-    """Completes the metadata that libvips found: it misses chunks that the header does not announce, and misspelt XMP.
+    """Completes the metadata that libvips found, which misses chunks not announced in the header, and misspelt XMP.
 
     Args:
-        metadata: as libvips sees them.
+        metadata: metadata found by libvips.
         file: the WebP.
     """
     blobs: dict[str, bytes] = {}
@@ -141,7 +141,7 @@ def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
 
 
 def _has_data_behind(file: BinaryIO) -> bool:
-    """Whether something follows what the file says that it is."""
+    """Whether data follow after the file length stated in the header."""
     file.seek(4)
     file.seek(8 + int.from_bytes(file.read(4), "little"))
     return bool(file.read(_LONGEST).strip(b"\0"))
@@ -155,5 +155,5 @@ def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
 
 
 def _is_lossless(file: BinaryIO) -> bool:
-    """Whether the picture is in WebP's lossless coding (chunk VP8L)."""
+    """Whether the picture is encoded losslessly (chunk VP8L)."""
     return next((chunk.name == b"VP8L" for chunk in _chunks(file) if chunk.name in (b"VP8L", b"VP8 ")), False)

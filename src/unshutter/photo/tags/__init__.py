@@ -1,1 +1,1 @@
-"""Metadata, one file per standard: read, and kept true when the pixels change."""
+"""Metadata, with one file per standard: reading them, and updating them when the pixels change."""

@@ -1,13 +1,13 @@
 """How the camera was held, from the photo's metadata: phones' accelerometers, level gauges, gimbals.
 
-All makers' angles end up as those of :class:`Attitude`: roll clockwise as the photographer sees it, tilt upwards, both
-of the picture as it is to be looked at. Gauges are built into cameras, so theirs first have the quarter turn taken off
-by which the camera was turned for a portrait photo. Where that does not agree with the photo's orientation, somebody
-has turned the pixels, or the angles are another's: then only what is beyond doubt is used.
+All makers' angles are converted to those of :class:`Attitude`: roll clockwise as seen by the photographer, upward tilt,
+both for the upright picture. Gauges are built into cameras, so the quarter turn of a portrait photo is first subtracted
+from their angles. If the result contradicts the photo's orientation, the pixels have been rotated since, or the angles
+belong to another photo: then only what is beyond doubt is used.
 
 Sources: Apple: the vector in its maker note, compared with plumb lines in photos. DJI: Mavic 3M user
 manual, "Photo File": angles of the gimbal in the NED coordinate system, rotations in the order ZYX. GPano: Google,
-Photo Sphere XMP metadata. Camera: Pix4D, yaw, pitch and roll, zero where the camera looks straight down. All others: as
+Photo Sphere XMP metadata. Camera: Pix4D, yaw, pitch and roll, zero when the camera looks straight down. All others: as
 exiftool.org describes their tags (facts only).
 """
 
@@ -27,9 +27,9 @@ from unshutter.photo.tags.directories import EXIF
 from unshutter.photo.tags.maker_notes import MakerNote
 
 _LENS_MODEL = 0xA434
-_APPLE_VECTOR, _GRAVITY_IN_G = 0x0008, (0.94, 1.06)  # a phone at rest; edited files say anything
-_LEAST_UPRIGHT = 0.35  # share of gravity in the picture's plane, below which it does not show where up is
-_CLEAR_SHARE, _CLEAR_DEG = 0.5, 25.0  # of gravity in the plane, and off a quarter turn: clear enough to recognise one
+_APPLE_VECTOR, _GRAVITY_IN_G = 0x0008, (0.94, 1.06)  # a phone at rest; edited files contain arbitrary values
+_LEAST_UPRIGHT = 0.35  # share of gravity in the picture's plane; below it, the upward direction is unclear
+_CLEAR_SHARE, _CLEAR_DEG = 0.5, 25.0  # to recognise a quarter turn: gravity in the plane, deviation from it
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class Attitude:
     """How the camera was held.
 
     Attributes:
-        roll_deg: turned clockwise from upright, as its user sees it [degrees]; None: unknown.
-        tilt_deg: looking up, -90 is straight down [degrees]; None: unknown.
-        source: who measured it.
-        readout: direction in which the stored pixels were read, where gravity shows that they were turned since.
+        roll_deg: rotation clockwise from upright, as seen by its user [degrees]; None: unknown.
+        tilt_deg: angle above the horizon, -90 is straight down [degrees]; None: unknown.
+        source: device that measured it.
+        readout: direction in which the stored pixels were read out, if gravity shows that they were rotated since.
     """
 
     roll_deg: float | None
@@ -59,13 +59,13 @@ class _Held(NamedTuple):
 def of_photo(
     blob: bytes | None, xmp: bytes | None, orientation: Orientation, height: int, width: int
 ) -> Attitude | None:
-    """How the camera was held, or None where the photo does not say, or says what cannot be.
+    """Determines how the camera was held; returns None if the metadata do not show it, or are implausible.
 
     Args:
         blob: EXIF.
         xmp: XMP packet.
-        orientation: of the stored pixels.
-        height, width: of the stored pixels [px].
+        orientation: orientation of the stored pixels.
+        height, width: size of the stored pixels [px].
     """
     note = maker_notes.read(blob)
     if note is not None and note.maker in _GAUGES:
@@ -77,8 +77,8 @@ def of_photo(
 
 
 def _in_picture(held: _Held, source: str, orientation: Orientation, height: int, width: int) -> Attitude | None:
-    """The attitude of a picture that a camera held so has taken and stored as it was read, or turned since."""
-    if orientation.mirrored:  # no camera stores pictures so
+    """Converts the body's angles to those of a picture stored as read out, or rotated since; None if inconsistent."""
+    if orientation.mirrored:  # no camera stores mirrored pictures
         return None
     tilt = held.tilt or 0.0
     upright = math.cos(math.radians(tilt))  # share of gravity in the picture's plane
@@ -94,14 +94,14 @@ def _in_picture(held: _Held, source: str, orientation: Orientation, height: int,
         and upright >= _CLEAR_SHARE
         and abs(off_quarter) <= _CLEAR_DEG
     ):
-        # sensors lie across: these pixels were set upright by software, which the tag does not show
+        # sensors are landscape: software has rotated these pixels upright, without noting it in the tag
         readout = Readout.RIGHT_TO_LEFT if roll > 0 else Readout.LEFT_TO_RIGHT
         return Attitude(off_quarter, held.tilt, source, readout)
     return None
 
 
 def _wrapped(angle: float) -> float:
-    """The angle in (-180, 180]."""
+    """Wraps an angle to (-180, 180]."""
     return 180 - (180 - angle) % 360
 
 
@@ -109,7 +109,7 @@ def _wrapped(angle: float) -> float:
 
 
 def _apple(note: MakerNote) -> _Held | None:
-    """Gravity is the vector (-y, -x, -z) in the frame of the sensor: right, down, forward."""
+    """Reads Apple's vector: gravity is (-y, -x, -z) in the sensor's frame: right, down, forward."""
     vector = note.numbers(_APPLE_VECTOR)
     if len(vector) != 3 or not _GRAVITY_IN_G[0] <= math.hypot(*vector) <= _GRAVITY_IN_G[1]:
         return None
@@ -118,7 +118,7 @@ def _apple(note: MakerNote) -> _Held | None:
 
 
 def _is_front(blob: bytes | None) -> bool:
-    """Whether it is the camera next to the screen, for which the vector's frame is another."""
+    """Whether the front camera was used, for which the vector has another frame."""
     tree = exif.read(blob)
     return tree is not None and "front" in tree.text(_LENS_MODEL, EXIF).lower()
 
@@ -136,7 +136,7 @@ def _olympus(note: MakerNote) -> _Held | None:
     if settings is None:
         return None
     roll, pitch = settings.numbers(0x0903), settings.numbers(0x0904)
-    if len(roll) != 2 or roll[1] != 1:  # else the gauge was off
+    if len(roll) != 2 or roll[1] != 1:  # otherwise the gauge was off
         return None
     return _level(-roll[0] / 10, pitch[0] / 10 if len(pitch) == 2 and pitch[1] == 1 else None)
 
@@ -145,11 +145,11 @@ def _panasonic(note: MakerNote) -> _Held | None:
     values = note.numbers(0x0090), note.numbers(0x0091)
     if any(len(value) != 1 for value in values):
         return None
-    roll, pitch = ((value + 0x8000) % 0x10000 - 0x8000 for (value,) in values)  # signed, whatever their type says
+    roll, pitch = ((value + 0x8000) % 0x10000 - 0x8000 for (value,) in values)  # signed, despite their type
     return _level(roll / 10, -pitch / 10)
 
 
-_PENTAX_TURNED = {1: 0, 2: 180, 3: 90, 4: -90}  # how the body was held, in quarter turns; 8 more: off level
+_PENTAX_TURNED = {1: 0, 2: 180, 3: 90, 4: -90}  # how the body was held, in quarter turns; 8 is added if off level
 
 
 def _pentax(note: MakerNote) -> _Held | None:
@@ -168,7 +168,7 @@ def _fujifilm(note: MakerNote) -> _Held | None:
 
 
 def _level(roll: float, tilt: float | None) -> _Held | None:
-    """Angles of a level gauge [degrees]; None for what no camera does, or exactly level, as gauges say that are off."""
+    """Returns the angles of a level gauge [degrees]; None if implausible, or exactly level, as if switched off."""
     if not roll and not tilt:
         return None
     if not abs(roll) <= 360 or (tilt is not None and not abs(_wrapped(tilt)) <= MOST_TILT_DEG):
@@ -176,7 +176,7 @@ def _level(roll: float, tilt: float | None) -> _Held | None:
     return _Held(_wrapped(roll), None if tilt is None else _wrapped(tilt))
 
 
-# Nikon's gauge (OrientationInfo) is in a part of its note that is encrypted, and is not read.
+# Nikon's gauge (OrientationInfo) is in an encrypted part of its note and is not read.
 _GAUGES: dict[str, tuple[str, Callable[[MakerNote], _Held | None]]] = {
     "Apple": ("accelerometer (Apple)", _apple),
     "Canon": ("level gauge (Canon)", _canon),
@@ -190,7 +190,7 @@ _GAUGES: dict[str, tuple[str, Callable[[MakerNote], _Held | None]]] = {
 
 _NUMBER = rb"""\s*(?:=\s*["']|>)\s*([+-]?\d+(?:\.\d+)?)"""
 _PANORAMA = rb"""GPano:ProjectionType\s*(?:=\s*["']|>)\s*(?:equirectangular|cylindrical)"""
-# Properties for roll and pitch, of the picture as it is stored; None: that of Pix4D, which counts from straight down
+# Properties for roll and pitch of the stored picture; None: Pix4D's pitch, which is zero straight down
 _XMP: tuple[tuple[str, bytes, bytes | None], ...] = (
     ("gimbal (DJI)", rb"drone-dji:GimbalRollDegree", rb"drone-dji:GimbalPitchDegree"),
     ("gimbal (Parrot)", rb"[\w-]+:CameraRollDegree", rb"[\w-]+:CameraPitchDegree"),
@@ -201,7 +201,7 @@ _XMP: tuple[tuple[str, bytes, bytes | None], ...] = (
 
 
 def of_xmp(packet: bytes) -> Attitude | None:
-    """How the camera of a picture that is stored upright was held, by the first property in it that is known here."""
+    """Reads how the camera of an upright stored picture was held, from the first known property in the packet."""
     for source, roll, pitch in _XMP:
         angles = tuple(_numbers(packet, roll, pitch or rb"\bCamera:Pitch"))
         if len(angles) == 2 and not (source == "GPano" and re.search(_PANORAMA, packet)):
@@ -216,14 +216,14 @@ def _numbers(packet: bytes, *names: bytes) -> Iterator[float]:
 
 
 def _of_gimbal(roll: float, tilt: float, source: str) -> Attitude | None:
-    # looking straight down, a gimbal may call the same attitude a roll of half a turn and a heading of another
+    # looking straight down, a gimbal may express the same attitude by half a turn of roll and another heading
     if abs(abs(roll) - 180) <= MOST_ROLL_DEG and abs(tilt) > MOST_TILT_DEG - 10:
         roll = 0.0
     return Attitude(roll, tilt, source) if abs(roll) <= MOST_ROLL_DEG and abs(tilt) <= MOST_TILT_DEG else None
 
 
 def _from_straight_down(roll: float, pitch: float, source: str) -> Attitude | None:
-    """Of a camera below an aircraft, whose top is ahead: roll is about the flight, a pitch of 90 looks ahead."""
+    """Converts angles of a camera below an aircraft: roll is about the flight direction, a pitch of 90 looks ahead."""
     if not abs(roll) <= 90 or not -90 <= pitch <= 180:
         return None
     roll, pitch = math.radians(roll), math.radians(pitch)

@@ -1,4 +1,4 @@
-"""TIFF directories: the form in which TIFF files, EXIF and most raw files keep tags.
+"""TIFF directories: the structure in which TIFF files, EXIF and most raw files store tags.
 
 Source: TIFF 6.0, section 2; CIPA DC-008 (EXIF 2.32), section 4.6.2; awaresystems.be, The BigTIFF file format (facts).
 """
@@ -12,19 +12,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO, NamedTuple, TypeAlias
 
-# Tags by number. Directories hang on those of EXIF, GPS and interoperability.
+# Tags by number. EXIF, GPS and interoperability point to sub-directories.
 EXIF, GPS, INTEROPERABILITY, MAKER_NOTE = 0x8769, 0x8825, 0xA005, 0x927C
 SUB_DIRECTORIES = frozenset({EXIF, GPS, INTEROPERABILITY})
 SUBFILE_TYPE = 0x00FE
 
 BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">"}
 _BIG_BYTE_ORDERS = {b"II+\0": "<", b"MM\0+": ">"}
-# Bytes of one value, by TIFF type (1 BYTE ... 13 IFD; 16-18: BigTIFF's).
+# Bytes per value, by TIFF type (1 BYTE ... 13 IFD; 16-18: BigTIFF's).
 VALUE_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4, 16: 8, 17: 8, 18: 8}
-# The numbers among them, as struct calls them; of two each: fractions.
+# Numeric types, with their letters in struct; fractions consist of two each.
 _NUMBER = {1: "B", 3: "H", 4: "I", 5: "I", 6: "b", 8: "h", 9: "i", 10: "i", 11: "f", 12: "d", 13: "I"}
 _FRACTIONS = (5, 10)
-_MOST_NUMBERS = 1000  # of a tag that is read as numbers; longer ones are tables, or malicious
+_MOST_NUMBERS = 1000  # in a tag that is read as numbers; longer ones are tables, or malicious
 _ENTRY_BYTES = 12
 _MOST_TAGS = 65_535
 # No photo has more; a damaged or malicious file may claim it.
@@ -34,13 +34,13 @@ _SMALL_BYTES = 1 << 16
 
 
 class Layout(NamedTuple):
-    """How wide the numbers of a TIFF structure are.
+    """Widths of the numbers in a TIFF structure.
 
     Attributes:
-        header: bytes before the offset of the first directory.
+        header: number of bytes before the offset of the first directory.
         count: struct's letter for the number of entries.
-        offset: that for offsets, and for the number of an entry's values.
-        directory: TIFF type of an offset of a directory.
+        offset: struct's letter for offsets, and for the number of an entry's values.
+        directory: TIFF type of a directory's offset.
     """
 
     header: int
@@ -50,12 +50,12 @@ class Layout(NamedTuple):
 
     @property
     def offset_bytes(self) -> int:
-        """Of an offset; values that take no more stand in its place."""
+        """Size of an offset; shorter values are stored in its place."""
         return struct.calcsize("=" + self.offset)
 
     @property
     def entry_bytes(self) -> int:
-        """Of an entry of a directory."""
+        """Size of an entry of a directory."""
         return 4 + 2 * self.offset_bytes
 
 
@@ -63,7 +63,7 @@ CLASSIC, BIG = Layout(4, "H", "I", 4), Layout(8, "Q", "Q", 18)
 
 
 class Entry(NamedTuple):
-    """One tag's value: TIFF type, number of values, their bytes in the byte order of the tree."""
+    """A tag's value: TIFF type, number of values, and their bytes in the byte order of the tree."""
 
     kind: int
     count: int
@@ -78,10 +78,10 @@ class Tree:
     """Directories of one TIFF structure.
 
     Attributes:
-        order: ``<`` (II) or ``>`` (MM), as for struct.
+        order: byte order, ``<`` (II) or ``>`` (MM), as for struct.
         pages: the chain of top-level directories; EXIF, GPS and interoperability nested in their tags.
-        layout: of the file that they stand in.
-        note_at: where the maker's note begins.
+        layout: layout of the file that contains them.
+        note_at: start of the maker note.
     """
 
     order: str
@@ -90,34 +90,34 @@ class Tree:
     note_at: int | None = None
 
     def number(self, tag: int, *path: int, page: int = 0) -> int | None:
-        """First value of a BYTE, SHORT or LONG tag in a page (below the sub-directories ``path``), None if absent."""
+        """Returns the first value of a BYTE, SHORT or LONG tag in a page (or its sub-directory ``path``), or None."""
         entry = self.entry(tag, *path, page=page)
         if entry is None or entry.kind not in (1, 3, 4):
             return None
         return struct.unpack_from(self.order + {1: "B", 3: "H", 4: "I"}[entry.kind], entry.data)[0]
 
     def entry(self, tag: int, *path: int, page: int = 0) -> Entry | None:
-        """A tag's entry in a page (below the sub-directories ``path``), None if absent."""
+        """Returns a tag's entry in a page (or its sub-directory ``path``); None if absent."""
         directory: Directory | Entry | None = self.pages[page]
         for step in (*path, tag):
             directory = directory.get(step) if isinstance(directory, dict) else None
         return directory if isinstance(directory, Entry) else None
 
     def data(self, tag: int) -> bytes | None:
-        """Bytes of a tag in the first page, None if absent."""
+        """Returns the bytes of a tag in the first page; None if absent."""
         entry = self.pages[0].get(tag)
         return entry.data if isinstance(entry, Entry) else None
 
     def numbers(self, tag: int, *path: int) -> tuple[float, ...]:
-        """All values of a tag of numbers in the first page (below the sub-directories ``path``), fractions divided.
+        """Returns all values of a numeric tag in the first page (or its sub-directory ``path``), fractions divided.
 
-        Empty where the tag is absent, holds no numbers, or a table of them; a fraction over zero is NaN.
+        Empty if the tag is absent, not numeric, or a long table; a fraction with denominator zero is NaN.
         """
         entry = self.entry(tag, *path)
         return numbers(entry, self.order) if entry else ()
 
     def text(self, tag: int, *path: int) -> str:
-        """Text of a tag in the first page (below the sub-directories ``path``) up to its NUL; empty where absent."""
+        """Returns the text of a tag in the first page (or its sub-directory ``path``) up to a NUL; empty if absent."""
         entry = self.entry(tag, *path)
         if entry is None or entry.kind != 2:
             return ""
@@ -125,7 +125,7 @@ class Tree:
 
 
 def numbers(entry: Entry, order: str) -> tuple[float, ...]:
-    """The values of an entry, fractions divided; empty where they are not numbers, NaN for a fraction over zero."""
+    """Returns the values of an entry, fractions divided; empty if not numeric, NaN for a denominator of zero."""
     if entry.kind not in _NUMBER or not 0 < entry.count <= _MOST_NUMBERS:
         return ()
     count = entry.count * (2 if entry.kind in _FRACTIONS else 1)
@@ -139,16 +139,16 @@ def numbers(entry: Entry, order: str) -> tuple[float, ...]:
 
 
 class Slot(NamedTuple):
-    """One entry as it stands in a directory, in twelve bytes: tag, TIFF type, number of values; then 4 bytes.
+    """One entry of a directory, in twelve bytes: tag, TIFF type, number of values; then 4 bytes.
 
-    Those four are the values themselves where they fit, else their offset. In BigTIFF numbers and offsets have 8 bytes.
+    Those four are the values themselves if they fit, otherwise their offset. BigTIFF has counts and offsets of 8 bytes.
 
     Attributes:
-        at: where the entry begins.
-        tag: by number.
+        at: start of the entry.
+        tag: number of the tag.
         kind: TIFF type.
-        count: of values.
-        value_at: where the bytes of the values or their offset begin.
+        count: number of values.
+        value_at: position of the values or their offset.
     """
 
     at: int
@@ -159,7 +159,7 @@ class Slot(NamedTuple):
 
 
 def slots(data: bytes | bytearray, order: str, at: int, count: int, layout: Layout = CLASSIC) -> Iterator[Slot]:
-    """The entries of a directory of which ``count`` begin at a place in the data."""
+    """Yields ``count`` entries of a directory, starting at a position in the data."""
     to_value = 4 + layout.offset_bytes
     for place in range(at, at + layout.entry_bytes * count, layout.entry_bytes):
         tag, kind, values = struct.unpack_from(f"{order}HH{layout.offset}", data, place)
@@ -167,7 +167,7 @@ def slots(data: bytes | bytearray, order: str, at: int, count: int, layout: Layo
 
 
 def header_of(file: BinaryIO) -> tuple[str, Layout, int] | None:
-    """Byte order, layout and place of the first directory of a TIFF or BigTIFF; None where it is none of the two."""
+    """Returns byte order, layout and position of the first directory of a TIFF or BigTIFF; None if it is neither."""
     file.seek(0)
     head = file.read(16)
     order = BYTE_ORDERS.get(head[:4])
@@ -179,15 +179,15 @@ def header_of(file: BinaryIO) -> tuple[str, Layout, int] | None:
 
 
 def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None = None) -> Tree | None:
-    """Reads the directories of a TIFF or BigTIFF; entries that point nowhere are left out.
+    """Reads the directories of a TIFF or BigTIFF; entries with invalid offsets are skipped.
 
     Args:
         file: seekable, a TIFF file or the TIFF part of an EXIF blob.
-        most_pages: where to end.
-        first_at: place of the first directory; None: as the file says.
+        most_pages: maximum number of pages to read.
+        first_at: position of the first directory; None: as stated in the file.
 
     Returns:
-        None when this is none of the two, or nothing of it can be read.
+        None if the file is neither, or nothing in it can be read.
     """
     header = header_of(file)
     if header is None:
@@ -203,8 +203,8 @@ def read_tree(file: BinaryIO, most_pages: int = _MAX_PAGES, first_at: int | None
 
 
 def read_directory(data: bytes, at: int, order: str) -> Directory | None:
-    """One directory, as makers' notes are, at a place in the data; None where they end first."""
-    file = io.BytesIO(data + bytes(4))  # some notes end without the place of a next directory
+    """Reads one directory, such as a maker note, at a position in the data; returns None if it is truncated."""
+    file = io.BytesIO(data + bytes(4))  # some notes end without the offset of a next directory
     page = _Reader(file, order, CLASSIC).directory(at) if 0 <= at < len(data) else None
     return page[0] if page else None
 
@@ -213,13 +213,13 @@ class _Reader:
     def __init__(self, file: BinaryIO, order: str, layout: Layout) -> None:
         self.file, self.order, self.layout = file, order, layout
         self.length = file.seek(0, io.SEEK_END)
-        # Values do not overlap in a whole file; many that point to one place would take memory without end.
+        # Values in a valid file do not overlap; many that point to the same place could exhaust memory.
         self.bytes_left = min(_MAX_TREE_BYTES, 2 * self.length + _SMALL_BYTES)
         self.note_at: int | None = None
-        self.visited: set[int] = set()  # directories that lead back to themselves, or many to one
+        self.visited: set[int] = set()  # detects directories that contain loops, or are shared
 
     def directory(self, offset: int, depth: int = 0) -> tuple[Directory, int] | None:
-        """(directory, offset of the next one), or None where the file ends first."""
+        """Reads (directory, offset of the next one); returns None if the file is truncated."""
         if offset in self.visited or offset > self.length:
             return None
         self.visited.add(offset)
@@ -247,7 +247,7 @@ class _Reader:
         size = VALUE_BYTES.get(slot.kind, 0) * slot.count
         if not 0 < size <= self.bytes_left:
             return None
-        wide = self.layout.offset if size > 4 or slot.tag not in SUB_DIRECTORIES else "I"  # a BigTIFF may have both
+        wide = self.layout.offset if size > 4 or slot.tag not in SUB_DIRECTORIES else "I"  # a BigTIFF may use either
         (pointer,) = struct.unpack_from(self.order + wide, table, slot.value_at)
         if slot.tag in SUB_DIRECTORIES:
             below = self.directory(pointer, depth + 1) if depth < 2 else None

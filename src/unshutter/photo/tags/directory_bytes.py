@@ -1,4 +1,4 @@
-"""TIFF directories written: their bytes, in either byte order and layout.
+"""Encodes TIFF directories, in either byte order and layout.
 
 Source: TIFF 6.0, section 2; CIPA DC-008 (EXIF 2.32), section 4.6.2.
 """
@@ -10,14 +10,14 @@ from contextlib import suppress
 
 from unshutter.photo.tags.directories import CLASSIC, VALUE_BYTES, Directory, Entry, Layout
 
-# Bytes of the units that byte order turns, by TIFF type.
+# Bytes of the units affected by byte order, by TIFF type.
 _UNIT = {**VALUE_BYTES, 5: 4, 10: 4}
-# BigTIFF's types: the type of 4 bytes in their place, and struct's letters of both.
+# BigTIFF's types: the corresponding 4-byte type, and struct's letters for both.
 _NARROWER = {16: (4, "Q", "I"), 17: (9, "q", "i"), 18: (4, "Q", "I")}
 
 
 def encoded(directory: Directory, at: int, order: str, layout: Layout = CLASSIC) -> bytes:
-    """Bytes of a directory that will stand at offset ``at``, followed by its values and sub-directories."""
+    """Encodes a directory for offset ``at``, followed by its values and sub-directories."""
     table = [struct.pack(order + layout.count, len(directory))]
     values, here = [], at + len(table[0]) + layout.entry_bytes * len(directory) + layout.offset_bytes
     for tag, entry in sorted(directory.items(), key=lambda item: item[0]):
@@ -35,13 +35,13 @@ def encoded(directory: Directory, at: int, order: str, layout: Layout = CLASSIC)
 
 
 def encoded_number(order: str, tag: int, kind: int, value: int) -> bytes:
-    """The twelve bytes of an entry of one number: type 3 (SHORT) or 4 (LONG)."""
+    """Encodes an entry of one number in twelve bytes: type 3 (SHORT) or 4 (LONG)."""
     number = struct.pack(order + "HH", value, 0) if kind == 3 else struct.pack(order + "I", value)
     return struct.pack(order + "HHI", tag, kind, 1) + number
 
 
 def in_classic(directory: Directory, order: str) -> Directory:
-    """The directory in types that all TIFFs have; numbers too large for them are left out."""
+    """Converts a directory to types that all TIFFs have; numbers too large for them are left out."""
     narrow: Directory = {}
     for tag, entry in directory.items():
         if isinstance(entry, dict):
@@ -57,7 +57,7 @@ def in_classic(directory: Directory, order: str) -> Directory:
 
 
 def in_other_order(directory: Directory) -> Directory:
-    """The directory in the other byte order; opaque data (makers' notes) is left unchanged."""
+    """Converts a directory to the other byte order; opaque data (maker notes) are left unchanged."""
     turned: Directory = {}
     for tag, entry in directory.items():
         if isinstance(entry, dict):

@@ -1,7 +1,7 @@
-"""EXIF: what the camera recorded about a photo, in TIFF directories.
+"""EXIF: the camera's record of a photo, in TIFF directories.
 
-Every format but TIFF holds EXIF as one blob; TIFF has its tags among its own. Blobs are changed in place or at their
-end, so that nothing else moves: makers' notes often point to places counted from the blob's beginning.
+Every format except TIFF stores EXIF as one blob; TIFF stores it among its own tags. Blobs are changed in place or at
+their end, so that nothing else moves: maker notes often contain offsets relative to the start of the blob.
 
 Source: CIPA DC-008 (EXIF 2.32), sections 4.5 and 4.6.
 """
@@ -31,21 +31,21 @@ from unshutter.photo.tags.directories import (
 from unshutter.photo.tags.directory_bytes import encoded, encoded_number, in_classic, in_other_order
 from unshutter.photo.tags.exif_editor import PREFIX, Editor
 
-# What a TIFF's first directory says about the photo rather than about the storage of its pixels: names of document and
-# page, place on the page, page number, description, make, model, software, date, artist, computer, colours of white and
-# primaries, ratings, copyright, titles of Windows, print matching, unique name and serial number of the camera, lens.
+# Tags in a TIFF's first directory that describe the photo rather than the storage of its pixels: names of document and
+# page, position on the page, page number, description, make, model, software, date, artist, computer, white point and
+# primaries, ratings, copyright, Windows titles, print matching, unique name and serial number of the camera, lens.
 _CAMERA_TAGS = frozenset(
     {0x010D, 0x010E, 0x010F, 0x0110, 0x011D, 0x011E, 0x011F, 0x0129, 0x0131, 0x0132, 0x013B, 0x013C, 0x013E, 0x013F}
     | {0x4746, 0x4749, 0x8298, *range(0x9C9B, 0x9CA0), 0xC4A5, 0xC614, 0xC62F, 0xC630}
 )
-# Where the picture lies on the earth (OGC GeoTIFF 1.1), and what GDAL adds to that.
+# Geographic position of the picture (OGC GeoTIFF 1.1), with GDAL's additions.
 _GEOTIFF = frozenset({0x830E, 0x8480, 0x8482, 0x85D8, 0x87AF, 0x87B0, 0x87B1, 0xA480, 0xA481})
 _RESOLUTION, _RESOLUTION_UNIT, _NO_UNIT, _INCH = (0x011A, 0x011B), 0x0128, 1, 2
 _IMAGE_WIDTH, _IMAGE_HEIGHT, _COMPRESSION, _ORIENTATION = 0x0100, 0x0101, 0x0103, 0x0112
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
 _PIXEL_WIDTH, _PIXEL_HEIGHT, _FOCAL_35MM = 0xA002, 0xA003, 0xA405
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36, 24)
-_LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF ends at 65,527
+_LARGEST_WITH_THUMBNAIL = 65_000  # bytes; a JPEG's EXIF is limited to 65,527
 _ENTRY_BYTES = 12
 _ROOM_IN_TIFF = 65_536  # bytes for directories, in addition to the values
 
@@ -60,21 +60,21 @@ class _Unit(NamedTuple):
 _UNITS = {_INCH: _Unit(25.4, "in"), 3: _Unit(10.0, "cm")}  # by EXIF's number
 
 
-# ---- what it says --------------------------------------------------------------------------------------
+# ---- reading -------------------------------------------------------------------------------------------
 
 
 def read(blob: bytes | None) -> Tree | None:
-    """The directories of an EXIF blob, with or without its prefix; None passes through."""
+    """Reads the directories of an EXIF blob, with or without its prefix; returns None for None."""
     return None if blob is None else read_tree(io.BytesIO(blob.removeprefix(PREFIX)))
 
 
 def has_loop(blob: bytes) -> bool:
-    """Whether directories of a blob lead back to themselves; libexif then works for minutes."""
+    """Whether the directories of a blob contain a loop, with which libexif would take minutes."""
     return directories.has_loop(blob.removeprefix(PREFIX))
 
 
 def without_loop(blob: bytes) -> bytes | None:
-    """The blob, rewritten if its directories lead back to themselves; None where nothing is left of it then."""
+    """Returns the blob, rewritten if its directories contain a loop; None if nothing can be recovered."""
     if not has_loop(blob):
         return blob
     tree = read(blob)
@@ -82,14 +82,14 @@ def without_loop(blob: bytes) -> bytes | None:
 
 
 def orientation(blob: bytes | None) -> Orientation | None:
-    """The orientation in an EXIF blob; None where there is none, or a number without a meaning."""
+    """Returns the orientation in an EXIF blob; None if it is missing or meaningless."""
     tree = read(blob)
     number = tree.number(_ORIENTATION) if tree else None
     return Orientation(number) if number in tuple(Orientation) else None
 
 
 def resolution(blob: bytes | None) -> tuple[float, float, str] | None:
-    """Resolution across and down [px/mm], and its unit as libvips calls it; None where there is none with a unit."""
+    """Returns resolution across and down [px/mm], and its unit as named by libvips; None without resolution or unit."""
     tree = read(blob)
     if tree is None or (unit := _UNITS.get(tree.number(_RESOLUTION_UNIT) or _INCH)) is None:
         return None
@@ -98,9 +98,9 @@ def resolution(blob: bytes | None) -> tuple[float, float, str] | None:
 
 
 def with_header(blob: bytes | None) -> bytes | None:
-    """The blob, its TIFF header restored where a program has cut off its first four bytes; None where it is none.
+    """Restores the TIFF header of a blob whose first four bytes are missing; returns None if it is not EXIF.
 
-    Some files hold EXIF without the number that should stand before it, and decoders skip four bytes all the same.
+    Some files contain EXIF without the number that should precede it, but decoders skip four bytes nevertheless.
     """
     if blob is None or blob.removeprefix(PREFIX)[:4] in BYTE_ORDERS:
         return blob
@@ -112,26 +112,26 @@ def with_header(blob: bytes | None) -> bytes | None:
 
 
 def focal_px(blob: bytes | None, height: int, width: int) -> float | None:
-    """Focal length [px] from the 35 mm equivalent, which EXIF defines by the diagonal; None where unknown."""
+    """Returns the focal length [px] from the 35 mm equivalent, which EXIF defines by the diagonal; None if unknown."""
     tree = read(blob)
     focal_mm = tree.number(_FOCAL_35MM, EXIF) if tree else None
     return focal_mm * math.hypot(height, width) / _FULL_FRAME_DIAGONAL_MM if focal_mm else None
 
 
-# ---- between blobs and TIFF files ----------------------------------------------------------------------
+# ---- conversion between blobs and TIFF files -----------------------------------------------------------
 
 
 def of_tiff(tree: Tree) -> bytes | None:
-    """EXIF blob of a TIFF file's first page: camera tags, EXIF, GPS; None when it has none of them.
+    """Returns the EXIF blob of a TIFF's first page: camera tags, EXIF, GPS; None if it has none of them.
 
-    The byte order is kept: makers' notes are often in the order of the file they stand in.
+    The byte order is kept, because maker notes often use that of their file.
     """
     camera_tags = _of_the_camera(tree)
     return _blob_of(camera_tags, tree) if camera_tags else None
 
 
 def _blob_of(directory: Directory, tree: Tree) -> bytes:
-    """A blob of a directory that comes from a tree."""
+    """Encodes a directory from a tree as a blob."""
     head = struct.pack(tree.order + "2sHI", b"II" if tree.order == "<" else b"MM", 42, 8)
     return PREFIX + head + moved_note.in_place(encoded(directory, 8, tree.order), 8, directory, tree)
 
@@ -139,20 +139,20 @@ def _blob_of(directory: Directory, tree: Tree) -> bytes:
 def add_to_tiff(
     file: BinaryIO, blob: bytes | None, height: int, width: int, more: Mapping[int, Entry] = MappingProxyType({})
 ) -> bool:
-    """Adds camera tags, EXIF and GPS of a blob to a finished TIFF of one page, at its end.
+    """Appends camera tags, EXIF and GPS of a blob to a finished TIFF of one page.
 
-    The page's own tags win over the blob's, but for a resolution without a unit. The pixel size that EXIF repeats is
-    set to that of the picture. Does nothing to a file too long for more, or with a blob that cannot be read.
+    The page's own tags take precedence, except for a resolution without a unit. The pixel size repeated in EXIF is
+    set to that of the picture. A file too long for more, or a blob that cannot be read, changes nothing.
 
     Args:
         file: seekable, open for reading and writing.
         blob: EXIF.
-        height: of the picture [px].
-        width: of the picture [px].
-        more: tags of bytes, which stand in either order.
+        height: height of the picture [px].
+        width: width of the picture [px].
+        more: further tags of bytes, which are valid in either byte order.
 
     Returns:
-        Whether there was room for them, if there are any.
+        False if there was no room for the tags to add.
     """
     tree, target = read(blob), read_tree(file)
     end = file.seek(0, io.SEEK_END)
@@ -191,17 +191,17 @@ def _of_the_camera(tree: Tree) -> Directory:
 
 
 def is_carried(tag: int) -> bool:
-    """Whether a tag of a TIFF's first directory goes to its successors with EXIF."""
+    """Whether a tag of a TIFF's first directory is copied to results with EXIF."""
     return tag in _CAMERA_TAGS or tag in _GEOTIFF or tag in SUB_DIRECTORIES
 
 
 def has_no_resolution_unit(tree: Tree) -> bool:
-    """Whether the resolution is but a ratio of width to height."""
+    """Whether the resolution is only a ratio of width to height."""
     return tree.number(_RESOLUTION_UNIT) == _NO_UNIT
 
 
 def without_geotiff(blob: bytes | None) -> bytes | None:
-    """The blob rewritten without the picture's place on the earth; the blob itself if it has none."""
+    """Rewrites the blob without the picture's geographic position; returns the blob itself if it has none."""
     tree = read(blob)
     if tree is None or not tree.pages[0].keys() & _GEOTIFF:
         return blob
@@ -211,12 +211,12 @@ def without_geotiff(blob: bytes | None) -> bytes | None:
 
 
 def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
-    """The blob, or where it is longer than that many bytes, one rewritten without its longest tags.
+    """Returns the blob, rewritten without its longest tags if it exceeds this number of bytes.
 
-    The maker's note, which may hold previews, goes first.
+    The maker note, which may contain previews, is removed first.
 
     Returns:
-        The blob, None where nothing can be saved; and what was left out, in words.
+        The blob, or None if nothing can be saved; and names of the omitted parts.
     """
     if len(blob) <= most:
         return blob, []
@@ -241,13 +241,13 @@ def shortened(blob: bytes, most: int) -> tuple[bytes | None, list[str]]:
 
 
 def _removed(directory: Directory, tag: int) -> bool:
-    """Takes a tag out of the EXIF directory, and says whether it was there."""
+    """Removes a tag from the EXIF directory; returns whether it existed."""
     details = directory.get(EXIF)
     return isinstance(details, dict) and details.pop(tag, None) is not None
 
 
 def _entries(directory: Directory) -> Iterator[tuple[Directory, int, Entry]]:
-    """All entries with the directories that they are in."""
+    """Yields all entries with the directories that contain them."""
     for tag, value in directory.items():
         if isinstance(value, dict):
             yield from _entries(value)
@@ -255,11 +255,11 @@ def _entries(directory: Directory) -> Iterator[tuple[Directory, int, Entry]]:
             yield directory, tag, value
 
 
-# ---- what must follow new pixels -----------------------------------------------------------------------
+# ---- updates for new pixels ----------------------------------------------------------------------------
 
 
 def with_size(blob: bytes, height: int, width: int) -> bytes:
-    """The blob with the size tags that it has set to [px]."""
+    """Returns the blob with its existing size tags updated [px]."""
     editor = Editor(blob)
     for entries, tags in (
         (editor.first, (_IMAGE_WIDTH, _IMAGE_HEIGHT)),
@@ -272,7 +272,7 @@ def with_size(blob: bytes, height: int, width: int) -> bytes:
 
 
 def with_orientation(blob: bytes | None, orientation: int) -> bytes | None:
-    """The blob with an orientation; created if missing, unless that is 1 (the default)."""
+    """Returns the blob with an orientation; created if missing, unless 1 (the default)."""
     if blob is None:
         if orientation == 1:
             return None
@@ -291,7 +291,7 @@ def has_thumbnail(blob: bytes | None) -> bool:
 
 
 def with_thumbnail(blob: bytes, jpeg: bytes | None, orientation: int = 1) -> bytes:
-    """The blob with another thumbnail instead of its own, which is wiped out; without one for None or lack of room."""
+    """Erases the blob's thumbnail and adds another one, except for None or if there is no room."""
     editor = Editor(blob)
     if editor.second_at:
         editor.wipe_thumbnail()

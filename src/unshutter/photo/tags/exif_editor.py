@@ -1,4 +1,4 @@
-"""EXIF blobs changed in place or at their end, so that nothing else moves.
+"""Changes EXIF blobs in place or at their end, so that nothing else moves.
 
 Source: CIPA DC-008 (EXIF 2.32), section 4.5.
 """
@@ -15,12 +15,12 @@ _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
 
 
 class Editor:
-    """An EXIF blob by the places of its entries; a damaged one seems to have none.
+    """An EXIF blob with the positions of its entries; a damaged blob appears to have none.
 
     Attributes:
-        first: the entries of the first directory, by tag; of several with one tag the first, as most programs read.
-        link_at: place of the offset of the second directory; 0 if there is none to be written.
-        second_at: place of the second directory, or 0.
+        first: entries of the first directory, by tag; the first one of duplicates, as read by most programs.
+        link_at: position of the offset of the second directory; 0 if it cannot be written.
+        second_at: position of the second directory, or 0.
     """
 
     def __init__(self, blob: bytes) -> None:
@@ -39,12 +39,12 @@ class Editor:
                 self.second_at = self._place(link_at)
 
     def _place(self, at: int) -> int:
-        """The place that the offset at another place means; 0 for none."""
+        """Converts the offset stored at a position to a position; 0 if invalid."""
         (offset,) = struct.unpack_from(self.order + "I", self.data, at)
         return self.start + offset if 0 < offset < len(self.data) - self.start else 0
 
     def slots_at(self, at: int) -> list[Slot]:
-        """The entries of the directory at a place; two may have one tag."""
+        """Returns the entries of the directory at a position; tags may be duplicated."""
         if not 0 < at <= len(self.data) - 2:
             return []
         (count,) = struct.unpack_from(self.order + "H", self.data, at)
@@ -57,21 +57,21 @@ class Editor:
         return {slot.tag: slot for slot in reversed(listed)}
 
     def below(self, entries: dict[int, Slot], tag: int) -> dict[int, Slot]:
-        """The entries of the directory that hangs on a tag."""
+        """Returns the entries of the sub-directory that a tag points to."""
         return self._by_tag(self.slots_at(self._place(entries[tag].value_at))) if tag in entries else {}
 
     def put(self, slot: Slot, value: int) -> None:
-        """Makes an entry a single number."""
+        """Replaces the value of an entry with a single number."""
         number = encoded_number(self.order, slot.tag, 3 if value < 1 << 16 else 4, value)
         self.data[slot.at : slot.at + len(number)] = number
 
     def end(self) -> int:
-        """Pads to an even offset, and gives it."""
+        """Pads to an even offset, and returns it."""
         self.data += bytes((len(self.data) - self.start) % 2)
         return len(self.data) - self.start
 
     def add_to_first(self, tag: int, value: int) -> None:
-        """Rewrites the first directory at the end, with one more entry."""
+        """Rewrites the first directory at the end of the blob, with one more entry."""
         if not self.link_at:
             return
         count = (self.link_at - first_at - 2) // 12 if (first_at := self._place(self.start + 4)) else 0
@@ -83,7 +83,7 @@ class Editor:
         self.data += struct.pack(self.order + "H", len(new)) + b"".join(new) + link
 
     def wipe_thumbnail(self) -> None:
-        """Zeroes the thumbnail and the link to its directory."""
+        """Overwrites the thumbnail and the link to its directory with zeros."""
         listed = self.slots_at(self.second_at)
         places = [self._place(slot.value_at) for slot in listed if slot.tag == _THUMBNAIL]
         lengths = [slot.value_at for slot in listed if slot.tag == _THUMBNAIL_LENGTH]

@@ -1,4 +1,4 @@
-"""When and how long a photo was exposed, and whether it was put together from several exposures.
+"""When and for how long a photo was exposed, and whether it was merged from several exposures.
 
 Source: CIPA DC-008 (EXIF 2.32): DateTimeOriginal, SubSecTimeOriginal, ExposureTime, ShutterSpeedValue, CustomRendered,
 CompositeImage; the values that Apple adds to CustomRendered and its maker note's tag 0x000A are those that exiftool.org
@@ -17,28 +17,28 @@ from unshutter.photo.tags.directories import EXIF, Entry, Tree
 _ORIGINAL, _SUBSECONDS = 0x9003, 0x9291
 _EXPOSURE_TIME, _SHUTTER_SPEED = 0x829A, 0x9201
 _CUSTOM_RENDERED, _COMPOSITE = 0xA401, 0xA460
-_SHORTEST_S, _LONGEST_S = 1e-6, 3600.0  # beyond, the tag is nonsense
-# HDR, HDR with the original kept, panorama, portrait HDR (Apple); 1, a process of the maker's own, is Google's HDR
+_SHORTEST_S, _LONGEST_S = 1e-6, 3600.0  # values beyond these are invalid
+# HDR, HDR with the original kept, panorama, portrait HDR (Apple); 1, a maker-specific process, is Google's HDR
 _MERGED_BY_CUSTOM_RENDERED = (1, 2, 3, 6, 7)
-_MERGED_BY_COMPOSITE = (2, 3)  # a composite; one made while it was taken
+_MERGED_BY_COMPOSITE = (2, 3)  # a composite; one made while shooting
 _APPLE_HDR, _IS_HDR = 0x000A, 3
 
 
 def taken(blob: bytes | None) -> datetime | None:
-    """When an EXIF blob says that the photo was taken, in the camera's time zone; None where it does not say."""
+    """Returns the time at which a photo was taken, from EXIF, in the camera's time zone; None if unknown."""
     tree = exif.read(blob)
     if tree is None:
         return None
     date, fraction = tree.text(_ORIGINAL, EXIF), tree.text(_SUBSECONDS, EXIF)
     try:
         time = datetime.strptime(date, "%Y:%m:%d %H:%M:%S")
-    except ValueError:  # zeros or blanks, where a camera's clock was never set
+    except ValueError:  # zeros or blanks, if the camera's clock was never set
         return None
     return time.replace(microsecond=int(fraction[:6].ljust(6, "0"))) if fraction.isdecimal() else time
 
 
 def time_s(blob: bytes | None) -> float | None:
-    """Exposure time [s] in an EXIF blob; None where there is none, or one that no camera makes."""
+    """Returns the exposure time [s] in an EXIF blob; None if it is missing or implausible."""
     tree = exif.read(blob)
     if tree is None:
         return None
@@ -49,7 +49,7 @@ def time_s(blob: bytes | None) -> float | None:
 
 
 def blob_of(time_s: float) -> bytes | None:
-    """EXIF with an exposure time [s] and nothing else; None for one that :func:`time_s` would reject."""
+    """Creates EXIF with only an exposure time [s]; returns None for a time that :func:`time_s` would reject."""
     if not _SHORTEST_S <= time_s <= _LONGEST_S:
         return None
     time = Fraction(time_s).limit_denominator(1_000_000)
@@ -58,9 +58,9 @@ def blob_of(time_s: float) -> bytes | None:
 
 
 def is_merged(blob: bytes | None) -> bool:
-    """Whether a photo was put together from several exposures, of which its exposure time is but one.
+    """Whether a photo was merged from several exposures, of which its exposure time describes only one.
 
-    Blur then says less about motion: each of them may have been sharper or moved more than the whole.
+    Blur then says less about motion: each exposure may have been sharper, or moved more, than the whole.
     """
     tree = exif.read(blob)
     if tree is None:

@@ -1,4 +1,4 @@
-"""How a drone flew when it took a photo: its velocity, its height, and where its camera looked, from DJI's XMP.
+"""A drone's flight when it took a photo, from DJI's XMP: its velocity, its height, and its camera's direction.
 
 Source: DJI, Zenmuse P1 and Mavic 3M user manuals, "Photo File": FlightXSpeed, FlightYSpeed and FlightZSpeed are the
 velocity to the north, to the east and down [m/s], RelativeAltitude the height above the place of take-off [m], and the
@@ -23,9 +23,9 @@ class Flight:
     """A drone's flight at the moment of a photo.
 
     Attributes:
-        right, down, ahead: its velocity along the axes of the camera's picture [m/s]: columns, rows, viewing direction.
-        height_m: above the place where it took off [m].
-        tilt_deg: where the camera looked; -90 is straight down [degrees].
+        right, down, ahead: velocity along the axes of the camera's picture [m/s]: columns, rows, viewing direction.
+        height_m: height above the take-off point [m].
+        tilt_deg: tilt of the camera; -90 is straight down [degrees].
     """
 
     right: float
@@ -36,12 +36,12 @@ class Flight:
 
     @property
     def speed(self) -> float:
-        """[m/s]."""
+        """Speed [m/s]."""
         return math.hypot(self.right, self.down, self.ahead)
 
 
 def of_xmp(packet: bytes | None) -> Flight | None:
-    """The flight that a packet tells of; None where it tells of none, or of one that cannot be."""
+    """Reads the flight from an XMP packet; returns None if it is missing or implausible."""
     if packet is None or b"drone-dji:FlightXSpeed" not in packet:
         return None
     numbers = [_number(packet, name) for name in (*_VELOCITY, _ALTITUDE, *_ANGLES)]
@@ -65,7 +65,7 @@ def _along(one: tuple[float, float, float], other: tuple[float, float, float]) -
 
 
 def _axes(yaw: float, pitch: float, roll: float) -> list[tuple[float, float, float]]:
-    """The camera's viewing direction, the direction of its rows and that of its columns, as (north, east, down)."""
+    """Returns the camera's viewing direction and the directions of its rows and columns, as (north, east, down)."""
     cos_yaw, sin_yaw, cos_pitch, sin_pitch = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
     ahead = (cos_yaw * cos_pitch, sin_yaw * cos_pitch, -sin_pitch)
     level = (-sin_yaw, cos_yaw, 0.0)  # right and down before the roll

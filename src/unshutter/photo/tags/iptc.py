@@ -1,7 +1,7 @@
-"""IPTC, in Photoshop's image resources: one block of them in JPEG, two tags in TIFF.
+"""IPTC in Photoshop's image resources: one block of them in JPEG, two tags in TIFF.
 
-libvips cuts those of a TIFF to a quarter when it writes them. So ``Metadata.resources`` holds them as a JPEG does, and
-each format writes them itself, TIFF by :func:`tiff_tags`.
+libvips truncates those of a TIFF to a quarter when writing them. Therefore ``Metadata.resources`` stores them as in a
+JPEG, and each format writes them itself, TIFF by :func:`tiff_tags`.
 
 Source: Adobe, Photoshop File Formats (image resource blocks); TIFF tags 33723 (IPTC) and 34377 (Photoshop).
 """
@@ -19,7 +19,7 @@ _IPTC, _THUMBNAILS = 1028, (1033, 1036)
 
 
 def of_tiff(tree: Tree) -> bytes | None:
-    """Resources of a TIFF's first page as a JPEG would have them; None where it has none."""
+    """Returns the resources of a TIFF's first page in the form used in JPEG; None if it has none."""
     blocks, iptc = tree.data(RESOURCES_TAG) or b"", tree.data(IPTC_TAG)
     if iptc and not any(kind == _IPTC for kind, _, _ in _blocks(blocks)):
         blocks = b"8BIM" + struct.pack(">HHI", _IPTC, 0, len(iptc)) + iptc + bytes(len(iptc) % 2) + blocks
@@ -27,14 +27,14 @@ def of_tiff(tree: Tree) -> bytes | None:
 
 
 def of_blocks(blocks: bytes) -> bytes:
-    """Resources as a JPEG would have them, of blocks without a prefix, or of bare IPTC."""
+    """Converts blocks without a prefix, or bare IPTC, to resources in the form used in JPEG."""
     if blocks.startswith(b"8BIM"):
         return PREFIX + blocks
     return PREFIX + b"8BIM" + struct.pack(">HHI", _IPTC, 0, len(blocks)) + blocks + bytes(len(blocks) % 2)
 
 
 def tiff_tags(resources: bytes | None) -> dict[int, Entry]:
-    """The tags that a TIFF has for such resources; none without any."""
+    """Returns the TIFF tags for resources; empty without resources."""
     blocks = (resources or b"").removeprefix(PREFIX)
     tags = {RESOURCES_TAG: Entry(7, len(blocks), blocks)} if blocks else {}
     iptc = next((data for kind, data, _ in _blocks(blocks) if kind == _IPTC), None)
@@ -42,23 +42,23 @@ def tiff_tags(resources: bytes | None) -> dict[int, Entry]:
 
 
 def joined(parts: list[bytes]) -> bytes:
-    """Resources of a JPEG that has them in several segments, between which a block may be cut."""
+    """Joins resources of a JPEG that are split into several segments, possibly within a block."""
     return PREFIX + b"".join(part.removeprefix(PREFIX) for part in parts)
 
 
 def segments(resources: bytes | None, longest: int) -> list[bytes]:
-    """Contents of segments of at most so many bytes for a JPEG; none without resources."""
+    """Splits resources into contents of JPEG segments of limited length; empty without resources."""
     blocks, room = (resources or b"").removeprefix(PREFIX), longest - len(PREFIX)
     return [PREFIX + blocks[at : at + room] for at in range(0, len(blocks), room)]
 
 
 def has_iptc(resources: bytes) -> bool:
-    """Whether there is IPTC among the resources."""
+    """Whether the resources contain IPTC."""
     return any(kind == _IPTC for kind, _, _ in _blocks(resources.removeprefix(PREFIX)))
 
 
 def without_thumbnails(resources: bytes) -> bytes:
-    """Resources without the pictures among them; what cannot be read is left unchanged."""
+    """Removes thumbnails from resources; anything unreadable is left unchanged."""
     prefix = PREFIX if resources.startswith(PREFIX) else b""
     blocks = resources.removeprefix(prefix)
     kept, end = [], 0
@@ -69,7 +69,7 @@ def without_thumbnails(resources: bytes) -> bytes:
 
 
 def _blocks(blocks: bytes) -> Iterator[tuple[int, bytes, bytes]]:
-    """(kind, content, whole block) of each resource, as far as they can be read."""
+    """Yields (kind, content, whole block) of each resource, as far as they can be read."""
     at = 0
     while blocks[at : at + 4] == b"8BIM" and len(blocks) >= at + 12:
         name = blocks[at + 6] + 1

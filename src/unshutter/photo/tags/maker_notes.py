@@ -1,6 +1,6 @@
-"""Makers' notes: the directory of tags of its own that a maker puts into EXIF, as far as something here asks for them.
+"""Maker notes: a maker's own directory of tags in EXIF, as far as it is needed here.
 
-Each begins with the maker's name in a form of its own; places in it count from its own beginning or from that of EXIF.
+Each begins with the maker's name in some form; its offsets are relative to its own start or to that of EXIF.
 
 Source: the public descriptions of these notes by exiftool.org (facts only).
 """
@@ -33,10 +33,10 @@ class MakerNote:
     """A maker's directory.
 
     Attributes:
-        maker: whose it is, as in :data:`_LAYOUTS`.
-        order: byte order of it, as for struct.
-        tags: by number.
-        data: what the places in it count into.
+        maker: name of the maker, as in :data:`_LAYOUTS`.
+        order: its byte order, as for struct.
+        tags: its entries by number.
+        data: data that its offsets refer to.
     """
 
     maker: str
@@ -45,17 +45,17 @@ class MakerNote:
     data: bytes
 
     def numbers(self, tag: int) -> tuple[float, ...]:
-        """All values of a tag of numbers, fractions divided; empty where it is absent."""
+        """Returns all values of a numeric tag, fractions divided; empty if absent."""
         entry = self.tags.get(tag)
         return numbers(entry, self.order) if isinstance(entry, Entry) else ()
 
     def bytes(self, tag: int) -> bytes:
-        """The bytes of a tag; empty where it is absent."""
+        """Returns the bytes of a tag; empty if absent."""
         entry = self.tags.get(tag)
         return entry.data if isinstance(entry, Entry) else b""
 
     def below(self, tag: int) -> MakerNote | None:
-        """The directory in a tag, or where it points to; None without one."""
+        """Returns the sub-directory that a tag contains or points to; None without one."""
         entry, numbers = self.tags.get(tag), self.numbers(tag)
         if not isinstance(entry, Entry):
             return None
@@ -66,14 +66,14 @@ class MakerNote:
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a maker's note begins.
+    """How a maker note begins.
 
     Attributes:
-        maker: its name.
+        maker: name of the maker.
         begins: its first bytes.
-        at: where in it the directory begins; None: the note holds a place of its own at its byte 8.
-        own_places: whether places in it count from its beginning, rather than from that of EXIF.
-        order: its byte order, from its first bytes and that of EXIF.
+        at: start of the directory in the note; None: stated in the note at byte 8.
+        own_places: whether offsets are relative to its own start, rather than to that of EXIF.
+        order: returns its byte order, from its first bytes and the byte order of EXIF.
     """
 
     maker: str
@@ -104,7 +104,7 @@ _LAYOUTS = (
 
 
 def read(blob: bytes | None) -> MakerNote | None:
-    """The maker's note of an EXIF blob; None where there is none of a kind known here."""
+    """Reads the maker note of an EXIF blob; returns None if there is none of a known kind."""
     tree = exif.read(blob)
     entry = tree.entry(_MAKER_NOTE, EXIF) if tree else None
     if tree is None or entry is None or blob is None:
@@ -121,7 +121,7 @@ def read(blob: bytes | None) -> MakerNote | None:
 
 
 def content_identifier(blob: bytes | None) -> str:
-    """What Apple calls a Live Photo and its film; empty where an EXIF blob names nothing."""
+    """Returns the identifier that Apple gives to a Live Photo and its film; empty if EXIF has none."""
     note = read(blob)
     if note is None or note.maker != "Apple":
         return ""
@@ -142,6 +142,6 @@ def _note_at(maker: str, order: str, data: bytes, at: int) -> MakerNote | None:
 
 
 def _of_nikon(note: bytes) -> MakerNote | None:
-    """Nikon's holds a whole TIFF structure."""
+    """Reads Nikon's note, which contains a complete TIFF structure."""
     tree = read_tree(io.BytesIO(note), most_pages=1)
     return MakerNote("Nikon", tree.order, tree.pages[0], note) if tree else None

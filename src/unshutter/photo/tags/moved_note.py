@@ -1,8 +1,8 @@
-"""Makers' notes that move: their own directories mostly point to places counted from the beginning of all EXIF.
+"""Adjusts maker notes that move, because their directories mostly contain offsets relative to the start of all EXIF.
 
-What stands in a note is the maker's secret. But most are a TIFF directory behind a few bytes of name, and whether its
-offsets are counted from outside shows: then more of its values lie within the note than otherwise, or as many, and
-nearer to the directory's end, where values begin.
+The content of a note is the maker's secret, but most notes are a TIFF directory after a few bytes of name. Offsets are
+taken as relative to all EXIF if more values then lie within the note than otherwise, or equally many that are closer
+to the directory's end, where values begin.
 
 Source: exiftool.org/makernote_types.html (facts only).
 """
@@ -30,20 +30,20 @@ from unshutter.photo.tags.directories import (
 _STARTS = (0, 6, 8, 10, 12)  # bytes before the directory: none (Canon), a name and a version (Nikon, Olympus, Sony ...)
 _OPAQUE = 7  # TIFF type: bytes without a meaning
 _MOST_TAGS = 1000
-_UNUSED = (0, 0, 0)  # tag, TIFF type and number of values of an entry that a camera left empty
-_SURELY = 3  # values, all of which lie elsewhere in EXIF, are no coincidence
+_UNUSED = (0, 0, 0)  # tag, TIFF type and number of values of an entry left empty by a camera
+_SURELY = 3  # this many values that all lie elsewhere in EXIF are not a coincidence
 _NIKON, _NIKON_HEAD, _NIKON_PREVIEW = b"Nikon\0\x02", 10, 0x0011  # its later notes; the directory of their preview
 _THUMBNAIL, _THUMBNAIL_LENGTH = 0x0201, 0x0202
-_FOOTER_BYTES = 8  # with which Canon's notes may end: a TIFF header with the place where the note began
+_FOOTER_BYTES = 8  # Canon's notes may end with a TIFF header with the note's original position
 
 
 def complete(directory: Directory, tree: Tree, whole: bytes) -> None:
-    """Brings values of the maker's note that lie elsewhere in EXIF into the note, before that moves.
+    """Copies values of the maker note that lie elsewhere in EXIF into the note, before it is moved.
 
     Args:
-        directory: the first one, with EXIF's below it; changed.
-        tree: in which the note stood.
-        whole: the bytes of that.
+        directory: first directory, which contains EXIF's; modified.
+        tree: tree that contained the note.
+        whole: bytes of that tree.
     """
     details, note = directory.get(EXIF), _note_of(directory)
     if isinstance(details, dict) and note is not None and note.kind == _OPAQUE and tree.note_at is not None:
@@ -52,7 +52,7 @@ def complete(directory: Directory, tree: Tree, whole: bytes) -> None:
 
 
 def in_place(written: bytes, at: int, directory: Directory, tree: Tree) -> bytes:
-    """An encoded directory for a place in a file, its maker's note, which comes from a tree, adjusted to that place."""
+    """Adjusts the maker note from a tree in an encoded directory to the directory's new position in a file."""
     note = _note_of(directory)
     start = written.find(note.data) if note is not None and tree.note_at is not None else -1
     if start < 0 or tree.note_at is None or note is None:
@@ -62,29 +62,29 @@ def in_place(written: bytes, at: int, directory: Directory, tree: Tree) -> bytes
 
 
 def is_incomplete(tree: Tree) -> bool:
-    """Whether parts of the maker's note stand elsewhere in the file, so that no other file gets them."""
+    """Whether parts of the maker note are elsewhere in the file, so that they are lost in any other file."""
     note = _note_of(tree.pages[0])
     return note is not None and tree.note_at is not None and points_outside(note.data, tree.order, tree.note_at)
 
 
 def _note_of(directory: Directory) -> Entry | None:
-    """The maker's note of a first directory."""
+    """Returns the maker note below a first directory."""
     details = directory.get(EXIF)
     note = details.get(MAKER_NOTE) if isinstance(details, dict) else None
     return note if isinstance(note, Entry) else None
 
 
-# ---- notes alone ---------------------------------------------------------------------------------------
+# ---- bytes of notes ------------------------------------------------------------------------------------
 
 
 def moved(note: bytes, order: str, was_at: int, is_at: int) -> bytes:
-    """The note with offsets that fit its new place; as it was where they are counted from within, or cannot be read.
+    """Adapts the note's offsets to its new position; unchanged if they are relative to the note, or unreadable.
 
     Args:
-        note: its bytes.
-        order: of the EXIF around it, ``<`` or ``>``.
-        was_at: where it began, counted from the beginning of the EXIF.
-        is_at: where it begins now.
+        note: bytes of the note.
+        order: byte order of the surrounding EXIF, ``<`` or ``>``.
+        was_at: original start, relative to the start of the EXIF.
+        is_at: new start.
     """
     directory = _from_outside(note, order, was_at)
     if directory is None:
@@ -98,12 +98,12 @@ def moved(note: bytes, order: str, was_at: int, is_at: int) -> bytes:
 
 
 def points_outside(note: bytes, order: str, was_at: int) -> bool:
-    """Whether values of the note, or Nikon's preview, lie elsewhere in the file, and are lost if the note moves.
+    """Whether values of the note, or Nikon's preview, are elsewhere in the file, and are lost if the note moves.
 
     Args:
-        note: its bytes.
-        order: of the EXIF around it.
-        was_at: where it began.
+        note: bytes of the note.
+        order: byte order of the surrounding EXIF.
+        was_at: start of the note.
     """
     if note.startswith(_NIKON):
         return _preview_is_outside(note[_NIKON_HEAD:])
@@ -112,13 +112,13 @@ def points_outside(note: bytes, order: str, was_at: int) -> bool:
 
 
 def completed(note: bytes, order: str, was_at: int, whole: bytes) -> bytes:
-    """The note with those of its values that lie elsewhere in EXIF brought in, behind its end.
+    """Appends values that lie elsewhere in EXIF to the note.
 
     Args:
-        note: its bytes.
-        order: of the EXIF around it.
-        was_at: where it began.
-        whole: the EXIF, from where offsets are counted.
+        note: bytes of the note.
+        order: byte order of the surrounding EXIF.
+        was_at: start of the note.
+        whole: the EXIF, from the position that offsets are relative to.
     """
     for directory in _directories(note, order, was_at):
         stray = [(slot, at, size) for slot, at, size in directory.elsewhere if 8 <= at <= len(whole) - size]
@@ -133,13 +133,14 @@ def completed(note: bytes, order: str, was_at: int, whole: bytes) -> bytes:
 
 
 class _Directory(NamedTuple):
-    """The directory of a note, with the values that do not stand in it.
+    """A possible directory of a note, with values inside and outside the note.
 
     Attributes:
-        order: its byte order.
-        inside: entries whose values lie in the note, if their offsets are counted from the beginning of all EXIF.
-        elsewhere: (entry, offset, bytes) of those whose values do not.
-        from_outside, from_within: how far behind the directory the values in the note lie, by either way of counting.
+        order: byte order.
+        inside: entries whose values are in the note, if offsets are relative to the start of all EXIF.
+        elsewhere: (entry, offset, bytes) of entries whose values are not.
+        from_outside, from_within: distances of values in the note from the directory's end, for offsets relative to all
+            EXIF and to the note.
     """
 
     order: str
@@ -150,7 +151,7 @@ class _Directory(NamedTuple):
 
     @property
     def is_from_outside(self) -> bool:
-        """Whether the offsets are counted from the beginning of all EXIF: more values lie in the note, or nearer."""
+        """Whether offsets are relative to the start of all EXIF: then more values are in the note, or closer."""
         if not self.inside or len(self.inside) < len(self.elsewhere):
             return False
         if len(self.from_outside) != len(self.from_within):
@@ -159,12 +160,12 @@ class _Directory(NamedTuple):
 
 
 def _from_outside(note: bytes, order: str, was_at: int) -> _Directory | None:
-    """The directory of a note whose offsets are counted from the beginning of all EXIF; None for other notes."""
+    """Returns the directory of a note whose offsets are relative to the start of all EXIF; None for other notes."""
     return next((directory for directory in _directories(note, order, was_at) if directory.is_from_outside), None)
 
 
 def _directories(note: bytes, order: str, was_at: int) -> Iterator[_Directory]:
-    """What may be the directory of a note: at each place where it may begin, in either byte order."""
+    """Yields every possible directory of a note: at each usual start, in either byte order."""
     for start in _STARTS:
         for each in (order, {"<": ">", ">": "<"}[order]):
             directory = _directory(note, each, start, was_at)
@@ -173,7 +174,7 @@ def _directories(note: bytes, order: str, was_at: int) -> Iterator[_Directory]:
 
 
 def _directory(note: bytes, order: str, start: int, was_at: int) -> _Directory | None:
-    """The directory of a note, if it begins at a place in the note and has a byte order; None if it cannot."""
+    """Parses a directory at a position in a note, in one byte order; returns None if it cannot be one."""
     if len(note) < start + 2:
         return None
     (count,) = struct.unpack_from(order + "H", note, start)
@@ -198,7 +199,7 @@ def _directory(note: bytes, order: str, start: int, was_at: int) -> _Directory |
 
 
 def _preview_is_outside(own: bytes) -> bool:
-    """Whether the preview of a note of Nikon's, which is a TIFF structure of its own, lies behind its end."""
+    """Whether the preview of a Nikon note, which is a separate TIFF structure, lies beyond its end."""
     tree = read_tree(io.BytesIO(own), most_pages=1)
     at = tree.number(_NIKON_PREVIEW) if tree else None
     if tree is None or at is None:

@@ -1,7 +1,7 @@
-"""PNG's texts, and the metadata of other formats that programs hide in them.
+"""PNG's texts, and metadata of other formats that programs store in them.
 
-XMP is the text of a keyword. Before PNG had a place for EXIF, ImageMagick wrote it, and all else that a JPEG has, as
-hexadecimal text under ``Raw profile type ...``; for IPTC that is the only place to this day, and others read it.
+XMP is the text of a keyword. Before PNG had a chunk for EXIF, ImageMagick wrote it, like all other JPEG metadata, as
+hexadecimal text under ``Raw profile type ...``; for IPTC this is still the only way, which other programs support.
 
 Source: W3C, PNG third edition, section 11.3.3 (texts); Adobe, XMP specification part 3; exiftool.org, PNG tags.
 """
@@ -20,23 +20,23 @@ _ATTRIBUTES = {
     **{b"iptc": "resources", b"8bim": "resources", b"icc": "icc", b"icm": "icc"},
 }
 _XMP_OF_JPEG = b"http://ns.adobe.com/xap/1.0/\0"
-_LONGEST = 1 << 26  # bytes of an unpacked text that is metadata
+_LONGEST = 1 << 26  # maximum size of a decompressed text that is metadata [bytes]
 _HEX_LINE = 72  # characters
 
 
 class TextMetadata(NamedTuple):
-    """Metadata in a text: an attribute of ``Metadata``, and its value, which is empty where it cannot be read."""
+    """Metadata in a text: an attribute of ``Metadata``, and its value, which is empty if unreadable."""
 
     attribute: str
     data: bytes
 
 
 def metadata_in(name: bytes, data: bytes) -> TextMetadata | None:
-    """What of other formats' metadata a text holds; None for plain texts.
+    """Extracts metadata of other formats from a text; returns None for plain texts.
 
     Args:
-        name: of the chunk.
-        data: of the chunk.
+        name: name of the chunk.
+        data: data of the chunk.
     """
     keyword = data[:80].partition(b"\0")[0]
     kind = _XMP if keyword == _XMP else keyword.removeprefix(_RAW).lower()
@@ -49,7 +49,7 @@ def metadata_in(name: bytes, data: bytes) -> TextMetadata | None:
 
 
 def _content(name: bytes, data: bytes) -> bytes | None:
-    """The text of what follows a keyword, as bytes; None where it is damaged or far too long."""
+    """Returns the text after a keyword, as bytes; None if it is damaged or far too long."""
     packed = name == b"zTXt"
     if name == b"iTXt":
         packed, parts = data[:1] == b"\1", data[2:].split(b"\0", 2)  # language, translated keyword, text
@@ -67,7 +67,7 @@ def _content(name: bytes, data: bytes) -> bytes | None:
 
 
 def _unpacked_profile(content: bytes) -> bytes:
-    """The bytes that a raw profile spells: a line with its name, one with its length, then hexadecimal digits."""
+    """Decodes a raw profile: a line with its name, one with its length, then hexadecimal digits."""
     parts = content.split(b"\n", 3)
     try:
         data = bytes.fromhex(parts[3].decode("ascii"))
@@ -77,7 +77,7 @@ def _unpacked_profile(content: bytes) -> bytes:
 
 
 def _meaning(kind: bytes, data: bytes) -> TextMetadata:
-    """What the bytes of a raw profile are; of the kind ``app1`` they say themselves."""
+    """Identifies the metadata in a raw profile; the kind ``app1`` is ambiguous."""
     if data.startswith(_XMP_OF_JPEG):
         return TextMetadata("xmp", data.removeprefix(_XMP_OF_JPEG))
     attribute = _ATTRIBUTES[kind]
@@ -90,12 +90,12 @@ def _meaning(kind: bytes, data: bytes) -> TextMetadata:
 
 
 def of_xmp(packet: bytes) -> tuple[bytes, bytes]:
-    """Name and data of the chunk of an XMP packet."""
+    """Returns name and data of the chunk for an XMP packet."""
     return b"iTXt", _XMP + b"\0\0\0\0\0" + packet
 
 
 def of_resources(resources: bytes) -> tuple[bytes, bytes]:
-    """Name and data of the chunk of Photoshop's resources with IPTC among them."""
+    """Returns name and data of the chunk for Photoshop's resources, including IPTC."""
     blocks = resources.removeprefix(iptc.PREFIX)
     digits = blocks.hex().encode()
     lines = b"\n".join(digits[i : i + _HEX_LINE] for i in range(0, len(digits), _HEX_LINE))

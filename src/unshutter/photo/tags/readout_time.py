@@ -1,10 +1,10 @@
-"""How long a camera takes to read out a photo, as far as its make and model show.
+"""Estimates how long a camera takes to read out a photo, from its make and model.
 
-One table, first match wins. A camera that is wrongly listed without a rolling shutter loses its rectification: it is
-listed with a leaf shutter only where no other kind of that name is known. In doubt the wider row is right.
+One table, in which the first match wins. A camera wrongly listed as having no rolling shutter is not rectified, so a
+leaf shutter is listed only if no other kind of that name is known. If in doubt, the row with the wider range is right.
 
-Source: general knowledge of cameras, where a row names no other. A focal-plane shutter takes about as long to cross the
-frame as the camera's fastest flash synchronisation lasts (1/125 to 1/250 s, by the makers' manuals).
+Source: general knowledge of cameras, unless a row names another one. A focal-plane shutter takes about as long to cross
+the frame as the camera's fastest flash synchronisation lasts (1/125 to 1/250 s, according to the makers' manuals).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ class ReadoutTime:
     """Time from the first to the last line of a readout.
 
     Attributes:
-        typical_s: of photos of its kind [s].
-        longest_s: that a camera of its kind may take [s]; equal to the other where it is known.
-        kind: of camera or shutter, in words.
+        typical_s: usual time for photos of this kind [s].
+        longest_s: longest time that a camera of this kind may take [s]; equal to the other if known.
+        kind: kind of camera or shutter, in words.
     """
 
     typical_s: float
@@ -40,13 +40,13 @@ EITHER = ReadoutTime(0.010, 0.300, "mechanical or electronic shutter")
 ELECTRONIC = ReadoutTime(0.050, 0.300, "electronic shutter")
 UNKNOWN = ReadoutTime(0.050, 0.300, "unknown camera")
 
-# (makes, model): what the make begins with, and a pattern that the model begins with, both in lower case
+# (makes, model): beginnings of the make, and a pattern for the start of the model, both in lower case
 _TABLE: tuple[tuple[str, str, ReadoutTime], ...] = (
     # DSLRs whose live view has an electronic shutter
     ("nikon", r"nikon d(4s?|5|6|780|850)$", EITHER),
     ("canon", r"canon eos(-| )(1d ?x mark iii|90d|850d|rebel t8i|kiss x10i)", EITHER),
     ("pentax|ricoh|asahi", r"pentax (kp|kf|k-1|k-1 mark ii|k-70|k-3 mark iii.*)$", EITHER),
-    # DSLRs, which read behind a focal-plane shutter
+    # DSLRs, which read out behind a focal-plane shutter
     ("canon", r"canon eos[- ](?!m\d|m\b|r(?!ebel)|c\d|kiss m|v)", FOCAL_PLANE),
     ("nikon", r"nikon d\d", FOCAL_PLANE),
     ("pentax|ricoh|asahi", r"pentax (\*ist|k\d{2,3}d?$|k-([357x]|5 ii.*|3 ii|30|50|500|m|r|s[12])$)", FOCAL_PLANE),
@@ -57,7 +57,7 @@ _TABLE: tuple[tuple[str, str, ReadoutTime], ...] = (
     ("sigma", r"sigma sd\d+", FOCAL_PLANE),
     ("panasonic", r"dmc-l(1|10)$", FOCAL_PLANE),
     ("leica", r"(leica )?m[89]\b", FOCAL_PLANE),
-    # CCDs, which take all lines at once, and fixed lenses with a leaf shutter and no electronic one
+    # CCDs, which expose all lines at once, and fixed lenses with a leaf shutter and no electronic one
     ("canon", r"canon powershot (a\d|e1$|g([1-9]|1[0-2])$|pro1$|s[1-5] is$|s\d\d$|sd(?!4[05]00)\d)", LEAF),
     ("canon", r"canon powershot sx(1[0-3]0|2[01]0|[123]0) ", LEAF),
     ("canon", r"canon digital ixus (?!.*hs)", LEAF),
@@ -76,7 +76,7 @@ _TABLE: tuple[tuple[str, str, ReadoutTime], ...] = (
     ("sigma", r"(sigma )?dp\d", LEAF),
     ("fujifilm", r"(finepix x100|x100s)$", LEAF),
     ("hasselblad", r"hasselblad h[2-5]d", LEAF),
-    # No shutter but an electronic one
+    # Only an electronic shutter
     ("sigma", r"sigma fp", ELECTRONIC),
     # Drones and action cameras
     ("hasselblad", r"l[123]d", DRONE),
@@ -92,7 +92,7 @@ _TABLE: tuple[tuple[str, str, ReadoutTime], ...] = (
     ("canon|nikon|sony|panasonic|olympus|om digital|fujifilm|leica|pentax|ricoh|sigma|hasselblad|samsung", r"", EITHER),
 )
 
-# The maker's note says which shutter it was: its tag, and the kinds of shutter by its values
+# Shutter named in the maker note: tag, and kind of shutter by value
 _SHUTTER = {
     "Panasonic": (0x009F, {0: FOCAL_PLANE, 1: ELECTRONIC}),
     "Fujifilm": (0x1050, {0: FOCAL_PLANE, 1: ELECTRONIC, 2: ELECTRONIC, 3: FOCAL_PLANE}),
@@ -101,7 +101,7 @@ _SHUTTER = {
 
 
 def of_exif(blob: bytes | None) -> ReadoutTime:
-    """The readout time of the camera that an EXIF blob names; that of an unknown camera where it names none."""
+    """Returns the readout time of the camera named in an EXIF blob; that of an unknown camera if none is named."""
     tree = exif.read(blob)
     if tree is None:
         return UNKNOWN
@@ -110,14 +110,14 @@ def of_exif(blob: bytes | None) -> ReadoutTime:
 
 
 def of_camera(make: str, model: str) -> ReadoutTime:
-    """The readout time of a camera by EXIF's make and model."""
+    """Returns the readout time of a camera from EXIF's make and model."""
     make, model = make.strip().lower(), model.strip().lower()
     rows = (row for row in _TABLE if make.startswith(tuple(row[0].split("|"))))
     return next((time for _, pattern, time in rows if re.match(pattern, model)), UNKNOWN)
 
 
 def _by_shutter(blob: bytes | None) -> ReadoutTime | None:
-    """The readout time where the maker's note says which shutter was used."""
+    """Returns the readout time of the shutter that was used, if the maker note names it."""
     note = maker_notes.read(blob)
     tag, kinds = _SHUTTER.get(note.maker, (0, {})) if note else (0, {})
     values = note.numbers(tag) if note else ()

@@ -1,4 +1,4 @@
-"""XMP: what must change in it along with the pixels.
+"""XMP: updates properties that must change along with the pixels.
 
 Source: Adobe, XMP specification parts 1 and 3; Google, Motion Photo format 1.0 and Ultra HDR image format 1.1.
 """
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from unshutter.photo.tags.xmp_packet import Attribute, Element, Packet
 
 TIFF_TAG = 0x02BC
-# Packets without these names, which are most, have nothing that must follow new pixels, and are not even parsed.
+# Most packets contain none of these names; nothing in them depends on the pixels, and they are not even parsed.
 _FOLLOWS = re.compile(
     rb"Image(?:Width|Length)|Pixel[XY]Dimension|Orientation|Thumbnails|HasExtendedXMP|MotionPhoto|MicroVideo"
     rb"|Container|[Gg]ain[Mm]ap|gain-map|depthmap|photos/1.0/image|GDepth|GImage|hdrgm|<!DOCTYPE"
@@ -23,16 +23,16 @@ _FILM = re.compile("GCamera:(MotionPhoto|MicroVideo)")
 _BESIDE = re.compile("(hdrgm|HDRGainMap|GDepth|GImage):")
 _DIRECTORY = "Container:Directory"
 _SEMANTIC, _LENGTH, _PADDING = "Item:Semantic", "Item:Length", "Item:Padding"
-_OLD_FILM_LENGTH = "GCamera:MicroVideoOffset"  # which is counted from the end of the file
+_OLD_FILM_LENGTH = "GCamera:MicroVideoOffset"  # relative to the end of the file
 
 
 class FilmPlace(NamedTuple):
-    """Where a motion photo's film is in its file.
+    """Position of a motion photo's film in its file.
 
     Attributes:
-        at: from the end of the picture to its beginning [bytes].
+        at: distance from the end of the picture to the film's start [bytes].
         length: of the film [bytes].
-        to_end: from its beginning to the end of the file [bytes].
+        to_end: distance from the film's start to the end of the file [bytes].
     """
 
     at: int
@@ -41,14 +41,14 @@ class FilmPlace(NamedTuple):
 
 
 class Next(NamedTuple):
-    """The picture that a packet is to be true of.
+    """The picture that a packet should describe.
 
     Attributes:
-        height, width: of the stored pixels [px].
+        height, width: size of the stored pixels [px].
         orientation: EXIF orientation 1-8; None: the packet's own is kept.
-        is_new: whether the pixels are others than before, so that small pictures of the old ones go.
-        film: of a motion photo, if it is still behind the picture. Gain maps, depth maps and other additional pictures
-            never are.
+        is_new: whether the pixels have changed, so that thumbnails of the old ones are removed.
+        film: film of a motion photo, if it still follows the picture. Gain maps, depth maps and other extra pictures
+            never do.
     """
 
     height: int
@@ -59,9 +59,9 @@ class Next(NamedTuple):
 
 
 def after(packet: bytes, picture: Next) -> bytes | None:
-    """The packet adapted to the next picture; all else is kept byte by byte.
+    """Adapts the packet to the next picture; everything else is kept byte for byte.
 
-    None where it cannot be read, and may describe pictures that are gone.
+    Returns None if the packet cannot be read and may describe pictures that no longer exist.
     """
     if not _FOLLOWS.search(packet):
         return packet
@@ -82,7 +82,7 @@ def after(packet: bytes, picture: Next) -> bytes | None:
 
 
 def _follow(packet: Packet, thing: Element | Attribute, name: str, picture: Next) -> None:
-    """What must follow of one property, which is an element or an attribute."""
+    """Updates or removes one property, which is an element or an attribute."""
     if name in _WIDTHS:
         packet.set_number(thing, picture.width)
     elif name in _HEIGHTS:
@@ -102,23 +102,23 @@ def _follow(packet: Packet, thing: Element | Attribute, name: str, picture: Next
 
 
 def _keep_film_alone(packet: Packet, directory: Element, film: FilmPlace) -> None:
-    """Takes all but the picture and the film out of the list of what is in the file, and says where the film is."""
+    """Reduces the list of the file's contents to picture and film, and updates the film's position."""
     for item in directory.below():
         meaning = _value(item, _SEMANTIC)
         if item.name == "rdf:li" and meaning not in (None, "Primary", "MotionPhoto"):
             packet.remove(item)
-        if _PADDING in item.attributes:  # between this item's end and the next one
+        if _PADDING in item.attributes:  # between the end of this item and the next one
             packet.set_number(item.attributes[_PADDING], film.at if meaning == "Primary" else 0)
         length = item.attributes.get(_LENGTH)
         if meaning == "MotionPhoto" and length is not None and length.value != str(film.length):
-            packet.set_number(length, film.to_end)  # Samsung's may reach to the file's end
+            packet.set_number(length, film.to_end)  # Samsung's may extend to the end of the file
 
 
 # ---- further pictures and films ------------------------------------------------------------------------
 
 
 def film_bytes(packet: bytes | None) -> int | None:
-    """Length of a motion photo's film, which ends with the file; None where there is none."""
+    """Returns the length of a motion photo's film, which ends with the file; None if there is none."""
     if packet is None or (b"MotionPhoto" not in packet and b"MicroVideo" not in packet):
         return None
     read = _read(packet)
@@ -134,7 +134,7 @@ def film_bytes(packet: bytes | None) -> int | None:
 
 
 def gone(packet: bytes, has_film: bool) -> list[str]:
-    """Names of additional pictures and films that the packet describes, and that the next file lacks."""
+    """Names additional pictures and films that the packet describes but the next file lacks."""
     film = not has_film and film_bytes(packet) is not None
     return ["gain map"] * has_gain_map(packet) + ["film"] * film
 
@@ -145,7 +145,7 @@ def has_gain_map(packet: bytes | None) -> bool:
 
 
 def _read(packet: bytes) -> Packet | None:
-    from unshutter.photo.tags.xmp_packet import Packet, UnreadableError  # here: seldom needed
+    from unshutter.photo.tags.xmp_packet import Packet, UnreadableError  # imported here: rarely needed
 
     try:
         return Packet(packet)
@@ -154,7 +154,7 @@ def _read(packet: bytes) -> Packet | None:
 
 
 def _value(item: Element, name: str) -> str | None:
-    """Value of an attribute of an item of a list, or of an element in it."""
+    """Returns the value of an attribute of a list item, or of an element in it."""
     return next(
         (element.attributes[name].value for element in (item, *item.children) if name in element.attributes), None
     )

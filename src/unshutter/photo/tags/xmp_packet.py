@@ -1,7 +1,7 @@
-"""An XMP packet as a tree that knows its places: what is changed is cut out of the bytes, the rest is left unchanged.
+"""An XMP packet as a tree with positions: changes are made in its bytes, and the rest is left unchanged.
 
-The parser is expat, as Python brings it, without what makes XML dangerous: a packet with a document type, which alone
-can define entities, is refused, and so is one of too many elements. All here takes time in proportion to the packet.
+The parser is Python's expat, restricted against dangerous XML: a packet with a document type, which alone can define
+entities, is rejected, as is one with too many elements. The time taken is proportional to the packet's size.
 
 Source: W3C, XML 1.0 and Namespaces in XML; ISO 16684-1 (XMP).
 """
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-# Prefixes and what they stand for; packets that use them undeclared are read, too.
+# Prefixes and their namespaces; packets that use them undeclared are accepted.
 NAMESPACES = {
     "rdf": "http://www.w3.org/1999/02/22-rdf-syntax-ns#",
     "xmp": "http://ns.adobe.com/xap/1.0/",
@@ -42,7 +42,7 @@ class UnreadableError(Exception):
 
 @dataclass(slots=True)
 class Attribute:
-    """An attribute: its value and the places of all of it, with the space before, and of the value."""
+    """An attribute: its value, and the positions of the whole attribute (with preceding space) and of the value."""
 
     value: str
     at: int
@@ -56,11 +56,11 @@ class Element:
     """An element.
 
     Attributes:
-        name: with the usual prefix of its namespace, whatever the packet calls it: ``tiff:Orientation``.
-        at, end: the places of all of it.
-        content_at, content_end: the places of what is between its tags.
-        attributes: by name, named like elements.
-        children: elements in it.
+        name: name with the usual prefix of its namespace, regardless of the packet's: ``tiff:Orientation``.
+        at, end: start and end of the whole element.
+        content_at, content_end: start and end of the content between its tags.
+        attributes: attributes by name, in the same form.
+        children: direct child elements.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Element:
     children: list[Element] = field(default_factory=list)
 
     def below(self) -> Iterator[Element]:
-        """All elements in it, and itself first."""
+        """Yields this element and all elements inside it."""
         waiting: list[Element] = [self]
         while waiting:
             element = waiting.pop()
@@ -81,24 +81,24 @@ class Element:
 
 
 class Packet:
-    """A packet, and what is to be changed in it."""
+    """A packet and the changes to be made in it."""
 
     def __init__(self, data: bytes) -> None:
-        """Reads it.
+        """Parses the packet.
 
         Raises:
-            UnreadableError: not well-formed, with a document type, or with too many elements.
+            UnreadableError: it is not well-formed, or has a document type or too many elements.
         """
         self.data = data
         self.root = _Reader(data).root
         self._changes: list[tuple[int, int, bytes]] = []
 
     def remove(self, thing: Element | Attribute) -> None:
-        """Takes an element with all in it, or an attribute, out."""
+        """Removes an element with its content, or an attribute."""
         self._changes.append((thing.at, thing.end, b""))
 
     def set_number(self, thing: Element | Attribute, value: int) -> None:
-        """Sets the text of an element or the value of an attribute, if it is a whole number now."""
+        """Sets the text of an element or the value of an attribute, if it is an integer now."""
         is_element = isinstance(thing, Element)
         at, end = (thing.content_at, thing.content_end) if is_element else (thing.value_at, thing.value_end)
         old = self.data[at:end]
@@ -107,22 +107,22 @@ class Packet:
             self._changes.append((at, at + len(old.strip()), b"%d" % value))
 
     def changed(self) -> bytes:
-        """The packet after all changes."""
+        """Returns the packet with all changes."""
         pieces, done = [], 0
         for at, end, new in sorted(self._changes, key=lambda change: (change[0], -change[1])):
-            if at >= done:  # else it is inside of what is gone
+            if at >= done:  # otherwise inside a removed part
                 pieces += [self.data[done:at], new]
                 done = end
         return b"".join([*pieces, self.data[done:]])
 
 
 class _Reader:
-    """Handlers of expat, which says where an element begins; its tag is read again for the places of attributes."""
+    """Handlers for expat, which reports where an element begins; its tag is parsed again for attribute positions."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
-        self._bound: dict[str, list[str]] = {}  # by prefix: what it stands for, innermost declaration last
-        self._declared: list[list[str]] = []  # by each open element
+        self._bound: dict[str, list[str]] = {}  # by prefix: namespaces, innermost declaration last
+        self._declared: list[list[str]] = []  # prefixes declared by each open element
         self._open: list[Element] = []
         self._elements = 0
         parser = self._parser = expat.ParserCreate()
@@ -165,7 +165,7 @@ class _Reader:
             element.end = self._data.index(b">", element.content_end) + 1
 
     def _tag(self, at: int, values: dict[str, str]) -> tuple[dict[str, Attribute], int, bool]:
-        """(attributes, where the tag ends, whether it is the whole element) of a tag that expat has found good."""
+        """Parses (attributes, end of the tag, whether the element is empty) from a tag that expat has accepted."""
         start = _TAG_NAME.match(self._data, at)
         place = start.end() if start else at
         attributes = {}
@@ -176,12 +176,12 @@ class _Reader:
                 value = values.get(name, "")
                 attributes[self._usual(name)] = Attribute(value, *match.span(), match.start(2) + 1, match.end(2) - 1)
         end = _TAG_END.match(self._data, place)
-        if end is None:  # another encoding than one that has ASCII in it
+        if end is None:  # an encoding that does not include ASCII
             raise UnreadableError("it is not in UTF-8")
         return attributes, end.end(), bool(end[1])
 
     def _usual(self, name: str) -> str:
-        """A name with the usual prefix of its namespace."""
+        """Returns a name with the usual prefix of its namespace."""
         prefix, colon, local = name.partition(":")
         bound = self._bound.get(prefix)
         uri = bound[-1] if bound else NAMESPACES.get(prefix, prefix)
