@@ -139,7 +139,7 @@ SENTENCES = {
 
 @dataclass(frozen=True)
 class Reason:
-    """Why no motion was found, or why a motion is not undone.
+    """A reason why no motion was found, or why a motion is not undone.
 
     Attributes:
         code: the kind of reason.

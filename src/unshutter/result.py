@@ -26,7 +26,7 @@ class Result:
     """Outcome for a photo, processed by itself or with its neighbours.
 
     Attributes:
-        photo: the new pixels with the metadata of the original; the original itself where it was left unchanged.
+        photo: the new pixels with the metadata of the original; the original itself if it was left unchanged.
         original: the photo as it was read.
         verdict: whether anything was undone, and why not.
     """
@@ -42,7 +42,7 @@ class Result:
 
     @property
     def reason(self) -> str:
-        """Why the photo was left unchanged, such as ``not sure: confidence 0.01``; empty if it was changed."""
+        """The reason why the photo was left unchanged, ``not sure: confidence 0.01``; empty if it was changed."""
         return self.verdict.sentence
 
     @property
@@ -105,7 +105,7 @@ class Rectified(Result):
     """A rectified photo, or one left unchanged because no sufficiently certain, visible motion was found.
 
     Attributes:
-        photo: the new pixels with the metadata of the original; the original itself where it was left unchanged.
+        photo: the new pixels with the metadata of the original; the original itself if it was left unchanged.
         motion: the motion that was undone, in the readout frame; zero if the photo was left unchanged.
         original: the photo as it was read.
         found: the motion that was found or given, undone or not.

@@ -94,7 +94,7 @@ class PhotoAhead:
 
         Args:
             thread: the executor.
-            whole: whether to decode all pixels at the same time; otherwise once the motion is known to change them.
+            whole: whether to decode all pixels at the same time; otherwise only if the motion changes them.
         """
         if self._options.estimator is not None:
             self._looking = thread.submit(self._estimate, whole)

@@ -1,7 +1,7 @@
 """The manifest in an output folder: records which results are finished, so that an interrupted run can resume.
 
 It is an append-only journal with one JSON record per line. Before work on a result begins, a record announces it; when
-the result exists under its final name, a second record describes it. Whatever happens in between, the next run finds a
+the result exists under its final name, a second record describes it. If the run stops in between, the next run finds a
 result that was begun but not finished, and repeats it. Truncated records are ignored.
 
 Whether a result is finished is judged by its size and time, which are quick to look up. It is replaced only if it still

@@ -22,7 +22,7 @@ from unshutter.storage.places import Place
 from unshutter.storage.protection import Protection
 
 if TYPE_CHECKING:
-    from unshutter.motion.verdict import Verdict  # not imported above: NumPy comes with it, and decoding starts first
+    from unshutter.motion.verdict import Verdict  # not imported above: it loads NumPy, and decoding starts first
 
 Tell = Callable[[str], None]  # prints a line for the user
 

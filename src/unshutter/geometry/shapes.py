@@ -30,6 +30,6 @@ if TYPE_CHECKING:
 else:
     from jaxtyping import Bool, Float, Float32, Float64, Real, UInt, UInt8
 
-    Numbers = np.ndarray | np.float64  # NumPy gives a number where an array would have no dimensions
+    Numbers = np.ndarray | np.float64  # NumPy returns a number instead of an array without dimensions
 
 __all__ = ["Bool", "Float", "Float32", "Float64", "Numbers", "Real", "UInt", "UInt8"]

@@ -61,7 +61,7 @@ class Synchronisation:
 
     @property
     def reason(self) -> Reason | None:
-        """Why the log must not be used; None if the clip follows it."""
+        """The reason why the log must not be used; None if the clip follows it."""
         if self.turns_px < _LEAST_PX:
             return Reason(Code.GYRO_TOO_CALM)
         if self.follows < _FOLLOWS:
@@ -113,7 +113,7 @@ def synchronised(
 
 
 def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tuple[float, float]:
-    """Computes the correlation of frames' turns with the log's (see :class:`Synchronisation`), and the size of these.
+    """Correlates frames' turns with the log's (see :class:`Synchronisation`); also returns the size of the latter.
 
     The turns are those shown by the tracks, and those that the tracks would show according to the log: if every row
     of a frame turned differently, they are only a mean. The correlation between two halves of the tracks shows how much

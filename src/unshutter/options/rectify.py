@@ -95,5 +95,5 @@ class Rectify:
 
     @property
     def find_alone(self) -> Find | None:
-        """How the motion is found from each photo alone; None if it is not."""
+        """Options for finding the motion from each photo alone; None if it is not found that way."""
         return None if self.motion is not None or self.neighbours or self.neighbours.sequence else self.find

@@ -56,7 +56,7 @@ class CameraFacts(ABC):
 
     @cached_property
     def attitude(self) -> Attitude | None:
-        """How the camera was held, as recorded by an accelerometer, level gauge or gimbal; None if unknown."""
+        """The camera's attitude, as recorded by an accelerometer, level gauge or gimbal; None if unknown."""
         from unshutter.photo.tags import attitude
 
         metadata = self._metadata
@@ -64,7 +64,7 @@ class CameraFacts(ABC):
 
     @cached_property
     def flight(self) -> Flight | None:
-        """How the drone that took the photo flew; None if unknown or not taken by a drone."""
+        """The flight of the drone that took the photo; None if unknown or not taken by a drone."""
         from unshutter.photo.tags import flight
 
         return flight.of_xmp(self._metadata.xmp)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from unshutter.geometry.readout import Orientation
 
-_BEHIND = 128  # grey level behind transparent areas of small copies
+_BEHIND = 128  # grey level under transparent areas of small copies
 
 
 def upright(image: pyvips.Image, icc: bytes | None, orientation: Orientation, longest_px: int = 0) -> np.ndarray:

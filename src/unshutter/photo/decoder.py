@@ -15,7 +15,7 @@ from unshutter.photo.libvips import as_image
 from unshutter.photo.source import Source
 
 if TYPE_CHECKING:
-    import numpy as np  # not imported above: reading a file, which starts first, can do without
+    import numpy as np  # not imported above: reading a file, which starts first, does not need it
 
 _NEARLY = 1.1  # a grey copy may be this many times smaller than requested if that is cheaper
 
@@ -82,7 +82,7 @@ class Decoder:
 
     @property
     def _has_its_threads(self) -> bool:
-        """Whether this is the process in which decoding was started: after a fork, its threads would never finish."""
+        """Whether this is the process in which decoding was started: a fork does not have its threads."""
         return self._process == os.getpid()
 
     def _grey_of_smaller(self, short_side: int | None, shrink: int) -> np.ndarray:

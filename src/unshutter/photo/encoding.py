@@ -31,7 +31,7 @@ def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Pictu
     Args:
         picture: pixels and metadata of a photo.
         format: format of the file.
-        is_new: whether the pixels differ from those of the file that the metadata come from; its thumbnails are then
+        is_new: whether the pixels differ from those of the file that the metadata come from; thumbnails are then
             replaced or removed.
 
     Raises:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coding:
-    """How a picture was encoded, so that its successor can be encoded alike.
+    """Encoding parameters of a picture, so that its successor can be encoded alike.
 
     Attributes:
         quality: JPEG quality, 1 ... 100.

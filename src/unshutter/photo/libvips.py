@@ -16,7 +16,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.storage import large_arrays
 
 if TYPE_CHECKING:
-    import numpy as np  # not imported above: reading a file, which starts first, can do without
+    import numpy as np  # not imported above: reading a file, which starts first, does not need it
     import pyvips
 
 _forked = False  # whether this process was forked from one that had loaded libvips
@@ -232,7 +232,7 @@ def profile_of(primaries: int, transfer: int, source: object) -> bytes | None:
         source: source of the photo, for the message.
 
     Raises:
-        UnshutterError: the colours are HDR or video, which need the code points to look right, but these would be lost.
+        UnshutterError: the colours are HDR or video, which look right only with these code points, which would be lost.
     """
     if transfer in _USUAL_TRANSFERS:
         if primaries in _SRGB:

@@ -1,4 +1,4 @@
-"""A photo's metadata: what goes from its file to the next one along with the pixels, whatever the two formats are."""
+"""A photo's metadata, copied from its file to the result along with the pixels, in any pair of formats."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from unshutter.photo.containers import chunks
 from unshutter.photo.containers.motion_photo import AppendedFilm
 from unshutter.photo.tags import exif, iptc
 
-_MEANINGLESS = (1.0, 72 / 25.4)  # px/mm: libvips's where a file gives none, and the usual one of careless programs
+_MEANINGLESS = (1.0, 72 / 25.4)  # px/mm: libvips's default, and the usual value written by careless programs
 
 
 class Resolution(NamedTuple):
-    """How densely a picture's pixels are to be printed.
+    """The resolution at which a picture is to be printed.
 
     Attributes:
-        across, down: [px/mm].
-        unit: in which a TIFF or JPEG gave it, as libvips calls it: ``in`` or ``cm``.
+        across, down: resolution [px/mm].
+        unit: unit in the TIFF or JPEG, as named by libvips: ``in`` or ``cm``.
     """
 
     across: float = 1.0
@@ -27,26 +27,26 @@ class Resolution(NamedTuple):
 
     @property
     def is_known(self) -> bool:
-        """Whether somebody chose it: False for what libraries write by default."""
+        """Whether the resolution was set deliberately: False for values that libraries write by default."""
         return not all(any(abs(own - usual) < 0.01 for usual in _MEANINGLESS) for own in (self.across, self.down))
 
 
 @dataclass(frozen=True)
 class Metadata:
-    """A photo's metadata, as a format's reader returns them and its writer takes them.
+    """A photo's metadata, as returned by a format's reader and accepted by its writer.
 
     Attributes:
         exif: EXIF, with or without its prefix.
         icc: ICC profile.
         xmp: XMP packet.
-        resources: Photoshop's image resources, with IPTC among them.
-        resolution: of the picture.
+        resources: Photoshop's image resources, including IPTC.
+        resolution: resolution of the picture.
         description: TIFF's ImageDescription.
-        chunks: (name, data) of a PNG's texts, colours and other chunks that are copied unchanged.
+        chunks: (name, data) of a PNG's texts, colours and other chunks, which are copied unchanged.
         density: unit (0: none, 1: inch, 2: cm), and pixels per unit across and down, from a JPEG's JFIF header.
-        comments: a JPEG's.
-        film: of a motion photo, with all else that follows the picture in its JPEG.
-        left_behind: names of what the reader saw in the file, but no writer can carry.
+        comments: comments of a JPEG.
+        film: film of a motion photo, with all other data that follow the picture in its JPEG.
+        left_behind: names of metadata that the reader saw in the file but no writer can copy.
     """
 
     exif: bytes | None = None
@@ -62,7 +62,7 @@ class Metadata:
     left_behind: tuple[str, ...] = ()
 
     def resized(self) -> Metadata:
-        """The metadata of a picture of another size, without what ties its pixels to places on the earth."""
+        """Returns the metadata for a picture of another size, without data that tie pixels to geographic positions."""
         blob = exif.without_geotiff(self.exif)
         if blob is self.exif:
             return self
@@ -70,7 +70,7 @@ class Metadata:
 
     @property
     def main_resolution(self) -> Resolution:
-        """The resolution for a format that has one place for it: EXIF's, else the file's own."""
+        """The resolution for a format with one place for it: EXIF's, otherwise the file's own."""
         own = exif.resolution(self.exif)
         return Resolution(*own) if own else self.resolution
 
@@ -83,10 +83,10 @@ class Metadata:
         return self.density
 
     def without_place(self, holds: frozenset[str]) -> Iterator[str]:
-        """Names of the metadata that a format cannot hold.
+        """Yields the names of metadata that a format cannot hold.
 
         Args:
-            holds: attributes of this class that the format has a place for.
+            holds: attributes of this class that the format can hold.
         """
         if self.exif is not None and "exif" not in holds:
             yield "EXIF"

@@ -40,9 +40,9 @@ class Photo(CameraFacts, Writable):
     What is preserved in a result:
 
     * bits: 16-bit pixels keep their depth in PNG and TIFF, become 10 (if the photo had 10) or 12 in AVIF, and are
-    rounded to 8 in JPEG and WebP;
+      rounded to 8 in JPEG and WebP;
     * channels: grey stays grey in JPEG, PNG and TIFF, but becomes RGB in WebP and AVIF; alpha is kept except in JPEG,
-    where the picture is flattened on black;
+      where the picture is flattened on black;
     * ICC profile, XMP, IPTC (JPEG and TIFF), and EXIF byte for byte (in TIFF, tag by tag), with the picture's size;
     * JPEG quality and chroma subsampling like the input's; TIFF compression if none or LZW, else deflate.
 

@@ -6,7 +6,7 @@ import math
 from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import numpy as np  # not imported above: decoding, which starts first, can do without
+    import numpy as np  # not imported above: decoding, which starts first, does not need it
 
 SPILL_BYTES = 1 << 31  # larger arrays are kept in a file
 

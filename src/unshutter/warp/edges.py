@@ -25,7 +25,7 @@ Size: TypeAlias = tuple[int, int]  # height and width [px]
 
 
 class EdgeDecision(NamedTuple):
-    """How the edges of a rectified picture are handled.
+    """The decision on how to handle the edges of a rectified picture.
 
     Attributes:
         edges: ``keep``, ``crop``, ``fill`` or ``borrow``, never ``auto``.

@@ -181,7 +181,7 @@ def _warped(
     """Computes a window of the output, in either direction of the warp.
 
     Args:
-        black_beyond: positions this far or farther outside the picture become 0 [px], and up to there the border is
+        black_beyond: distance outside the picture [px] from which pixels become 0; up to there the border is
             repeated; None: the picture is mirrored at its border.
         masked: see :func:`rectify_pixels`.
     """
@@ -199,7 +199,7 @@ def _warped(
 
 
 class _Scratch(threading.local):
-    """Arrays that a thread reuses for each tile, because allocating fresh memory takes a third of the system's work."""
+    """Arrays that a thread reuses for each tile, because fresh memory from the system takes a third of the time."""
 
     def __init__(self) -> None:
         self._arrays: dict[str, np.ndarray] = {}

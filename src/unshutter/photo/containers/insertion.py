@@ -9,7 +9,7 @@ _PIECE = 1 << 24  # bytes
 
 
 def replace(file: BinaryIO, start: int, end: int, data: bytes) -> None:
-    """Replaces bytes by others. Data after them are moved in pieces, because pictures may be larger than memory."""
+    """Replaces bytes with others. Data after them are moved in pieces, because pictures may be larger than memory."""
     if len(data) >= end - start:
         file.seek(start)
         file.write(data[: end - start])

@@ -60,7 +60,7 @@ def is_complete(data: bytes, pixels: np.ndarray, decode: Callable[[BinaryIO], np
 
     if pixels.min() == pixels.max():  # no sensor is so free of noise: all its data are missing
         return False
-    again = decode(io.BytesIO(data + _AFTER))  # kinds that are read from the end do not depend on it
+    again = decode(io.BytesIO(data + _AFTER))  # None for kinds read from the end, which skip this check
     return again is None or np.array_equal(again, pixels)
 
 

@@ -1,4 +1,4 @@
-"""How the camera was held, from the photo's metadata: phones' accelerometers, level gauges, gimbals.
+"""The camera's attitude, from the photo's metadata: phones' accelerometers, level gauges, gimbals.
 
 All makers' angles are converted to those of :class:`Attitude`: roll clockwise as seen by the photographer, upward tilt,
 both for the upright picture. Gauges are built into cameras, so the quarter turn of a portrait photo is first subtracted
@@ -34,7 +34,7 @@ _CLEAR_SHARE, _CLEAR_DEG = 0.5, 25.0  # to recognise a quarter turn: gravity in 
 
 @dataclass(frozen=True)
 class Attitude:
-    """How the camera was held.
+    """The attitude in which the camera was held.
 
     Attributes:
         roll_deg: rotation clockwise from upright, as seen by its user [degrees]; None: unknown.

@@ -1,4 +1,4 @@
-"""When and for how long a photo was exposed, and whether it was merged from several exposures.
+"""The time and duration of a photo's exposure, and whether it was merged from several exposures.
 
 Source: CIPA DC-008 (EXIF 2.32): DateTimeOriginal, SubSecTimeOriginal, ExposureTime, ShutterSpeedValue, CustomRendered,
 CompositeImage; the values that Apple adds to CustomRendered and its maker note's tag 0x000A are those that exiftool.org

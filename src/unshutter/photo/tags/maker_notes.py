@@ -66,7 +66,7 @@ class MakerNote:
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a maker note begins.
+    """The layout of the start of a maker note.
 
     Attributes:
         maker: name of the maker.

@@ -77,7 +77,7 @@ def _unpacked_profile(content: bytes) -> bytes:
 
 
 def _meaning(kind: bytes, data: bytes) -> TextMetadata:
-    """Identifies the metadata in a raw profile; the kind ``app1`` is ambiguous."""
+    """Identifies the metadata in a raw profile, for the kind ``app1`` by its first bytes."""
     if data.startswith(_XMP_OF_JPEG):
         return TextMetadata("xmp", data.removeprefix(_XMP_OF_JPEG))
     attribute = _ATTRIBUTES[kind]
