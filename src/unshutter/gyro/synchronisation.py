@@ -56,7 +56,7 @@ class Synchronisation:
 
     @property
     def alignment(self) -> Alignment:
-        """The alignment."""
+        """The adjusted alignment, without its errors."""
         return self.adjusted.alignment
 
     @property

@@ -37,7 +37,7 @@ class Map:
 
 
 def _map(arguments: Map) -> int:
-    """Writes the map."""
+    """Writes the map and reports it; returns the exit code."""
     from unshutter.export.maps import map_file
 
     motion = map_file(
@@ -87,7 +87,7 @@ class Points:
 
 
 def _points(arguments: Points) -> int:
-    """Moves the points."""
+    """Moves the points and reports how many; returns the exit code."""
     from unshutter.export.points import move_file
     from unshutter.motion import Motion
     from unshutter.storage.protection import Protection

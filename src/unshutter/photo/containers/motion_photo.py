@@ -49,7 +49,7 @@ class AppendedFilm(NamedTuple):
 
     @property
     def content(self) -> bytes:
-        """The film alone."""
+        """The film's own data."""
         return self.data[self.at : self.at + self.length]
 
     @property
