@@ -1,4 +1,4 @@
-"""View, which an estimator is given, and Estimator, which it must be."""
+"""The Estimator interface and its input, View."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from unshutter.reasons import Code, Reason
 
 @dataclass(frozen=True)
 class View:
-    """A photo as an estimator sees it: in its readout frame, first line on top (readout.py).
+    """A photo as seen by an estimator: in its readout frame, with the first line read on top (readout.py).
 
     Attributes:
-        photo: as it was read.
-        camera: what the user knows of the camera; for the rest, the photo's own metadata are used.
-        guessed_focal_px: a better guess than one from the picture's size, say for a part cut out of a larger photo.
+        photo: the photo as read.
+        camera: what the user states about the camera; otherwise the photo's own metadata are used.
+        guessed_focal_px: a better guess than that from the picture's size, for instance for a crop of a larger photo.
     """
 
     photo: Photo
@@ -38,7 +38,7 @@ class View:
 
     @property
     def readout(self) -> Readout:
-        """Direction in which the stored pixels were read: the given one, else as gravity shows, else top to bottom."""
+        """Direction in which the stored pixels were read: as stated, or else from gravity, or else top to bottom."""
         if self.camera.readout == "auto" and self.photo.attitude is not None:
             return self.photo.attitude.readout
         return self.camera.direction
@@ -55,23 +55,23 @@ class View:
 
     @property
     def up(self) -> tuple[int, int]:
-        """Unit vector (right, down) to the scene's top, from the EXIF orientation."""
+        """Unit vector (right, down) towards the top of the scene, from the EXIF orientation."""
         return scene_up(self.photo.orientation, self.readout)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
-        """[h, w] uint8 grey copy whose short side is about ``short_side`` px; never enlarged."""
+        """Returns a [h, w] uint8 grey copy whose short side is about ``short_side`` px; never enlarged."""
         return self.readout.turn(self.photo.grey(short_side))
 
     def focal_px(self) -> float:
-        """Focal length [px of the full-size picture]: the known one, else a guess: 0.85 (width + height)."""
+        """Returns the focal length [px of the full-size picture], if unknown guessed as 0.85 (width + height)."""
         return self.known_focal_px() or self.guessed_focal_px or 0.85 * (self.width + self.height)
 
     def known_focal_px(self) -> float | None:
-        """Focal length [px of the full-size picture]: the given one, else EXIF's, else None."""
+        """Returns the focal length [px of the full-size picture] as stated, or else EXIF's, or else None."""
         return self.camera.focal_px or self.photo.focal_px()
 
     def attitude(self) -> Attitude:
-        """How the camera was held: each angle the given one, else the photo's own, else None."""
+        """Returns the camera's attitude: each angle as stated, or else the photo's own, or else None."""
         own = self.photo.attitude or Attitude(None, None, "")
         roll, tilt = self.camera.roll_deg, self.camera.tilt_deg
         if roll is None and tilt is None:
@@ -81,29 +81,29 @@ class View:
         return Attitude(roll, tilt, "given" if kept is None else f"given; {own.source}", own.readout)
 
     def attitude_deg(self) -> tuple[float | None, float | None]:
-        """Roll and tilt of the camera [degrees], each where it is known: the given ones, else the photo's own."""
+        """Returns the camera's roll and tilt [degrees] as stated, or else the photo's own, or else None."""
         held = self.attitude()
         return held.roll_deg, held.tilt_deg
 
     def exposure_s(self) -> float | None:
-        """How long each line was exposed [s]: the given time, else EXIF's, else None."""
+        """Returns the exposure time of each line [s] as stated, or else EXIF's, or else None."""
         return self.camera.exposure_s or self.photo.exposure_s()
 
     def exposure_is_merged(self) -> bool:
-        """Whether the photo was put together from several exposures (HDR), so that its sharpness says less."""
+        """Whether the photo was merged from several exposures (HDR), so that its sharpness is less informative."""
         return self.photo.is_merged()
 
     def readout_s(self) -> ReadoutTime:
-        """How long the readout took, or may have taken: the given time, else what is usual for the kind of camera."""
+        """Returns the readout time or its plausible range: as stated, or else typical for the kind of camera."""
         if self.camera.readout_ms is None:
             return self.photo.readout_time()
         return ReadoutTime(self.camera.readout_ms / 1000, self.camera.readout_ms / 1000, "given")
 
     @cached_property
     def speed_limit(self) -> SpeedLimit | None:
-        """The fastest motion that the photo's sharpness allows; None where it does not say.
+        """The fastest motion that the photo's sharpness allows; None if it sets no limit.
 
-        Reads the photo at its full size, once.
+        Reads the photo at full size, once.
 
         Raises:
             UnshutterError: the photo is damaged or gone.
@@ -115,7 +115,7 @@ class View:
         return self.readout.turn(self.photo.pixels)
 
     def noted(self, motion: Motion) -> Motion:
-        """The motion with what was known of the photo apart from its pixels."""
+        """Returns the motion with what is known about the photo apart from its pixels."""
         held = self.attitude()
         roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
         return replace(
@@ -127,17 +127,17 @@ class View:
         )
 
     def no_motion(self, estimator: str, reason: Reason | str | None = None) -> Motion:
-        """The answer of an estimator that declines.
+        """Returns the answer of an estimator that declines.
 
         Args:
             estimator: its name.
-            reason: why; methods of other packages say it in a sentence. None: the photo as it is, among candidates.
+            reason: why; methods from other packages give a sentence. None for the unchanged photo among candidates.
         """
         why = Reason.stated(reason) if isinstance(reason, str) else reason
         return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=why)
 
     def cubic_motion(self, coefficients: np.ndarray, estimator: str, confidence: float | None = None) -> Motion:
-        """The answer of an estimator that found a cubic row motion, first row as the reference.
+        """Returns the answer of an estimator that found a cubic row motion, first row as the reference.
 
         Args:
             coefficients: [2, 3] of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
@@ -156,14 +156,14 @@ class View:
         )
 
     def rotation_motion(self, rotations: np.ndarray, estimator: str) -> Motion:
-        """The answer of an estimator that found rotations about three axes, first row as the reference.
+        """Returns the answer of an estimator that found rotations about three axes, first row as the reference.
 
         Args:
             rotations: [height, 3] (r_x, r_y, r_z) of every row [rad].
             estimator: its name.
 
         Returns:
-            The motion; none, with the reason, where it would fold the picture over itself.
+            The motion, or zero motion with a reason if it would fold the picture over itself.
         """
         try:
             motion = RotationMotion(
@@ -180,18 +180,18 @@ class View:
 
 
 class Estimator(ABC):
-    """Finds the row motion of a photo. Several threads may use one at once.
+    """Estimates the row motion of a photo. Thread-safe.
 
     Args:
         method: its entry in the register.
-        weights: file to run on; None for methods that need none.
+        weights: weights file; None for methods that need none.
     """
 
     def __init__(self, method: Method, weights: Path | None = None):
         self.method = method
         self.weights = weights
 
-    def __reduce__(self) -> tuple:  # an open network cannot be pickled: it is opened anew
+    def __reduce__(self) -> tuple:  # an open network cannot be pickled; it is reopened
         return type(self), (self.method, self.weights)
 
     @property
@@ -200,9 +200,9 @@ class Estimator(ABC):
         return self.method.name
 
     def prepare(self) -> None:
-        """Does in advance what the first estimate would otherwise wait for, such as opening a network.
+        """Performs work that the first estimate would otherwise wait for, such as opening a network.
 
-        Does nothing unless overridden. May be called more than once.
+        Does nothing by default. May be called more than once.
 
         Raises:
             UnshutterError: the weights cannot be used.
@@ -211,13 +211,13 @@ class Estimator(ABC):
 
     @abstractmethod
     def estimate(self, view: View) -> Motion:
-        """The motion of the full-size photo in its readout frame, first row as the reference.
+        """Returns the motion of the full-size photo in its readout frame, first row as the reference.
 
-        Where the photo does not show enough, the motion is zero and carries a reason; that is not an error.
+        If the photo is inconclusive, the motion is zero and carries a reason; that is not an error.
         """
 
     def candidates(self, view: View) -> tuple[Candidate, ...]:
-        """The motions that fit the photo, first that of :meth:`estimate`; the photo as it is counts as one.
+        """Returns the possible motions of the photo, including leaving it unchanged, that of :meth:`estimate` first.
 
         Methods that find several override this.
         """

@@ -1,4 +1,4 @@
-"""The list of methods for ``unshutter models``: what each does, the size of its weights, how well it did."""
+"""The list of methods for ``unshutter models``: description, size of the weights, and measured accuracy."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from unshutter.options import DEFAULT_ESTIMATOR
 
 @dataclass(frozen=True)
 class Listed:
-    """A method as ``unshutter models`` lists it.
+    """A method as listed by ``unshutter models``.
 
     Attributes:
-        method: what it is.
-        weights_mb: size of the weights in the package that it runs on [MB]; 0 where it needs none.
+        method: the method's entry in the register.
+        weights_mb: size of its weights in the package [MB]; 0 if it needs none.
         scores: set of photos -> (median EPE [px at 256 rows], share of photos improved); empty if not measured.
     """
 
@@ -28,7 +28,7 @@ class Listed:
 
 
 def list_models() -> list[Listed]:
-    """All methods that can be used as they are, the default first."""
+    """Returns all methods that can be used without further files, the default first."""
     listed = []
     for name in sorted(names(), key=lambda name: name != DEFAULT_ESTIMATOR):
         known = method(name)
@@ -41,12 +41,12 @@ def list_models() -> list[Listed]:
 
 @cache
 def _scores(path: Path) -> dict[str, dict[str, dict[str, float]]]:
-    """Method -> set of photos -> figures."""
+    """Reads the scores: method -> set of photos -> figures."""
     return json.loads(path.read_text(encoding="utf-8"))
 
 
 def as_text(listed: list[Listed]) -> str:
-    """The list as a table for a terminal, then what its figures mean."""
+    """Formats the list as a table for a terminal, with an explanation of its figures."""
     places = list(dict.fromkeys(place for each in listed for place in each.scores))
     head = ["name", "weights", *places]
     rows = [[each.method.name, _size(each), *(_score(each, place) for place in places)] for each in listed]

@@ -1,4 +1,4 @@
-"""A photo's motion as everybody should ask for it: by its metadata or an estimator, unless its sharpness refutes it."""
+"""Determines a photo's motion from its metadata or an estimator, unless its sharpness refutes the motion."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from unshutter.motion.candidate import Candidate, alone
 
 
 def find_motion(estimator: Estimator, view: View) -> Motion:
-    """The motion of a photo, first row as the reference, with what was known of the photo besides its pixels.
+    """Returns the motion of a photo, first row as the reference, with what is known apart from its pixels.
 
     Raises:
-        UnshutterError: the photo is damaged or gone, or has fewer candidates than the one that is asked for.
+        UnshutterError: the photo is damaged or gone, or the candidate requested does not exist.
     """
     return chosen(find_candidates(estimator, view), view.camera.candidate)
 
 
 def chosen(candidates: tuple[Candidate, ...], number: int | None) -> Motion:
-    """The motion of a candidate. One that a person has chosen has no confidence: nothing is left to doubt.
+    """Returns the motion of a candidate; one that a person has chosen has no confidence, as no doubt remains.
 
     Args:
-        candidates: of a photo.
-        number: counted from 1; None: the first, with its confidence.
+        candidates: candidates of a photo.
+        number: counted from 1; None for the first, with its confidence.
 
     Raises:
-        UnshutterError: there are fewer.
+        UnshutterError: there are fewer candidates.
     """
     if number is None:
         return candidates[0].motion
@@ -40,10 +40,10 @@ def chosen(candidates: tuple[Candidate, ...], number: int | None) -> Motion:
 
 
 def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:
-    """The motions that fit a photo, first that of :func:`find_motion`; the photo as it is counts as one.
+    """Returns the possible motions of a photo, that of :func:`find_motion` first, including no change.
 
-    What a drone's flight says goes before what the estimator would find. Motions that would have blurred the photo more
-    than it is are left out; where that is the first, there is none, and why.
+    A drone's flight data take precedence over the estimator. Motions that would have blurred the photo more than it is
+    are dropped; if this removes the first one, it is replaced by zero motion with the reason.
 
     Raises:
         UnshutterError: the photo is damaged or gone.

@@ -1,4 +1,4 @@
-"""One method, as it is known without importing it."""
+"""The description of a method, available without importing it."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ class Method:
     """A method's entry in the register.
 
     Attributes:
-        name: by which users ask for it.
+        name: name by which users select it.
         summary: one line for ``unshutter models``.
         home: ``module:class`` of its :class:`Estimator`.
-        grey_px: short side [px] of the grey copy that it works on (``View.grey``), so that decoding can start before
-            the method is imported; None: it uses none.
-        weights: the file that it runs on; None: it needs none.
-        scores: file with what was measured of it (``unshutter models``); None: nothing was.
+        grey_px: short side [px] of the grey copy it works on (``View.grey``), so that decoding can start before the
+            method is imported; None if it uses none.
+        weights: its weights file; None if it needs none.
+        scores: file with its measured accuracy (``unshutter models``); None if not measured.
         takes_weights: whether NAME@FILE runs it with the user's own weights.
     """
 

@@ -1,6 +1,6 @@
-"""Exported networks (ONNX), each in a process of its own, or in one line why a file is not that network.
+"""Runs exported networks (ONNX), each in its own process; explains in one line why a file is not the expected network.
 
-A file may hold anything: divisions that kill the process, or work without an end. Its process is ended then, not ours.
+A file may contain anything, including divisions that kill the process or endless work. This ends its process, not ours.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from unshutter.errors import UnshutterError, WeightsError
 if TYPE_CHECKING:
     import numpy as np
 
-LONGEST_RUN_S = 60.0  # to open a network, and to run it once; the slowest of ours takes a second
-_GRACE_S = 5.0  # after which the other process ends by itself, should this one be gone
+LONGEST_RUN_S = 60.0  # for opening a network, or running it once; our slowest takes a second
+_GRACE_S = 5.0  # after which the other process exits by itself if this one is gone
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # on Windows
 
 
 class Network:
-    """An exported network. Several threads may use it at once: they take turns.
+    """An exported network. Thread-safe: threads take turns.
 
-    Its process is started when it is opened, started again where it had to be ended, or in a forked process, and ends
-    with this object or with this process, however that ends.
+    Its process is started when it is opened, restarted if it had to be ended or in a forked process, and ends with this
+    object or with this process, however that ends.
 
     Args:
-        name: of the estimator.
-        weights: the file that it comes from.
-        inputs: names of what it takes.
+        name: name of the estimator.
+        weights: the network's file.
+        inputs: names of its inputs.
         answer: name of its first output.
-        opens_fast: skip the optimisation of the graph. Right for a small one with a loop: it runs no slower (40 ms
-            either way), but opens in 27 ms instead of 95.
+        opens_fast: skip graph optimisation. This suits a small network with a loop: it runs no slower (40 ms either
+            way) but opens in 27 ms instead of 95.
 
     Raises:
         UnshutterError: onnxruntime is not installed, or the file is not this network.
@@ -52,24 +52,24 @@ class Network:
         self._runner: Runner | None = self._opened()
 
     def answers(self, inputs: dict[str, np.ndarray], *shapes: tuple[int, ...]) -> list[np.ndarray]:
-        """Runs it.
+        """Runs the network.
 
         Args:
-            inputs: what it takes, by name.
-            shapes: of its answers. It may give fewer than there are shapes, but one.
+            inputs: inputs by name.
+            shapes: expected shapes of the outputs. There may be fewer outputs than shapes, but at least one.
 
         Returns:
-            The answers, float64.
+            The outputs, float64.
 
         Raises:
-            WeightsError: it cannot be run on that, answers in other shapes, or does not come to an end.
+            WeightsError: it cannot run on these inputs, its outputs have other shapes, or it does not finish.
         """
         import numpy as np
 
-        if self._owner != os.getpid():  # forked: the pipes are our parent's, and so may be the lock
+        if self._owner != os.getpid():  # forked: the pipes belong to the parent, and it may hold the lock
             self._turn, self._runner, self._owner = Lock(), None, os.getpid()
         with self._turn:
-            runner, self._runner = self._runner or self._opened(), None  # it ends if anything goes wrong
+            runner, self._runner = self._runner or self._opened(), None  # the process ends if anything goes wrong
             try:
                 _, outputs = runner.ask({"inputs": list(inputs)}, list(inputs.values()))
             except EndedError as ended:
@@ -86,7 +86,7 @@ class Network:
         return [output.astype(np.float64) for output in outputs]
 
     def _opened(self) -> Runner:
-        """A process that has opened the file and found this network in it."""
+        """Returns a process that has opened the file and verified that it is this network."""
         if find_spec("onnxruntime") is None:
             raise UnshutterError(f"networks in ONNX files need the extra: {installation.extra('onnx')}")
         runner = Runner()
@@ -103,22 +103,22 @@ class Network:
 
 
 class RefusedError(Exception):
-    """The other process says why not."""
+    """The other process reported an error."""
 
 
 class EndedError(Exception):
-    """The other process was ended, or has ended by itself."""
+    """The other process was ended, or exited by itself."""
 
 
 class Runner:
-    """Another process, which runs one network. It ends with this object.
+    """A separate process that runs one network. It ends with this object.
 
     Raises:
-        UnshutterError: it cannot be started, or onnxruntime cannot be loaded there.
+        UnshutterError: it cannot be started, or cannot load onnxruntime.
     """
 
     def __init__(self) -> None:
-        # where this process finds modules, and nothing more: -P leaves out the current folder
+        # the module search path of this process and nothing else: -P omits the current folder
         paths = os.pathsep.join(os.getcwd() if path == "" else path for path in sys.path)
         try:
             self._process = subprocess.Popen(
@@ -128,7 +128,7 @@ class Runner:
                 stderr=subprocess.DEVNULL,
                 env=os.environ | {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
                 creationflags=_NO_WINDOW,
-                start_new_session=True,  # a terminal's Ctrl-C is not for it
+                start_new_session=True,  # shields it from Ctrl-C in a terminal
             )
         except OSError as error:
             raise UnshutterError(f"cannot start a process for the network: {error.strerror}") from None
@@ -139,11 +139,11 @@ class Runner:
             raise UnshutterError(f"cannot load onnxruntime: {error}") from None
 
     def ask(self, words: dict[str, Any], arrays: Sequence[np.ndarray] = ()) -> tuple[dict[str, Any], list[np.ndarray]]:
-        """The answer to a request.
+        """Sends a request and returns the answer.
 
         Raises:
-            RefusedError: it cannot be answered.
-            EndedError: the process is no more.
+            RefusedError: the request failed.
+            EndedError: the process has ended.
         """
         from unshutter.estimators.onnx_messages import send
 
@@ -178,7 +178,7 @@ class Runner:
 
 
 def _end(process: subprocess.Popen, owner: int) -> None:
-    """Ends a process at once; a forked process leaves that of its parent alone."""
+    """Ends a process immediately; a forked process leaves its parent's process alone."""
     is_ours = os.getpid() == owner
     if is_ours:
         process.kill()
@@ -189,7 +189,7 @@ def _end(process: subprocess.Popen, owner: int) -> None:
     if is_ours:
         process.wait()
     else:
-        process.returncode = 0  # or Python would warn of a process that was left behind
+        process.returncode = 0  # prevents Python's warning about a running child process
 
 
 def open_network(

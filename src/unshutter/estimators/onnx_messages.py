@@ -1,7 +1,7 @@
-"""Messages between this process and the one that runs networks (onnx_process.py): some words, and arrays, on a pipe.
+"""Messages to and from the process that runs networks (onnx_process.py): words and arrays on a pipe.
 
-A message is the length of its words (4 bytes), the words (JSON), and the bytes of the arrays one after another. The
-words name each array's kind and shape under ``arrays``.
+A message consists of the length of its words (4 bytes), the words (JSON), and the bytes of the arrays in order. The
+words list each array's kind and shape under ``arrays``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def send(stream: BinaryIO, words: dict[str, Any], arrays: Sequence[np.ndarray] =
     """Writes a message.
 
     Raises:
-        OSError: nobody reads it any more.
+        OSError: the reader is gone.
     """
     text = json.dumps({**words, "arrays": [[array.dtype.str, array.shape] for array in arrays]}).encode()
     stream.write(_LENGTH.pack(len(text)) + text)
@@ -34,13 +34,13 @@ def receive(stream: BinaryIO) -> tuple[dict[str, Any], list[np.ndarray]]:
     """Reads a message: its words and its arrays.
 
     Raises:
-        EOFError: the other side ended.
+        EOFError: the writer has ended.
     """
     words = json.loads(_read(stream, _LENGTH.unpack(_read(stream, _LENGTH.size))[0]))
     arrays = []
     for kind, shape in words.pop("arrays"):
         if kind not in _KINDS:
-            raise EOFError  # it cannot be trusted with what comes after
+            raise EOFError  # the rest cannot be trusted
         dtype = np.dtype(kind)
         count = int(np.prod(shape, dtype=np.int64))
         arrays.append(np.frombuffer(_read(stream, count * dtype.itemsize), dtype).reshape(shape))

@@ -1,8 +1,8 @@
-"""The process that runs a network for another one, and can be ended: ``python -m unshutter.estimators.onnx_process``.
+"""The separate, killable process that runs a network: ``python -m unshutter.estimators.onnx_process``.
 
-It opens and runs what it is asked to on its standard input, and answers on its standard output (onnx_messages.py). The
-only module that imports onnxruntime: from version 1.31 it contains a telemetry client, which has to be switched off
-before the import. Its lines on standard error are not for users either: the process has none.
+It reads requests from its standard input and answers on its standard output (onnx_messages.py). This is the only module
+that imports onnxruntime, which contains a telemetry client from version 1.31 on that must be disabled before the
+import. onnxruntime's output on standard error is not meant for users either: the process has no standard error.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 
 def onnx_runtime() -> Any:
-    """The module onnxruntime, with its telemetry switched off."""
-    os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # read when the library is loaded; processes started later inherit it
+    """Returns the module onnxruntime, with telemetry disabled."""
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # read when the library is loaded; inherited by later child processes
     import onnxruntime
 
     return onnxruntime
 
 
 def serve(requests: BinaryIO, answers: BinaryIO) -> None:
-    """Answers requests until there are no more: first one to open a network, then those to run it."""
+    """Answers requests until the input ends: first one to open a network, then those to run it."""
     try:
         onnx_runtime()
-    except Exception as error:  # a library that cannot be loaded
+    except Exception as error:  # the library cannot be loaded
         send(answers, {"refusal": _cause(error)})
         return
     send(answers, {"ready": True})
@@ -43,7 +43,7 @@ def serve(requests: BinaryIO, answers: BinaryIO) -> None:
             words, arrays = receive(requests)
         except EOFError:
             return
-        # Asked by somebody who was killed meanwhile, it must not go on for ever. This clock needs no help of Python's.
+        # It must not run indefinitely if its parent has been killed. This timer works even if Python is blocked.
         faulthandler.dump_traceback_later(words["limit_s"], exit=True, file=sys.stderr)
         try:
             if "open" in words:
@@ -55,7 +55,7 @@ def serve(requests: BinaryIO, answers: BinaryIO) -> None:
                 send(answers, description)
             else:
                 send(answers, {}, _run(session, dict(zip(words["inputs"], arrays, strict=True))))
-        except Exception as error:  # onnxruntime's own kinds have no common parent
+        except Exception as error:  # onnxruntime's exceptions have no common base class
             send(answers, {"refusal": _cause(error)})
         finally:
             faulthandler.cancel_dump_traceback_later()
@@ -68,8 +68,8 @@ def _opened(path: str, opens_fast: bool) -> InferenceSession:
     options.log_severity_level = 4
     if opens_fast:
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
-        options.add_free_dimension_override_by_name("batch_size", 1)  # the more is known, the less there is to plan
-        options.enable_mem_reuse = False  # planning it takes a third of the opening, and saves nothing measurable
+        options.add_free_dimension_override_by_name("batch_size", 1)  # fixed shapes reduce planning
+        options.enable_mem_reuse = False  # takes a third of the opening time without measurable benefit
     return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
 
 
@@ -85,13 +85,13 @@ def _cause(error: Exception) -> str:
 
 
 def main() -> None:
-    """The program."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks, which ends this one
+    """Runs the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent, which ends this process
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is not mistaken for an answer
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # keeps libraries' output out of the answers
     try:
         serve(sys.stdin.buffer, answers)
-    except OSError:  # nobody reads the answer any more
+    except OSError:  # the parent is gone
         os._exit(1)
 
 

@@ -1,4 +1,4 @@
-"""The methods by name, known without importing them, so that a photo can be decoded first.
+"""The register of methods by name; it does not import them, so that decoding a photo can start first.
 
 A package of your own can add a method: its entry point in the group ``unshutter.estimators`` names a :class:`Method`::
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from unshutter.estimators.base import Estimator
 
 _GROUP = "unshutter.estimators"
-_WEIGHTS = Path(__file__).parents[1] / "weights"  # importlib.resources says the same, but takes 10 ms to import
+_WEIGHTS = Path(__file__).parents[1] / "weights"  # importlib.resources gives the same path but takes 10 ms to import
 _SCORES = _WEIGHTS / "scores.json"  # written with docs/results, never by hand
 
 METHODS = (
@@ -63,7 +63,7 @@ METHODS = (
 
 
 def names() -> list[str]:
-    """All methods: the package's, then those of other installed packages.
+    """Returns the names of all methods: the package's own, then those of other installed packages.
 
     Examples:
         >>> "segment-manhattan" in names()
@@ -74,11 +74,11 @@ def names() -> list[str]:
 
 
 def method(name: str) -> Method:
-    """The method of that name, or of NAME@FILE; the package's own methods come before those of other packages.
+    """Returns the method with that name, or of NAME@FILE; the package's own methods take precedence.
 
     Raises:
-        UsageError: there is none.
-        UnshutterError: the package that it comes from is broken.
+        UsageError: there is no such method.
+        UnshutterError: the package it comes from is broken.
     """
     name = name.partition("@")[0]
     for known in METHODS:
@@ -94,11 +94,11 @@ def method(name: str) -> Method:
 
 
 def check_name(name: str) -> None:
-    """Passes for the name of a method, and for NAME@FILE where it takes weights.
+    """Checks the name of a method, or NAME@FILE.
 
     Raises:
         UsageError: there is no such method, or it takes no weights.
-        UnshutterError: the package that it comes from is broken.
+        UnshutterError: the package it comes from is broken.
     """
     own, _, weights = name.partition("@")
     entry = method(own)
@@ -107,22 +107,22 @@ def check_name(name: str) -> None:
 
 
 def weights_file(name: str) -> Path | None:
-    """The file of NAME@FILE; None for a name alone."""
+    """Returns the file of NAME@FILE, or None for a name alone."""
     _, _, weights = name.partition("@")
     return Path(weights) if weights else None
 
 
 @lru_cache(maxsize=4)
 def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
-    """The estimator of that name, ready for any number of photos; built once per process.
+    """Returns the estimator with that name, ready for any number of photos; built once per process.
 
     Args:
-        name: one of :func:`names`, or NAME@FILE to run it with your own weights: what a training wrote
-            (ONNX, or .npz of the segment transformer).
+        name: one of :func:`names`, or NAME@FILE to run it with your own weights from a training run (ONNX, or .npz
+            for the segment transformer).
 
     Raises:
         UsageError: there is no such method, or it takes no weights.
-        UnshutterError: the weights cannot be used, or the package that the method comes from is broken.
+        UnshutterError: the weights cannot be used, or the package providing the method is broken.
 
     Examples:
         >>> estimator = unshutter.load("manhattan")  # built once, for many photos
@@ -136,12 +136,12 @@ def load(name: str = DEFAULT_ESTIMATOR) -> Estimator:
     entry = method(own)
     estimator = _class_of(entry)(entry, Path(weights) if weights else entry.weights)
     if weights:
-        estimator.prepare()  # so that a bad file is refused here, not at the first photo
+        estimator.prepare()  # rejects a bad file here rather than at the first photo
     return estimator
 
 
 def _class_of(entry: Method) -> type[Estimator]:
-    from unshutter.estimators.base import Estimator  # not above: it imports NumPy
+    from unshutter.estimators.base import Estimator  # not at the top: it imports NumPy
 
     module, _, name = entry.home.partition(":")
     kind = getattr(import_module(module), name, None)
@@ -151,7 +151,7 @@ def _class_of(entry: Method) -> type[Estimator]:
 
 
 def _loaded(point: EntryPoint) -> Method:
-    """The method that another package's entry point names."""
+    """Loads the method that another package's entry point names."""
     failure = f"cannot load the installed estimator '{point.name}'"
     try:
         entry = point.load()

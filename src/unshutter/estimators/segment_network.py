@@ -1,6 +1,7 @@
-"""The small transformer that turns line segments into a row motion, from either kind of file; several methods ask it.
+"""The small transformer that estimates row motion from line segments, from either kind of weights file.
 
-Trained by ``unshutter_lab.training`` on drawn scenes; the card next to the weights describes how.
+Used by several methods. Trained by ``unshutter_lab.training`` on drawn scenes; the card next to the weights describes
+how.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from unshutter.errors import WeightsError
 from unshutter.estimators.onnx import open_network
 
-MOST_SEGMENTS = 320  # it was trained on no more; the longest are kept
+MOST_SEGMENTS = 320  # limit of its training; the longest are used
 _NAME = "segment-transformer"
 _START_OF_NPZ = b"PK"
 
@@ -22,10 +23,10 @@ Network = Callable[[np.ndarray], np.ndarray]  # tokens [N, 6] -> coefficients [2
 
 
 class SegmentNetwork:
-    """The network, opened when it is first needed. Several threads may use it at once.
+    """The network, opened when first needed. Thread-safe.
 
     Args:
-        weights: an .npz, which NumPy runs, or an exported network (ONNX).
+        weights: an .npz file, run in NumPy, or an exported network (ONNX).
     """
 
     def __init__(self, weights: Path | None):
@@ -34,10 +35,10 @@ class SegmentNetwork:
         self._opening = Lock()
 
     def open(self) -> Network:
-        """The network; opens it the first time.
+        """Returns the network, opening it the first time.
 
         Raises:
-            WeightsError: there is no file, or it is not this network.
+            WeightsError: the file is missing, or is not this network.
         """
         with self._opening:
             if self._network is None:
@@ -49,13 +50,13 @@ class SegmentNetwork:
 
         Args:
             segments: [N, 4] end points in centred units of rows (segments.py).
-            up: unit vector (right, down) to the scene's top.
+            up: unit vector (right, down) towards the top of the scene.
 
         Returns:
             [2, 3] coefficients of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
 
         Raises:
-            WeightsError: the file is not this network, after all.
+            WeightsError: the file turns out not to be this network.
         """
         tokens = np.concatenate([segments, np.broadcast_to(np.asarray(up), (len(segments), 2))], axis=1)
         return self.open()(tokens.astype(np.float32))

@@ -1,12 +1,11 @@
-"""How fast the camera moved sideways, by the length of the smears that it left: the blur of motion as a measure.
+"""Estimates how fast the camera moved sideways from the length of the motion blur (smears) in the photo.
 
-A camera that moves s px/s while a row is exposed for t_exp smears every edge across its way over L = s t_exp px. So
-steps of brightness come again, inverted, L px further on: the autocorrelation of the differences between neighbouring
-columns has a dip at L, which that of the differences between neighbouring rows has not. Most bands of rows have to
-agree, and the edges have to be as wide as smears of this length make them (speed_limit.py), else it is a pattern of
-the scene.
+A camera that moves s px/s while a row is exposed for t_exp smears every edge across its path over L = s t_exp px. Steps
+of brightness therefore recur, inverted, L px further on: the autocorrelation of the differences between neighbouring
+columns has a dip at L, unlike that of the differences between neighbouring rows. Most bands of rows must agree, and the
+edges must be as wide as smears of this length make them (speed_limit.py); otherwise it is a pattern of the scene.
 
-The length says how far the picture moved while it was read out, L T / t_exp, but not in which direction.
+The length gives the distance that the picture moved during readout, L T / t_exp, but not the direction.
 """
 
 from __future__ import annotations
@@ -24,22 +23,22 @@ if TYPE_CHECKING:
 _SHORTEST, _LONGEST = 5, 128  # px of the copy
 _SMALLEST = 128  # px, short side of a copy
 _BANDS, _AGREEING = 4, 3
-_NEAR_PX, _NEAR_SHARE = 2.0, 0.25  # by which the lengths of bands may differ from their median
-_CLEAR = 3.2  # depth of a dip, in spreads of the rest
-_STEEPEST = 40.0  # levels: steeper steps count as this, so that a few edges do not decide
-_WIDEST = 2.0  # times as long as the sharpest edges are wide: smears are rarely longer
-_ACROSS = 1.6  # times as wide as the edges along the motion: smeared ones are wider
-_LENS_PX = 0.5  # by which a dip lies beyond the length of the smear, since lenses blur, too
-_ERROR = 0.12  # of lengths, as a share
+_NEAR_PX, _NEAR_SHARE = 2.0, 0.25  # tolerated difference between the bands' lengths and their median
+_CLEAR = 3.2  # depth of a dip, relative to the spread of the rest
+_STEEPEST = 40.0  # levels: steeper steps are clipped, so that a few edges do not dominate
+_WIDEST = 2.0  # smears are rarely longer than this multiple of the sharpest edges' width
+_ACROSS = 1.6  # smeared edges are at least this multiple of the width of those along the motion
+_LENS_PX = 0.5  # offset of the dip from the length of the smear, due to the lens's blur
+_ERROR = 0.12  # relative error of lengths
 
 
 @dataclass(frozen=True)
 class Smear:
-    """The smears of a photo that moved sideways.
+    """The motion blur of a photo whose camera moved sideways.
 
     Attributes:
-        tx_px: how far the picture moved over a whole readout, to the left or right [px of the photo].
-        error: its standard deviation, as a share of it.
+        tx_px: displacement of the picture over a whole readout, to the left or right [px of the photo].
+        error: its relative standard deviation.
     """
 
     tx_px: float
@@ -49,12 +48,12 @@ class Smear:
 def smear_of(
     grey: UInt8[np.ndarray, "height width"], scale: float, limit: SpeedLimit, readout_error: float
 ) -> Smear | None:
-    """The smears of a photo; None where it shows none, or others.
+    """Measures the smears of a photo; returns None if there are none, or they do not fit sideways motion.
 
     Args:
         grey: copy of the photo in its readout frame.
         scale: px of the photo per px of the copy.
-        limit: what the sharpness of the photo says.
+        limit: the speed limit from the photo's sharpness.
         readout_error: standard deviation of the readout time's logarithm.
     """
     if not limit.readout_s or min(grey.shape) < _SMALLEST:
@@ -75,7 +74,7 @@ def smear_of(
 
 
 def _lengths(grey: Float32[np.ndarray, "height width"]) -> tuple[np.ndarray, np.ndarray]:
-    """[_BANDS] the lengths of smears along the rows of bands [px], and how clear they are."""
+    """[_BANDS] lengths of the smears along the rows of each band [px], and their clarity."""
     height, width = grey.shape
     lags = min(_LONGEST, width // 4, height // 4)
     along = _autocorrelation(grey.T, lags)
@@ -91,7 +90,7 @@ def _lengths(grey: Float32[np.ndarray, "height width"]) -> tuple[np.ndarray, np.
 
 
 def _autocorrelation(lines: Float32[np.ndarray, "lines px"], lags: int) -> np.ndarray:
-    """[lags] of the differences along lines, on average over them."""
+    """[lags] autocorrelation of the differences along lines, averaged over them."""
     steps = np.clip(np.diff(lines, axis=1), -_STEEPEST, _STEEPEST)
     size = 1 << (steps.shape[1] + lags - 1).bit_length()
     power = np.abs(np.fft.rfft(steps - steps.mean(), size, axis=1)) ** 2

@@ -1,8 +1,8 @@
-"""How fast the camera can have moved: a photo that was exposed for long and is sharp limits its speed.
+"""The limit that a photo's sharpness sets on the camera's speed: a long exposure that is sharp rules out fast motion.
 
-A scene that moves s px/s over the sensor smears every edge across its way by s times the exposure. So the sharpest
-edges of a photo bound the speed, whatever it shows: s <= width / exposure, and the motion over a whole readout is at
-most width * readout / exposure.
+A scene that moves s px/s across the sensor smears every edge across its path by s times the exposure. The sharpest
+edges of a photo therefore bound the speed, whatever it shows: s <= width / exposure, and the motion over a whole
+readout is at most width * readout / exposure.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
     from unshutter.photo.tags.readout_time import ReadoutTime
 
-BANDS = 4  # of rows: the camera need not have moved evenly
-_LINES = 128  # rows, and columns, that are looked at
-_CONTRAST = 60  # levels of 255 that an edge rises or falls: noise does less, and so do the blocks of JPEG
-_SHARPEST = 10  # per cent of the edges count as the sharpest: noise and retouched places may be sharper still
-_FEWEST = 30  # edges; fewer of them say nothing
-_OUTER = 0.25  # columns further than this from the middle [widths] show turning
-_LEEWAY = 2.5  # a motion this many times the limit is refuted: nine of ten blurred pictures stay below (own-model.md)
-_SMEARED, _SMEARED_PX = 2.0, 4.0  # times as wide as the others, and px: more than lenses and focus do
-_MERGED = 3.0  # times as fast: of several exposures, the sharp parts may be from those that were shorter than EXIF says
+BANDS = 4  # of rows: the camera's motion may be uneven
+_LINES = 128  # rows, and columns, that are examined
+_CONTRAST = 60  # least contrast of an edge, in levels of 255: more than that of noise and JPEG blocks
+_SHARPEST = 10  # percentile of the edge widths that is used: noise and retouched areas may be even sharper
+_FEWEST = 30  # edges; fewer are inconclusive
+_OUTER = 0.25  # columns further than this from the centre [widths] reveal rotation
+_LEEWAY = 2.5  # multiple of the limit that refutes a motion: nine in ten blurred pictures are below (own-model.md)
+_SMEARED, _SMEARED_PX = 2.0, 4.0  # width relative to the others, and px: more than lens and focus cause
+_MERGED = 3.0  # factor on the speed: sharp parts of a merged photo may come from exposures shorter than EXIF's
 
 
 @dataclass(frozen=True)
 class SpeedLimit:
-    """The fastest motion that the sharpness of a photo allows, in its readout frame.
+    """The fastest motion that a photo's sharpness allows, in its readout frame.
 
     Attributes:
         tx_px: [BANDS] change of t_x over a whole readout at the highest speed of each band [px].
-        ty_px: [BANDS] the same of the scene's motion up or down.
-        rz_rad: the same of r_z, over all rows [rad].
-        exposure_s: how long each row was exposed.
-        readout_s: how long the readout may well have taken.
+        ty_px: [BANDS] vertical displacement of the scene over a whole readout at that speed [px].
+        rz_rad: change of r_z over a whole readout at the highest speed, over all rows [rad].
+        exposure_s: exposure time of each row [s].
+        readout_s: upper estimate of the readout time [s].
         smeared: whether edges across the rows are so much wider than those along them that the camera must have moved
             sideways while each row was exposed.
     """
@@ -56,7 +56,7 @@ class SpeedLimit:
 
     @property
     def reason(self) -> Reason:
-        """Why a photo that this refutes is left unchanged."""
+        """Why a photo that refutes the motion is left unchanged."""
         if self.readout_s == 0:
             return Reason(Code.NO_ROLLING_SHUTTER)
         return Reason.of(Code.TOO_SHARP, exposure=_seconds(self.exposure_s))
@@ -75,13 +75,13 @@ class SpeedLimit:
 def speed_limit(
     frame: Callable[[], np.ndarray], exposure_s: float | None, readout: ReadoutTime, merged: bool
 ) -> SpeedLimit | None:
-    """What the sharpness of a photo says of its camera's speed; None where its exposure or edges are not known.
+    """Returns the limit that a photo's sharpness sets on the speed, or None if exposure or edges are unknown.
 
     Args:
-        frame: gives the pixels [H, W, bands] at full size in the readout frame, uint8 or uint16; not always called.
-        exposure_s: how long each line was exposed; None: unknown.
-        readout: how long the readout took.
-        merged: whether several exposures were put together.
+        frame: returns the pixels [H, W, bands] at full size in the readout frame, uint8 or uint16; not always called.
+        exposure_s: exposure time of each line; None if unknown.
+        readout: the readout time.
+        merged: whether several exposures were merged.
     """
     if exposure_s is None:
         return None
@@ -110,7 +110,7 @@ def _seconds(exposure_s: float) -> str:
 
 @dataclass(frozen=True)
 class _Edges:
-    """Edges along lines: which line, where on it [px], and how wide [px]."""
+    """Edges along lines: line index, position on it [px], and width [px]."""
 
     line: np.ndarray
     middle: np.ndarray
@@ -118,10 +118,10 @@ class _Edges:
 
     @classmethod
     def of(cls, lines: np.ndarray) -> _Edges:
-        """Runs of rising or falling brightness in uint8 [lines, px] of more than _CONTRAST levels.
+        """Finds runs of rising or falling brightness in uint8 [lines, px] by more than _CONTRAST levels.
 
-        Motion over L px makes a step of each pixel the difference of two that lay L apart, divided by L. So no edge is
-        wider than the brightness range of the photo over its steepest step.
+        Motion over L px turns each pixel's step into the difference of two values L apart, divided by L. So no edge is
+        wider than the photo's brightness range divided by the edge's steepest step.
         """
         values = lines.astype(np.int16)
         steps = np.diff(values, axis=1)
@@ -135,19 +135,19 @@ class _Edges:
         line = begin // count
         flat = values.ravel()  # one value more a line than steps
         contrast = np.abs(flat[end + line] - flat[begin + line])
-        whole = (begin > line * count) & (end < (line + 1) * count)  # not cut off by the border
+        whole = (begin > line * count) & (end < (line + 1) * count)  # not cut by the border
         strong = np.flatnonzero((contrast > _CONTRAST) & whole)
         begin, end, line, contrast = begin[strong], end[strong], line[strong], contrast[strong]
         if not len(strong):
             return cls(line, begin.astype(float), contrast.astype(float))
-        heights = np.append(np.abs(steps).ravel(), 0)  # so that a last run may end there
+        heights = np.append(np.abs(steps).ravel(), 0)  # lets the last run end there
         steepest = np.maximum.reduceat(heights, np.stack([begin, end], axis=1).ravel())[::2]
         darkest, brightest = np.percentile(lines[:, ::4], [1, 99])
         return cls(line, (begin + end) / 2 - line * count, np.maximum(brightest - darkest, contrast) / steepest)
 
 
 def _lines(pixels: np.ndarray) -> np.ndarray:
-    """uint8 [_LINES, px]: evenly spaced rows of pixels [H, W, bands], in green."""
+    """Returns uint8 [_LINES, px]: evenly spaced rows of pixels [H, W, bands], in green."""
     at = ((np.arange(_LINES) + 0.5) * len(pixels) / _LINES).astype(int)
     bands = pixels.shape[2]
     lines = pixels[at, :, 1 if bands >= 3 else 0]
@@ -155,7 +155,7 @@ def _lines(pixels: np.ndarray) -> np.ndarray:
 
 
 def _by_bands(row: np.ndarray, widths: np.ndarray, height: int) -> np.ndarray:
-    """[BANDS] the sharpest edges of each band of rows [px]; of all where a band has few."""
+    """[BANDS] width of the sharpest edges in each band of rows [px]; of the whole photo for bands with few edges."""
     band = np.minimum((row * BANDS / height).astype(int), BANDS - 1)
     everywhere = _sharpest(widths)
     each = [_sharpest(widths[band == k]) for k in range(BANDS)]
@@ -163,5 +163,5 @@ def _by_bands(row: np.ndarray, widths: np.ndarray, height: int) -> np.ndarray:
 
 
 def _sharpest(widths: np.ndarray) -> float:
-    """The width of the sharpest edges; infinite where there are too few."""
+    """Returns the width of the sharpest edges, or infinity if there are too few."""
     return float(np.percentile(widths, _SHARPEST)) if len(widths) >= _FEWEST else np.inf

@@ -1,4 +1,4 @@
-"""manhattan: line segments -> motion, camera and focal length that make them straight and square. No learning.
+"""manhattan: finds the motion, camera and focal length that make line segments straight and square. No learning.
 
 The likelihood and the search are in right_angles.
 """
@@ -15,14 +15,14 @@ from unshutter.motion.candidate import Candidate, alone
 
 
 class Manhattan(Estimator):
-    """The mean of the posterior under the Manhattan likelihood, over all optima found."""
+    """The posterior mean under the Manhattan likelihood, over all optima found."""
 
     def estimate(self, view: View) -> Motion:
-        """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
+        """Returns cubic t_x and r_z; zero motion with a reason if there are too few segments."""
         return self.candidates(view)[0].motion
 
     def candidates(self, view: View) -> tuple[Candidate, ...]:
-        """The modes of the posterior; no motion and a reason where there are too few segments."""
+        """Returns the modes of the posterior; zero motion with a reason if there are too few segments."""
         segments, size = segments_of(view)
         reason = unusable(segments, view.height, view.width)
         if reason:

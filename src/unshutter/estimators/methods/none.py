@@ -6,8 +6,8 @@ from unshutter.reasons import Code, Reason
 
 
 class DoNothing(Estimator):
-    """Always answers with no motion."""
+    """Always returns zero motion."""
 
     def estimate(self, view: View) -> Motion:
-        """Zero motion."""
+        """Returns zero motion."""
         return view.no_motion(self.name, Reason(Code.ASKED_FOR_NOTHING))

@@ -1,7 +1,7 @@
-"""segment-manhattan: segment-transformer's answer and the Manhattan likelihood, weighed against each other.
+"""segment-manhattan: combines segment-transformer's estimate with the Manhattan likelihood.
 
-The network (segment_network.py) knows curvature well and shear poorly; right angles tell of the shear, where there
-are any. So its answer enters the likelihood as one more observation, with the covariance of its errors.
+The network (segment_network.py) estimates curvature well and shear poorly; right angles, if present, determine the
+shear. Its estimate therefore enters the likelihood as one more observation, with the covariance of its errors.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from unshutter.estimators.segments import unusable
 from unshutter.motion import Motion
 from unshutter.motion.candidate import Candidate, alone
 
-_SEEN_TILTS = (-15.0, 50.0)  # degrees: the network knows no others
+_SEEN_TILTS = (-15.0, 50.0)  # degrees: range of the network's training data
 
 
 class SegmentManhattan(Estimator):
-    """The posterior's mean with the network's answer weighed in.
+    """The posterior mean, including the network's estimate as an observation.
 
     Args:
         method, weights: see :class:`Estimator`.
-        errors: of the network; those of the shipped calibration by default.
-        kinds: of motion; those of the shipped calibration by default.
+        errors: errors of the network; those of the shipped calibration by default.
+        kinds: kinds of motion; those of the shipped calibration by default.
     """
 
     def __init__(
@@ -53,11 +53,11 @@ class SegmentManhattan(Estimator):
         self._network.open()
 
     def estimate(self, view: View) -> Motion:
-        """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
+        """Returns cubic t_x and r_z; zero motion with a reason if there are too few segments."""
         return self.candidates(view)[0].motion
 
     def candidates(self, view: View) -> tuple[Candidate, ...]:
-        """The modes of the posterior; no motion and a reason where there are too few segments."""
+        """Returns the modes of the posterior; zero motion with a reason if there are too few segments."""
         segments, size = segments_of(view)
         reason = unusable(segments, view.height, view.width)
         if reason:
@@ -71,7 +71,7 @@ class SegmentManhattan(Estimator):
         return by_smear or candidates_of(posterior, view, self.name, answer)
 
     def weigh(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Posterior, np.ndarray]:
-        """The posterior with the network's answer weighed in, and that answer: [6] coefficients.
+        """Returns the posterior including the network's estimate, and that estimate: [6] coefficients.
 
         Args:
             view: the photo.

@@ -1,4 +1,4 @@
-"""segment-transformer: line segments of the photo -> a small transformer -> row motion."""
+"""segment-transformer: estimates row motion from the photo's line segments with a small transformer."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from unshutter.estimators.segment_network import MOST_SEGMENTS, SegmentNetwork
 from unshutter.estimators.segments import find_segments, in_rows, unusable
 from unshutter.motion import Motion
 
-SHORT_SIDE = 512  # of the grey copy in which segments are found [px]
+SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]
 
 
 class SegmentTransformer(Estimator):
-    """Runs the network on the segments of a photo."""
+    """Runs the network on the line segments of a photo."""
 
     def __init__(self, method: Method, weights: Path | None = None):
         super().__init__(method, weights)
@@ -25,7 +25,7 @@ class SegmentTransformer(Estimator):
         self._network.open()
 
     def estimate(self, view: View) -> Motion:
-        """Cubic t_x and r_z; no motion and a reason where there are too few segments."""
+        """Returns cubic t_x and r_z; zero motion with a reason if there are too few segments."""
         grey = view.grey(SHORT_SIDE)
         segments = find_segments(grey, MOST_SEGMENTS)
         reason = unusable(segments, view.height, view.width)

@@ -1,1 +1,1 @@
-"""What right angles in the scene say about a motion: the Manhattan likelihood, its prior, and the search over both."""
+"""Evidence that right angles in the scene give about a motion: the Manhattan likelihood, its prior, and the search."""

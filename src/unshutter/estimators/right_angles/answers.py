@@ -1,4 +1,4 @@
-"""From the posterior of a photo's segments to the motion to undo, and to the other candidates."""
+"""Derives the motion to undo, and the other candidates, from the posterior of a photo's segments."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from unshutter.estimators.right_angles.posterior import Posterior, displacement,
 from unshutter.motion.candidate import Candidate, KindOfMotion
 from unshutter.reasons import Code, Reason
 
-LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, these are no buildings
-LARGEST = 45 / 256  # rows of displacement; hands do not move more, nor do the motions used for measuring
-_TIGHT = 10 / 256  # rows of t_x over a readout: a speed limit below it leaves little harm to be done
+LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, the lines are not those of buildings
+LARGEST = 45 / 256  # rows of displacement; larger than any by hand or in the test data
+_TIGHT = 10 / 256  # rows of t_x over a readout: a speed limit below it bounds the possible harm
 _MOST_MODES = 3
-_LEAST_SHARE = 0.05  # of a mode that is worth a look
-_ALIKE = 1.5 / 256  # rows, or
-_ALIKE_SHARE = 0.15  # of the size: motions closer than this look the same
-_LEAST_UNDONE = 0.5  # share of the mean that is undone; below, the photo is left unchanged
+_LEAST_SHARE = 0.05  # least share of a mode worth showing
+_ALIKE = 1.5 / 256  # rows: motions closer than this,
+_ALIKE_SHARE = 0.15  # or than this share of their size, look the same
+_LEAST_UNDONE = 0.5  # least share of the mean that is undone; below it, the photo is left unchanged
 
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """Optima of the posterior that look the same.
+    """A group of posterior optima that look the same.
 
     Attributes:
         motion: [6] coefficients: their mean.
         error: expected displacement if this is the true mode [rows].
-        kind: of the likeliest of them.
-        share: of the probability, if the camera moved.
+        kind: kind of the most probable of them.
+        share: their posterior probability, given that the camera moved.
     """
 
     motion: np.ndarray
@@ -43,13 +43,13 @@ class Mode:
 def candidates_of(
     posterior: Posterior, view: View, estimator: str, opinion: np.ndarray | None = None
 ) -> tuple[Candidate, ...]:
-    """The motions that fit a photo, first the one to undo: none, with the reason, where none is accepted.
+    """Returns the possible motions of a photo, the one to undo first; zero with a reason if none is accepted.
 
     Args:
-        posterior: of the photo's segments.
+        posterior: posterior of the photo's segments.
         view: the photo.
-        estimator: whose answer it is.
-        opinion: [6] the network's answer, where it was asked.
+        estimator: name of the estimator.
+        opinion: [6] the network's estimate, if it was run.
     """
     judgement, modes = _judgement(posterior, view, opinion), modes_of(posterior)
 
@@ -69,14 +69,14 @@ def candidates_of(
     kind = max(posterior.kinds, key=posterior.kinds.__getitem__)
     mean = Mode(judgement.motion, posterior.expected_error, kind, sum(mode.share for mode in alike))
     undone = candidate(mean, judgement.confidence)
-    undone = undone if alike else replace(undone, probability=None)  # between the modes: nothing has its probability
+    undone = undone if alike else replace(undone, probability=None)  # between the modes: no probability applies
     if displacement(judgement.motion) < _LEAST_UNDONE * posterior.size:
         return (replace(still, motion=undone.motion), *map(candidate, modes))
     return (undone, *(candidate(mode) for mode in modes if mode not in alike), still)
 
 
 def modes_of(posterior: Posterior) -> list[Mode]:
-    """The likeliest modes of the posterior that a hand-held camera can make, the likeliest first."""
+    """Returns the most probable modes that a hand-held camera can make, in order of probability."""
     optima, names = posterior.optima, list(posterior.kinds)
     groups: list[list[int]] = []
     for k in np.argsort(-optima.share, kind="stable"):
@@ -99,7 +99,7 @@ def _judgement(posterior: Posterior, view: View, opinion: np.ndarray | None) -> 
 
 
 def _caution(view: View) -> float:
-    """Logarithm of the odds from which on a photo is moved; one rule for single photos and for folders."""
+    """Returns the threshold on the log odds of motion; the same rule for single photos and folders."""
     limit = view.speed_limit
     if view.camera.moving or (limit is not None and limit.smeared):
         return MOVING
@@ -108,7 +108,7 @@ def _caution(view: View) -> float:
 
 
 def _reason_against(posterior: Posterior, judgement: Judgement) -> Reason | None:
-    """Why no motion is accepted."""
+    """Returns why no motion is accepted, or None if one is."""
     if posterior.lines_gain < LEAST_GAIN:
         return Reason(Code.NO_RIGHT_ANGLES)
     return Reason(Code.TOO_FAST_FOR_HANDS) if displacement(judgement.motion) > LARGEST else None

@@ -1,6 +1,6 @@
-"""What was measured once for all photos: the network's errors, the odds of motion, and how often answers are right.
+"""Calibration shared by all photos: the network's errors, the odds of motion, and the accuracy of answers.
 
-``unshutter calibrate`` (unshutter-lab) measures it and writes weights/calibration.json, which says from which data.
+``unshutter calibrate`` (unshutter-lab) measures it and writes weights/calibration.json, which names its data.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class NetworkErrors:
 
     Attributes:
         freedom: degrees of freedom; the fewer, the more often errors are large.
-        scales: [6] of the distribution.
+        scales: [6] scales of the distribution.
         correlations: [6, 6] between the coefficients.
-        usual_px: size of answer [px of 256 rows] at which the squares of the errors are twice those of small answers.
+        usual_px: size of the estimate [px of 256 rows] at which squared errors are twice those of small estimates.
     """
 
     freedom: float
@@ -36,7 +36,7 @@ class NetworkErrors:
 
     @classmethod
     def of(cls, fields: dict[str, Any]) -> NetworkErrors:
-        """The errors of a file's fields."""
+        """Reads the errors from the fields of a file."""
         scales, correlations = np.array(fields["scales"]), np.array(fields["correlations"])
         return cls(fields["freedom"], scales, correlations, fields["usual_px"])
 
@@ -44,7 +44,7 @@ class NetworkErrors:
         """[6, 6] inverse of the scale matrix.
 
         Args:
-            size_px: root mean square displacement of the network's answer [px of 256 rows].
+            size_px: root mean square displacement of the network's estimate [px of 256 rows].
         """
         scale = self.correlations * np.outer(self.scales, self.scales)
         return np.linalg.inv(scale) / (1 + (size_px / self.usual_px) ** 2)
@@ -52,14 +52,14 @@ class NetworkErrors:
 
 @dataclass(frozen=True)
 class Forest:
-    """Gradient-boosted decision trees of equal size. The values of their leaves add up to the logarithm of odds.
+    """Gradient-boosted decision trees of equal size. The values of their leaves add up to log odds.
 
     Attributes:
-        features: names of the figures that nodes ask for.
-        baseline: what the leaves' values are added to.
+        features: names of the figures tested by nodes.
+        baseline: constant to which the leaves' values are added.
         depth: steps from a root to its farthest leaf.
-        feature, threshold, left, right, value: [trees, nodes]: a node leads to ``left`` where its figure is at most the
-            threshold, else to ``right``; a leaf leads to itself and has a value.
+        feature, threshold, left, right, value: [trees, nodes]: a node leads to ``left`` if its figure is at most the
+            threshold, otherwise to ``right``; a leaf leads to itself and has a value.
     """
 
     features: tuple[str, ...]
@@ -72,7 +72,7 @@ class Forest:
     value: np.ndarray
 
     def odds(self, figures: dict[str, float]) -> float:
-        """Logarithm of the odds that undoing the motion is better than leaving it."""
+        """Returns the log odds that undoing the motion is better than leaving it."""
         asked = np.array([figures[name] for name in self.features])
         tree, node = np.arange(len(self.value)), np.zeros(len(self.value), int)
         for _ in range(self.depth):
@@ -82,7 +82,7 @@ class Forest:
 
     @classmethod
     def of(cls, fields: dict[str, Any]) -> Forest:
-        """The forest of a file's fields."""
+        """Reads the forest from the fields of a file."""
         arrays = {name: np.array(fields[name]) for name in ("feature", "threshold", "left", "right", "value")}
         return cls(tuple(fields["features"]), fields["baseline"], fields["depth"], **arrays)
 
@@ -92,15 +92,15 @@ class Regression:
     """A logistic regression.
 
     Attributes:
-        constant: logarithm of the odds where all figures are 0.
-        slopes: name of a figure -> what the logarithm of the odds gains with each unit of it.
+        constant: log odds if all figures are 0.
+        slopes: name of a figure -> change of the log odds per unit of it.
     """
 
     constant: float
     slopes: dict[str, float]
 
     def log_odds(self, figures: dict[str, float]) -> float:
-        """Logarithm of the odds.
+        """Returns the log odds.
 
         Args:
             figures: at least those of the slopes.
@@ -110,16 +110,16 @@ class Regression:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Everything that the default method consists of besides its network.
+    """All parts of the default method other than its network.
 
     Attributes:
-        kinds: of motion, and how likely each is beforehand.
-        network_errors: how far the network's answer is trusted.
-        forest: odds that there was motion, where the network was asked.
-        odds_without_network: and where it was not.
-        confidence: of photos that are rectified, and of those that are left alone, with the network's answer and
-            without: "rectified", "left", "rectified without network", "left without network" -> logarithm of the odds
-            that the error is below 1 px of 256 rows or a tenth of the motion.
+        kinds: kinds of motion and their priors.
+        network_errors: error distribution of the network's estimate.
+        forest: odds that there was motion, if the network was run.
+        odds_without_network: odds that there was motion, if it was not.
+        confidence: for photos that are rectified and those left unchanged, with the network's estimate and without:
+            "rectified", "left", "rectified without network", "left without network" -> log odds that the error is below
+            1 px of 256 rows or a tenth of the motion.
     """
 
     kinds: tuple[MotionKind, ...]
@@ -130,7 +130,7 @@ class Calibration:
 
     @classmethod
     def read(cls, path: Path) -> Calibration:
-        """The calibration of a file that ``unshutter calibrate`` wrote."""
+        """Reads a calibration file written by ``unshutter calibrate``."""
         fields = json.loads(path.read_text(encoding="utf-8"))
         return cls(
             kinds_of(fields["kinds"]),
@@ -142,7 +142,7 @@ class Calibration:
 
 
 def kinds_of(fields: dict[str, Any]) -> tuple[MotionKind, ...]:
-    """The kinds of motion of a file's fields."""
+    """Reads the kinds of motion from the fields of a file."""
     return tuple(
         MotionKind(
             name,
@@ -156,5 +156,5 @@ def kinds_of(fields: dict[str, Any]) -> tuple[MotionKind, ...]:
 
 @cache
 def shipped() -> Calibration:
-    """The calibration that comes with unshutter."""
+    """Returns the calibration that comes with unshutter."""
     return Calibration.read(_SHIPPED)

@@ -1,8 +1,8 @@
-"""What drawn lines say about the motion and the camera: energies that the Manhattan likelihood adds to its own.
+"""Evidence of drawn lines about motion and camera: energies added to that of the Manhattan likelihood.
 
 An upright line points to the vertical vanishing point, a level one to some horizontal direction of the scene, receding
-or not, and a straight one has no direction but no bend either. People draw level lines along what faces them more often
-than not, so that those tell how far the camera was turned; how far a receding one slopes depends on things that one
+or not, and a straight one has no known direction but no bend either. People usually draw level lines along surfaces
+that face them, so these lines reveal the camera's roll; the slope of a receding line depends on things that a single
 line does not show.
 """
 
@@ -18,34 +18,34 @@ from unshutter.estimators.right_angles.beliefs import MOTION, ROLL, UNKNOWNS
 from unshutter.estimators.right_angles.prior import two_gaussians
 from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints
 
-# Measured on photos set aside for that (val/), as docs/guide/by-hand.md shows.
+# Measured on a separate set of photos (val/), as docs/guide/by-hand.md shows.
 _SIGMA_ANGLE = 0.0025  # of a drawn direction [rad],
 _SIGMA_END = 0.001  # of its ends [rows],
 _SIGMA_BEND = 0.002  # and of the points of a straight line [rows]
-_FACING = 0.6  # share of level lines on something that faces the camera,
-_SIGMA_FACING, _SIGMA_RECEDING = math.radians(1), math.radians(12)  # and how far they and others slope in the picture
+_FACING = 0.6  # share of level lines on surfaces that face the camera,
+_SIGMA_FACING, _SIGMA_RECEDING = math.radians(1), math.radians(12)  # and slopes of these and of other lines
 _OTHER_STREET = 0.05  # share of level lines along neither of the two horizontal directions
-_LEAST_LENGTH = 0.01  # of a piece of a line [rows]: shorter ones show no direction
+_LEAST_LENGTH = 0.01  # of a piece of a line [rows]: shorter ones have no usable direction
 _STEP = 1e-6  # of numerical derivatives
 
 Expansion: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]  # energy [S], gradient [S, 10], Hessian [S, 10, 10]
 
 
 class Evidence(Protocol):
-    """What some lines say."""
+    """The evidence of a set of lines."""
 
     def expanded(self, unknowns: np.ndarray) -> Expansion:
-        """The energy of unknowns [S, 10] to second order."""
+        """Returns the energy of unknowns [S, 10] to second order."""
         ...
 
 
 class Pieces:
-    """The pieces of lines of which the direction is known.
+    """Pieces of lines with a known direction.
 
     Args:
         lines: points [N, 2] of each, centred, in rows.
-        turn: roll [rad] of a camera that is held upright.
-        vertical: whether they are upright; else they run along one of the two horizontal directions.
+        turn: roll [rad] of a camera held upright.
+        vertical: whether they are upright; otherwise they run along one of the two horizontal directions.
     """
 
     def __init__(self, lines: Sequence[np.ndarray], turn: float, vertical: bool):
@@ -63,7 +63,7 @@ class Pieces:
         self._anywhere = 0.0 if vertical else _OTHER_STREET / math.pi
 
     def expanded(self, unknowns: np.ndarray) -> Expansion:
-        """How far their pieces lie off the vanishing points: sines of angles."""
+        """Expands the energy of the pieces' angles to the vanishing points, measured by their sines."""
         if not len(self._precision):
             return _nothing(unknowns)
         residuals = AngleResiduals(self._ends, unknowns, self._turn)
@@ -72,7 +72,7 @@ class Pieces:
         return energy, *_normal_equations(J, sine, precision)
 
     def _weighed(self, residuals: AngleResiduals) -> tuple[np.ndarray, np.ndarray]:
-        """Energy E [S], and the precision W [S, 1 or 2, N] in dE/dsine = W sine."""
+        """Returns the energy E [S], and the precision W [S, 1 or 2, N] in dE/dsine = W sine."""
         exponent = -0.5 * residuals.sine[:, self._points_of] ** 2 * self._precision
         highest = exponent.max(axis=1, keepdims=True) if not self._anywhere else np.zeros(1)
         density = self._peak * np.exp(exponent - highest)
@@ -82,7 +82,7 @@ class Pieces:
 
 
 class Bends:
-    """How far the points of straight lines lie from the chords between their ends.
+    """Distances of the points of straight lines from the chords between their ends.
 
     Args:
         lines: points [N, 2] of each, centred, in rows.
@@ -99,7 +99,7 @@ class Bends:
         ]
 
     def expanded(self, unknowns: np.ndarray) -> Expansion:
-        """How far their inner points lie off the chords."""
+        """Expands the energy of the inner points' distances from the chords."""
         if not self._lines:
             return _nothing(unknowns)
         offsets, J = self._offsets(unknowns), _differences(self._offsets, unknowns)
@@ -119,11 +119,11 @@ class Bends:
 
 
 class Facing:
-    """How far level lines slope against the camera's roll: little where they face the camera.
+    """Slopes of level lines relative to the camera's roll, which are small on surfaces that face the camera.
 
     Args:
         lines: points [N, 2] of each, centred, in rows.
-        turn: roll [rad] of a camera that is held upright.
+        turn: roll [rad] of a camera held upright.
     """
 
     def __init__(self, lines: Sequence[np.ndarray], turn: float):
@@ -131,7 +131,7 @@ class Facing:
         self._turn = turn
 
     def expanded(self, unknowns: np.ndarray) -> Expansion:
-        """How steep they are, by a mixture of two Gaussians."""
+        """Expands the energy of the slopes, modelled by a mixture of two Gaussians."""
         if not self._ends:
             return _nothing(unknowns)
         slopes, J = self._slopes(unknowns), _differences(self._slopes, unknowns)
@@ -139,7 +139,7 @@ class Facing:
         return energy.sum(axis=-1), *_normal_equations(J, slopes, precision)
 
     def _slopes(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, N] angles between lines and what is level in a camera of this roll [rad]."""
+        """[S, N] angles between lines and the horizontal of a camera with this roll [rad]."""
         slopes = []
         for begin, end in self._ends:
             one, other = begin.rectified(unknowns[:, MOTION]), end.rectified(unknowns[:, MOTION])
@@ -149,7 +149,7 @@ class Facing:
 
 
 def _differences(residuals: Callable[[np.ndarray], np.ndarray], unknowns: np.ndarray) -> np.ndarray:
-    """[S, 10, N] the derivative of residuals [S, N] that depend on the motion and the roll alone."""
+    """[S, 10, N] derivative of residuals [S, N] that depend only on motion and roll."""
     at = residuals(unknowns)
     J = np.zeros((len(unknowns), UNKNOWNS, at.shape[1]))
     for k in (*range(UNKNOWNS)[MOTION], ROLL):

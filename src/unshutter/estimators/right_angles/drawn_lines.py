@@ -1,4 +1,4 @@
-"""Lines that a person draws along things in a photo, and the files that hold them."""
+"""Lines that a person draws in a photo, and files of them."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ MOST_LINES, MOST_POINTS = 100, 100
 
 @dataclass(frozen=True)
 class DrawnLine:
-    """A line that a person drew along something.
+    """A line drawn by a person.
 
     Attributes:
         kind: ``upright``: vertical in the scene; ``level``: horizontal in the scene, receding or not; ``straight``:
-            straight in the scene, whatever its direction.
+            straight in the scene, in any direction.
         points: two or more (col, row) along it [px of the stored photo]; a straight line needs three.
 
     Raises:
-        UsageError: another kind, too few or too many points, or a position that is not finite.
+        UsageError: unknown kind, too few or too many points, or a position that is not finite.
     """
 
     kind: LineKind
@@ -44,10 +44,11 @@ class DrawnLine:
 
 
 def lines_from_json(text: str) -> tuple[DrawnLine, ...]:
-    """Reads what :func:`lines_to_json` writes.
+    """Parses text written by :func:`lines_to_json`.
 
     Raises:
-        UnshutterError: it is not of this form; UsageError: a line that cannot be.
+        UnshutterError: the text has another format.
+        UsageError: a line is invalid.
     """
     try:
         data = json.loads(text)
@@ -61,10 +62,10 @@ def lines_from_json(text: str) -> tuple[DrawnLine, ...]:
 
 
 def read_lines(path: Path) -> tuple[DrawnLine, ...]:
-    """The lines in a file.
+    """Reads a file of lines.
 
     Raises:
-        UnshutterError: it cannot be read, or is not of the form that :func:`lines_to_json` writes.
+        UnshutterError: the file cannot be read, or does not have the format of :func:`lines_to_json`.
     """
     try:
         return lines_from_json(path.read_text(encoding="utf-8"))
@@ -73,13 +74,13 @@ def read_lines(path: Path) -> tuple[DrawnLine, ...]:
 
 
 def lines_to_json(lines: Iterable[DrawnLine]) -> str:
-    """Lines as a file of their own, format ``unshutter-lines/1``."""
+    """Returns lines as the text of a file, format ``unshutter-lines/1``."""
     listed = [{"kind": line.kind, "points": [list(point) for point in line.points]} for line in lines]
     return json.dumps({"format": FORMAT, "lines": listed})
 
 
 def checked_lines(lines: Sequence[DrawnLine]) -> tuple[DrawnLine, ...]:
-    """The lines.
+    """Returns the lines after checking their number.
 
     Raises:
         UsageError: there are none, or too many.

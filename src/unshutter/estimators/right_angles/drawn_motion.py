@@ -1,7 +1,7 @@
-"""The motion that drawn lines and the photo's segments show together.
+"""Estimates the motion from drawn lines and the photo's segments together.
 
-Drawn lines enter the Manhattan likelihood as sure evidence: each counts in full and none may be an outlier, whereas a
-detected segment may point anywhere.
+Drawn lines enter the Manhattan likelihood as certain evidence: each has full weight and none may be an outlier, whereas
+a detected segment may have any direction.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ from unshutter.estimators.segments import WIDEST_ASPECT
 from unshutter.motion import Motion
 from unshutter.reasons import Code, Reason
 
-NAME = "drawn-lines"  # which motions carry as their estimator
-_ROLLS, _TILTS = np.radians([-3, 0, 3]), np.radians([-8, 0, 8, 18, 32])  # of poses to start from
+NAME = "drawn-lines"  # estimator name of these motions
+_ROLLS, _TILTS = np.radians([-3, 0, 3]), np.radians([-8, 0, 8, 18, 32])  # of starting poses
 _LOG_FOCALS, _YAWS = np.array([-0.35, 0.25]), np.arange(9) * (math.pi / 2 / 9)
-_POSES, _FIRST_STEPS, _FOLLOWED = 2, 10, 8  # for each motion and roll; steps of all; the best, which go on
-# beforehand, the motion may be of any kind: lines were drawn because they show it
+_POSES, _FIRST_STEPS, _FOLLOWED = 2, 10, 8  # per motion and roll; of all poses; best ones that continue
+# a broad prior on the motion: lines were drawn because they show it
 _ANY_MOTION = MotionKind("any", np.diag([0.06, 0.08, 0.01, 0.07, 0.06, 0.01]) ** 2, NORMAL, 1.0)
 
 
 def motion_from_lines(view: View, lines: Sequence[DrawnLine], network: SegmentNetwork | None = None) -> Motion:
-    """The motion that drawn lines show, together with the photo's segments; first row as the reference.
+    """Estimates the motion from drawn lines together with the photo's segments; first row as the reference.
 
-    Its confidence is None: a person has decided.
+    Its confidence is None, because a person has decided.
 
     Args:
         view: the photo.
         lines: at least one.
-        network: whose answer is weighed in, as by segment-manhattan; None: none is.
+        network: network whose estimate is included, as in segment-manhattan; None for none.
 
     Raises:
         UsageError: no lines.
@@ -74,9 +74,9 @@ def motion_from_lines(view: View, lines: Sequence[DrawnLine], network: SegmentNe
 
 
 def _posterior_mean(likelihood: DrawnLikelihood, motions: Sequence[np.ndarray]) -> np.ndarray:
-    """[6] coefficients of the motion: the mean over the optima that are reached from some motions.
+    """Returns [6] coefficients of the posterior mean over the optima reached from the starting motions.
 
-    Poses are searched more widely than without lines, in roll, too: lines may say that the camera was held askew.
+    Poses are searched more widely than without lines, including roll, because lines may show a camera held askew.
     """
     expected = likelihood.prior.mean
     poses = np.stack(np.meshgrid(_ROLLS, _TILTS, _LOG_FOCALS, _YAWS), axis=-1).reshape(-1, 4)
@@ -98,13 +98,13 @@ def _posterior_mean(likelihood: DrawnLikelihood, motions: Sequence[np.ndarray]) 
 
 
 class DrawnLikelihood(ManhattanLikelihood):
-    """The likelihood of a photo's segments, and of lines that a person drew.
+    """The likelihood of a photo's segments and of lines drawn by a person.
 
     Args:
         view: the photo.
         segments, size: as :func:`segments_of` returns them.
-        lines: that were drawn.
-        opinion: another estimate to be weighed in.
+        lines: the drawn lines.
+        opinion: another estimate to include.
     """
 
     def __init__(
@@ -127,13 +127,13 @@ class DrawnLikelihood(ManhattanLikelihood):
         )
 
     def energy(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, 10] -> [S]."""
+        """Returns the energy of unknowns: [S, 10] -> [S]."""
         return super().energy(unknowns) + sum(part.expanded(unknowns)[0] for part in self._parts)
 
     def expanded(
         self, unknowns: np.ndarray, kind: np.ndarray | None = None, camera_only: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10]."""
+        """Returns the energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10]."""
         energy, gradient, hessian = super().expanded(unknowns, kind, camera_only)
         for part in self._parts:
             part_energy, part_gradient, part_hessian = part.expanded(unknowns)
@@ -142,7 +142,7 @@ class DrawnLikelihood(ManhattanLikelihood):
 
 
 def _without_shear(precision: np.ndarray) -> np.ndarray:
-    """[6, 6] the precision of all but the linear coefficient of t_x, of which lines tell more than the network."""
+    """[6, 6] precision without the linear coefficient of t_x, which lines determine better than the network."""
     return precision - np.outer(precision[:, 0], precision[0]) / precision[0, 0]
 
 

@@ -1,8 +1,9 @@
-"""How well a row motion and a camera explain the line segments of a scene full of right angles.
+"""The likelihood of line segments given a row motion and a camera, for a scene full of right angles.
 
-A scene whose edges run along three orthogonal directions (Coughlan and Yuille's Manhattan world), seen by a camera
-with square pixels: rectified by the right motion, every segment points to one of three vanishing points, or obeys
-nothing. Shear turns verticals only, a camera held askew turns everything: that is how this likelihood tells them apart.
+The edges of the scene run along three orthogonal directions (Coughlan and Yuille's Manhattan world), seen by a camera
+with square pixels: once rectified by the right motion, every segment points to one of three vanishing points or is an
+outlier. Shear rotates verticals only, a camera held askew rotates everything: this is how the likelihood distinguishes
+them.
 """
 
 from __future__ import annotations
@@ -16,29 +17,29 @@ from unshutter.estimators.right_angles.beliefs import UNKNOWNS, Beliefs, KnownCa
 from unshutter.estimators.right_angles.prior import Prior
 from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints
 
-_PARTS = 4  # across, and as many down
+_PARTS = 4  # horizontally and vertically
 
 
 class ManhattanLikelihood:
-    """Energy (minus the logarithm of the posterior) of hypotheses [S, 10] (beliefs.py), and its derivatives.
+    """Energy (negative log posterior) of hypotheses [S, 10] (beliefs.py), and its derivatives.
 
-    Each segment's sine (residuals.py) comes from a mixture: of well-built and of sloppy edges, to each of the three
-    vanishing points, and of edges that point anywhere.
+    Each segment's sine (residuals.py) comes from a mixture: accurate and inaccurate edges, towards each of the three
+    vanishing points, and outliers of arbitrary direction.
 
     Args:
         segments: [N, 4] end points, centred, in rows (segments.py).
-        rows: of the picture in which they were found.
+        rows: rows of the picture in which they were detected.
         aspect: its width / height.
         beliefs: priors and noise.
-        known: of the camera.
-        opinion: another estimate to be weighed in.
-        kinds: of motion; those of the shipped calibration by default.
+        known: what is known about the camera.
+        opinion: another estimate to include.
+        kinds: kinds of motion; those of the shipped calibration by default.
 
     Attributes:
-        prior: of the unknowns.
-        known: as it was given.
-        weight: [N] how much each segment counts.
-        part: [N] in which of sixteen parts of the picture each lies.
+        prior: prior of the unknowns.
+        known: what is known about the camera.
+        weight: [N] weight of each segment.
+        part: [N] the part of the picture, one of sixteen, in which each lies.
     """
 
     def __init__(
@@ -70,21 +71,21 @@ class ManhattanLikelihood:
         self._anywhere = b.outlier_share / math.pi
 
     def energy(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, 10] -> [S]."""
+        """Returns the energy of unknowns: [S, 10] -> [S]."""
         return self._of_segments(self._residuals(unknowns))[0] + self.prior.expanded(unknowns)[0]
 
     def expanded(
         self, unknowns: np.ndarray, kind: np.ndarray | None = None, camera_only: bool = False
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10].
+        """Returns the energy [S], its gradient [S, 10] and its Gauss-Newton Hessian [S, 10, 10].
 
-        With the residuals r, their precisions W and J = dr/d unknowns: gradient J^T W r, Hessian J^T W J, and those
-        of the prior.
+        With the residuals r, their precisions W and J = dr/d unknowns: gradient J^T W r, Hessian J^T W J, plus those of
+        the prior.
 
         Args:
             unknowns: [S, 10].
-            kind: [S] which of the prior's kinds each motion is of; the first by default.
-            camera_only: leave out what the segments say about the motion; a third faster.
+            kind: [S] index of each motion's kind in the prior; the first by default.
+            camera_only: omit derivatives of the segments' energy with respect to the motion; a third faster.
         """
         residuals = self._residuals(unknowns)
         energy, precision = self._of_segments(residuals)
@@ -95,7 +96,7 @@ class ManhattanLikelihood:
         return energy + prior, gradient + prior_gradient, J_weighted @ J.transpose(0, 2, 1) + prior_hessian
 
     def lines_gain(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, 10] -> [S]: log-likelihood ratio of the segments against chance, nats per unit of weight."""
+        """[S, 10] -> [S]: log-likelihood ratio of the segments against chance, in nats per unit of weight."""
         by_chance = self.weight.sum() * math.log(math.pi)
         return (by_chance - self._of_segments(self._residuals(unknowns))[0]) / max(self.weight.sum(), 1e-9)
 
@@ -107,15 +108,15 @@ class ManhattanLikelihood:
         return AngleResiduals(self._ends, unknowns, self._turn)
 
     def _of_segments(self, residuals: AngleResiduals) -> tuple[np.ndarray, np.ndarray]:
-        """Energy of the segments E [S], and the precision W [S, 3, N] in dE/dsine = W sine.
+        """Returns the energy of the segments E [S], and the precision W [S, 3, N] in dE/dsine = W sine.
 
-        W is the precision of each Gaussian times the probability that the segment comes from it (EM's first step).
+        W is the precision of each Gaussian times the probability that the segment comes from it (the E step of EM).
         """
         total, precision = self._densities(residuals)
         return -(self.weight * np.log(total)).sum(-1), precision * (self.weight / total)[:, None]
 
     def _densities(self, residuals: AngleResiduals) -> tuple[np.ndarray, np.ndarray]:
-        """Of the mixture at each segment's sine [S, N], and of its Gaussians, each times its precision [S, 3, N]."""
+        """Densities of the mixture at each sine [S, N], and of its Gaussians times their precision [S, 3, N]."""
         exponent = residuals.sine**2 * -0.5
         density = precision = 0.0
         for each_precision, peak in zip(self._precisions, self._peaks, strict=True):
@@ -125,7 +126,7 @@ class ManhattanLikelihood:
 
 
 def _parts(segments: np.ndarray, aspect: float) -> np.ndarray:
-    """[N, 4] -> [N]: the part of the picture in which each segment's middle lies, row by row from 0."""
+    """[N, 4] -> [N]: the part of the picture that contains each segment's centre, row by row from 0."""
     middle = (segments[:, :2] + segments[:, 2:]) / 2 / [aspect, 1] + 0.5
     column, row = np.clip((middle * _PARTS).astype(int), 0, _PARTS - 1).T
     return row * _PARTS + column

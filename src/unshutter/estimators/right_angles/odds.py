@@ -1,9 +1,9 @@
-"""Whether the camera moved at all, and how far an answer can be trusted.
+"""Determines whether the camera moved at all, and the confidence of an answer.
 
-Segments of one desk or facade repeat each other's errors, so that the evidence of the likelihood is overstated: where
-the optimum lies is right more often than whether there is one. How much such evidence is worth was learned from photos
-with known motions and without any (own-model.md): a forest of small decision trees on the figures of the
-search, and logistic regressions for the confidence. calibration.py reads both.
+The errors of segments on one desk or facade are correlated, so the evidence of the likelihood is overstated: the
+location of the optimum is more reliable than its existence. The value of such evidence was learned from photos with
+known motions and without motion (own-model.md): a forest of small decision trees on the figures of the search, and
+logistic regressions for the confidence. calibration.py reads both.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ import numpy as np
 from unshutter.estimators.right_angles.calibration import shipped
 from unshutter.estimators.right_angles.posterior import PX, Posterior, bend, displacement
 
-_STEEPNESS = 8.0  # of the way from no motion to all of it
-CAUTION = math.log(0.8)  # odds at which half of a motion is undone; those of photos in general count losses in full
-BOUNDED = math.log(0.35)  # where the photo's exposure and sharpness rule out all but small motions
-MOVING = math.log(0.2)  # where the camera is known to have moved
-_EVEN = 1e-9  # odds at which a motion is just as likely as none
+_STEEPNESS = 8.0  # of the transition from no motion to all of it
+CAUTION = math.log(0.8)  # log odds at which half of a motion is undone; for photos in general, losses count in full
+BOUNDED = math.log(0.35)  # if the photo's exposure and sharpness rule out all but small motions
+MOVING = math.log(0.2)  # if the camera is known to have moved
+_EVEN = 1e-9  # log odds at which motion is just more likely than none
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is made of a posterior.
+    """The conclusion drawn from a posterior.
 
     Attributes:
-        motion: [6] coefficients to undo; almost none where the camera barely moved.
+        motion: [6] coefficients to undo; almost zero if the camera barely moved.
         confidence: probability that it is right (docs/research).
         moved: probability that there was motion worth undoing.
     """
@@ -45,15 +45,15 @@ def judge(
     caution: float = CAUTION,
     at_any_odds: bool = False,
 ) -> Judgement:
-    """Weighs a posterior's motion against none.
+    """Weighs a posterior's motion against no motion.
 
     Args:
-        posterior: of the photo's segments.
-        opinion: [6] the network's answer, where it was asked.
-        roll_known: whether the camera's roll is known, and so cannot be taken for shear.
-        caution: logarithm of the odds at which half of the motion is undone.
-        at_any_odds: whether all of the motion is wanted, however likely it is that there was none. The confidence is
-            then the motion's, which is not calibrated where the odds are against it.
+        posterior: posterior of the photo's segments.
+        opinion: [6] the network's estimate, if it was run.
+        roll_known: whether the camera's roll is known and so cannot be mistaken for shear.
+        caution: log odds at which half of the motion is undone.
+        at_any_odds: whether to return the whole motion, however likely it is that there was none. The confidence is
+            then the motion's, which is not calibrated if the odds are against it.
     """
     in_favour = _odds_upright(posterior) if roll_known else _odds(posterior, opinion)
     odds, moved = in_favour - caution, _probability(float(np.clip(in_favour, -50, 50)))
@@ -65,11 +65,11 @@ def judge(
 
 
 def figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
-    """What the forest looks at; displacements in px of 256 rows.
+    """Returns the features of the forest; displacements in px of 256 rows.
 
     Args:
-        posterior: of the photo's segments.
-        opinion: [6] the network's answer.
+        posterior: posterior of the photo's segments.
+        opinion: [6] the network's estimate.
     """
     return {
         "evidence": posterior.evidence,
@@ -97,12 +97,12 @@ def figures(posterior: Posterior, opinion: np.ndarray) -> dict[str, float]:
 
 
 def confidence_figures(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> dict[str, float]:
-    """What the confidence depends on: mostly logarithms of displacements in px of 256 rows.
+    """Returns the features of the confidence: mostly log displacements in px of 256 rows.
 
     Args:
-        posterior: of the photo's segments.
-        opinion: [6] the network's answer, where it was asked.
-        odds: logarithm of the odds that there was motion.
+        posterior: posterior of the photo's segments.
+        opinion: [6] the network's estimate, if it was run.
+        odds: log odds that there was motion.
     """
     common = {
         "error": math.log(PX * posterior.expected_error + 0.1),
@@ -114,7 +114,7 @@ def confidence_figures(posterior: Posterior, opinion: np.ndarray | None, odds: f
     if opinion is None:
         return common
     answer, apart = (PX * displacement(each) for each in (opinion, opinion - posterior.motion))
-    # the larger the network's answer, the more it errs
+    # larger estimates of the network have larger errors
     return common | {"answer": math.log(answer + 0.3), "apart": math.log(apart / math.hypot(1, answer / 25) + 0.3)}
 
 
@@ -125,12 +125,12 @@ def _odds(posterior: Posterior, opinion: np.ndarray | None) -> float:
 
 
 def _odds_upright(posterior: Posterior) -> float:
-    """Where the camera's roll is known: the evidence of photos without motion rarely exceeds 8 nats."""
+    """Returns the log odds if the camera's roll is known; without motion the evidence rarely exceeds 8 nats."""
     return 0.12 * max(posterior.evidence_of.values()) - 0.7 + CAUTION
 
 
 def _right(posterior: Posterior, opinion: np.ndarray | None, odds: float) -> float:
-    """Logarithm of the odds that the answer is right, as :class:`Motion` defines its confidence."""
+    """Returns the log odds that the answer is right, as defined by the confidence of :class:`Motion`."""
     name = ("rectified" if odds > 0 else "left") + (" without network" if opinion is None else "")
     return shipped().confidence[name].log_odds(confidence_figures(posterior, opinion, odds))
 

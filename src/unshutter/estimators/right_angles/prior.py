@@ -1,4 +1,4 @@
-"""The prior of a photo's unknowns: what is assumed of photos, known of this one's camera, guessed of its motion."""
+"""The prior of a photo's unknowns: typical of photos in general, known for this camera, and assumed for its motion."""
 
 from __future__ import annotations
 
@@ -21,24 +21,25 @@ from unshutter.estimators.right_angles.calibration import shipped
 
 
 class Prior:
-    """The prior of every kind of motion, each with the same prior of the camera.
+    """The prior of every kind of motion, each combined with the same prior of the camera.
 
-    Student's t about no motion and about a second opinion; Gaussians of the camera, for roll and tilt mixtures of two.
+    Student's t around no motion and around a second opinion; Gaussians for the camera, mixtures of two for roll and
+    tilt.
 
     Args:
-        beliefs: of photos in general.
-        known: of this photo's camera.
+        beliefs: priors for photos in general.
+        known: what is known about this photo's camera.
         aspect: width / height of the picture.
-        opinion: another estimate to be weighed in.
-        kinds: of motion.
+        opinion: another estimate to include.
+        kinds: kinds of motion.
 
     Attributes:
-        kinds: of motion.
-        mean: [10] what is expected.
-        sigma: [10] standard deviations of the camera (of roll and tilt, of the usual part of the mixture); infinite
+        kinds: kinds of motion.
+        mean: [10] prior mean.
+        sigma: [10] standard deviations of the camera (for roll and tilt, of the main part of the mixture); infinite
             for the motion, which :attr:`kinds` describe.
-        log_volume: [kinds] logarithm of the motion's density at no motion, but for a constant. It makes hypotheses with
-            a motion comparable with one without.
+        log_volume: [kinds] log density of the motion at no motion, up to a constant. It makes hypotheses with motion
+            comparable with one without.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class Prior:
         self.mean = np.array([*[0.0] * 6, known.roll or 0.0, known.tilt or 0.0, log_focal, 0.0])
         any_yaw = 1e3
         self.sigma = np.array([*[math.inf] * 6, b.sigma_roll, b.sigma_tilt, sigma_log_focal, any_yaw])
-        # of roll and tilt: sigmas of the usual and the rare part, share of the rare one
+        # for roll and tilt: sigmas of the main and the rare component, share of the rare one
         measured = b.sigma_known_attitude, b.sigma_known_attitude, 0.5
         self._mixtures = {
             ROLL: measured if known.roll is not None else (b.sigma_roll, b.sigma_askew, b.askew_share),
@@ -70,21 +71,21 @@ class Prior:
         self.log_volume = np.array([self._log_volume(kind) for kind in self.kinds])
 
     def _log_volume(self, kind: MotionKind) -> float:
-        """Of one kind; exact without a speed limit, and where the limit is much narrower than the kind."""
+        """Returns the log volume of one kind; exact without a speed limit, or if it is much narrower than the kind."""
         precision = kind.precision * math.exp(2 * kind.log_peak / len(kind.scale)) + self._of_speed
         return 0.5 * float(np.linalg.slogdet(precision)[1])
 
     def expanded(
         self, unknowns: np.ndarray, kind: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Minus its logarithm [S], the gradient [S, 10], and a positive definite Hessian [S, 10, 10].
+        """Returns the negative log prior [S], its gradient [S, 10], and a positive definite Hessian [S, 10, 10].
 
-        The Hessian leaves out how the parts of a mixture, and the trust in an opinion, change with the unknowns.
-        Normalised as far as it differs between the hypotheses of a photo, but for :attr:`log_volume`.
+        The Hessian ignores how mixture weights and the trust in an opinion change with the unknowns. Normalised as far
+        as it differs between the hypotheses of a photo, except for :attr:`log_volume`.
 
         Args:
             unknowns: [S, 10].
-            kind: [S] which of :attr:`kinds` each motion is of; the first by default.
+            kind: [S] index of each motion's kind in :attr:`kinds`; the first by default.
         """
         kind = np.zeros(len(unknowns), int) if kind is None else kind
         off = unknowns - self.mean
@@ -113,12 +114,12 @@ class Prior:
         return energy, gradient, hessian
 
     def of_motions(self, motions: np.ndarray) -> np.ndarray:
-        """[M, 6] -> [M]: minus the logarithm of the first kind's density, by that of no motion."""
+        """[M, 6] -> [M]: negative log density of the first kind, relative to that of no motion."""
         return _student_t(motions, self._precision[0], self._freedom[0])[0]
 
 
 def two_gaussians(off: np.ndarray, usual: float, rare: float, rare_share: float) -> tuple[np.ndarray, np.ndarray]:
-    """E = -log sum_j share_j / sigma_j exp(-off^2 / 2 sigma_j^2) of off [...], and P in dE/doff = P off."""
+    """Returns E = -log sum_j share_j / sigma_j exp(-off^2 / 2 sigma_j^2) of off [...], and P in dE/doff = P off."""
     log_usual, log_rare = (
         math.log(share / sigma) - 0.5 * (off / sigma) ** 2
         for share, sigma in ((1 - rare_share, usual), (rare_share, rare))
@@ -131,9 +132,9 @@ def two_gaussians(off: np.ndarray, usual: float, rare: float, rare_share: float)
 def _student_t(
     off: np.ndarray, precision: np.ndarray, freedom: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """E = (nu + 6) / 2 log(1 + off^T P off / nu) of off [S, 6], dE/doff = t P off, and t P, where t is the trust.
+    """Returns E = (nu + 6) / 2 log(1 + off^T P off / nu) of off [S, 6], dE/doff = t P off, and t P.
 
-    t = (nu + 6) / (nu + off^T P off), P is [6, 6] or [S, 6, 6], nu a number or [S].
+    Here t = (nu + 6) / (nu + off^T P off) is the trust, P is [6, 6] or [S, 6, 6], nu a number or [S].
     """
     dimensions = off.shape[1]
     pulled = (precision @ off[..., None])[..., 0]

@@ -1,16 +1,16 @@
-"""The residuals: how far rectified segments point past three vanishing points, and their Jacobians.
+"""The residuals and their Jacobians: angles between rectified segments and the directions to three vanishing points.
 
 For one hypothesis, an end point p of a segment, and u = row of p + 1/2:
 
     q = R(-r_z(u)) (p - (t_x(u), 0))                the end point rectified (paper, Eq. 1)
-    d = q2 - q1,  m = (q1 + q2) / 2                 direction and middle of the rectified segment
+    d = q2 - q1,  m = (q1 + q2) / 2                 direction and centre of the rectified segment
     v = diag(f, f, 1) R_z(roll) R_x(tilt) w(yaw)    a vanishing point, homogeneous
-    e = (v_x, v_y) - v_z m                          the direction from the middle to it
-    a = arg(e) - arg(d)                             the angle between what is expected and what is seen
-    sin a = (d x e) / (|d| |e|)                     the residual: a point and its antipode are the same
+    e = (v_x, v_y) - v_z m                          direction from the centre to the vanishing point
+    a = arg(e) - arg(d)                             angle between expected and observed direction
+    sin a = (d x e) / (|d| |e|)                     the residual, which does not distinguish a point from its antipode
 
-``J_x`` is the derivative with respect to x of the value that it stands next to. Shapes are [S, 3, N]: hypotheses,
-vanishing points (of the vertical, and of both horizontals), segments.
+``J_x`` is the derivative with respect to x of the value next to it. Shapes are [S, 3, N]: hypotheses, vanishing points
+(vertical and two horizontal ones), segments.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Vector = tuple[np.ndarray, ...]  # its components
 
 
 class EndPoints:
-    """One end of every segment as it is seen.
+    """One end of every segment, as observed.
 
     Args:
         points: [N, 2] (col, row), centred, in rows.
@@ -35,7 +35,7 @@ class EndPoints:
         self.powers = (points[:, 1:] + 0.5) ** _DEGREES  # [N, 3] of u
 
     def rectified(self, motions: np.ndarray) -> RectifiedPoints:
-        """With S motions [S, 6] undone."""
+        """Returns the points with S motions [S, 6] undone."""
         return RectifiedPoints(self.col, self.row, motions[:, 0:3] @ self.powers.T, motions[:, 3:6] @ self.powers.T)
 
 
@@ -73,7 +73,7 @@ class VanishingPoints:
 
     Args:
         unknowns: [S, 10] hypotheses.
-        turn: roll [rad] of a camera that is held upright: a quarter turn where the scene lies on its side.
+        turn: roll [rad] of a camera held upright: a quarter turn if the scene lies on its side.
 
     Attributes:
         v: components x, y and z, [S, 3, 1] each.
@@ -114,7 +114,7 @@ class VanishingPoints:
         return self._projected(*self._in_camera([none, -sin, -cos], [none, none, none], [none, cos, -sin]))
 
     def _in_camera(self, x: list, y: list, z: list) -> Vector:
-        """R_z R_x (x, y, z) for three directions, each component a list of arrays [S]: [S, 3] each."""
+        """Computes R_z R_x (x, y, z) for three directions, each component a list of arrays [S]: [S, 3] each."""
         right, down, ahead = (np.stack(a, -1) for a in (x, y, z))
         cos, sin = np.cos(self._tilt)[:, None], np.sin(self._tilt)[:, None]
         down, ahead = cos * down + sin * ahead, cos * ahead - sin * down
@@ -122,12 +122,12 @@ class VanishingPoints:
         return cos * right - sin * down, sin * right + cos * down, ahead
 
     def _projected(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Vector:
-        """diag(f, f, 1) (x, y, z): [S, 3] each -> [S, 3, 1] each."""
+        """Computes diag(f, f, 1) (x, y, z): [S, 3] each -> [S, 3, 1] each."""
         return (self._focal * x)[..., None], (self._focal * y)[..., None], z[..., None]
 
 
 class AngleResiduals:
-    """sin a of every hypothesis, vanishing point and segment.
+    """The sine of a for every hypothesis, vanishing point and segment.
 
     Args:
         ends: both ends of every segment.
@@ -140,7 +140,7 @@ class AngleResiduals:
 
     def __init__(self, ends: tuple[EndPoints, EndPoints], unknowns: np.ndarray, turn: float = 0.0):
         motions = unknowns[:, MOTION]
-        if (motions == motions[0]).all():  # one motion, many cameras: the segments move but once
+        if (motions == motions[0]).all():  # one motion, many cameras: segments are rectified only once
             motions = motions[:1]
         self._ends = ends
         self._q = one, other = ends[0].rectified(motions), ends[1].rectified(motions)
@@ -157,13 +157,13 @@ class AngleResiduals:
         self.cosine = (dx * ex + dy * ey) / size
 
     def jacobian(self, camera_only: bool = False) -> np.ndarray:
-        """D sin a / d unknowns = cos a da/d unknowns, [S, 10, 3, N]; zero for the motion if ``camera_only``."""
+        """Returns d sin a / d unknowns = cos a da/d unknowns, [S, 10, 3, N]; zero for the motion if ``camera_only``."""
         J = np.zeros((len(self.sine), UNKNOWNS, *self.sine.shape[1:]))
         if not camera_only:
             (one, other), powers = self._q, [end.powers.T for end in self._ends]
             for first, J_q in ((0, (one.J_tx, other.J_tx)), (3, (one.J_rz, other.J_rz))):
                 J_one, J_other = (J_end * self.cosine for J_end in self._J_ends(*J_q))
-                for k in range(3):  # t_x and r_z at an end are sums of coefficients times powers of its u
+                for k in range(3):  # t_x and r_z at an end are polynomials in its u
                     np.add(J_one * powers[0][k], J_other * powers[1][k], out=J[:, first + k])
         v = self._vanishing
         for k, J_v in ((ROLL, v.J_roll), (TILT, v.J_tilt), (LOG_FOCAL, v.J_log_focal), (YAW, v.J_yaw)):
@@ -171,13 +171,13 @@ class AngleResiduals:
         return J
 
     def _J_vanishing(self, J_v: Vector) -> np.ndarray:
-        """da/dx where only v depends on x: d arg(e)/dx = (e x J_e) / |e|^2 with J_e = J_v,xy - J_v,z m."""
+        """Returns da/dx if only v depends on x: d arg(e)/dx = (e x J_e) / |e|^2 with J_e = J_v,xy - J_v,z m."""
         x, y, z = J_v
         (ex, ey), (mx, my) = self._e, self._m
         return (ex * (y - my * z) - ey * (x - mx * z)) / self._e2
 
     def _J_ends(self, J_q1: Vector, J_q2: Vector) -> tuple[np.ndarray, np.ndarray]:
-        """da/dx where only q1 depends on x, and where only q2 does.
+        """Returns da/dx if only q1 depends on x, and if only q2 does.
 
         da/dx = (e x J_e) / |e|^2 - (d x J_d) / |d|^2 with J_e = -v_z J_q / 2, J_d = -J_q1 or J_q2.
         """

@@ -1,4 +1,4 @@
-"""The search for the motions that the Manhattan likelihood favours: many starts, all optima, weighed by evidence."""
+"""Searches for the most probable motions under the Manhattan likelihood, from many starts, weighted by evidence."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ if TYPE_CHECKING:
 
 _YAWS = np.arange(9) * (math.pi / 2 / 9)
 _TILTS = np.radians([-8, 0, 8, 18, 32])
-_LOG_FOCALS = np.array([-0.35, 0.25])  # about the expected one
-_OTHER_YAW = 0.2  # rad between poses that are tried from one motion
+_LOG_FOCALS = np.array([-0.35, 0.25])  # relative to the expected one
+_OTHER_YAW = 0.2  # rad between the starting poses for one motion
 _FIRST_STEPS = 10  # of every start;
-_FOLLOWED = 4  # then only the best go on, as motions of each kind
-_TEMPER = 0.25  # of the evidence for a kind of motion against another: segments repeat each other's errors
+_FOLLOWED = 4  # only this many of the best continue, as motions of each kind
+_TEMPER = 0.25  # tempers the evidence for one kind of motion against another: segments' errors are correlated
 _LONGEST_STEP = 0.3
-_LEAST_GAIN = 1e-3  # of a step [nats], else the search has arrived
+_LEAST_GAIN = 1e-3  # of a step [nats]; smaller gains end the search
 _SAME = 0.3 / 256  # rows: optima closer than this are one
 _DIAGONAL = np.arange(UNKNOWNS)
 
 
 def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], poses: int = 2) -> Posterior:
-    """Finds the optima near some motions, with the camera's pose searched for each.
+    """Finds the optima near the given motions, searching the camera's pose for each.
 
     Args:
-        likelihood: of one photo.
-        motions: [6] coefficients each, to start from; zero motion is always among the starts.
-        poses: cameras that are tried with each motion.
+        likelihood: likelihood of one photo.
+        motions: [6] coefficients each, to start from; zero motion is always included.
+        poses: number of starting cameras per motion.
     """
     begin = np.concatenate([_poses(likelihood, motion, poses) for motion in (np.zeros(6), *motions)])
     (hypotheses, kind, moving, covariances), (at_rest, still) = _optima(likelihood, begin, begin[:poses])
     each = _by_kind(moving, kind)  # evidence
-    log_shares = np.log([known.share for known in likelihood.prior.kinds])  # beforehand
+    log_shares = np.log([known.share for known in likelihood.prior.kinds])  # prior
     tempered = _TEMPER * each + log_shares
     share = np.exp(moving - each[kind] + (tempered - np.logaddexp.reduce(tempered))[kind])
     # the posterior of the motion is a mixture of Gaussians, one for each optimum
@@ -67,9 +67,9 @@ def explore(likelihood: ManhattanLikelihood, motions: Sequence[np.ndarray], pose
 
 
 class _Moving(NamedTuple):
-    """The optima with a motion: unknowns [K, 10], kinds [K], log evidence [K], covariances of the motion [K, 6, 6].
+    """Optima with motion: unknowns [K, 10], kinds [K], log evidence [K], covariances of the motion [K, 6, 6].
 
-    The evidence is that of Laplace's approximation.
+    The evidence is the Laplace approximation.
     """
 
     hypotheses: np.ndarray
@@ -79,22 +79,22 @@ class _Moving(NamedTuple):
 
 
 class _AtRest(NamedTuple):
-    """No motion at all: the logarithm of its evidence [nats], and [10] with the camera that suits it best."""
+    """The hypothesis of no motion: its log evidence [nats], and [10] unknowns with its best camera."""
 
     log_evidence: float
     hypothesis: np.ndarray
 
 
 def _optima(likelihood: ManhattanLikelihood, begin: np.ndarray, cameras: np.ndarray) -> tuple[_Moving, _AtRest]:
-    """The optima of every kind of motion that are reached from some starts [S, 10], and the one without motion.
+    """Returns the optima of every kind of motion reached from some starts [S, 10], and that without motion.
 
-    Kinds share their first steps, with the prior of the first of them, which is the widest. What remains is searched
-    together with the cameras at rest: a step costs little more for a few hypotheses more.
+    Kinds share their first steps, with the prior of the first one, which is the widest. The rest is searched together
+    with the cameras at rest, since a few more hypotheses cost little.
 
     Args:
-        likelihood: of one photo.
+        likelihood: likelihood of one photo.
         begin: [S, 10] starts.
-        cameras: [C, 10] starts that do not move.
+        cameras: [C, 10] starts without motion.
     """
     tried, energy, _ = descend(likelihood, begin, slice(0, UNKNOWNS), steps=_FIRST_STEPS)
     promising = tried[_distinct(tried, energy)[:_FOLLOWED]]
@@ -119,12 +119,12 @@ def _optima(likelihood: ManhattanLikelihood, begin: np.ndarray, cameras: np.ndar
 
 
 def _by_kind(moving: np.ndarray, kind: np.ndarray) -> np.ndarray:
-    """[kinds] logarithm of the sum of the evidence of each kind's optima."""
+    """[kinds] log of the summed evidence of each kind's optima."""
     return np.array([np.logaddexp.reduce(moving[kind == k]) for k in range(kind.max() + 1)])
 
 
 def _by_parts(likelihood: ManhattanLikelihood, best: np.ndarray, still: np.ndarray) -> tuple[float, float, float]:
-    """Breadth, what speaks against motion, and in favour of it, as :class:`Posterior` has them."""
+    """Returns breadth, against and in_favour, as defined in :class:`Posterior`."""
     moving, resting = likelihood.of_segments(np.stack([best, still]))
     for_motion = moving - resting
     parts = np.bincount(likelihood.part, for_motion)
@@ -139,12 +139,12 @@ def _pose(likelihood: ManhattanLikelihood, unknowns: np.ndarray) -> Pose:
 
 
 def evidence_of(likelihood: ManhattanLikelihood, motions: np.ndarray, poses: int = 2) -> Float64[np.ndarray, "motions"]:
-    """The logarithm of the evidence for each of some motions, none likelier than another beforehand [nats].
+    """Returns the log evidence for each of the given motions, with equal priors [nats].
 
     Args:
-        likelihood: of one photo, about which nothing is known of its speed.
+        likelihood: likelihood of one photo, without a speed limit.
         motions: [M, 6] coefficients.
-        poses: cameras to start from with each.
+        poses: number of starting cameras for each.
     """
     begin = [_poses(likelihood, motion, poses) for motion in motions]
     _, energy, hessian = descend(likelihood, np.concatenate(begin), CAMERA)
@@ -161,14 +161,14 @@ def descend(
     kind: np.ndarray | None = None,
     steps: int = 40,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Levenberg-Marquardt from all starts at once; the mixture's weights are renewed with every step (EM).
+    """Runs Levenberg-Marquardt from all starts at once; mixture weights are updated at every step (EM).
 
     Args:
-        likelihood: what is descended.
+        likelihood: the energy to minimise.
         begin: [S, 10] starts.
-        free: the unknowns that may change: of all starts, or [S, 10] of each.
-        kind: [S] which of the prior's kinds each motion is of; the first by default.
-        steps: at most.
+        free: the unknowns that may change: for all starts, or [S, 10] for each.
+        kind: [S] index of each motion's kind in the prior; the first by default.
+        steps: maximum number of steps.
 
     Returns:
         Unknowns [S, 10], energies [S], Hessians [S, 10, 10].
@@ -203,12 +203,12 @@ def descend(
 
 
 def _with_fixed(hessian: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Hessians [S, 10, 10] that leave alone the unknowns that are not free [S, 10]: theirs are rows of the identity."""
+    """Returns Hessians [S, 10, 10] with rows of the identity for unknowns that are not free [S, 10]."""
     return np.where(free[:, :, None] & free[:, None, :], hessian, np.eye(UNKNOWNS))
 
 
 def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> np.ndarray:
-    """[count, 10] the cameras of a grid that fit a motion best, each with another yaw."""
+    """[count, 10] the cameras of a grid that best fit a motion, with distinct yaws."""
     expected = likelihood.prior.mean
     tilts = _TILTS if likelihood.known.tilt is None else [expected[TILT]]
     yaw, tilt, log_focal = (a.ravel() for a in np.meshgrid(_YAWS, tilts, _LOG_FOCALS))
@@ -228,7 +228,7 @@ def _poses(likelihood: ManhattanLikelihood, motion: np.ndarray, count: int) -> n
 
 
 def _distinct(hypotheses: np.ndarray, energy: np.ndarray) -> list[int]:
-    """One index for each optimum, the best first: several starts may have led to it."""
+    """Returns one index per distinct optimum, the best first: several starts may lead to the same one."""
     kept: list[int] = []
     for k in np.argsort(energy, kind="stable"):
         if all(displacement(hypotheses[k, MOTION] - hypotheses[j, MOTION]) > _SAME for j in kept):

@@ -1,9 +1,9 @@
-"""The motion of a photo that is visibly smeared: its size by the smears, its direction and shape by right angles.
+"""Estimates the motion of a visibly smeared photo: its size from the smears, its direction and shape from right angles.
 
-A smear says |t_x| over the readout (estimators/smear.py), and that the camera did move. So each bump of the posterior
-is taken twice, with t_x = +|t_x| and -|t_x| as one more observation of it, linear and Gaussian: its mean, its
-covariance and its share follow in closed form. What right angles say of the direction is tempered, as is all that they
-say of whether a camera moved (odds.py); where they do not decide it, the smear is not used.
+A smear gives |t_x| over the readout (estimators/smear.py) and shows that the camera moved. Each mode of the posterior
+is therefore taken twice, with t_x = +|t_x| and -|t_x| as a further linear Gaussian observation; its mean, covariance
+and share follow in closed form. The evidence of right angles on the direction is tempered, as is their evidence on
+whether the camera moved (odds.py); if they do not decide the direction, the smear is not used.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from unshutter.estimators.right_angles.posterior import Posterior, displacement,
 from unshutter.estimators.smear import smear_of
 from unshutter.motion.candidate import Candidate, KindOfMotion
 
-_SIDE = 480  # px, short side of the copy in which smears are looked for
-_TEMPER = 0.1  # share of what right angles say that counts
-_SURE = 0.9  # probability of the direction
-_LARGEST_ERROR = 0.6  # of a readout time, as a share: beyond, a smear says too little
-_RIGHT, _RIGHT_SHARE = 1 / 256, 0.1  # rows, or share of the motion, to which it is right
-_ACROSS = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # t_x over the readout, by the coefficients
+_SIDE = 480  # px, short side of the copy in which smears are measured
+_TEMPER = 0.1  # exponent that tempers the evidence of right angles
+_SURE = 0.9  # least probability of the direction
+_LARGEST_ERROR = 0.6  # largest relative error of the readout time for which smears are used
+_RIGHT, _RIGHT_SHARE = 1 / 256, 0.1  # tolerance of a correct motion: rows, or share of it
+_ACROSS = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # derivative of t_x over the readout by the coefficients
 
 
 def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tuple[Candidate, ...] | None:
-    """The motions of a smeared photo, the likelier direction first; None where it is not smeared, or undecided.
+    """Returns the motions of a smeared photo, the likelier direction first; None if there is no clear smear.
 
     Args:
-        posterior: of the photo's segments.
+        posterior: posterior of the photo's segments.
         view: the photo.
-        estimator: whose answer it is.
+        estimator: name of the estimator.
     """
     limit, time = view.speed_limit, view.readout_s()
     if limit is None or not time.typical_s or view.exposure_is_merged():
@@ -63,12 +63,12 @@ def candidates_by_smear(posterior: Posterior, view: View, estimator: str) -> tup
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """The posterior with t_x over the readout known.
+    """The posterior given t_x over the readout.
 
     Attributes:
         motion: [6] coefficients, the mean.
         error: expected displacement [rows].
-        log_weight: logarithm of how likely this direction is, up to a constant.
+        log_weight: log probability of this direction, up to a constant.
     """
 
     motion: np.ndarray
@@ -77,7 +77,7 @@ class _Side:
 
     @classmethod
     def of(cls, posterior: Posterior, across: float, error: float) -> _Side:
-        """The posterior given that t_x is this over the readout, with this error [rows]."""
+        """Returns the posterior given t_x over the readout with its error [rows]."""
         optima = posterior.optima
         spread = optima.covariances / _TEMPER
         towards = spread @ _ACROSS  # [K, 6]
@@ -93,6 +93,6 @@ class _Side:
 
     @property
     def right(self) -> float:
-        """The probability that it is right, if this is the direction."""
+        """Probability that the motion is right, given that the direction is."""
         allowed = max(_RIGHT, _RIGHT_SHARE * displacement(self.motion))
         return math.erf(allowed / (math.sqrt(2) * max(self.error, 1e-6)))

@@ -1,1 +1,1 @@
-"""The small transformer that turns line segments into a row motion, in NumPy: features, network, file of weights."""
+"""The small transformer that estimates row motion from line segments, in NumPy: features, network, weights file."""

@@ -1,4 +1,4 @@
-"""What the network reads of each segment, written once for NumPy (inference) and torch (training)."""
+"""The network's input features for each segment, written once for NumPy (inference) and torch (training)."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ if TYPE_CHECKING:
 
 Array = Any
 FEATURES = 39  # numbers per segment
-_OCTAVES = 4  # of the waves that encode a position
-_SHARPNESS = (6.0, 25.0)  # of the two scales that show how far a segment is from upright, and from level
+_OCTAVES = 4  # of the sine waves that encode a position
+_SHARPNESS = (6.0, 25.0)  # of the two scales that encode a segment's deviation from vertical and from horizontal
 
 
 def moved(tokens: Float[Array, "batch segments 6"], motion: Float[Array, "batch 2 3"]) -> Array:
-    """The end points where a global shutter would have seen them, if this were the motion (Eq. 1).
+    """Returns the end points as a global shutter would have seen them, given the motion (Eq. 1).
 
     Args:
-        tokens: end points x1, y1, x2, y2 [rows, centred], and the unit vector to the scene's top.
+        tokens: end points x1, y1, x2, y2 [rows, centred], and the unit vector towards the top of the scene.
         motion: coefficients of u, u^2, u^3 with u = y + 1/2: t_x [rows], r_z [rad].
 
     Returns:
@@ -34,12 +34,12 @@ def moved(tokens: Float[Array, "batch segments 6"], motion: Float[Array, "batch 
 
 
 def _cubic(coefficients: Array, u: Array) -> Array:
-    """The polynomial with coefficients [B, 3, 1, 1] of u, u^2, u^3 at u [B, N, 2]."""
+    """Evaluates the polynomial with coefficients [B, 3, 1, 1] of u, u^2, u^3 at u [B, N, 2]."""
     return u * (coefficients[:, 0] + u * (coefficients[:, 1] + u * coefficients[:, 2]))
 
 
 def features(tokens: Float[Array, "batch segments 6"], ends: Float[Array, "batch 2 segments 2"]) -> Array:
-    """[batch, segments, FEATURES]; no feature depends on which end comes first.
+    """Returns features [batch, segments, FEATURES]; they do not depend on the order of the ends.
 
     Args:
         tokens: the segments, as in :func:`moved`.
@@ -51,7 +51,7 @@ def features(tokens: Float[Array, "batch segments 6"], ends: Float[Array, "batch
     step_x, step_y = x[..., 1] - x[..., 0], y[..., 1] - y[..., 0]
     length = xp.sqrt(xp.clip(step_x * step_x + step_y * step_y, 1e-12, None))
     cos, sin = step_x / length, step_y / length
-    # double angles and deviations from upright and from level do not change when the ends are swapped
+    # double angles and deviations from vertical and horizontal do not change when the ends are swapped
     angles = [cos * cos - sin * sin, 2 * sin * cos]
     for _ in range(4):  # 4, 8, 16, 32 times the angle
         c, s = angles[-2], angles[-1]
@@ -65,7 +65,7 @@ def features(tokens: Float[Array, "batch segments 6"], ends: Float[Array, "batch
             phase = (2 * math.pi * 2.0**k / 4) * position
             waves += [xp.sin(phase), xp.cos(phase)]
     size = length + 0.02
-    first, second = tokens[..., 1], tokens[..., 3]  # the rows of both ends: when each was read
+    first, second = tokens[..., 1], tokens[..., 3]  # the rows of both ends, i.e. the times at which they were read
     columns = [
         *(middle_x, middle_y, xp.abs(step_x) / size, xp.abs(step_y) / size, xp.log(length) + 3),
         *angles,

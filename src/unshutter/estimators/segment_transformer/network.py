@@ -1,8 +1,8 @@
-"""The segment transformer in NumPy: it gives what the network that was trained (torch) gives, to about 1e-6.
+"""The segment transformer in NumPy; its output equals that of the trained network (torch) to about 1e-6.
 
-Shapes in comments: N segments, d numbers each (96 in the shipped network). The picture and its mirror image each have a
-thread; matrices are multiplied in pieces for which OpenBLAS starts none: its threads spin while they wait for each
-other, which took ten times as long on a busy machine.
+Shapes in comments: N segments, d numbers each (96 in the shipped network). The picture and its mirror image have one
+thread each; matrices are multiplied in pieces small enough for OpenBLAS not to start threads of its own, which spin
+while they wait for each other and took ten times as long on a busy machine.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from unshutter.estimators.segment_transformer.weights import Weights
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float
 
-# t_x [rows] and r_z [rad] of the head's answer 1; and the shifted Legendre polynomials of degree 1 to 3, less their
-# value at u = 0, in powers of u: the head answers in these
+# t_x [rows] and r_z [rad] per unit of the head's output; and its basis, the shifted Legendre polynomials of degree
+# 1 to 3 minus their value at u = 0, in powers of u
 _UNITS = np.array([[0.1], [0.06]], np.float32)
 _LEGENDRE = np.array([[2, 0, 0], [-6, 6, 0], [12, -30, 20]], np.float32)
-_MIRROR = np.array([-1, 1, -1, 1, -1, 1], np.float32)  # turns a segment into that of the mirror image
+_MIRROR = np.array([-1, 1, -1, 1, -1, 1], np.float32)  # mirrors a segment
 
-# erf(x / sqrt 2) = tanh(x p(x^2)): least squares over 0 <= x <= 5.6, reweighted until the largest error of x erf is
-# least: 1.3e-7. Beyond 5.6, where erf is 1 in float32, p grows without end, and so tanh is 1, too.
+# erf(x / sqrt 2) = tanh(x p(x^2)): least squares over 0 <= x <= 5.6, reweighted to minimise the largest error of
+# x erf: 1.3e-7. Beyond 5.6, where erf is 1 in float32, p grows without bound, so tanh is 1 too.
 _ERF = (0.797884217, 0.0363342819, -3.31287717e-05, -5.52405210e-05, 3.96915859e-06, -1.33449421e-07, 1.80568339e-09)
-_AT_A_TIME = 32_768  # numbers for which all steps of gelu stay in the processor's cache
+_AT_A_TIME = 32_768  # numbers per block, so that all steps of gelu stay in the processor's cache
 
-_ON_ONE_THREAD = 2**19 - 1  # multiplications in one call for which OpenBLAS starts no threads
-_LARGEST_EXPONENT = 80.0  # exp of it is far below the largest float32
+_ON_ONE_THREAD = 2**19 - 1  # most multiplications per call for which OpenBLAS starts no threads
+_LARGEST_EXPONENT = 80.0  # its exp is far below the largest float32
 
-_silent = np.errstate(all="ignore")  # in each thread: whether the answer is finite is for the caller to see
+_silent = np.errstate(all="ignore")  # in each thread; the caller checks whether the output is finite
 
 
 class SegmentTransformer:
-    """Line segments -> row motion. Several threads may use it at once.
+    """Estimates row motion from line segments. Thread-safe.
 
     Args:
         weights: as ``read_weights`` returns them.
@@ -50,13 +50,13 @@ class SegmentTransformer:
 
     @_silent
     def coefficients(self, tokens: Float[np.ndarray, "segments 6"]) -> Float[np.ndarray, "2 3"]:
-        """Coefficients of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
+        """Returns coefficients of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
 
-        Each iteration moves the segments by the motion so far, and finds what is missing. It does so for the picture
-        and its mirror image, in which t_x and r_z have the other sign, and takes the average.
+        Each iteration rectifies the segments by the current motion and estimates the remaining one. It does so for the
+        picture and its mirror image, in which t_x and r_z have the opposite sign, and takes the average.
 
         Args:
-            tokens: float32: end points x1, y1, x2, y2 [rows, centred], and the unit vector to the scene's top.
+            tokens: float32: end points x1, y1, x2, y2 [rows, centred], and the unit vector towards the scene's top.
         """
         motion = np.zeros((2, 3), np.float32)
         with ThreadPoolExecutor(1) as thread:
@@ -67,7 +67,7 @@ class SegmentTransformer:
 
     @_silent
     def _correction(self, tokens: np.ndarray, motion: np.ndarray) -> np.ndarray:
-        """What is missing from the motion [2, 3], of the same shape."""
+        """Returns the correction to the motion [2, 3], with the same shape."""
         batch = tokens[None]
         x = features(batch, moved(batch, motion[None]))[0]  # [N, FEATURES]
         x = self._linear("embedding.output", gelu(self._linear("embedding.hidden", x)))  # [N, d]
@@ -94,7 +94,7 @@ class SegmentTransformer:
         return y
 
     def _norm(self, name: str, x: np.ndarray, layer: int | None = None) -> np.ndarray:
-        """Each row with mean 0 and variance 1, then scaled and shifted."""
+        """Normalises each row to mean 0 and variance 1, then scales and shifts it."""
         y = x - x.mean(-1, keepdims=True)
         variance = np.einsum("...d,...d->...", y, y)[..., None] / x.shape[-1]
         y /= np.sqrt(variance + 1e-5)
@@ -103,9 +103,9 @@ class SegmentTransformer:
         return y
 
     def _attention(self, name: str, asking: np.ndarray, context: np.ndarray, layer: int | None = None) -> np.ndarray:
-        """Each of ``asking`` [M, d] collects the values of ``context`` [N, d] that its query asks for.
+        """Computes for each row of ``asking`` [M, d] its attention-weighted sum of values from ``context`` [N, d].
 
-        One head at a time, since its scores [M, N] fit into the processor's cache.
+        One head at a time, so that its scores [M, N] fit into the processor's cache.
         """
         query = self._linear(f"{name}.query", asking, layer)  # [M, d]
         keys_values = self._linear(f"{name}.key_value", context, layer)  # [N, 2 d]
@@ -124,7 +124,7 @@ class SegmentTransformer:
 
 
 def _multiply(a: np.ndarray, b: np.ndarray, product: np.ndarray) -> None:
-    """Fills product [M, n] with a [M, k] @ b [k, n], some rows at a time."""
+    """Fills product [M, n] with a [M, k] @ b [k, n], a few rows at a time."""
     (rows, inner), columns = a.shape, b.shape[1]
     step = max(_ON_ONE_THREAD // (inner * columns), 1)
     whole = rows - rows % step
@@ -137,17 +137,17 @@ def _multiply(a: np.ndarray, b: np.ndarray, product: np.ndarray) -> None:
 def _exp_scores(query: np.ndarray, key: np.ndarray, scores: np.ndarray) -> None:
     """Fills scores [M, N] with exp(query . key) of query [M, size] and key [N, size].
 
-    Where that could overflow, it does so with each row times a factor.
+    If that could overflow, each row is multiplied by a common factor.
     """
     _multiply(query, key.T, scores)
-    largest = math.sqrt(np.square(query).sum(-1).max() * np.square(key).sum(-1).max())  # none can be larger
+    largest = math.sqrt(np.square(query).sum(-1).max() * np.square(key).sum(-1).max())  # upper bound
     if not largest < _LARGEST_EXPONENT:
         scores -= scores.max(-1, keepdims=True)
     np.exp(scores, out=scores)
 
 
 def gelu(x: np.ndarray) -> np.ndarray:
-    """X (1 + erf(x / sqrt 2)) / 2, in place (NumPy has no erf). x is contiguous."""
+    """Computes x (1 + erf(x / sqrt 2)) / 2, in place (NumPy has no erf). x must be contiguous."""
     flat = x.reshape(-1)
     for start in range(0, flat.size, _AT_A_TIME):
         part = flat[start : start + _AT_A_TIME]

@@ -1,4 +1,4 @@
-"""The file of the network's weights: a NumPy .npz whose arrays are named and shaped as :func:`shapes` says."""
+"""The file of the network's weights: a NumPy .npz whose arrays have the names and shapes given by :func:`shapes`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from unshutter.errors import WeightsError
 from unshutter.estimators.segment_transformer.features import FEATURES
 
-OUTPUTS = 6 + 3  # coefficients of the motion, and the camera's pose, which only training looks at
-LARGEST_BYTES = 64_000_000  # of a file's arrays; ours have 1.7 million
+OUTPUTS = 6 + 3  # coefficients of the motion, and the camera's pose, which only training uses
+LARGEST_BYTES = 64_000_000  # of a file's arrays; ours takes 1.7 million
 _MOST_ITERATIONS, _MOST_HEADS = 16, 64
 _COUNTS = ("heads", "iterations")  # whole numbers among the arrays
 
@@ -18,12 +18,12 @@ Weights = dict[str, np.ndarray]
 
 
 def shapes(width: int, layers: int, latents: int) -> dict[str, tuple[int, ...]]:
-    """Name and shape of all arrays; ``x @ weight + bias`` is a linear layer, ``blocks`` are stacked.
+    """Returns name and shape of all arrays; ``x @ weight + bias`` is a linear layer, ``blocks`` are stacked.
 
     Args:
         width: numbers per segment inside the network.
         layers: transformer blocks.
-        latents: learned queries that collect what the segments say.
+        latents: learned queries that pool the segments' information.
     """
     d, k = width, layers
     return {
@@ -56,11 +56,11 @@ def _norm(name: str, *shape: int) -> dict[str, tuple[int, ...]]:
 
 
 def read_weights(path: Path, name: str) -> Weights:
-    """The arrays of a file, float32, and the counts ``heads`` and ``iterations``.
+    """Returns the arrays of a file, float32, and the counts ``heads`` and ``iterations``.
 
     Args:
         path: the file.
-        name: of the estimator, for messages.
+        name: name of the estimator, for messages.
 
     Raises:
         WeightsError: the file cannot be read, or does not hold this network.
@@ -78,7 +78,7 @@ def read_weights(path: Path, name: str) -> Weights:
     except OSError as error:
         raise WeightsError(f"cannot read the weights {path}: {error.strerror or error}") from None
     except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, RuntimeError, MemoryError, SyntaxError):
-        # RuntimeError: encrypted, or packed in a way that is unknown here; SyntaxError: a header that is no Python
+        # RuntimeError: encrypted, or an unknown compression; SyntaxError: a header that is not valid Python
         raise WeightsError(f"cannot use the weights {path}: the file is damaged, or not an .npz of NumPy") from None
     if not _is_complete(weights):
         raise WeightsError(f"cannot use the weights {path}: they are not of {name}")
@@ -86,7 +86,7 @@ def read_weights(path: Path, name: str) -> Weights:
 
 
 def write_weights(path: Path, weights: Weights) -> None:
-    """Writes what :func:`read_weights` reads; equal weights give equal files.
+    """Writes a file for :func:`read_weights`; equal weights give identical files.
 
     Raises:
         ValueError: the arrays are not those of :func:`shapes`.
@@ -100,7 +100,7 @@ def write_weights(path: Path, weights: Weights) -> None:
 
 
 def _is_complete(weights: Weights) -> bool:
-    """Whether names, shapes, kinds of number and counts are those of this network."""
+    """Whether names, shapes, data types and counts are those of this network."""
     latents, queries = weights.get("pooling.latents"), weights.get("blocks.attention.query.weight")
     if latents is None or queries is None or latents.ndim != 2 or queries.ndim != 3 or 0 in latents.shape:
         return False
