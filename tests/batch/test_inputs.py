@@ -37,8 +37,8 @@ def test_what_is_passed_over_is_counted_by_reason(archive: Path) -> None:
         "films": 2,
     }
     assert inputs.not_taken() == (
-        "not taken: 2 films, see unshutter video (.mov); 2 hidden (no ending, .jpg); "
-        "2 are not photos (no ending, .txt); 1 made by unshutter (.jpg); 1 with several pictures in one file (.mpo)"
+        "not taken: 2 films, see unshutter video (.mov); 2 hidden (no extension, .jpg); "
+        "2 are not photos (no extension, .txt); 1 made by unshutter (.jpg); 1 with several pictures in one file (.mpo)"
     )
     assert find_photos([archive / "a.jpg"]).not_taken() == ""
 

@@ -207,7 +207,7 @@ def test_existing_files_and_originals_stay(tmp_path: Path) -> None:
     assert (tmp_path / "m.npz").read_text() == "precious"
     map_file(source, tmp_path / "m.npz", overwrite=True)
     np.load(tmp_path / "m.npz").close()
-    with pytest.raises(UsageError, match="ending"):
+    with pytest.raises(UsageError, match="extension"):
         map_file(source, source, overwrite=True)
 
 

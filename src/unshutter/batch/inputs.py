@@ -55,7 +55,7 @@ class Inputs:
         """Describes the skipped files in a line; empty if there are none."""
         text = []
         for reason, endings in sorted(self.passed_over.items(), key=lambda item: (-item[1].total(), item[0])):
-            names = [ending or "no ending" for ending, _ in endings.most_common(5)]
+            names = [ending or "no extension" for ending, _ in endings.most_common(5)]
             more = ", ..." if len(endings) > 5 else ""
             count = endings.total()
             text.append(f"{count} {_in_words(reason, count)} ({', '.join(names)}{more})")

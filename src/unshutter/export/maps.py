@@ -160,11 +160,11 @@ def check_map_target(target: Path, overwrite: bool, original: Path | None = None
     Examples:
         >>> check_map_target(Path("map.jpg"), overwrite=False)
         Traceback (most recent call last):
-        unshutter.errors.UsageError: cannot write a map to map.jpg: its ending must be one of .npz, .exr, .tif, .tiff
+        unshutter.errors.UsageError: cannot write a map to map.jpg: its extension must be one of .npz, .exr, .tif, .tiff
     """
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:
-        raise UsageError(f"cannot write a map to {target}: its ending must be one of {', '.join(SUFFIXES)}")
+        raise UsageError(f"cannot write a map to {target}: its extension must be one of {', '.join(SUFFIXES)}")
     Protection([original]).check(target)
     check_target(target, overwrite)
     if suffix == ".exr":

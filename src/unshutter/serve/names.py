@@ -69,7 +69,7 @@ def clip_result(name: str) -> str:
     """
     pure = PurePosixPath(name)
     if not _FILM.fullmatch(pure.suffix):
-        raise UsageError(f"the name '{name}' does not say what kind of film it is: give it an ending such as .mp4")
+        raise UsageError(f"the name '{name}' does not say what kind of film it is: give it an extension such as .mp4")
     result = f"{pure.stem}{RECTIFIED}{pure.suffix}"
     if is_pattern(result):  # it would be a film in pictures, x00001.mp4 ...
         result = result.replace("%", "_")
