@@ -1,4 +1,4 @@
-"""unshutter-lab: synthesis, evaluation and training, and the paper's, its predecessor's and rival methods."""
+"""unshutter-lab: synthesis, evaluation and training, and the methods of the paper, its predecessor and rivals."""
 
 from unshutter_lab.version import __version__
 

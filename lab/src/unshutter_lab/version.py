@@ -1,3 +1,3 @@
-"""The version, on its own so that the build can read it."""
+"""The version, in its own file so that the build can read it."""
 
 __version__ = "1.1.0"

@@ -1,1 +1,1 @@
-"""The default method's calibration, measured: the network's errors, the odds of motion, the confidence."""
+"""Measures the default method's calibration: the network's errors, the odds of motion, and the confidence."""

@@ -1,4 +1,4 @@
-"""A whole calibration: all cases over several processes, resumable; the fits; the file with its provenance."""
+"""Runs a whole calibration: all cases in several processes, resumable; the fits; the file with its provenance."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ from unshutter_lab.evaluation.run import check_jobs, measure
 from unshutter_lab.evaluation.store import Store, code_digest
 
 FILE, REPORT = "calibration.json", "report.txt"
-# folders of the data
+# folders in the data folder
 NETWORK, ODDS, ORDINARY, LOGS, CLIPS = "val", "train", "ordinary", "trajectories", "clips"
-_RATIO = "readout_ratio.txt"  # of a clip: readout time in frame intervals
-_FEWEST_ERRORS = 12  # answers of the network: twice its coefficients
+_RATIO = "readout_ratio.txt"  # holds a clip's readout time in frame intervals
+_FEWEST_ERRORS = 12  # estimates of the network: twice the number of its coefficients
 _LIBRARIES = ("numpy", "opencv-python-headless", "pyvips", "scikit-learn", "scipy")
-_NAME = "calibration"  # of what the store takes for an estimator
+_NAME = "calibration"  # stands for the estimator in the store
 
 Clip = tuple[tuple[Path, ...], float]  # frames and readout ratio
 
@@ -54,24 +54,24 @@ Clip = tuple[tuple[Path, ...], float]  # frames and readout ratio
 def calibrate(
     data: Path, output: Path, photos: int | None = None, seed: int = 0, jobs: int | None = None, overwrite: bool = False
 ) -> Path:
-    """Measures everything that the default method consists of besides its network.
+    """Measures all parts of the default method except its network.
 
     Args:
         data: folder with undistorted photos in ``val`` (for the network's errors) and ``train`` (for the odds), photos
-            that people took in ``ordinary``, and recorded motions in ``trajectories``. Frames of clips in folders of
-            ``clips``, each with a ``readout_ratio.txt``, may be there too.
-        output: folder; a run in it that was stopped goes on.
-        photos: at most so many of each folder, chosen by the seed.
-        seed: of the motions.
-        jobs: processes; by default one for each processor. The file does not depend on it.
-        overwrite: whether a run in the folder with other settings or code may be thrown away.
+            that people took in ``ordinary``, and recorded motions in ``trajectories``. Folders of clips' frames in
+            ``clips``, each with a ``readout_ratio.txt``, are optional.
+        output: output folder; an interrupted run in it is resumed.
+        photos: maximum number of photos per folder, chosen by the seed.
+        seed: seed of the motions.
+        jobs: number of processes; by default one per processor. The file does not depend on it.
+        overwrite: whether a run in the folder with other settings or code may be discarded.
 
     Returns:
-        The file.
+        The path of the file.
 
     Raises:
-        UsageError: numbers that cannot be, another run in the folder.
-        UnshutterError: scikit-learn or data are missing, there are too few photos, the folder cannot be written to.
+        UsageError: a number is invalid, or the folder holds another run.
+        UnshutterError: scikit-learn or data are missing, there are too few photos, or the folder is not writable.
     """
     check_jobs(jobs)
     _check_libraries()
@@ -149,10 +149,10 @@ def _search_cases(
 
 
 def _clips(folder: Path) -> list[Clip]:
-    """The clips of a folder, where there is one.
+    """Returns the clips of a folder, if there is one.
 
     Raises:
-        UnshutterError: a clip does not say its readout ratio.
+        UnshutterError: a clip's readout ratio cannot be read.
     """
     clips = []
     for file in sorted(folder.glob(f"*/{_RATIO}")):
@@ -170,7 +170,7 @@ def _synthetic(
 
 
 def _fits(records: list[dict[str, Any]]) -> tuple[dict[str, Any], str]:
-    """The sections of the file, and a report of how they do."""
+    """Returns the sections of the file, and a report on their accuracy."""
     from unshutter_lab.calibration.fits import Cases, fit_with_network, fit_without_network
 
     with_network = fit_with_network(Cases.of(records, "with_network"))
@@ -189,7 +189,7 @@ def _fits(records: list[dict[str, Any]]) -> tuple[dict[str, Any], str]:
 
 
 def _provenance(counts: dict[str, Any], cases: int, photos: int | None, seed: int) -> dict[str, Any]:
-    """From what the file was made: whoever has the same data and versions makes the same file."""
+    """Returns the inputs of the file: the same data and versions reproduce the same file."""
     return {
         "made_by": "unshutter calibrate",
         "data": counts,
@@ -204,7 +204,7 @@ def _provenance(counts: dict[str, Any], cases: int, photos: int | None, seed: in
 
 
 def _commit() -> str | None:
-    """Of the sources, "..., changed" where they differ from it; None where they are not in a repository."""
+    """Returns the commit of the sources, with ", changed" if they differ from it; None outside a repository."""
 
     def git(*words: str) -> str:
         command = ["git", "-C", str(Path(__file__).parent), *words]
@@ -217,7 +217,7 @@ def _commit() -> str | None:
 
 
 def _digest(paths: Sequence[Path]) -> str:
-    """Of the contents of files, in this order."""
+    """Returns the digest of the contents of files, in this order."""
     digest = hashlib.sha256()
     for path in paths:
         digest.update(hashlib.sha256(path.read_bytes()).digest())
@@ -225,7 +225,7 @@ def _digest(paths: Sequence[Path]) -> str:
 
 
 def as_text(sections: dict[str, dict[str, Any]]) -> str:
-    """JSON with a line for each entry of each section."""
+    """Formats as JSON with one line per entry of each section."""
     parts = []
     for name, section in sections.items():
         lines = (f"  {json.dumps(key)}: {json.dumps(value, separators=(',', ':'))}" for key, value in section.items())

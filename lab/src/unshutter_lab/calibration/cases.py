@@ -1,4 +1,4 @@
-"""Photos with known motions, and photos without any: what the network and the search find of them."""
+"""Cases for calibration: photos with known motions and without motion, with the results of network and search."""
 
 from __future__ import annotations
 
@@ -48,34 +48,34 @@ STILL = (
     Suite("still native size", rows=None, still=True),
     Suite("still portrait", still=True, turned=1, orientation=6),
 )
-WHOLE, CROP, FRAME = "whole", "crop", "frame"  # suites of real photos, and of frames of clips
+WHOLE, CROP, FRAME = "whole", "crop", "frame"  # suites of real photos and of frames from clips
 CROPS = 8  # of each photo
-_ALONE = ("256 px", "still 256 px", WHOLE, CROP)  # suites that are also searched without the network
+_ALONE = ("256 px", "still 256 px", WHOLE, CROP)  # suites also searched without the network
 _LONGEST_SIDE = 900  # of a crop [px]
 
 
 @dataclass(frozen=True)
 class NetworkCase(Trial):
-    """A photo with a known motion, and the network's answer.
+    """A photo with a known motion, for recording the network's estimate.
 
     Attributes:
-        photo: with the motion put in.
+        photo: the photo with synthetic motion.
     """
 
     photo: SyntheticCase
 
     @property
     def key(self) -> str:
-        """The photo's."""
+        """Key of the photo."""
         return f"network|{self.photo.key}"
 
     @property
     def oracles(self) -> tuple[str, ...]:
-        """None."""
+        """No oracles."""
         return ()
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """The answer and the truth, [6] each; no record where the photo has too few segments."""
+        """Returns the estimate and the truth, [6] each; no record if the photo has too few segments."""
         exam = self.photo.exam()
         segments, _ = segments_of(exam.view)
         if unusable(segments, exam.view.height, exam.view.width):
@@ -87,12 +87,12 @@ class NetworkCase(Trial):
 
 @dataclass(frozen=True)
 class SearchCase(Trial):
-    """A photo, and what the search makes of it.
+    """A photo, for recording the results of the search.
 
     Attributes:
-        suite: its name.
-        photo: name of the photo that it was made of.
-        known: sections of the calibration that are fitted already, as JSON: kinds of motion and the network's errors.
+        suite: name of the suite.
+        photo: name of the photo.
+        known: sections of the calibration already fitted, as JSON: kinds of motion and the network's errors.
     """
 
     suite: str
@@ -101,15 +101,15 @@ class SearchCase(Trial):
 
     @property
     def oracles(self) -> tuple[str, ...]:
-        """None."""
+        """No oracles."""
         return ()
 
     @abstractmethod
     def picture(self) -> tuple[View, Motion]:
-        """The photo and its true motion."""
+        """Returns the photo and its true motion."""
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """What the search found with the network's answer and without; no record where neither would be asked."""
+        """Returns the search's results with the network's estimate and without; no record if neither applies."""
         view, truth = self.picture()
         segments, size = segments_of(view)
         if unusable(segments, view.height, view.width) or view.attitude_deg()[0] is not None:
@@ -131,32 +131,32 @@ class SearchCase(Trial):
 
 @dataclass(frozen=True)
 class SyntheticSearchCase(SearchCase):
-    """A photo with a known motion put in, or none.
+    """A photo with known synthetic motion, or none.
 
     Attributes:
-        made: how it is made.
+        made: the synthetic case.
     """
 
     made: SyntheticCase
 
     @property
     def key(self) -> str:
-        """The photo's."""
+        """Key of the synthetic case."""
         return self.made.key
 
     def picture(self) -> tuple[View, Motion]:
-        """The photo and its true motion."""
+        """Returns the photo and its true motion."""
         exam = self.made.exam()
         return exam.view, exam.truth
 
 
 @dataclass(frozen=True)
 class OrdinarySearchCase(SearchCase):
-    """A photo in which nothing moved, whole or a part of it.
+    """A photo without motion, whole or cropped.
 
     Attributes:
-        path: of the photo.
-        crop: number of the part; None: all of it.
+        path: path of the photo.
+        crop: number of the crop; None for the whole photo.
     """
 
     path: Path
@@ -164,11 +164,11 @@ class OrdinarySearchCase(SearchCase):
 
     @property
     def key(self) -> str:
-        """The photo's name, and the part's number."""
+        """Suite, name of the photo, and number of the crop."""
         return f"{self.suite}|{self.photo}|{self.crop}"
 
     def picture(self) -> tuple[View, Motion]:
-        """The photo and no motion."""
+        """Returns the photo and zero motion."""
         photo = Photo.open(self.path)
         view = View(photo if self.crop is None else crop_of(photo, self.photo, self.crop))
         return view, RowMotion.zero(view.height, view.width)
@@ -176,12 +176,12 @@ class OrdinarySearchCase(SearchCase):
 
 @dataclass(frozen=True)
 class FrameSearchCase(SearchCase):
-    """A frame of a clip. Its motion is what the frames before and after it show.
+    """A frame of a clip. Its true motion is taken from the neighbouring frames.
 
     Attributes:
         clip: all frames, in order.
         ratio: readout time in frame intervals.
-        number: of the frame in the clip.
+        number: number of the frame in the clip.
     """
 
     clip: tuple[Path, ...]
@@ -190,20 +190,20 @@ class FrameSearchCase(SearchCase):
 
     @property
     def key(self) -> str:
-        """The clip and the frame's number."""
+        """Suite, clip, and number of the frame."""
         return f"{self.suite}|{self.photo}|{self.number}"
 
     def picture(self) -> tuple[View, Motion]:
-        """The frame and its motion."""
+        """Returns the frame and its motion."""
         return View(Photo.open(self.clip[self.number])), _frame_motions(self.clip, self.ratio)[self.number]
 
 
 def crop_of(photo: Photo, name: str, number: int) -> Photo:
-    """A part of a photo as another camera may have seen it, held a little askew.
+    """Returns a crop of a photo as another camera might have seen it, held slightly askew.
 
     Args:
-        photo: all of it.
-        name, number: of the photo and the part; they choose the part.
+        photo: the whole photo.
+        name, number: name of the photo and number of the crop, which determine the crop.
     """
     rows, columns = photo.height, photo.width
     pixels = np.broadcast_to(in_8_bits(photo), (rows, columns, 3))
@@ -240,12 +240,12 @@ def _estimator(known: str) -> SegmentManhattan:
 
 
 def _found(posterior: Posterior, view: View, truth: Motion, answer: np.ndarray | None) -> Record | None:
-    """What the odds and the confidence depend on, and the error of the motion; None where it would be declined."""
+    """Returns the figures for odds and confidence, and the error of the motion; None if it would be declined."""
     if posterior.lines_gain < LEAST_GAIN or displacement(posterior.motion) > LARGEST:
         return None
     motion = view.cubic_motion(posterior.motion.reshape(2, 3), DEFAULT_ESTIMATOR)
     return {
         "error": motion_error(motion, truth).epe,
         "figures": {"evidence": posterior.evidence} if answer is None else figures(posterior, answer),
-        "confidence_figures": confidence_figures(posterior, answer, odds=0.0),  # the odds are not known yet
+        "confidence_figures": confidence_figures(posterior, answer, odds=0.0),  # the odds are fitted later
     }

@@ -1,7 +1,7 @@
-"""The odds of motion and the confidence, fitted to what the search found; needs scikit-learn.
+"""Fits the odds of motion and the confidence to the results of the search; needs scikit-learn.
 
-A forest of boosted trees, and logistic regressions. One thread fits them, so that sums do not depend on how many there
-are, and numbers are rounded as the file has them.
+A forest of boosted trees, and logistic regressions. They are fitted in one thread, so that sums do not depend on the
+number of threads, and numbers are rounded as in the file.
 """
 
 from __future__ import annotations
@@ -23,25 +23,24 @@ from unshutter_lab.calibration.cases import CROP, FRAME, WHOLE
 from unshutter_lab.evaluation.cases.case import Record
 from unshutter_lab.evaluation.metrics import is_right
 
-WEIGHT_OF_ORDINARY = 4  # photos that people took are few: each counts as much as so many others, for the forest
-MOST_AT_STAKE = 8.0  # px of 256 rows: a case counts by what undoing its motion gains or loses, up to this
-FOLDS = 4  # of the photos: each is judged by what was fitted to the others
-_STILL_PX = 0.5  # a photo that is displaced by less stood still
-# figures of odds.confidence_figures on which the confidence depends
+WEIGHT_OF_ORDINARY = 4  # weight of real photos for the forest, because they are few
+MOST_AT_STAKE = 8.0  # px of 256 rows: a case is weighted by the gain or loss of undoing its motion, up to this
+FOLDS = 4  # for cross-validation over photos
+_STILL_PX = 0.5  # photos with a smaller displacement count as still
+# features of the confidence, from odds.confidence_figures
 RECTIFIED, LEFT = ("apart", "size", "lines_gain", "weight", "odds"), ("odds", "answer", "error")
 RECTIFIED_ALONE, LEFT_ALONE = ("error", "odds"), ("error", "odds")
-_ODDS = (-4.0, 6.0)  # beyond these, odds say no more about the confidence
-_FAINT = 0.05  # px: what a case counts for at least
+_ODDS = (-4.0, 6.0)  # limits within which odds affect the confidence
+_FAINT = 0.05  # px: least weight of a case
 
 
 @dataclass(frozen=True)
 class Cases:
-    """Photos for which there is something to decide.
+    """Photos with a decision to make.
 
     Attributes:
         suite, photo: [N] of each.
-        error, nothing: [N] mean displacement that is left when the motion is undone, and when nothing is [px of 256
-            rows].
+        error, nothing: [N] mean displacement that remains after undoing the motion, and without [px of 256 rows].
         figures, confidence_figures: name -> [N], see unshutter.estimators.right_angles.odds.
     """
 
@@ -54,14 +53,14 @@ class Cases:
 
     @classmethod
     def of(cls, records: list[Record], search: str) -> Cases:
-        """The cases of some records that were not declined.
+        """Returns the cases among the records that were not declined.
 
         Args:
-            records: of ``SearchCase``.
+            records: records of ``SearchCase``.
             search: "with_network" or "without_network".
 
         Raises:
-            UnshutterError: there are too few, or of one kind only.
+            UnshutterError: there are too few, or all are of one kind.
         """
         chosen = [(record, record[search]) for record in records if record[search]]
         if not chosen:
@@ -88,17 +87,17 @@ class Cases:
 
     @property
     def at_stake(self) -> np.ndarray:
-        """[N] what undoing its motion gains or loses: how much each counts for the odds."""
+        """[N] gain or loss from undoing the motion: the weight of each case for the odds."""
         return np.minimum(np.abs(self.error - self.nothing), MOST_AT_STAKE) + _FAINT
 
     @property
     def weight(self) -> np.ndarray:
-        """[N] how much each counts for the forest."""
+        """[N] weight of each case for the forest."""
         return self.at_stake * np.where(np.isin(self.suite, (WHOLE, CROP, FRAME)), WEIGHT_OF_ORDINARY, 1)
 
     @property
     def share(self) -> np.ndarray:
-        """[N] how much each counts for the confidence: photos with and without motion half each."""
+        """[N] weight of each case for the confidence: half for photos with motion, half for those without."""
         still = self.nothing < _STILL_PX
         return np.where(still, 0.5 / max(still.sum(), 1), 0.5 / max((~still).sum(), 1)) * len(still)
 
@@ -109,18 +108,18 @@ class Cases:
 
     @property
     def table(self) -> np.ndarray:
-        """[N, figures] what the odds depend on."""
+        """[N, figures] features of the odds."""
         return np.stack(list(self.figures.values()), axis=1)
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Odds and confidence of one kind of search.
+    """Odds and confidence for one kind of search.
 
     Attributes:
         odds: fields of the forest, or of the regression without the network.
-        rectified, left: fields of the regressions of the confidence.
-        report: how they do on photos that they have not seen.
+        rectified, left: fields of the confidence's regressions.
+        report: their accuracy on photos not used for fitting.
     """
 
     odds: dict[str, Any]
@@ -130,7 +129,7 @@ class Fit:
 
 
 def fit_with_network(cases: Cases) -> Fit:
-    """A forest for the odds, and the confidence."""
+    """Fits a forest for the odds, and the confidence."""
     with threadpool_limits(1):
         unseen = np.zeros(len(cases.error))
         for fold in range(FOLDS):
@@ -144,7 +143,7 @@ def fit_with_network(cases: Cases) -> Fit:
 
 
 def fit_without_network(cases: Cases) -> Fit:
-    """A logistic regression for the odds, and the confidence."""
+    """Fits a logistic regression for the odds, and the confidence."""
     with threadpool_limits(1):
         everything = np.ones(len(cases.error), bool)
         fields = _regression(cases.figures, ("evidence",), cases.helps, cases.at_stake, everything)
@@ -164,7 +163,7 @@ def _forest(cases: Cases, chosen: np.ndarray) -> HistGradientBoostingClassifier:
 
 
 def forest_fields(trees: HistGradientBoostingClassifier, names: tuple[str, ...]) -> dict[str, Any]:
-    """A fitted forest as :meth:`Forest.of` reads it."""
+    """Returns the fields of a fitted forest, as read by :meth:`Forest.of`."""
     nodes = [tree[0].nodes for tree in trees._predictors]
     most = max(len(each) for each in nodes)
 
@@ -190,7 +189,7 @@ def forest_fields(trees: HistGradientBoostingClassifier, names: tuple[str, ...])
 def _regression(
     figures: dict[str, np.ndarray], names: tuple[str, ...], right: np.ndarray, weight: np.ndarray, chosen: np.ndarray
 ) -> dict[str, Any]:
-    """Fields of a regression; of the constant alone where all chosen cases say the same."""
+    """Returns the fields of a regression; with the constant alone if all chosen cases agree."""
     if len(set(right[chosen])) < 2:
         count, rights = chosen.sum(), right[chosen].sum()
         constant = rounded(math.log((rights + 0.5) / (count - rights + 0.5)))
@@ -211,7 +210,7 @@ def _log_odds(fields: dict[str, Any], figures: dict[str, np.ndarray]) -> np.ndar
 def _confidence(
     cases: Cases, odds: np.ndarray, rectified: tuple[str, ...], left: tuple[str, ...]
 ) -> tuple[dict[str, Any], dict[str, Any], str]:
-    """The regressions, and how often answers are right on photos that they have not seen."""
+    """Returns the regressions, and a report of the share of correct answers on photos not used for fitting."""
     figures = cases.confidence_figures | {"odds": np.clip(odds, *_ODDS)}
     right = is_right(np.where(odds > 0, cases.error, cases.nothing), cases.nothing)
     stated, fits = np.zeros(len(odds)), []
@@ -225,7 +224,7 @@ def _confidence(
 
 
 def _reliability(cases: Cases, stated: np.ndarray, right: np.ndarray) -> list[str]:
-    """A line for each tenth of the confidence and for each suite: what is stated, and the share that is right."""
+    """Returns one line per tenth of the confidence and per suite: stated confidence and share of correct answers."""
     tenths = (stated * 10).astype(int)
     groups = [(f"confidence .{low}", tenths == low, cases.share) for low in range(10)]
     groups += [(suite, cases.suite == suite, np.ones(len(stated))) for suite in sorted(set(cases.suite))]
@@ -238,7 +237,7 @@ def _reliability(cases: Cases, stated: np.ndarray, right: np.ndarray) -> list[st
 
 
 def _table(cases: Cases, odds: np.ndarray) -> str:
-    """A line for each suite: what is left where the odds decide, and how often that is better or worse than nothing."""
+    """Returns one line per suite: error under the odds' decisions, and the share of better and worse results."""
     left = np.where(odds > 0, cases.error, cases.nothing)
     lines = [f"{'suite':22} cases  median  (all undone, nothing)  better  worse by > 1 px, > 3 px"]
     for suite in sorted(set(cases.suite)):
@@ -254,5 +253,5 @@ def _table(cases: Cases, odds: np.ndarray) -> str:
 
 
 def rounded(number: float) -> float:
-    """To the six digits that the file has."""
+    """Rounds to six digits, as in the file."""
     return float(f"{number:.6g}")

@@ -11,7 +11,7 @@ from unshutter.options import option
 
 @dataclass(frozen=True)
 class Arguments:
-    """What the command takes."""
+    """Arguments of the command."""
 
     data: Path = positional(
         "Folder with undistorted photos in val and train, photos that people took in ordinary, and NPZ files of "
@@ -33,7 +33,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> int:
-    """Calibrates; returns the exit code."""
+    """Runs the calibration; returns the exit code."""
     from unshutter_lab.calibration import calibrate
 
     path = calibrate.calibrate(

@@ -26,7 +26,7 @@ ProtocolName = Literal[
 
 @dataclass(frozen=True)
 class Arguments:
-    """What the command takes."""
+    """Arguments of the command."""
 
     data: list[Path] = required(
         "Folders of undistorted photos (for pairs and video: of rs_0.png, gs_0_middle.png); each is a group in the "
@@ -60,7 +60,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> int:
-    """Measures; returns the exit code."""
+    """Runs the evaluation; returns the exit code."""
     from unshutter_lab.evaluation.cases.protocols import Request
     from unshutter_lab.evaluation.run import evaluate
 

@@ -12,7 +12,7 @@ from unshutter_lab.synthesis.options import Synthesize, SynthesizeClip
 
 @dataclass(frozen=True)
 class Arguments:
-    """What the command takes."""
+    """Arguments of the command."""
 
     photos: list[Path] = positional("Photos, or folders of photos.", "input")
     output: Path = required("New folder; gets rs/, gs/, motion/ and manifest.json.", "output", short="-o")
@@ -21,7 +21,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> int:
-    """Makes the pictures; returns the exit code."""
+    """Synthesises the pictures or the clip; returns the exit code."""
     if arguments.clip.video:
         from unshutter_lab.synthesis.clip import synthesize_clip
 

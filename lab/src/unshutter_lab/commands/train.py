@@ -13,7 +13,7 @@ from unshutter.options import option
 
 @dataclass(frozen=True)
 class Arguments:
-    """What the command takes."""
+    """Arguments of the command."""
 
     config: str = required(
         "Name of a configuration that comes with unshutter (docs/research/training.md), or a TOML file.", "input"
@@ -42,7 +42,7 @@ class Arguments:
 
 
 def run(arguments: Arguments) -> int:
-    """Trains; returns the exit code."""
+    """Trains the network; returns the exit code."""
     try:
         from unshutter_lab.training import train
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""How far an estimate is from the truth: positions (EPE and its companions) and pictures (PSNR, SSIM).
+"""Distance of an estimate from the truth: positions (EPE and related figures) and pictures (PSNR, SSIM).
 
 docs/reference/conventions.md defines each.
 """
@@ -15,8 +15,8 @@ from unshutter.motion import Motion
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Bool, UInt8
 
-UNIT_ROWS = 256  # errors are given in px of a picture of so many rows
-RIGHT_PX, RIGHT_SHARE = 1.0, 0.1  # EPE below which an answer is right: px of UNIT_ROWS, or share of doing nothing's EPE
+UNIT_ROWS = 256  # errors are in px of a picture with this many rows
+RIGHT_PX, RIGHT_SHARE = 1.0, 0.1  # EPE of a correct answer: px of UNIT_ROWS, or share of the EPE without correction
 
 # SSIM as in Wang, Bovik, Sheikh, Simoncelli, IEEE TIP 13(4), 2004: Gaussian window, K1, K2
 _SSIM_SIGMA = 1.5
@@ -28,15 +28,15 @@ _K1, _K2 = 0.01, 0.03
 class MotionError:
     """Distance of an estimate from the truth, both with the first row as the reference.
 
-    Positions come from ``gs_to_rs``, so that every kind of motion is judged by where its picture looks, not by t_x and
-    r_z. An estimate without a finite position counts as one picture diagonal off.
+    Positions come from ``gs_to_rs``, so that every kind of motion is judged by where its picture is sampled, not by t_x
+    and r_z. An estimate without a finite position counts as one picture diagonal off.
 
     Attributes:
-        epe: mean distance [px at 256 rows] of the RS positions over GS pixels seen in the RS picture.
-        curvature_epe: the EPE once the best multiple of the RS row is added to the estimate's columns: what would be
-            left if the shear were known. For row motions that replaces the linear coefficient of t_x.
-        tx_rmse: root mean square over rows of the error in t_x [px at 256 rows].
-        rz_rmse: root mean square over rows of the error in r_z [deg].
+        epe: mean distance [px at 256 rows] of the RS positions over GS pixels visible in the RS picture.
+        curvature_epe: the EPE after adding the best multiple of the RS row to the estimate's columns: what would remain
+            if the shear were known. For row motions this replaces the linear coefficient of t_x.
+        tx_rmse: root mean square error of t_x over rows [px at 256 rows].
+        rz_rmse: root mean square error of r_z over rows [deg].
     """
 
     epe: float
@@ -49,7 +49,7 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
     """Compares two motions of one picture.
 
     Args:
-        estimate, truth: of pictures of the same size.
+        estimate, truth: motions of pictures of the same size.
         points: the EPE is averaged over a grid of about this many columns and rows.
     """
     estimate, truth = estimate.rereferenced("first"), truth.rereferenced("first")
@@ -72,11 +72,11 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
 
 
 def is_right(epe: np.ndarray, epe_nothing: np.ndarray) -> np.ndarray:
-    """[N] whether answers are right, as a confidence means it: the EPE is below 1 px or a tenth of the displacement.
+    """[N] whether answers are correct in the sense of the confidence: EPE below 1 px or a tenth of the displacement.
 
     Args:
         epe: [N] of the answers [px at 256 rows].
-        epe_nothing: [N] of leaving the pictures unchanged.
+        epe_nothing: [N] of the unchanged pictures.
     """
     return epe < np.maximum(RIGHT_PX, RIGHT_SHARE * epe_nothing)
 
@@ -86,14 +86,14 @@ def psnr(
     truth: UInt8[np.ndarray, "height width *bands"],
     mask: Bool[np.ndarray, "height width"],
 ) -> float:
-    """Peak signal-to-noise ratio [dB] of 8-bit pictures over the pixels of a mask, all channels together.
+    """Returns the peak signal-to-noise ratio [dB] of 8-bit pictures over a mask, all channels together.
 
     Args:
         picture, truth: uint8 [H, W] or [H, W, bands].
         mask: bool [H, W].
 
     Returns:
-        Infinity for equal pictures, NaN where the mask is empty.
+        Infinity for equal pictures, NaN if the mask is empty.
     """
     if not mask.any():
         return float("nan")
@@ -107,7 +107,7 @@ def ssim(
     truth: UInt8[np.ndarray, "height width *bands"],
     mask: Bool[np.ndarray, "height width"],
 ) -> float:
-    """Structural similarity (Wang et al. 2004; Gaussian window of 11 px, sigma 1.5) of 8-bit pictures.
+    """Returns the structural similarity (Wang et al. 2004; Gaussian window of 11 px, sigma 1.5) of 8-bit pictures.
 
     The mean over channels and over the pixels whose whole window lies in the mask and in the picture.
 
@@ -116,7 +116,7 @@ def ssim(
         mask: bool [H, W].
 
     Returns:
-        NaN where no window lies in the mask.
+        The index, or NaN if no window lies in the mask.
     """
     import cv2
 
@@ -130,7 +130,7 @@ def ssim(
 
 
 def _ssim_map(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """SSIM index [H, W] of two channels [H, W]; not valid within five pixels of the border."""
+    """Returns the SSIM index [H, W] of two channels [H, W]; invalid within five pixels of the border."""
     import cv2
 
     def mean(x: np.ndarray) -> np.ndarray:
@@ -149,7 +149,7 @@ def _spread(size: int, points: int) -> np.ndarray:
 
 
 def _at_most(limit: float, d_col: np.ndarray, d_row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets shortened to a length; those that are not finite become that long along the columns."""
+    """Limits the length of offsets; non-finite ones become offsets of that length along the columns."""
     lost = ~(np.isfinite(d_col) & np.isfinite(d_row))
     d_col, d_row = np.where(lost, limit, d_col), np.where(lost, 0.0, d_row)
     shrink = np.minimum(1.0, limit / np.maximum(np.hypot(d_col, d_row), 1e-12))
@@ -157,9 +157,9 @@ def _at_most(limit: float, d_col: np.ndarray, d_row: np.ndarray) -> tuple[np.nda
 
 
 def _best_shear(d_col: np.ndarray, d_row: np.ndarray, when: np.ndarray) -> float:
-    """Least mean distance over all k when k * when is added to the columns, by ternary search: it is convex in k.
+    """Returns the least mean distance over k after adding k * when to the columns, by ternary search (convex in k).
 
-    t_x does not decide which RS row sees a GS point, so a shear moves columns only.
+    t_x does not determine which RS row reads a GS point, so a shear moves columns only.
     """
     low, high = -4 * np.abs(d_col).max(initial=1.0) - 1, 4 * np.abs(d_col).max(initial=1.0) + 1
 

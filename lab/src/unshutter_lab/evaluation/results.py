@@ -1,4 +1,4 @@
-"""The results of a run: the request, the environment, and a record for each picture and estimator; JSON and CSV."""
+"""The results of a run: request, environment, and a record per picture and estimator; JSON and CSV."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from unshutter_lab.evaluation.store import code_digest
 
 FORMAT = "unshutter-evaluation/1"
 _LIBRARIES = ("numpy", "opencv-python-headless", "onnxruntime", "pyvips")
-_EXAMPLES = (0.3, 0.55, 0.8, 0.95)  # of the pictures, ordered by how much they are distorted
+_EXAMPLES = (0.3, 0.55, 0.8, 0.95)  # quantiles of the pictures, ordered by distortion
 _CURVE_ROWS = 33
 _FORMER_NAMES = {"environment": "about", "oracles": "rivals"}  # of keys, in files of earlier versions
 
 
 def _versions() -> dict[str, str]:
-    """Versions of the libraries that figures depend on; those that are not installed are left out."""
+    """Returns versions of the libraries that affect figures; those not installed are omitted."""
     versions = {}
     for name in _LIBRARIES:
         with suppress(PackageNotFoundError):
@@ -40,14 +40,14 @@ def _versions() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Results:
-    """All that tables and plots are made from.
+    """The data of all tables and plots.
 
     Attributes:
-        request: what was to be measured.
+        request: the request of the run.
         estimators: their names, in the order of the tables.
-        oracles: names judged along with them that know the truth, or see more than one photo.
-        records: one for each picture and estimator.
-        environment: what measured: versions, the code's digest, the kind of machine.
+        oracles: names judged along with them that know the truth or see more than one photo.
+        records: one per picture and estimator.
+        environment: versions, digest of the code, and kind of machine.
         curves: example -> name -> {"row" [0 ... 1], "tx" [px at 256 rows], "rz" [deg]}.
     """
 
@@ -60,19 +60,19 @@ class Results:
 
     @classmethod
     def of(cls, request: Request, estimators: list[str], oracles: list[str], records: list[Record]) -> Results:
-        """Results measured here and now."""
+        """Returns results measured by this process."""
         environment = {"unshutter": __version__, "code": code_digest(), "machine": platform.machine()}
         environment |= {"python": platform.python_version(), **_versions()}
         return cls(request, estimators, oracles, records, environment)
 
     @property
     def names(self) -> list[str]:
-        """Estimators and oracles."""
+        """Names of estimators and oracles."""
         return [*self.estimators, *self.oracles]
 
     @property
     def command(self) -> str:
-        """The command that gives these figures again."""
+        """The command that reproduces these figures."""
         r = self.request
         words = ["unshutter evaluate --protocol", r.protocol, "--data", *(str(folder) for folder in r.data)]
         words += ["--trajectory", str(r.trajectory)] if r.trajectory else []
@@ -82,20 +82,20 @@ class Results:
         return " ".join([*words, "--seed", str(r.seed), "--estimators", ",".join(self.estimators)])
 
     def with_examples(self, examples: list[Example]) -> Results:
-        """These results with the curves of some pictures added."""
+        """Returns these results with the curves of some pictures added."""
         return replace(self, curves={e.title: {n: _curve(m) for n, m in e.curves.items()} for e in examples})
 
     def to_json(self) -> str:
-        """All of it as JSON."""
+        """Returns all results as JSON."""
         data = {"format": FORMAT, "command": self.command, **asdict(self)}
         return json.dumps(data, default=str, allow_nan=False)
 
     @classmethod
     def load(cls, path: Path) -> Results:
-        """Reads what :meth:`to_json` wrote.
+        """Reads the file written by :meth:`to_json`.
 
         Raises:
-            UnshutterError: the file cannot be read or holds no results.
+            UnshutterError: the file cannot be read or does not contain results.
         """
         try:
             data = json.loads(path.read_text(encoding="utf-8"))
@@ -112,7 +112,7 @@ class Results:
             raise UnshutterError(f"{path} holds no results of unshutter evaluate") from None
 
     def to_csv(self) -> str:
-        """The records as CSV, a line each."""
+        """Returns the records as CSV, one per line."""
         columns = list(dict.fromkeys(key for record in self.records for key in record))
         stream = io.StringIO()
         writer = csv.DictWriter(stream, columns, lineterminator="\n")
@@ -121,25 +121,25 @@ class Results:
         return stream.getvalue()
 
     def values(self, key: str, **criteria: str) -> np.ndarray:
-        """One figure of the records with these values (suite, group, estimator), where it is known."""
+        """Returns one figure of the records with these values (suite, group, estimator), where known."""
         return values(self.chosen(**criteria), key)
 
     def chosen(self, **criteria: str) -> list[Record]:
-        """The records with these values."""
+        """Returns the records with these values."""
         return [r for r in self.records if all(r[k] == v for k, v in criteria.items())]
 
     def distinct(self, key: str) -> list[str]:
-        """The different values of a key, in the order of the records."""
+        """Returns the distinct values of a key, in the order of the records."""
         return list(dict.fromkeys(r[key] for r in self.records))
 
 
 def values(records: Iterable[Record], key: str) -> np.ndarray:
-    """One figure of each record that has it, as an array."""
+    """Returns one figure of each record that has it, as an array."""
     return np.array([r[key] for r in records if r.get(key) is not None], dtype=np.float64)
 
 
 def examples_of(cases: list[Case], records: list[Record]) -> list[Case]:
-    """A few cases to look at, from little to much distorted; the first few where the distortion is not known."""
+    """Returns a few cases to show, from little to much distortion; the first few if the distortion is unknown."""
     distortion = {}  # picture -> EPE of doing nothing
     for record in records:
         picture = (record["suite"], record["group"], record["photo"], record["draw"])

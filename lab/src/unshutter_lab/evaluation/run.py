@@ -1,4 +1,4 @@
-"""A whole evaluation: all cases of a protocol, over several processes, resumable; then its report."""
+"""Runs a whole evaluation: all cases of a protocol in several processes, resumable; then its report."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from unshutter_lab.evaluation.pages.report import write_report
 from unshutter_lab.evaluation.results import Results, examples_of
 from unshutter_lab.evaluation.store import Store
 
-# what the libraries ask for how many threads they may start
+# environment variables that limit the libraries' threads
 _THREADS = ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 AnyTrial = TypeVar("AnyTrial", bound=Trial)
-# (case, names still to be judged)
+# (case, names not judged yet)
 _Task = tuple[AnyTrial, list[str]]
 
 
@@ -39,25 +39,25 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
     """Measures estimators and writes results.md, results.json, results.csv, plots and contact sheets.
 
     Args:
-        request: what is measured on what.
-        estimators: names with commas between them, or ``all``.
-        output: folder; a run in it that was stopped goes on.
-        jobs: processes; by default one for each processor. The figures do not depend on it.
-        overwrite: whether a run in the folder with other settings or code may be thrown away.
+        request: what to measure.
+        estimators: comma-separated names, or ``all``.
+        output: output folder; an interrupted run in it is resumed.
+        jobs: number of processes; by default one per processor. The figures do not depend on it.
+        overwrite: whether a run in the folder with other settings or code may be discarded.
 
     Returns:
-        Number of pictures that could not be used.
+        The number of pictures that could not be used.
 
     Raises:
-        UsageError: an unknown estimator, numbers that cannot be, another run in the folder.
-        UnshutterError: data or an estimator's extra are missing, data cannot be used, the folder not written to.
+        UsageError: unknown estimator, a number is out of range, or the folder holds another run.
+        UnshutterError: data or an estimator's extra are missing, data are unusable, or the folder is not writable.
     """
     names = _chosen(estimators)
     check_jobs(jobs)
     check_matplotlib()
     cases = PROTOCOLS[request.protocol].cases(request)
     for name in names:
-        register.load(name)  # so that a missing extra is reported before the work
+        register.load(name)  # reports a missing extra before the work
     _check_output(output, request, names)
     store = Store(output, {key: _plain(value) for key, value in asdict(request).items()}, overwrite)
     measured = measure(cases, names, store, jobs)
@@ -71,36 +71,36 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
 
 
 def _check_output(folder: Path, request: Request, names: list[str]) -> None:
-    """Raises UnshutterError where results would go to a folder with files that are measured on, or with."""
+    """Raises UnshutterError if the output folder contains files that the run reads."""
     logs = logs_in(request.trajectory) if request.trajectory is not None else ()
     read = [*chain.from_iterable(map(pictures_in, request.data)), *logs, *map(register.weights_file, names)]
     Protection(read).check_all_in(folder)
 
 
 def check_jobs(jobs: int | None) -> None:
-    """Raises UsageError where there can be no such number of processes."""
+    """Raises UsageError if the number of processes is invalid."""
     if jobs is not None and jobs < 1:
         raise UsageError(f"needs at least one process, got {jobs}")
 
 
 def measure(cases: Sequence[AnyTrial], names: list[str], store: Store, jobs: int | None) -> list[AnyTrial]:
-    """Judges what is not in the store yet; returns the cases whose pictures could be used.
+    """Judges everything not in the store yet; returns the cases whose pictures could be used.
 
     Args:
-        cases: with what is to be measured.
-        names: of the estimators.
-        store: gets the records.
-        jobs: processes; None: one for each processor.
+        cases: the cases to measure.
+        names: names of the estimators.
+        store: receives the records.
+        jobs: number of processes; None for one per processor.
     """
     tasks = [(case, store.missing(case.key, [*names, *case.oracles])) for case in cases]
     waiting = [task for task in tasks if task[1]]
-    problems: dict[str, str] = {}  # case -> what is wrong with its picture
+    problems: dict[str, str] = {}  # case -> problem with its picture
     with Progress(len(cases), "pictures") as bar:
         for _ in range(len(tasks) - len(waiting)):
             bar.advance()
         for (case, missing), records in _judged(waiting, jobs or os.cpu_count() or 1):
             if isinstance(records, str):
-                if records not in problems.values():  # one photo makes several cases
+                if records not in problems.values():  # one photo has several cases
                     bar.tell(f"unshutter: {records}")
                 problems[case.key] = records
             else:
@@ -117,7 +117,7 @@ def _chosen(estimators: str) -> list[str]:
 
 
 def _judged(tasks: list[_Task[AnyTrial]], jobs: int) -> Iterator[tuple[_Task[AnyTrial], list[Record] | str]]:
-    """The records of each task, in any order; instead of them a line where the picture cannot be used."""
+    """Yields the records of each task, in any order, or an error message if the picture cannot be used."""
     if jobs == 1 or len(tasks) < 2:
         for task in tasks:
             yield task, _judge(*task)
@@ -137,7 +137,7 @@ def _judged(tasks: list[_Task[AnyTrial]], jobs: int) -> Iterator[tuple[_Task[Any
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Processes that start inside use one thread: libraries read these variables when they are loaded."""
+    """Limits processes started inside to one thread: libraries read these variables when loaded."""
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
     try:
@@ -149,7 +149,7 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _judge(case: Trial, names: list[str]) -> list[Record] | str:
-    """The records of a case, or what is wrong with its picture."""
+    """Returns the records of a case, or the problem with its picture."""
     try:
         return case.judge(names, _loaded)
     except UnshutterError as error:
@@ -158,12 +158,12 @@ def _judge(case: Trial, names: list[str]) -> list[Record] | str:
 
 @cache
 def _loaded(name: str) -> Estimator:
-    """The estimator of that name, made once per process."""
+    """Returns the estimator with that name, loaded once per process."""
     return register.load(name)
 
 
 def _plain(value: object) -> object:
-    """As JSON has it."""
+    """Converts a value to JSON types."""
     if isinstance(value, (list, tuple)):
         return [_plain(v) for v in value]
     return str(value) if isinstance(value, Path) else value

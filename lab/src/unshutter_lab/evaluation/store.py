@@ -1,4 +1,4 @@
-"""The records of a run on disc, as they are measured, so that a run that was stopped can go on."""
+"""Stores the records of a run on disc as they are measured, so that an interrupted run can be resumed."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ _CALIBRATION = "calibration.json"
 
 
 class Store:
-    """A file with one JSON line for each case and estimator, after a line with the settings of the run.
+    """A file with the settings of the run in its first line, then one JSON line per case and estimator.
 
     Args:
-        folder: made where it is missing.
-        settings: everything that the figures depend on but the code, whose digest is added.
-        overwrite: whether records of other settings or other code may be thrown away.
+        folder: created if missing.
+        settings: everything that affects the figures except the code, whose digest is added.
+        overwrite: whether records from other settings or code may be discarded.
         calibrated: whether the figures depend on the shipped calibration.
 
     Raises:
         UsageError: the folder holds another run.
-        UnshutterError: the folder cannot be written to.
+        UnshutterError: the folder is not writable.
     """
 
     def __init__(self, folder: Path, settings: dict[str, Any], overwrite: bool, calibrated: bool = True):
@@ -47,7 +47,7 @@ class Store:
             raise UnshutterError(f"cannot write to folder {folder}: {error.strerror}") from None
 
     def missing(self, key: str, names: list[str]) -> list[str]:
-        """Those of the names that have no records of a case yet."""
+        """Returns the names that have no records for a case yet."""
         return [name for name in names if (key, name) not in self._done]
 
     def add(self, key: str, names: list[str], records: list[Record]) -> None:
@@ -64,11 +64,11 @@ class Store:
         add_text(self._path, lines)
 
     def records(self, keys: list[str], names: list[str]) -> list[Record]:
-        """The records of these cases and names, in this order."""
+        """Returns the records of these cases and names, in this order."""
         return [r for key in keys for name in names for r in self._done.get((key, name), [])]
 
     def _resumed(self, head: dict, overwrite: bool) -> bool:
-        """Reads the records that are there; False where the run starts afresh."""
+        """Reads existing records; returns False if the run starts afresh."""
         if not os.path.lexists(self._path):
             return False
         lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -91,10 +91,10 @@ class Store:
 
 @cache
 def code_digest(calibrated: bool = True) -> str:
-    """Digest of the code and weights of both distributions, which tells records of other code from new ones.
+    """Returns the digest of the code and weights of both distributions, which distinguishes old records from new ones.
 
     Args:
-        calibrated: whether the shipped calibration counts.
+        calibrated: whether to include the shipped calibration.
     """
     digest = hashlib.sha256()
     for root in (Path(unshutter.__file__).parent, Path(unshutter_lab.__file__).parent):
@@ -105,7 +105,7 @@ def code_digest(calibrated: bool = True) -> str:
 
 
 def _rounded(record: Record) -> Record:
-    """Without the last digits, in which threads and processors differ."""
+    """Rounds off the last digits, which vary with threads and processors."""
     return {key: round(value, _DIGITS) if isinstance(value, float) else value for key, value in record.items()}
 
 

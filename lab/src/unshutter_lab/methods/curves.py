@@ -1,7 +1,7 @@
-"""Curves of a grey picture: straight edges of the scene as the rolling shutter bent them.
+"""Curves in a grey picture: straight edges of the scene as bent by the rolling shutter.
 
-Segments (segments.py) that continue each other are linked, and points of the edge are then found in the picture
-itself, because a segment is a chord that hides the bend. Positions are (col, row) px of the picture that is given.
+Segments (segments.py) that continue each other are linked, and points on the edge are then located in the picture
+itself, because a segment is a chord that hides the bend. Positions are (col, row) px of the given picture.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float, Numbers, UInt8
 
 POINTS = 10  # per curve
-_MOST_SEGMENTS = 600  # the longest are looked at
-_WIDEST_TURN = np.radians(10)  # between a segment and the one that continues it
+_MOST_SEGMENTS = 600  # the longest are used
+_WIDEST_TURN = np.radians(10)  # between a segment and its continuation
 _FARTHEST_ASIDE = 2.0  # px between a segment's end and the line of the other
-_WIDEST_GAP = 0.25  # of the shorter segment's length, and
-_LEAST_GAP = 4.0  # px, which any two may be apart
-_STEP = 2.0  # px along the edge between places where it is looked for
+_WIDEST_GAP = 0.25  # of the shorter segment's length,
+_LEAST_GAP = 4.0  # px, but at least this
+_STEP = 2.0  # px along the edge between points where it is located
 _ASIDE = np.arange(-3, 3.01, 0.5)  # px across the edge
-_OFFSET = 0.1  # px to the side of the curve, to see how rectification scales distances
+_OFFSET = 0.1  # px to the side of the curve, for measuring how rectification scales distances
 _LEAST_GROWTH = 0.1
-_FAINTEST = 2.0  # grey levels per px; below this it is no edge
+_FAINTEST = 2.0  # grey levels per px; least slope of an edge
 
 
 def find_curves(grey: UInt8[np.ndarray, "height width"], shortest: float) -> Float[np.ndarray, "curves points 2"]:
-    """Edges that may be straight lines of the scene, longest first.
+    """Finds edges that may be straight lines of the scene, longest first.
 
     Args:
         grey: [H, W] uint8.
-        shortest: length below which a curve is left out [px].
+        shortest: least length of a curve [px].
 
     Returns:
         [N, POINTS, 2] points (col, row) [px] along each curve, from end to end.
@@ -50,20 +50,20 @@ def find_curves(grey: UInt8[np.ndarray, "height width"], shortest: float) -> Flo
 
 
 def curve_length(points: Float[np.ndarray, "*curves points 2"]) -> Float[Numbers, "*curves"]:
-    """Distance between the ends of curves [..., K, 2] -> [...]."""
+    """Returns the distance between the ends of curves [..., K, 2] -> [...]."""
     return np.linalg.norm(points[..., -1, :] - points[..., 0, :], axis=-1)
 
 
 def principal_lines(
     points: Float[np.ndarray, "*curves points 2"],
 ) -> tuple[Float[np.ndarray, "*curves points"], Float[np.ndarray, "*curves"]]:
-    """Least-squares line of each curve.
+    """Fits a least-squares line to each curve.
 
     Args:
         points: [..., K, 2].
 
     Returns:
-        Signed distances of the points to it [..., K], and its direction as an angle [...] in (-pi/2, pi/2] [rad],
+        Signed distances of the points from it [..., K], and its direction as an angle [...] in (-pi/2, pi/2] [rad],
         columns towards rows.
     """
     x, y = np.moveaxis(points - points.mean(axis=-2, keepdims=True), -1, 0)
@@ -72,11 +72,11 @@ def principal_lines(
 
 
 class RotatedCurves:
-    """Curves of a picture whose rows were turned, and what is left of their bends when the rotations are undone.
+    """Curves in a picture with rotated rows, and their remaining bends after undoing rotations.
 
     Args:
         points: [..., K, 2] curves (col, row) [px].
-        height, width: of the picture [px].
+        height, width: size of the picture [px].
         focal_px: focal length [px].
     """
 
@@ -87,7 +87,7 @@ class RotatedCurves:
         self._near = np.stack([points, points + normals * _OFFSET])  # [2, ..., K, 2]
 
     def __getitem__(self, index: np.ndarray) -> RotatedCurves:
-        """Some of the curves, in the shape of the index."""
+        """Returns a selection of the curves, in the shape of the index."""
         return RotatedCurves(self.points[index], self.height, self.width, self.focal_px)
 
     def undone(
@@ -99,9 +99,9 @@ class RotatedCurves:
             rotations: u = (row + 1/2) / rows [...] -> rotation vectors [..., 3] [rad].
 
         Returns:
-            Rectified points [..., K, 2], and their distances to the least-squares lines of their curves [..., K],
-            both [px]. Distances are those in the picture as it is (to first order), so that nothing is gained by
-            squeezing or shearing the rectified one.
+            Rectified points [..., K, 2], and their distances from the least-squares lines of their curves [..., K],
+            both [px]. Distances are in the original picture (to first order), so that squeezing or shearing the
+            rectified one has no advantage.
         """
         col, row = self._near[..., 0], self._near[..., 1]
         undo = rotation_matrix(rotations((row + 0.5) / self.height)).swapaxes(-1, -2)
@@ -114,10 +114,10 @@ class RotatedCurves:
 
 
 def link(segments: Float[np.ndarray, "segments 4"]) -> list[list[int]]:
-    """Chains of segments that continue each other end to end, each segment in one chain.
+    """Links segments that continue each other end to end into chains, each segment in one chain.
 
-    Two are linked where each is the best continuation of the other: bright side on the same side (LSD orders end
-    points by it), barely turned, barely aside, close. The nearest win.
+    Two are linked if each is the best continuation of the other: bright side on the same side (LSD orders end points
+    by it), similar direction, small lateral offset, small gap. The nearest win.
 
     Args:
         segments: [N, 4] end points (col1, row1, col2, row2) [px].
@@ -134,7 +134,7 @@ def link(segments: Float[np.ndarray, "segments 4"]) -> list[list[int]]:
     gap = start[None] - end[:, None]  # [from, to, 2]
     distance = np.linalg.norm(gap, axis=2)
     aside = np.maximum(np.abs(_cross(along[:, None], gap)), np.abs(_cross(along[None], gap)))
-    forward = np.minimum(_dot(along[:, None], gap), _dot(along[None], gap))  # negative where they overlap
+    forward = np.minimum(_dot(along[:, None], gap), _dot(along[None], gap))  # negative if they overlap
     allowed = np.maximum(_WIDEST_GAP * np.minimum(length[:, None], length[None]), _LEAST_GAP)
     fits = (_dot(along[:, None], along[None]) > np.cos(_WIDEST_TURN)) & (aside < _FARTHEST_ASIDE)
     fits &= (distance < allowed) & (forward > -_LEAST_GAP) & ~np.eye(len(segments), dtype=bool)
@@ -149,7 +149,7 @@ def link(segments: Float[np.ndarray, "segments 4"]) -> list[list[int]]:
 def _chains(follows: dict[int, int], count: int) -> list[list[int]]:
     heads = [i for i in range(count) if i not in set(follows.values())]
     chains, linked = [], set()
-    for first in [*heads, *range(count)]:  # a closed ring has no head: it is opened anywhere
+    for first in [*heads, *range(count)]:  # a closed ring has no head and is opened anywhere
         chain = []
         while first not in linked:
             linked.add(first)
@@ -161,7 +161,7 @@ def _chains(follows: dict[int, int], count: int) -> list[list[int]]:
 
 
 def _edge_points(smooth: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """Points of the edge near a chain of segments [S, 4], where brightness changes fastest across it -> [M, 2]."""
+    """Returns points [M, 2] on the edge near a chain of segments [S, 4], where brightness changes fastest across it."""
     samples, normals = [], []
     for col1, row1, col2, row2 in segments:
         length = max(np.hypot(col2 - col1, row2 - row1), 1e-9)
@@ -174,7 +174,7 @@ def _edge_points(smooth: np.ndarray, segments: np.ndarray) -> np.ndarray:
     profile = cv2.remap(smooth, looked_at[..., 0], looked_at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     step = _ASIDE[1] - _ASIDE[0]
     slope = (profile[:, 2:] - profile[:, :-2]).astype(np.float64) / (2 * step)
-    slope = slope * np.sign(slope.sum(axis=0)[len(_ASIDE) // 2 - 1] or 1.0)  # one side is bright all along
+    slope = slope * np.sign(slope.sum(axis=0)[len(_ASIDE) // 2 - 1] or 1.0)  # the same side is bright throughout
     peak = slope.argmax(axis=1)
     index = np.arange(len(peak))
     edge = (slope[index, peak] > _FAINTEST) & (peak > 0) & (peak < slope.shape[1] - 1)
@@ -187,7 +187,7 @@ def _edge_points(smooth: np.ndarray, segments: np.ndarray) -> np.ndarray:
 
 
 def _even_points(points: np.ndarray) -> np.ndarray:
-    """POINTS points along a curve [M, 2], each the mean of what lies near it; ends as they are."""
+    """Returns POINTS points along a curve [M, 2], each the mean of the nearby ones; ends are kept."""
     middle = points.mean(axis=0)
     direction = np.linalg.svd(points - middle, full_matrices=False)[2][0]
     along = (points - middle) @ direction

@@ -1,7 +1,8 @@
 """kandula2020: the paper's network (ONNX) on a square of 256 px -> row motion, and the row map of its row block.
 
 Columns beyond the square (wide photos) get the row map's residual at its border.
-Trained by ``unshutter_lab.training``; the model card next to the weights says how.
+
+Trained by ``unshutter_lab.training``; the model card next to the weights describes how.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class Kandula2020(Estimator):
         self._network = open_network(self.name, weights, ["rs"], "motion")
 
     def estimate(self, view: View) -> Motion:
-        """Cubic t_x and r_z with the row map, enlarged to the photo; first row as the reference."""
+        """Returns cubic t_x and r_z with the row map, enlarged to the photo; first row as the reference."""
         trajectory, row_map = self._answer(view)
         motion = motion_of_square(view, np.arange(SIZE), trajectory, self.name)
         if row_map is None:
@@ -46,6 +47,6 @@ class Kandula2020(Estimator):
         return mapped.rereferenced("first")
 
     def _answer(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
-        """What the network says: trajectory [2, 256] (t_x [px of 256], r_z [rad]) and row map [256, 256], if any."""
+        """Returns the network's trajectory [2, 256] (t_x [px of 256], r_z [rad]) and row map [256, 256], if any."""
         trajectory, *row_map = self._network.answers({"rs": square_of(view)}, (1, 2, SIZE), (1, SIZE, SIZE))
         return trajectory[0], row_map[0][0] if row_map else None

@@ -1,9 +1,9 @@
-"""lao2018: curves that were straight lines -> one angular velocity for the whole picture.
+"""lao2018: estimates one angular velocity for the whole picture from curves that were straight lines.
 
 After Lao, Ait-Aider, "A Robust Method for Strong Rolling Shutter Effects Correction Using Lines with Automatic Feature
-Selection" (CVPR 2018): a camera that turns at a constant rate bends lines in a way that four of them tell; curves that
-are not lines of the scene are sorted out by random samples of four. Only the abstract was at hand: the solver, the
-thresholds and the refinement are chosen here and stated in docs/research/rivals.
+Selection" (CVPR 2018): a camera that rotates at a constant rate bends lines in a way determined by four of them; curves
+that are not lines of the scene are rejected by random samples of four. Only the abstract was available: the solver,
+the thresholds and the refinement are our choices, stated in docs/research/rivals.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from unshutter.motion import Motion
 from unshutter_lab.methods.curves import RotatedCurves, curve_length, find_curves
 from unshutter_lab.methods.least_squares import cauchy, forward_differences, minimise, squared
 
-SHORT_SIDE = 512  # of the grey copy in which curves are found [px]
-SHORTEST = 0.1  # of the short side: short curves show no bend
+SHORT_SIDE = 512  # of the grey copy in which curves are detected [px]
+SHORTEST = 0.1  # of the short side: short curves have no measurable bend
 MOST_CURVES = 150
 FEWEST_CURVES = 4
 SAMPLES = 200
-SAMPLE_STEPS = 6  # of Gauss and Newton on each sample
-SAMPLE_PX = 0.2  # error of a point in a sample, against which the motion's size is weighed
+SAMPLE_STEPS = 6  # Gauss-Newton steps on each sample
+SAMPLE_PX = 0.2  # error of a point in a sample, relative to the prior of the motion
 INLIER_PX = 0.5  # root mean square distance of a straight curve from its line [px]
-MOTION_SIGMAS = np.array([0.02, 0.02, 0.15])  # rad over the rows about x, y (which curves hardly show) and z
-LINE_SPREADS = 10.0  # of the distances' median: scale of their cost; high, as neighbouring points err alike
+MOTION_SIGMAS = np.array([0.02, 0.02, 0.15])  # rad over the rows about x, y (barely visible in curves) and z
+LINE_SPREADS = 10.0  # scale of the cost, in median distances; high, as neighbouring points' errors are correlated
 LEAST_SPREAD = 1e-4  # px
 SEED = 0
 
 
 class Lao2018(Estimator):
-    """Random samples of four curves, then all that agree."""
+    """Random samples of four curves, followed by a fit to all inliers."""
 
     def estimate(self, view: View) -> Motion:
-        """Uniform rotation; no motion and a reason where fewer than four curves were found or agree."""
+        """Returns uniform rotation; zero motion with a reason if fewer than four curves are found or agree."""
         grey = view.grey(SHORT_SIDE)
         curves = find_curves(grey, SHORTEST * min(grey.shape))[:MOST_CURVES]
         if len(curves) < FEWEST_CURVES:
@@ -46,38 +46,38 @@ class Lao2018(Estimator):
 
 
 def fit_velocity(curves: np.ndarray, height: int, width: int, focal_px: float) -> np.ndarray | None:
-    """Angular velocity [3] about x, y, z [rad from the first row's start to the last's end]; None where none fits.
+    """Returns the angular velocity [3] about x, y, z [rad per readout of all rows], or None if none fits.
 
     Args:
         curves: [C, K, 2] points (col, row) [px].
-        height, width: of the picture [px].
+        height, width: size of the picture [px].
         focal_px: focal length [px].
     """
     bends = _Bends(RotatedCurves(curves, height, width, focal_px))
     rng = np.random.default_rng(SEED)
     samples = np.stack([rng.permutation(len(curves))[:FEWEST_CURVES] for _ in range(SAMPLES)])
-    solved = np.concatenate([np.zeros((1, 3)), bends.solve(samples)])  # no motion at all is an answer, too
+    solved = np.concatenate([np.zeros((1, 3)), bends.solve(samples)])  # zero motion is a candidate too
     best = solved[int(np.argmin([bends.cost(v) for v in solved]))]
     straight = np.flatnonzero(bends.spread(best) < INLIER_PX)
     return bends[straight].refine(best) if len(straight) >= FEWEST_CURVES else None
 
 
 class _Bends:
-    """How bent curves are left by an angular velocity."""
+    """The remaining bends of curves as a function of angular velocity."""
 
     def __init__(self, curves: RotatedCurves):
         self._curves, self._length = curves, curve_length(curves.points)
 
     def __getitem__(self, index: np.ndarray) -> _Bends:
-        """Some of the curves, in the shape of the index."""
+        """Returns a selection of the curves, in the shape of the index."""
         return _Bends(self._curves[index])
 
     def __call__(self, velocity: np.ndarray) -> np.ndarray:
-        """Distances [..., C, K] of the points of curves [..., C] to their lines under velocities [..., 3] [px]."""
+        """Returns distances [..., C, K] of curves' points [..., C] from their lines for velocities [..., 3] [px]."""
         return self._curves.undone(lambda u: u[..., None] * velocity[..., None, None, :])[1]
 
     def solve(self, samples: np.ndarray) -> np.ndarray:
-        """Velocities [S, 3] of samples [S, 4] of curves: least squares from no motion; NaN where that runs away."""
+        """Returns velocities [S, 3] for samples [S, 4] of curves: least squares from zero motion; NaN if diverging."""
         sampled, theta = self[samples], np.zeros((len(samples), 3))
         prior_precision = (SAMPLE_PX / MOTION_SIGMAS) ** 2
 
@@ -94,16 +94,16 @@ class _Bends:
         return theta
 
     def spread(self, velocity: np.ndarray) -> np.ndarray:
-        """Root mean square distance of each curve from its line [C] [px]."""
+        """Returns the root mean square distance of each curve from its line [C] [px]."""
         return np.sqrt((self(velocity) ** 2).mean(axis=-1))
 
     def cost(self, velocity: np.ndarray) -> float:
-        """MSAC cost: squared spreads, bounded, long curves counting more."""
-        bounded = np.fmin(self.spread(velocity) / INLIER_PX, 1.0) ** 2  # fmin: a sample that ran away counts as bad
+        """Returns the MSAC cost: squared spreads, bounded, weighted by length."""
+        bounded = np.fmin(self.spread(velocity) / INLIER_PX, 1.0) ** 2  # fmin: a sample that diverged counts as bad
         return float((bounded * self._length).sum())
 
     def refine(self, velocity: np.ndarray) -> np.ndarray:
-        """The velocity [3] that fits all curves best; the scale follows what is left."""
+        """Returns the velocity [3] that best fits all curves; the scale adapts to the residuals."""
         for _ in range(10):
             sigma = max(LINE_SPREADS * float(np.median(np.abs(self(velocity)))), LEAST_SPREAD)
             last = velocity
@@ -116,6 +116,6 @@ class _Bends:
 
 
 def _loss(r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Squares for the motion, Cauchy's for distances."""
+    """Squared loss for the motion, Cauchy loss for distances."""
     (motion_cost, motion_weight), (line_cost, line_weight) = squared(r[:3]), cauchy(r[3:])
     return np.concatenate([motion_cost, line_cost]), np.concatenate([motion_weight, line_weight])

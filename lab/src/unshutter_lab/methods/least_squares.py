@@ -1,4 +1,4 @@
-"""Robust non-linear least squares for a handful of unknowns (Levenberg-Marquardt with reweighting)."""
+"""Robust non-linear least squares for a few unknowns (Levenberg-Marquardt with reweighting)."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ Loss = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def squared(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
-    """r^2: nothing is an outlier."""
+    """Squared loss r^2: nothing is treated as an outlier."""
     return r * r, np.ones_like(r)
 
 
 def cauchy(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
-    """log(1 + r^2): outliers pull less the farther they are."""
+    """Cauchy loss log(1 + r^2): the influence of outliers decreases with distance."""
     return np.log1p(r * r), 1 / (1 + r * r)
 
 
 def geman_mcclure(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
-    """r^2 / (1 + r^2): outliers stop pulling."""
+    """Geman-McClure loss r^2 / (1 + r^2): outliers lose all influence."""
     return r * r / (1 + r * r), 1 / (1 + r * r) ** 2
 
 
@@ -37,15 +37,15 @@ def minimise(
     steps: int = 50,
     tolerance: float = 1e-10,
 ) -> tuple[Float[np.ndarray, "unknowns"], float]:
-    """Unknowns that make the sum of the residuals' costs least, near a start; never worse than the start.
+    """Minimises the summed costs of the residuals, near a start; never worse than the start.
 
     Args:
-        residuals: unknowns [P] -> residuals [N], each divided by what it is expected to be. Where they are not
-            finite a step is not taken.
-        start: [P], of unknowns of the order of 1 or less.
+        residuals: unknowns [P] -> residuals [N], each divided by its expected size. Steps to non-finite residuals are
+            rejected.
+        start: [P], unknowns of the order of 1 or less.
         loss: cost of a residual.
-        steps: at most.
-        tolerance: stop when a step gains less than this share of the cost, and moves less than this.
+        steps: maximum number of steps.
+        tolerance: stop when a step gains less than this share of the cost, and moves less than its square root.
 
     Returns:
         Unknowns [P], and their cost.
@@ -82,13 +82,13 @@ def forward_differences(
     r: Float[np.ndarray, "*at residuals"],
     steps: Float[np.ndarray, "unknowns"],
 ) -> Float[np.ndarray, "*at residuals unknowns"]:
-    """The Jacobian dr/dx, to the first order of the steps.
+    """Returns the Jacobian dr/dx, to first order in the steps.
 
     Args:
         residuals: unknowns [..., P] -> residuals [..., N].
-        x: where.
+        x: the unknowns at which to differentiate.
         r: residuals at x.
-        steps: [P] by which each unknown is changed.
+        steps: [P] change of each unknown.
 
     Returns:
         [..., N, P].

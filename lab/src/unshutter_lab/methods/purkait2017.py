@@ -1,9 +1,9 @@
-"""purkait2017: segments of a Manhattan world -> one rate of rotation about the viewing direction.
+"""purkait2017: estimates one rate of rotation about the viewing direction from segments of a Manhattan world.
 
-After Purkait, Zach, Leonardis, "Rolling Shutter Correction in Manhattan World" (ICCV 2017): with positions divided by
-the focal length and counted from the picture's centre, p' = p + y [0, 0, c]_x p undoes a rotation whose rate is c, to
-first order. Segments then point to three orthogonal vanishing points; four segments give these and c. Solver and
-refinement are our own; the numbers are those of the authors' demo.
+After Purkait, Zach, Leonardis, "Rolling Shutter Correction in Manhattan World" (ICCV 2017): with positions relative to
+the picture's centre and divided by the focal length, p' = p + y [0, 0, c]_x p undoes a rotation of rate c, to first
+order. Segments then point to three orthogonal vanishing points; four segments determine these and c. Solver and
+refinement are our own; the constants are those of the authors' demo.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from unshutter.geometry.rotations import rotation_matrix
 from unshutter.motion import Motion
 from unshutter_lab.methods.least_squares import geman_mcclure, minimise
 
-SHORT_SIDE = 512  # of the grey copy in which segments are found [px]
+SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]
 SHORTEST_PX = 15.0
-FEWEST_SEGMENTS = 8  # twice what the solver needs
+FEWEST_SEGMENTS = 8  # twice the number the solver needs
 INLIER = 0.005  # of (vanishing point . normal)^2
-FEWEST_INLIERS = 0.75  # share of the segments; below, nothing is done
+FEWEST_INLIERS = 0.75  # share of the segments; with fewer, nothing is undone
 LARGEST_RATE = 1.0
 SAMPLES = 500
-BATCH = 50  # samples between looks at whether enough were drawn
+BATCH = 50  # samples between checks of whether enough were drawn
 CONFIDENCE = 0.999
 SEED = 0
 
 
 class Purkait2017(Estimator):
-    """MSAC over samples of four segments, then a refinement on all that agree."""
+    """MSAC over samples of four segments, followed by a refinement on all inliers."""
 
     def estimate(self, view: View) -> Motion:
-        """Uniform rotation about z; no motion and a reason below eight segments or 75 % of inliers."""
+        """Returns uniform rotation about z; zero motion with a reason below eight segments or 75 % inliers."""
         grey = view.grey(SHORT_SIDE)
         height, width = grey.shape
         segments = find_segments(grey)
@@ -54,13 +54,13 @@ class Purkait2017(Estimator):
 
 
 def fit_rate(segments: np.ndarray) -> tuple[float, float] | None:
-    """Rate c and the share of segments that fit it.
+    """Returns the rate c and the share of segments that fit it.
 
     Args:
         segments: [N, 4] end points (x1, y1, x2, y2), divided by the focal length, from the picture's centre.
 
     Returns:
-        (c [rad per focal length of rows], share 0 ... 1); None where no sample has a solution.
+        (c [rad per focal length of rows], share 0 ... 1); None if no sample has a solution.
     """
     normals = line_polynomials(segments)
     rng = np.random.default_rng(SEED)
@@ -87,7 +87,7 @@ def fit_rate(segments: np.ndarray) -> tuple[float, float] | None:
 def line_polynomials(segments: np.ndarray) -> np.ndarray:
     """Normals of the segments' planes after rectification with c: coefficients [N, 3 (c^0, c^1, c^2), 3 (x, y, z)].
 
-    The end points are p + c y (-y, x, 0); the normal is the cross product of two.
+    The end points are p + c y (-y, x, 0); the normal is the cross product of the two.
     """
     one, two = (np.stack([x, y, np.ones_like(x)], axis=-1) for x, y in (segments[:, :2].T, segments[:, 2:].T))
     turn_one, turn_two = (p[:, 1:2] * np.stack([-p[:, 1], p[:, 0], 0 * p[:, 0]], axis=-1) for p in (one, two))
@@ -96,11 +96,11 @@ def line_polynomials(segments: np.ndarray) -> np.ndarray:
 
 
 def solve_four(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rates and vanishing points that four segments fit exactly, two ways of sharing them out.
+    """Returns rates and vanishing points that four segments fit exactly, for two ways of assigning the segments.
 
     With v1 the cross product of the first two normals: two, one, one, where the other vanishing points n3 x v1 and
     n4 x v1 must be orthogonal: (n3 . n4)(v1 . v1) = (n3 . v1)(n4 . v1), degree 12 in c; and two, two, where v1 and
-    n3 x n4 must be: degree 8.
+    n3 x n4 must be orthogonal: degree 8.
 
     Args:
         normals: [S, 4, 3, 3] of :func:`line_polynomials`.
@@ -121,7 +121,7 @@ def solve_four(normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _at_roots(polynomials: np.ndarray, normals: np.ndarray, second: Callable) -> tuple[np.ndarray, np.ndarray]:
-    """Rates and vanishing points at the roots; ``second`` makes the second point of the normals and the first."""
+    """Returns rates and vanishing points at the roots; ``second`` computes the second point from normals and first."""
     sample, c = _real_roots(polynomials)
     at_c = np.einsum("snkx,sk->snx", normals[sample], c[:, None] ** np.arange(3))
     first = _unit(np.cross(at_c[:, 0], at_c[:, 1]))
@@ -136,7 +136,7 @@ def _real_roots(polynomials: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     scale = np.abs(polynomials).max(axis=1, keepdims=True)
     p = polynomials / np.where(scale > 0, scale, 1.0)
     degree = p.shape[1] - 1
-    # in 1 / c: the constant term leads, which vanishes only where c = 0 is a root
+    # in 1 / c: the constant term leads, which vanishes only if c = 0 is a root
     lead = np.where(np.abs(p[:, :1]) > 1e-14, p[:, :1], 1e-14)
     companion = np.zeros((len(p), degree, degree))
     companion[:, 0] = -p[:, 1:] / lead
@@ -147,7 +147,7 @@ def _real_roots(polynomials: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     real = (np.abs(c.imag) < 1e-6 * (1 + np.abs(c))) & (np.abs(c) < LARGEST_RATE)
     sample, which = np.nonzero(real)
     root = c.real[sample, which]
-    for _ in range(3):  # Newton's method, to the last digits
+    for _ in range(3):  # Newton's method, to full precision
         powers = root[:, None] ** np.arange(degree + 1)
         value = (p[sample] * powers).sum(axis=1)
         slope = (p[sample, 1:] * powers[:, :-1] * np.arange(1, degree + 1)).sum(axis=1)
@@ -169,7 +169,7 @@ def _costs(normals: np.ndarray, rates: np.ndarray, frames: np.ndarray) -> np.nda
 
 
 def _refined(normals: np.ndarray, rate: float, frame: np.ndarray) -> tuple[float, np.ndarray]:
-    """Rate and vanishing points from all segments, each with its nearest point; far ones stop pulling."""
+    """Refines rate and vanishing points with all segments, each assigned to its nearest point; robust to outliers."""
     scale = np.sqrt(INLIER)
 
     def turned(x: np.ndarray) -> np.ndarray:
@@ -200,7 +200,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _dot(a: np.ndarray, b: np.ndarray, *and_times: np.ndarray) -> np.ndarray:
-    """Scalar product of two vectors of polynomials, times that of two more."""
+    """Scalar product of two vectors of polynomials, optionally times that of two more."""
     product = _times(a, b).sum(axis=-1)
     return _times(product, _dot(*and_times)) if and_times else product
 

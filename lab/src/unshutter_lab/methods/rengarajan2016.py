@@ -1,8 +1,8 @@
-"""rengarajan2016: curves that were straight lines -> polynomial rotations about three axes.
+"""rengarajan2016: estimates polynomial rotations about three axes from curves that were straight lines.
 
 After Rengarajan, Rajagopalan, Aravind, "From Bows to Arrows" (CVPR 2016): rotations that make the curves straight, the
-near-vertical ones vertical and the near-horizontal ones horizontal, and keep the curves' vertical extents. What the
-text leaves open (detector, degree, thresholds, optimiser) is chosen here and stated in docs/research/rivals.
+near-vertical ones vertical and the near-horizontal ones horizontal, and preserve the curves' vertical extents. What the
+text leaves open (detector, degree, thresholds, optimiser) is our choice, stated in docs/research/rivals.
 """
 
 from __future__ import annotations
@@ -14,30 +14,30 @@ from unshutter.motion import Motion
 from unshutter_lab.methods.curves import RotatedCurves, curve_length, find_curves, principal_lines
 from unshutter_lab.methods.least_squares import cauchy, geman_mcclure, minimise
 
-SHORT_SIDE = 512  # of the grey copy in which curves are found [px]
+SHORT_SIDE = 512  # of the grey copy in which curves are detected [px]
 SHORTEST = 0.05  # of the short side: length of a prominent curve
 MOST_CURVES = 250
 FEWEST_CURVES = 6
 DEGREE = 3  # of the polynomials in the row
 NEAR = np.radians(25)  # a curve within this of the vertical or the horizontal belongs to that class
-# Scales: what a cost of 1 is. From coarse to fine, those of lines and angles come to follow the picture's own spread,
-# so that the terms that only hold back what curves do not show (lengths, size of the motion) vanish where curves are
-# exact. A stage shrinks them by no more than SHRINKAGE, or the fit would creep along a narrow valley.
-LINE_SPREADS, COARSEST_LINE = 20.0, 5.0  # of the median distance (high, as neighbouring points err alike); px
+# Scales: the residual with a cost of 1. From coarse to fine, those of lines and angles approach the picture's own
+# spread, so that the regularising terms for what curves do not determine (lengths, size of the motion) vanish if
+# curves are exact. A stage shrinks them by no more than SHRINKAGE, or the fit would creep along a narrow valley.
+LINE_SPREADS, COARSEST_LINE = 20.0, 5.0  # of the median distance (high: neighbouring points' errors are correlated); px
 ANGLE_SPREADS, COARSEST_ANGLE = 2.0, np.radians(8.0)  # of the median angle; rad
 SHRINKAGE = 0.5
 LEAST_SPREAD = 1e-4  # px, rad
 STAGES = 20
-LENGTH_BOUND = 0.02  # root mean square of the relative change of vertical extents; beyond it a cost,
+LENGTH_BOUND = 0.02  # root mean square of the relative change of vertical extents; above it, a cost
 LENGTH_SIGMA = 0.01  # with this scale
-MOTION_SIGMAS = np.array([0.005, 0.15, 0.1])  # rad; of the coefficients about x (which curves hardly show), y and z
+MOTION_SIGMAS = np.array([0.005, 0.15, 0.1])  # rad; of the coefficients about x (barely visible in curves), y and z
 
 
 class Rengarajan2016(Estimator):
     """Minimises line cost + angle cost + length cost, the Lagrangian form of the method's constrained problem."""
 
     def estimate(self, view: View) -> Motion:
-        """Polynomial rotations; no motion and a reason where too few curves were found."""
+        """Returns polynomial rotations; zero motion with a reason if there are too few curves."""
         grey = view.grey(SHORT_SIDE)
         curves = find_curves(grey, SHORTEST * min(grey.shape))[:MOST_CURVES]
         if len(curves) < FEWEST_CURVES:
@@ -52,19 +52,19 @@ class Rengarajan2016(Estimator):
 
 
 def polynomial_rotations(coefficients: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Rotation vectors [..., 3] at u [...]: the sum of coefficients [D, 3] times u^1 ... u^D [rad]."""
+    """Returns rotation vectors [..., 3] at u [...]: the sum of coefficients [D, 3] times u^1 ... u^D [rad]."""
     return np.stack([u ** (k + 1) for k in range(len(coefficients))], axis=-1) @ coefficients
 
 
 def fit_rotations(curves: np.ndarray, height: int, width: int, focal_px: float) -> np.ndarray | None:
-    """Coefficients [DEGREE, 3] of the rotations [rad] that rectify the curves; None where no curve has a known class.
+    """Returns coefficients [DEGREE, 3] of the rotations [rad] that rectify the curves; None if no class is known.
 
-    The costs are minimised in stages: the angles' scale shrinks, so that curves that only happen to be near-vertical
-    or near-horizontal lose their say.
+    The costs are minimised in stages: the angles' scale shrinks, so that curves that are near-vertical or
+    near-horizontal only by chance lose their influence.
 
     Args:
         curves: [C, K, 2] points (col, row) [px].
-        height, width: of the picture [px].
+        height, width: size of the picture [px].
         focal_px: focal length [px].
     """
     costs = _Costs(curves, height, width, focal_px)
@@ -90,7 +90,7 @@ class _Costs:
         self._line_sigma, self._angle_sigma = COARSEST_LINE, COARSEST_ANGLE
 
     def shrink_scales(self, coefficients: np.ndarray) -> bool:
-        """Brings the scales nearer to the spread that these coefficients leave; whether that changes much."""
+        """Moves the scales towards the spread of the current residuals; returns whether that changes them much."""
         bends, angles, _ = self._terms(coefficients)
         before = self._line_sigma, self._angle_sigma
         spreads = LINE_SPREADS * np.median(np.abs(bends)), ANGLE_SPREADS * np.median(np.abs(angles))
@@ -101,14 +101,14 @@ class _Costs:
         return self._line_sigma < 0.9 * before[0] or self._angle_sigma < 0.9 * before[1]
 
     def residuals(self, coefficients: np.ndarray) -> np.ndarray:
-        """Each term over its scale: distances to lines, angles to the class's direction, lengths, coefficients."""
+        """Each term divided by its scale: distances from lines, angles to the class's direction, lengths, motion."""
         bends, angles, stretch = self._terms(coefficients)
         excess = max(float(np.sqrt((stretch**2).mean())) - LENGTH_BOUND, 0.0) if stretch.size else 0.0
         held_back = np.append(coefficients.reshape(DEGREE, 3) / MOTION_SIGMAS, excess / LENGTH_SIGMA)
         return np.concatenate([bends.ravel() / self._line_sigma, angles / self._angle_sigma, held_back])
 
     def loss(self, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Cauchy's for lines, Geman and McClure's for angles (weighted by length), squares for the rest."""
+        """Cauchy loss for lines, Geman-McClure loss for angles (weighted by length), squared loss for the rest."""
         bends, angles, held_back = np.split(r, np.cumsum([self._curves.points[..., 0].size, len(self._certainty)]))
         (bend_cost, bend_weight), (angle_cost, angle_weight) = cauchy(bends), geman_mcclure(angles)
         cost = [bend_cost, self._certainty * angle_cost, held_back**2]
@@ -127,5 +127,5 @@ class _Costs:
 
 
 def _extent(points: np.ndarray) -> np.ndarray:
-    """Rows that curves [C, K, 2] extend over [px]."""
+    """Number of rows that curves [C, K, 2] span [px]."""
     return np.abs(points[:, -1, 1] - points[:, 0, 1])

@@ -1,6 +1,6 @@
 """rengarajan2017: either network of the predecessor (ONNX) on a square of 256 px -> 15 key rows -> quadratic motion.
 
-Trained by ``unshutter_lab.training``; the model cards next to the weights say how, and how they were made small.
+Trained by ``unshutter_lab.training``; the model cards next to the weights describe how, and how they were compressed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Rengarajan2017(Estimator):
         self._network = open_network(self.name, weights, ["rs"], "key_rows")
 
     def estimate(self, view: View) -> Motion:
-        """Quadratic t_x and r_z through the key rows, first row as the reference."""
+        """Returns quadratic t_x and r_z through the key rows, first row as the reference."""
         key_rows = self._network.answers({"rs": square_of(view)}, (1, 2, len(KEY_ROWS)))[0][0]
         motion = motion_of_square(view, KEY_ROWS, key_rows, self.name, degree=2)
         return motion.rereferenced("first")

@@ -1,6 +1,6 @@
-"""The square of 256 px in a photo's middle, which networks on pixels see, and the photo's motion from the square's.
+"""The central square of 256 px that pixel-based networks see, and the photo's motion derived from the square's.
 
-Rows beyond it (tall photos) get the motion that goes on with the last slope.
+Rows beyond it (tall photos) get the motion extrapolated by the last slope.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ SIZE = 256  # px of the square
 
 
 def square_of(view: View) -> np.ndarray:
-    """The largest square in the middle of the readout frame: float32 [1, 3, 256, 256], RGB in 0 ... 1."""
+    """Returns the largest central square of the readout frame: float32 [1, 3, 256, 256], RGB in 0 ... 1."""
     import cv2
 
     pixels = view.readout.turn(view.photo.to_array())
@@ -30,14 +30,14 @@ def square_of(view: View) -> np.ndarray:
 def motion_of_square(
     view: View, rows: np.ndarray, samples: np.ndarray, estimator: str, degree: int | None = None
 ) -> Motion:
-    """Motion of the whole photo from samples [2, N] (t_x [px of 256], r_z [rad]) at rows [N] of its square.
+    """Returns the motion of the whole photo from samples [2, N] (t_x [px of 256], r_z [rad]) at rows [N] of its square.
 
     Args:
         view: the photo.
         rows: increasing, of 256.
         samples: motion at these rows.
-        estimator: name of what found them.
-        degree: of the polynomial to fit; None: straight lines between the samples.
+        estimator: name of the estimator.
+        degree: degree of the polynomial to fit; None for linear interpolation between the samples.
     """
     scale = side_of(view) / SIZE
     at = (rows + 0.5) * scale - 0.5 + corner_of(view)[1]
@@ -55,7 +55,7 @@ def motion_of_square(
 
 
 def side_of(view: View) -> int:
-    """Rows and columns of the photo that the square shows [px]."""
+    """Number of rows and columns of the photo within the square [px]."""
     return min(view.height, view.width)
 
 

@@ -1,1 +1,1 @@
-"""Pictures with known motion, made from undistorted photos for training and measuring."""
+"""Synthesises pictures with known motion from undistorted photos, for training and evaluation."""

@@ -11,7 +11,7 @@ from unshutter_lab.synthesis.options import Synthesize
 
 
 def synthesize_files(photos: list[Path], output: Path, pictures: Synthesize) -> int:
-    """Makes rolling-shutter pictures from photos; returns the exit code."""
+    """Synthesises rolling-shutter pictures from photos; returns the exit code."""
     from unshutter_lab.synthesis.pair_folder import synthesize_folder
 
     inputs = find_photos(photos, leave_out=output)

@@ -1,6 +1,6 @@
-"""``unshutter synthesize --video``: a photo seen by a camera that turns as a recorded one did, as two films.
+"""``unshutter synthesize --video``: a photo seen by a camera rotating as recorded, as two films.
 
-One is as a rolling shutter takes it, the other as a global shutter at the moments of the middle rows. Both have sound.
+One is taken with a rolling shutter, the other with a global shutter at the times of the middle rows. Both have sound.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from unshutter_lab.synthesis.sequences import TurningCamera
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import UInt8
 
-_SHAKE_S = 0.03  # motion-capture logs jitter from sample to sample by more than a hand does
-_SOUND = 48_000  # samples a second
+_SHAKE_S = 0.03  # motion-capture logs have more jitter between samples than a hand
+_SOUND = 48_000  # samples per second
 _TONE = 440  # Hz
 
 
 class Instants(TurningCamera):
-    """A camera that reads out in an instant, at the moments of the middle rows."""
+    """A camera that reads out instantaneously, at the times of the middle rows."""
 
     readout_before: float
 
     @classmethod
     def of(cls, camera: TurningCamera) -> Instants:
-        """Of a camera with a readout."""
+        """Derives it from a camera with a readout time."""
         size = (camera.height, camera.width, camera.focal_px)
         instants = cls.__new__(cls)
         object.__setattr__(instants, "readout_before", camera.readout_ratio)
@@ -44,22 +44,22 @@ class Instants(TurningCamera):
         return instants
 
     def rotations(self, times: np.ndarray) -> np.ndarray:
-        """R at times [frame intervals] since the first rows'."""
+        """Returns R at times [frame intervals], delayed so that each frame is taken at its middle row's time."""
         return super().rotations(np.asarray(times) + self.readout_before / 2)
 
 
 def synthesize_clip(photo: Path, output: Path, pictures: Synthesize, clip: SynthesizeClip) -> None:
-    """Makes ``rs.mp4`` and ``gs.mp4`` in a new folder.
+    """Writes ``rs.mp4`` and ``gs.mp4`` to a new folder.
 
     Args:
-        photo: undistorted, of at least the frames' size as it should be.
+        photo: undistorted; preferably at least as large as the frames.
         output: the folder.
         pictures: seed, trajectory, readout time, focal length.
-        clip: size, length and rate.
+        clip: size, length and frame rate.
 
     Raises:
-        UsageError: no trajectory.
-        UnshutterError: the photo or the trajectory cannot be used, or the folder not be written.
+        UsageError: no trajectory is given.
+        UnshutterError: the photo or the trajectory cannot be used, or the folder is not writable.
     """
     if pictures.trajectory is None or pictures.readout_ms is None or pictures.focal_px is None:
         raise UsageError("--video needs --motion trajectory, with --trajectory, --readout-ms and --focal-px")
@@ -105,7 +105,7 @@ def _write(path: Path, frames: Iterable[UInt8[np.ndarray, "h w 3"]], camera: Tur
 
 
 def _tone(frame: int, fps: float) -> Any:
-    """The sound of one frame."""
+    """Returns the sound of one frame."""
     first, end = round(frame * _SOUND / fps), round((frame + 1) * _SOUND / fps)
     wave = 0.1 * np.sin(2 * np.pi * _TONE * np.arange(first, end) / _SOUND)
     sound = av().AudioFrame.from_ndarray(np.stack([wave, wave]).astype(np.float32), format="fltp", layout="stereo")

@@ -1,8 +1,8 @@
-"""Motion blur: a rolling-shutter picture whose lines were exposed for a while, as those of a camera are.
+"""Motion blur: rolling-shutter pictures whose lines have an exposure time, as in a real camera.
 
-A line is exposed from half the time before the moment that its motion is known for to half the time after. In this time
-the picture moves on with the velocity that its motion has at that line. The picture is distorted once for each of
-several moments of the exposure, and these are averaged in linear light (sRGB, IEC 61966-2-1), as a sensor does.
+The exposure of a line is centred on the time for which its motion is known. During the exposure the picture moves with
+the velocity of its motion at that line. The picture is distorted once for each of several moments of the exposure, and
+the results are averaged in linear light (sRGB, IEC 61966-2-1), as on a sensor.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ import numpy as np
 from unshutter.motion import Motion, RowMotion
 from unshutter.warp.pixels import distort_pixels
 
-_STEP_PX = 0.75  # between two moments, at most
+_STEP_PX = 0.75  # largest step between two moments
 _MOST_MOMENTS = 65
 
 
 def distorted(pixels: np.ndarray, motion: Motion, rows: float = 0.0) -> np.ndarray:
-    """The rolling-shutter picture of a global-shutter one, its lines exposed for as long as some rows take to be read.
+    """Returns the rolling-shutter picture of a global-shutter one, with an exposure given in rows of readout.
 
     Args:
         pixels: [H, W, bands], uint8 or uint16.
-        motion: of every row; the reference may be any.
-        rows: how many are read during an exposure; 0: no blur.
+        motion: motion of every row, with any reference row.
+        rows: number of rows read during an exposure; 0 for no blur.
     """
     if not rows or motion.height < 2:
         return distort_pixels(pixels, motion)
@@ -43,19 +43,19 @@ def distorted(pixels: np.ndarray, motion: Motion, rows: float = 0.0) -> np.ndarr
 
 
 def _moments(motion: Motion, velocities: tuple[np.ndarray, np.ndarray], rows: float) -> int:
-    """How many moments of an exposure are close enough to each other."""
+    """Returns how many moments of an exposure are needed for small enough steps."""
     reach = math.hypot(motion.width, motion.height) / 2
     fastest = (np.abs(velocities[0]) + np.abs(velocities[1]) * reach).max()
     return int(np.clip(math.ceil(fastest * rows / _STEP_PX), 1, _MOST_MOMENTS))
 
 
 def _linear_light(dtype: np.dtype) -> tuple[np.ndarray, int]:
-    """Linear light 0 ... 1 by pixel value, and the largest value."""
+    """Returns the linear light 0 ... 1 of each pixel value, and the largest value."""
     most = int(np.iinfo(dtype).max)
     value = np.arange(most + 1, dtype=np.float32) / most
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32), most
 
 
 def _encoded(light: np.ndarray) -> np.ndarray:
-    """Pixel values 0 ... 1 by linear light."""
+    """Converts linear light to pixel values 0 ... 1."""
     return np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)

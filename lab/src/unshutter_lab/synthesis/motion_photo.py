@@ -1,7 +1,7 @@
-"""Motion photos with known motion: a still and the film around it, of a camera that turns as a recorded one did.
+"""Motion photos with known motion: a still and the film around it, taken by a camera rotating as recorded.
 
-The still and the film have readout times and fields of view of their own. The film may be stabilised, as phones do it:
-its frames then follow a smooth path instead of the camera, with the rolling shutter undone or left in.
+The still and the film have their own readout times and fields of view. The film may be stabilised as in phones: its
+frames then follow a smooth path instead of the camera's, with the rolling shutter corrected or not.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SMOOTHED_S, _REACH, _SAMPLES = (
     0.35,
     3.0,
     25,
-)  # of a stabilised path: standard deviation, and how much of it is averaged
+)  # of a stabilised path: standard deviation, reach in standard deviations, and samples of the average
 _XMP = (
     '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
     '<rdf:Description rdf:about="" xmlns:GCamera="http://ns.google.com/photos/1.0/camera/" '
@@ -41,7 +41,7 @@ _XMP = (
 
 
 class Stabilisation(StrEnum):
-    """What a phone did to the film."""
+    """The stabilisation applied to the film."""
 
     NONE = "none"
     FRAMES = "frames"
@@ -53,12 +53,12 @@ class FilmedStill:
     """A still and its film.
 
     Attributes:
-        camera: of the film.
-        taken: when the first row of the still was exposed [frame intervals since the film's first row].
-        readout: of the still [frame intervals].
-        height, width: of the still [px].
-        focal_px: of the still [px].
-        stabilisation: what was done to the film.
+        camera: camera of the film.
+        taken: time at which the first row of the still was exposed [frame intervals since the film's first row].
+        readout: readout time of the still [frame intervals].
+        height, width: size of the still [px].
+        focal_px: focal length of the still [px].
+        stabilisation: stabilisation applied to the film.
         moving: whether the camera moved at all.
     """
 
@@ -72,24 +72,24 @@ class FilmedStill:
     moving: bool = True
 
     def motion(self) -> RotationMotion:
-        """The true motion of the still."""
+        """Returns the true motion of the still."""
         rotations = self._rotations(self._still_times())
         vectors = rotation_vector(rotations @ rotations[0].T)
         vectors[0] = 0.0
         return RotationMotion(width=self.width, rotations=vectors, focal_px=self.focal_px, estimator="drawn")
 
     def still(self, scene: UInt8[np.ndarray, "rows columns"], seed: int = 0) -> UInt8[np.ndarray, "height width"]:
-        """The still.
+        """Returns the still.
 
         Args:
-            scene: undistorted; it fills the still, and where the camera looks beyond it, it goes on mirrored.
-            seed: of the noise.
+            scene: undistorted; it fills the still, and is mirrored where the camera looks beyond it.
+            seed: seed of the noise.
         """
         rng = np.random.default_rng(seed)
         return _taken(scene, self._rotations(self._still_times()), self.width, self.focal_px, self._scale(scene), rng)
 
     def film(self, scene: UInt8[np.ndarray, "rows columns"], seed: int = 1) -> Iterator[np.ndarray]:
-        """The frames of its film, uint8 [height, width]."""
+        """Yields the frames of its film, uint8 [height, width]."""
         rng, camera = np.random.default_rng(seed), self.camera
         scale = self._scale(scene) * self.focal_px / camera.focal_px
         for frame in range(camera.frames):
@@ -97,7 +97,7 @@ class FilmedStill:
             yield _taken(scene, self._stabilised(frame, rows), camera.width, camera.focal_px, scale, rng)
 
     def motion_photo(self, scene: UInt8[np.ndarray, "rows columns"], quality: int = 92) -> bytes:
-        """A JPEG with the film behind it, as Google's phones write it."""
+        """Returns a JPEG followed by the film, as written by Google's phones."""
         import cv2
 
         film = _mp4(self.film(scene), self.camera.fps)
@@ -115,14 +115,14 @@ class FilmedStill:
         return min(scene.shape[0] / self.height, scene.shape[1] / self.width)
 
     def _rotations(self, times: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
-        """R at times [frame intervals], seen from the pose at which the still was taken."""
+        """Returns R at times [frame intervals], relative to the pose at which the still was taken."""
         if not self.moving:
             return np.repeat(np.eye(3)[None], len(times), axis=0)
         turned = self.camera.rotations(np.append(times, self.taken + self.readout / 2))
         return turned[:-1] @ turned[-1].T
 
     def _stabilised(self, frame: int, rows: np.ndarray) -> np.ndarray:
-        """[rows, 3, 3] the rotations of a frame's rows after what the phone did."""
+        """[rows, 3, 3] rotations of a frame's rows after stabilisation."""
         rotations = self._rotations(rows)
         if self.stabilisation is Stabilisation.NONE or not self.moving:
             return rotations
@@ -139,7 +139,7 @@ class FilmedStill:
 def _taken(
     scene: np.ndarray, rotations: np.ndarray, width: int, focal_px: float, scale: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """A picture whose rows see a scene from these rotations; ``scale`` px of the scene for one of it."""
+    """Returns a picture whose rows see a scene at these rotations; ``scale`` is px of the scene per picture px."""
     import cv2
 
     height, back = len(rotations), rotations.transpose(0, 2, 1)
@@ -147,7 +147,7 @@ def _taken(
     fixed = back[:, :, 1] * y[:, None] + back[:, :, 2] * focal_px
     direction = back[:, None, :, 0] * x[:, None] + fixed[:, None]
     at = direction[..., :2] / direction[..., 2:] * focal_px * scale + (np.array(scene.shape[1::-1]) - 1) / 2
-    if scale > 1.3:  # so that details do not alias
+    if scale > 1.3:  # avoids aliasing
         scene = cv2.GaussianBlur(scene, (0, 0), 0.4 * scale)
     at = at.astype(np.float32)
     picture = cv2.remap(scene, at[..., 0], at[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)

@@ -1,4 +1,4 @@
-"""How rolling-shutter pictures and clips are made."""
+"""Options for synthesising rolling-shutter pictures and clips."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ class Synthesize:
         per_photo: pictures made from each photo.
         seed: 0 or more.
         motion: ``quadratic`` or ``trajectory`` (synthesis/row_motions.py).
-        trajectory: NPZ file (synthesis/rotation_log.py); for ``trajectory`` only, which needs it and the next two.
-        readout_ms: time in which a picture is read out [ms]; needed by ``trajectory`` and by an exposure.
-        exposure_s: how long each row is exposed [s], which blurs it by the motion and is written into EXIF; None: for
-            no time.
+        trajectory: NPZ file (synthesis/rotation_log.py); for ``trajectory`` only, which also needs readout_ms and
+            focal_px.
+        readout_ms: readout time of a picture [ms]; needed by ``trajectory`` and by an exposure.
+        exposure_s: exposure time of each row [s], which blurs it by the motion and is written into EXIF; None for
+            no blur.
         focal_px: focal length [px of the finished picture].
         size: side of the finished pictures [px].
         canvas: side of the canvas [px].
 
     Raises:
-        UsageError: a number that cannot be, or options that do not fit together.
+        UsageError: a number is out of range, or options contradict each other.
     """
 
     per_photo: int = option(1, "Pictures made from each photo. Default: 1.")
@@ -76,7 +77,7 @@ class Synthesize:
 
     @property
     def exposure(self) -> float:
-        """How long a row is exposed, in times of the readout; 0 without an exposure."""
+        """Exposure time of a row, in readout times; 0 without an exposure."""
         if self.exposure_s is None or self.readout_ms is None:
             return 0.0
         return 1000 * self.exposure_s / self.readout_ms
@@ -87,13 +88,13 @@ class SynthesizeClip:
     """What kind of clip is made from a photo.
 
     Attributes:
-        video: whether one is made at all.
+        video: whether to make a clip.
         seconds: its length [s].
         fps: frames per second.
         frame: width and height, as ``1920x1080`` [px].
 
     Raises:
-        UsageError: numbers that cannot be.
+        UsageError: a number is out of range.
     """
 
     video: bool = option(False, "Make a clip with sound instead of pictures: rs.mp4, and the undistorted gs.mp4.")

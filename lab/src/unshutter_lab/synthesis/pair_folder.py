@@ -1,4 +1,4 @@
-"""Folders of pairs: rolling-shutter and global-shutter pictures, their motions, and a manifest of their making."""
+"""Folders of pairs: rolling-shutter and global-shutter pictures, their motions, and a manifest of their synthesis."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
 
 FORMAT = "unshutter-synthesis/1"
-# number generator -> motion
+# random number generator -> motion
 Draw = Callable[[np.random.Generator], DrawnMotion]
 
 
 def synthesize_folder(
     photos: list[Path], out: Path, settings: Synthesize | None = None, progress: Callable[[], None] | None = None
 ) -> list[tuple[Path, str]]:
-    """Writes pairs into ``rs/*.png`` and ``gs/*.png``, their motions into ``motion/*.json``, and manifest.json.
+    """Writes pairs to ``rs/*.png`` and ``gs/*.png``, their motions to ``motion/*.json``, and manifest.json.
 
-    The motions of a photo depend on the seed and the photo's own bytes alone, not on the other photos. The manifest,
+    The motions of a photo depend only on the seed and the photo's own bytes, not on the other photos. The manifest,
     with all settings and pairs, is written last: a folder without one is incomplete.
 
     Args:
-        photos: files. One that cannot be used is reported, and the run goes on.
+        photos: files. Unusable ones are reported, and the run continues.
         out: a new or empty folder.
         settings: how the pictures are made.
         progress: called after each photo.
 
     Returns:
-        (photo, what is wrong with it) for each photo that failed.
+        (photo, error message) for each photo that failed.
 
     Raises:
-        UsageError: no photos, or sizes that do not fit together.
-        UnshutterError: the folder is not empty or cannot be written to; the trajectory cannot be used.
+        UsageError: there are no photos, or sizes contradict each other.
+        UnshutterError: the folder is not empty or not writable, or the trajectory cannot be used.
     """
     if not photos:
         raise UsageError("no photos to synthesize from")
     settings = settings or Synthesize()
     draw = _drawer(settings)
-    draw(np.random.default_rng(0))  # so that wrong settings are reported before anything is written
+    draw(np.random.default_rng(0))  # reports wrong settings before anything is written
     folder = _PairFolder.make(out)
     for photo in photos:
         try:
@@ -69,7 +69,7 @@ def synthesize_folder(
 
 def _drawer(settings: Synthesize) -> Draw:
     size, canvas, readout_ms, focal_px = settings.size, settings.canvas, settings.readout_ms, settings.focal_px
-    if settings.trajectory is None or readout_ms is None or focal_px is None:  # quadratic: then all three are
+    if settings.trajectory is None or readout_ms is None or focal_px is None:  # quadratic: all three are None
         return lambda rng: draw_quadratic(rng, size, canvas)
     log = RotationLog.load(settings.trajectory)
     return lambda rng: draw_from_trajectory(rng, log, readout_ms / 1000, focal_px, size, canvas)
@@ -78,7 +78,7 @@ def _drawer(settings: Synthesize) -> Draw:
 def _pairs_of(
     photo: Path, draw: Draw, settings: Synthesize
 ) -> tuple[str, list[tuple[DrawnMotion, np.ndarray, np.ndarray]]]:
-    """SHA-256 of a photo, and its pairs as (motion, rs, gs)."""
+    """Returns the SHA-256 of a photo, and its pairs as (motion, rs, gs)."""
     pixels, digest = Photo.open(photo).to_array(), _digest(photo)
     check_size(pixels.shape[0], pixels.shape[1], str(photo))
     sequences = np.random.SeedSequence([settings.seed, int(digest, 16)]).spawn(settings.per_photo)
@@ -95,7 +95,7 @@ def _digest(path: Path) -> str:
 
 @dataclass
 class _PairFolder:
-    """The folder that pairs are written to, and what its manifest will list."""
+    """The folder that pairs are written to, and the contents of its manifest."""
 
     out: Path
     pairs: list[dict] = field(default_factory=list)
@@ -116,7 +116,7 @@ class _PairFolder:
 
     def add(self, name: str, photo: Path, digest: str, drawn: DrawnMotion, rs: Photo, gs: np.ndarray) -> None:
         unique, others = name, 1
-        while unique.casefold() in self.names:  # photos of the same name from several folders
+        while unique.casefold() in self.names:  # photos with the same name from several folders
             others += 1
             unique = f"{name}-{others}"
         self.names.add(unique.casefold())

@@ -1,8 +1,8 @@
 """Pairs of rolling-shutter and global-shutter pictures with known motion, made from undistorted photos.
 
-As the predecessor makes them: the middle square of the photo is resized to a canvas, the canvas is distorted about its
-centre, and the middle of both, distorted and not, is the pair. Where the motion reaches beyond the canvas, the
-distorted picture is black. With an exposure, the distorted picture is blurred by its own motion (exposure.py).
+As in the predecessor: the central square of the photo is resized to a canvas, the canvas is distorted about its centre,
+and the centre of both, distorted and not, is the pair. Where the motion reaches beyond the canvas, the distorted
+picture is black. With an exposure, the distorted picture is blurred by its own motion (exposure.py).
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from unshutter_lab.synthesis.row_motions import DrawnMotion
 
 
 def synthesize(photo: np.ndarray, drawn: DrawnMotion, exposure: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """One pair at the size of the drawn crop.
+    """Returns one pair at the size of the drawn crop.
 
     Args:
-        photo: undistorted, [H, W] or [H, W, bands], uint8 or uint16; its middle square is resized (by area;
-            bilinear where it is smaller) to the motion's canvas.
+        photo: undistorted, [H, W] or [H, W, bands], uint8 or uint16; its central square is resized (by area, or
+            bilinearly if it is smaller) to the motion's canvas.
         drawn: the motion; its truth for the pair is ``drawn.crop``.
-        exposure: of each row, in times of the readout of all; 0: no blur.
+        exposure: exposure time of each row, in readout times of the picture; 0 for no blur.
 
     Returns:
         (rs, gs): distorted and undistorted picture [rows, rows(, bands)], of the photo's type.
@@ -38,12 +38,12 @@ def synthesize(photo: np.ndarray, drawn: DrawnMotion, exposure: float = 0.0) -> 
 def synthesize_native(
     photo: np.ndarray, drawn: DrawnMotion, exposure: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, Motion]:
-    """One pair at the photo's own size: the same motion and share of the picture, nothing resized.
+    """Returns one pair at the photo's own size: same motion and share of the picture, without resizing.
 
     Args:
         photo: as for :func:`synthesize`.
         drawn: the motion at any size.
-        exposure: of each row, in times of the readout of all; 0: no blur.
+        exposure: exposure time of each row, in readout times of the picture; 0 for no blur.
 
     Returns:
         (rs, gs, motion): pictures and their true motion.
@@ -53,7 +53,7 @@ def synthesize_native(
 
 
 def _distort(canvas: np.ndarray, drawn: DrawnMotion, exposure: float) -> tuple[np.ndarray, np.ndarray]:
-    rows = exposure * (drawn.crop.height - 1)  # that are read while one is exposed
+    rows = exposure * (drawn.crop.height - 1)  # read during one exposure
     blurred = distorted(np.atleast_3d(canvas), drawn.canvas, rows).reshape(canvas.shape)
     rs, gs = (_middle_square(a, drawn.crop.height) for a in (blurred, canvas))
     return np.ascontiguousarray(rs), np.ascontiguousarray(gs)

@@ -1,4 +1,4 @@
-"""Recorded camera rotation: reading gyro and pose logs, and the angles that a camera turned by."""
+"""Recorded camera rotation: reads gyro and pose logs, and integrates them to angles."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from unshutter.geometry.rotations import rotation_matrix
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64
 
-_GAP = 3.0  # times the usual interval: in a longer one samples are missing
-_MOST_DISORDER = 0.01  # share of the samples that may come late
+_GAP = 3.0  # times the usual interval: in longer ones samples are missing
+_MOST_DISORDER = 0.01  # tolerated share of late samples
 
 # (axis that points up in the picture, axis that points from the scene to the camera)
 _GYRO_AXES = ("x", "z")
@@ -29,11 +29,11 @@ _POSE_AXES = ("z", "y")
 class RotationLog:
     """Angular rate of a camera over time, about the three axes of the picture.
 
-    The picture is the readout frame: its top is the line read first. Of the log's own right-handed axes, two are
-    named: which one points **up** in the picture, and which one **back**, from the scene to the camera; the third
-    then points to the right. A positive angle about ``up`` turns the camera left, so the scene moves right, t_x > 0;
-    about ``back`` it turns the camera counter-clockwise, so the scene turns clockwise, r_z > 0; about ``right`` it
-    turns the camera up, so the scene moves down.
+    The picture is the readout frame: its top is the line read first. Two of the log's own right-handed axes are named:
+    the one pointing **up** in the picture, and the one pointing **back**, from the scene to the camera; the third then
+    points to the right. A positive angle about ``up`` turns the camera left, so the scene moves right, t_x > 0; about
+    ``back`` it turns the camera counter-clockwise, so the scene turns clockwise, r_z > 0; about ``right`` it turns the
+    camera up, so the scene moves down.
 
     * Gyro logs are assumed to be a phone's: x to the right edge, y to the top edge, z out of the screen, the sensor's
       lines along the long side (so up is x or -x, back is z). The sensor turns with the phone, so this holds for
@@ -46,7 +46,7 @@ class RotationLog:
         yaw_rad_s: [N] rate about ``up``.
         roll_rad_s: [N] rate about ``back``.
         pitch_rad_s: [N] rate about ``right``.
-        from_poses: whether they are differences of orientations (motion capture) rather than of a gyro.
+        from_poses: whether rates are derived from orientations (motion capture) rather than a gyro.
     """
 
     t_s: np.ndarray
@@ -60,15 +60,15 @@ class RotationLog:
         """Reads an NPZ file.
 
         Args:
-            path: with ``t_s`` [N] (s) and either ``gyro_rad_s`` [N, 3], rates about the device's axes, or
+            path: file with ``t_s`` [N] (s) and either ``gyro_rad_s`` [N, 3], rates about the device's axes, or
                 ``quaternion_wxyz`` [N, 4], device to world (``position_m`` is not used).
             up: axis that points up: ``x``, ``-x``, ``y`` ...; by default that of the kind of log.
-            back: axis that points back, in the same way.
+            back: axis that points back, in the same notation.
 
         Raises:
             UsageError: unknown or equal axes.
-            UnshutterError: not such a file, numbers that are not finite, or times that do not increase (a few late
-                samples are put in order).
+            UnshutterError: not such a file, values are not finite, or times do not increase (a few late samples are
+                sorted).
         """
         try:
             with open(path, "rb") as stream:
@@ -107,7 +107,7 @@ class RotationLog:
         return cls(times, *rates, from_poses=kind == "quaternion_wxyz")
 
     def draw_start(self, rng: np.random.Generator, duration_s: float) -> float:
-        """A random time after which the log has no gap for the duration; all such times are equally likely.
+        """Returns a random time after which the log has no gap for the duration; all such times are equally likely.
 
         Raises:
             UnshutterError: there is no such time.
@@ -127,18 +127,18 @@ class RotationLog:
         return float(first[stretch] + at - (ends[stretch] - room[stretch]))
 
     def angles(self, at_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Angles turned since the log's start, about ``up`` and ``back`` [rad], at times within the log.
+        """Returns the angles about ``up`` and ``back`` [rad] since the log's start, at times within the log.
 
-        The rate is linear between samples and integrated exactly. Each axis is integrated by itself: within a readout
-        the angles are so small that they add.
+        The rate is linear between samples and integrated exactly. Each axis is integrated separately: within a readout
+        the angles are small enough to be added.
         """
         return _integral(self.t_s, self.yaw_rad_s, at_s), _integral(self.t_s, self.roll_rad_s, at_s)
 
     def rotations(self, at_s: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
-        """The picture's rotation R since the log's start, at times within the log; signs as in geometry/rotations.py.
+        """Returns the picture's rotation R since the log's start, at times within the log.
 
-        Exact for any angle: the turns between samples are multiplied, not added. The rate is constant from one sample
-        to the next, at their mean.
+        Signs as in geometry/rotations.py. Exact for any angle: rotations between samples are multiplied, not added. The
+        rate is constant from one sample to the next, at their mean.
         """
         rates, whole = self._turned
         before = np.clip(np.searchsorted(self.t_s, at_s, side="right") - 1, 0, len(self.t_s) - 2)
@@ -154,7 +154,7 @@ class RotationLog:
         return rates, np.array(list(accumulate(turns, lambda turned, turn: turn @ turned, initial=np.eye(3))))
 
     def smoothed(self, sigma_s: float) -> RotationLog:
-        """The log with its rates smoothed by a Gaussian: motion-capture logs jitter more than a hand does.
+        """Returns the log with its rates smoothed by a Gaussian: motion-capture logs have more jitter than a hand.
 
         Args:
             sigma_s: its standard deviation [s].
@@ -175,7 +175,7 @@ _SHAPES = {"t_s": 1, "gyro_rad_s": 3, "quaternion_wxyz": 4}
 
 
 def _in_order(times: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Samples by time: phones deliver a few late or twice. With more than a few, these are not times."""
+    """Sorts samples by time: phones deliver a few late or twice. Raises if more than a few are out of order."""
     if (np.diff(times) <= 0).mean() > _MOST_DISORDER:
         raise UnshutterError("the times t_s do not increase")
     times, order = np.unique(times, return_index=True)
@@ -189,10 +189,10 @@ def _rates(times: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.n
         raise UnshutterError("quaternion_wxyz contains rows that are not rotations")
     q = quaternions / norms
     w, v = q[:, :1], q[:, 1:]
-    # conj(q0) q1: the turn from one sample to the next, seen from the device
+    # conj(q0) q1: the rotation from one sample to the next, in the device's axes
     turn_w = w[:-1] * w[1:] + (v[:-1] * v[1:]).sum(1, keepdims=True)
     turn_v = w[:-1] * v[1:] - w[1:] * v[:-1] - np.cross(v[:-1], v[1:])
-    turn_v = np.where(turn_w < 0, -turn_v, turn_v)  # q and -q are the same rotation: take the short way
+    turn_v = np.where(turn_w < 0, -turn_v, turn_v)  # q and -q are the same rotation: take the shorter one
     sine = np.linalg.norm(turn_v, axis=1, keepdims=True)
     angle = 2 * np.arctan2(sine, np.abs(turn_w))
     rate = turn_v * (angle / np.maximum(sine, 1e-12)) / np.diff(times)[:, None]

@@ -1,8 +1,8 @@
-"""Row motions to distort pictures with: random quadratics, and windows of recorded camera rotation.
+"""Row motions for synthesising pictures: random quadratics, and windows of recorded camera rotation.
 
-A picture is distorted on a canvas larger than what is kept, so that its borders do not run out of the picture. A
-:class:`DrawnMotion` is therefore one motion in two forms: on every row of the square canvas, and on the rows of the
-square crop in its middle. Both are zero on the crop's first row and turn about the centre that canvas and crop share.
+A picture is distorted on a canvas larger than the part that is kept, so that its borders remain inside. A
+:class:`DrawnMotion` therefore holds one motion in two forms: on every row of the square canvas, and on the rows of the
+square crop in its centre. Both are zero on the crop's first row and rotate about the common centre of canvas and crop.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from unshutter_lab.synthesis.rotation_log import RotationLog
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float
 
-_PREDECESSORS_ROWS = 256  # the pixel ranges of the predecessor's generator are for so many rows
+_PREDECESSORS_ROWS = 256  # number of rows for which the predecessor's generator states its pixel ranges
 
 
 @dataclass(frozen=True)
 class DrawnMotion:
-    """One motion on the rows of a square canvas and of the square crop in its middle.
+    """One motion on the rows of a square canvas and of the square crop in its centre.
 
     Attributes:
         canvas: on every row of the canvas; zero on the crop's first row, not on its own.
         crop: on the rows of the crop; reference row: the first.
-        parameters: what was drawn, for the manifest: numbers and words only.
+        parameters: the drawn values, for the manifest: numbers and words only.
     """
 
     canvas: Motion
@@ -40,13 +40,13 @@ class DrawnMotion:
     def of_canvas(
         cls, tx_px: Float[np.ndarray, "canvas"], rz_rad: Float[np.ndarray, "canvas"], rows: int, parameters: dict
     ) -> DrawnMotion:
-        """Sets both motions to zero on the crop's first row.
+        """Creates both motions, zero on the crop's first row.
 
         Args:
             tx_px: [canvas] t_x of every row of the canvas [px].
             rz_rad: [canvas] r_z of every row of the canvas [rad].
             rows: side of the crop [px].
-            parameters: what was drawn.
+            parameters: the drawn values.
         """
         canvas = len(tx_px)
         margin = _margin(rows, canvas)
@@ -59,15 +59,14 @@ class DrawnMotion:
 
     @property
     def margin(self) -> int:
-        """Rows of the canvas above and below the crop, and columns on each side of it."""
+        """Number of canvas rows above and below the crop, and of columns on each side of it."""
         return (self.canvas.height - self.crop.height) // 2
 
     def resized(self, short_side: int) -> DrawnMotion:
-        """This motion on the largest canvas that a picture of this short side holds.
+        """Returns this motion on the largest canvas in a picture with this short side.
 
-        The crop keeps its share of the canvas, round(rows * short_side / canvas) rows; the canvas loses a
-        row and a column where their difference would be odd. Interpolated linearly at row centres, t_x
-        scaled with the size.
+        The crop keeps its share of the canvas, round(rows * short_side / canvas) rows; the canvas loses a row and a
+        column if their difference would be odd. Interpolated linearly at row centres, t_x scaled with the size.
         """
         rows = round(self.crop.height * short_side / self.canvas.height)
         canvas = short_side - (short_side - rows) % 2
@@ -81,22 +80,22 @@ class DrawnMotion:
 def draw_quadratic(
     rng: np.random.Generator, rows: int = 256, canvas: int = 356, pure_rotation: bool = True
 ) -> DrawnMotion:
-    """Draws from the generator of Rengarajan, Balaji, Rajagopalan (CVPR 2017).
+    """Draws a motion from the generator of Rengarajan, Balaji, Rajagopalan (CVPR 2017).
 
     On canvas row i, with n the canvas's rows: t_x = a (5i/n)^2 + b (5i/n) px, a in (-3, 3), b in (-6, 6);
     r_z = [c (i/n)^2 + d (i/n)] pi/8 rad, c and d in (-0.4, 0.4), all uniform; both minus their value on the
-    crop's first row. One motion in six only translates. For other sizes than their 256 rows the pixels
+    crop's first row. One motion in six is a pure translation. For sizes other than their 256 rows the pixels
     scale with the rows.
 
     Args:
-        rng: five numbers are drawn from it.
+        rng: generator from which five numbers are drawn.
         rows: side of the crop [px].
         canvas: side of the canvas [px].
-        pure_rotation: whether another one in six only rotates (the predecessor's program means to do so, but never
+        pure_rotation: whether another one in six is a pure rotation (the predecessor's program intends this, but never
             reaches that line).
 
     Raises:
-        UsageError: the canvas is no larger than the crop by an even number of pixels.
+        UsageError: the canvas does not exceed the crop by an even number of pixels.
     """
     _margin(rows, canvas)
     kind, a, b, c, d = rng.uniform([0, -3, -6, -0.4, -0.4], [6, 3, 6, 0.4, 0.4]).tolist()
@@ -118,24 +117,24 @@ def draw_from_trajectory(
     rows: int = 256,
     canvas: int = 356,
 ) -> DrawnMotion:
-    """Cuts the time of one readout from a log of camera rotation.
+    """Cuts a window of one readout from a log of camera rotation.
 
-    The window starts anywhere in the log where no samples are missing, all places equally likely. Turning about the
-    picture's vertical moves the scene by t_x = focal_px * tan(angle), turning about the optical axis is r_z. Turning
-    about the picture's horizontal and moving the camera are left out, because the motion model has neither. Which axis
-    of the log is which: see :class:`RotationLog`.
+    The window starts anywhere in the log where no samples are missing, with equal probability. Rotation about the
+    picture's vertical moves the scene by t_x = focal_px * tan(angle), rotation about the optical axis is r_z. Rotation
+    about the picture's horizontal and translation of the camera are ignored, because the motion model has neither. For
+    the assignment of the log's axes see :class:`RotationLog`.
 
     Args:
-        rng: one number is drawn from it.
+        rng: generator from which one number is drawn.
         log: recorded rotation.
-        readout_s: time in which the crop is read out, ``rows`` times the time of one row [s]; the canvas's margins
-            take more, in proportion.
+        readout_s: readout time of the crop, ``rows`` times that of one row [s]; the canvas's margins take
+            proportionally longer.
         focal_px: focal length in pixels of the crop.
         rows: side of the crop [px].
         canvas: side of the canvas [px].
 
     Raises:
-        UsageError: times, focal length or sizes that cannot be.
+        UsageError: times, focal length or sizes are invalid.
         UnshutterError: the log is too short, or turns by more than a radian within the window.
     """
     margin = _margin(rows, canvas)

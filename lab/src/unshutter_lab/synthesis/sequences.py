@@ -1,4 +1,4 @@
-"""Sequences of rolling-shutter frames with known motion: a photo seen by a camera that turns as a recorded one did."""
+"""Sequences of rolling-shutter frames with known motion: a photo seen by a camera rotating as recorded."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from unshutter_lab.synthesis.rotation_log import RotationLog
 if TYPE_CHECKING:
     from unshutter.geometry.shapes import Float64, UInt8
 
-_FARTHEST = np.radians(50)  # from the middle of the photo's plane; beyond, too little of it fills a frame
+_FARTHEST = np.radians(50)  # from the centre of the photo's plane; beyond this, too little of it is in a frame
 
 
 @dataclass(frozen=True)
 class TurningCamera:
-    """A camera that stays in its place and turns as a log says.
+    """A camera that rotates in place as recorded in a log.
 
     Attributes:
         log: recorded rotation.
@@ -30,11 +30,11 @@ class TurningCamera:
         frames: number of frames.
         fps: frames per second.
         readout_ratio: time from the first row to that after the last, in frame intervals, 0 ... 1.
-        height, width: of the frames [px].
+        height, width: size of the frames [px].
         focal_px: focal length [px].
 
     Raises:
-        UsageError: numbers that cannot be.
+        UsageError: a number is out of range.
         UnshutterError: the log is too short, or turns too far.
     """
 
@@ -57,20 +57,20 @@ class TurningCamera:
 
     @staticmethod
     def duration_s(frames: int, fps: float) -> float:
-        """The longest time that so many frames can take [s]."""
+        """Returns an upper bound on the time taken by a number of frames [s]."""
         return (frames + 1) / fps
 
     @classmethod
     def drawn(
         cls, rng: np.random.Generator, log: RotationLog, frames: int, tries: int = 200, fps: float = 30.0, **camera
     ) -> TurningCamera:
-        """A camera that starts anywhere in the log from where it does not turn too far.
+        """Returns a camera with a random start in the log from which it does not turn too far.
 
         Args:
             rng: draws the start.
             log: recorded rotation.
             frames: number of frames.
-            tries: starts that are tried.
+            tries: number of starts to try.
             fps: frames per second.
             camera: the other attributes.
 
@@ -86,7 +86,7 @@ class TurningCamera:
         raise UnshutterError("the recorded camera turns too far everywhere: choose fewer frames")
 
     def motion(self, frame: int, reference: Reference = "first") -> RotationMotion:
-        """The true motion of a frame."""
+        """Returns the true motion of a frame."""
         rotations = self.rotations(self._row_times(frame))
         vectors = rotation_vector(rotations @ rotations[0].T)
         vectors[0] = 0.0
@@ -96,18 +96,18 @@ class TurningCamera:
     def rendered(
         self, photo: UInt8[np.ndarray, "rows columns *bands"], noise: float = 0.0, seed: int = 0
     ) -> Iterator[UInt8[np.ndarray, "height width *bands"]]:
-        """The frames, one after the other.
+        """Yields the frames in order.
 
         Args:
-            photo: undistorted; it fills the frame, and where the camera looks beyond it, it goes on mirrored.
-            noise: standard deviation of what is added to every pixel [levels of 255].
-            seed: of the noise.
+            photo: undistorted; it fills the frame, and is mirrored where the camera looks beyond it.
+            noise: standard deviation of noise added to every pixel [levels of 255].
+            seed: seed of the noise.
         """
         import cv2
 
         rng = np.random.default_rng(seed)
         scale = min(photo.shape[0] / self.height, photo.shape[1] / self.width)  # px of the photo per px of the frame
-        if scale > 1:  # so that details do not alias
+        if scale > 1:  # avoids aliasing
             size = (round(photo.shape[1] / scale), round(photo.shape[0] / scale))
             photo, scale = cv2.resize(photo, size, interpolation=cv2.INTER_AREA), 1.0
         middle = (np.array(photo.shape[1::-1]) - 1) / 2
@@ -119,7 +119,7 @@ class TurningCamera:
             yield frame
 
     def _looks_at(self, frame: int) -> np.ndarray:
-        """[H, W, 2] (col, row) about the middle of the photo's plane that a frame's pixels see [px of a frame]."""
+        """[H, W, 2] (col, row) from the centre of the photo's plane that a frame's pixels see [px of a frame]."""
         back = self.rotations(self._row_times(frame)).transpose(0, 2, 1)  # [H, 3, 3]
         x = np.arange(self.width) - (self.width - 1) / 2
         y = np.arange(self.height) - (self.height - 1) / 2
@@ -131,7 +131,7 @@ class TurningCamera:
         return frame + self.readout_ratio * (np.arange(self.height) + 0.5) / self.height
 
     def rotations(self, times: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
-        """R at times [frame intervals], seen from the pose in the middle of the sequence."""
+        """Returns R at times [frame intervals], relative to the pose in the middle of the sequence."""
         at = np.append(times, self.frames / 2) / self.fps + self.start_s
         rotations = self.log.rotations(at)
         return rotations[:-1] @ rotations[-1].T

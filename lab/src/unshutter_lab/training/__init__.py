@@ -1,1 +1,1 @@
-"""Training: everything that needs torch. It imports inference; inference never imports it."""
+"""Training: all modules that need torch. They import inference; inference never imports them."""

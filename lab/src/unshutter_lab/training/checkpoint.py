@@ -1,4 +1,4 @@
-"""Checkpoints: a run's state in a file, from which it resumes or another one starts."""
+"""Checkpoints: the state of a run in a file, from which it can be resumed or another run can start."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from torch import nn
 from unshutter.errors import UsageError
 from unshutter_lab.training.config import TrainConfig, as_table
 
-PART = "checkpoint.part"  # next to a checkpoint, while it is written
+PART = "checkpoint.part"  # next to a checkpoint while it is being written
 
 
 def save_checkpoint(path: Path, config: TrainConfig, state: dict[str, Any]) -> None:
-    """Writes a checkpoint whole or not at all.
+    """Writes a checkpoint completely or not at all.
 
     Args:
-        path: of the file; one that is there is replaced.
-        config: of the run.
+        path: path of the file; an existing one is replaced.
+        config: configuration of the run.
         state: plain values and state_dicts.
     """
     part = path.with_name(PART)
@@ -30,10 +30,10 @@ def save_checkpoint(path: Path, config: TrainConfig, state: dict[str, Any]) -> N
 
 
 def load_checkpoint(path: Path, config: TrainConfig, device: torch.device) -> dict[str, Any] | None:
-    """The state to resume from; None where there is no checkpoint yet.
+    """Returns the state to resume from, or None if there is no checkpoint yet.
 
     Raises:
-        UsageError: the checkpoint is of another configuration.
+        UsageError: the checkpoint belongs to another configuration.
     """
     if not path.exists():
         return None
@@ -44,10 +44,10 @@ def load_checkpoint(path: Path, config: TrainConfig, device: torch.device) -> di
 
 
 def start_from(network: nn.Module, checkpoint: Path) -> None:
-    """Copies the averaged weights of another run's checkpoint, where name and shape agree; the others stay.
+    """Copies the averaged weights of another run's checkpoint where name and shape agree; others are unchanged.
 
     Raises:
-        UsageError: no such checkpoint, or none of its weights fits.
+        UsageError: there is no such checkpoint, or none of its weights fits.
     """
     try:
         state = torch.load(checkpoint, map_location="cpu", weights_only=True)["average"]
@@ -62,7 +62,7 @@ def start_from(network: nn.Module, checkpoint: Path) -> None:
 
 
 def _identity(table: dict[str, Any]) -> dict[str, Any]:
-    """What makes a run this one: everything but its length and where its photos lie."""
-    whole = {**as_table(TrainConfig(table["model"])), **table}  # a checkpoint may be older than some settings
+    """Returns the settings that identify a run: all but its length and the location of its photos."""
+    whole = {**as_table(TrainConfig(table["model"])), **table}  # older checkpoints lack newer settings
     whole["data"] = {name: value for name, value in whole["data"].items() if name != "folder"}
     return {name: value for name, value in whole.items() if name not in ("steps", "keep_at")}

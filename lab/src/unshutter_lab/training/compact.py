@@ -29,23 +29,23 @@ from unshutter.estimators.onnx_process import onnx_runtime
 from unshutter_lab.training.config import load_config
 from unshutter_lab.training.recipes import make_recipe
 
-_PICTURES, _AT_A_TIME, _SEED = 512, 16, 2**40  # of training photos, with motions that no training has drawn
-_SMALL, _MOST_IN_16_BITS = 256, 65_504.0  # numbers, and the largest of them: other weights stay as they are
+_PICTURES, _AT_A_TIME, _SEED = 512, 16, 2**40  # of training photos, with motions not drawn in training
+_SMALL, _MOST_IN_16_BITS = 256, 65_504.0  # fewest numbers, and largest value; other weights are unchanged
 
 
 def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eight_bits: bool, target: Path) -> None:
     """Writes an exported network as a small file.
 
     Args:
-        model: the network, as training leaves it.
-        config: of its training: a shipped configuration's name, or a TOML file.
-        photos: instead of the configuration's folder.
-        rank: directions in which the outputs of a wide fully connected layer may vary; 0: all.
+        model: the network as exported by training.
+        config: configuration of its training: a shipped name, or a TOML file.
+        photos: replaces the configuration's folder.
+        rank: number of directions in which the outputs of a wide fully connected layer may vary; 0 for all.
         eight_bits: whether convolutions are stored in 8 bits.
         target: file to write.
 
     Raises:
-        UsageError: no such network, one that does not read pixels, or a rank that cannot be.
+        UsageError: there is no such network, it does not read pixels, or the rank is out of range.
     """
     if not 0 <= rank < _PICTURES:
         raise UsageError(f"--rank must lie between 0 and {_PICTURES - 1}, got {rank}")
@@ -54,7 +54,7 @@ def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eig
         settings = replace(settings, data={**settings.data, "folder": str(photos)})
     recipe = make_recipe(settings, torch.device("cpu"))
     generator = torch.Generator().manual_seed(_SEED)
-    recipe.pictures(1, torch.Generator())  # or it says that it reads none
+    recipe.pictures(1, torch.Generator())  # raises if the network reads no pictures
     print("before:", recipe.validate(Stored(model)))
     network = onnx.load(model)
     if rank:
@@ -68,10 +68,10 @@ def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eig
 
 
 class Stored(nn.Module):
-    """The network of an ONNX file, to be validated as one of torch's.
+    """The network of an ONNX file as a torch module, for validation.
 
     Raises:
-        UsageError: no such file, or it holds no network.
+        UsageError: there is no such file, or it does not contain a network.
     """
 
     def __init__(self, path: Path):
@@ -80,21 +80,21 @@ class Stored(nn.Module):
             raise UsageError(f"no such file: {path}")
         try:
             self._session = onnx_runtime().InferenceSession(path, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own kinds have no common parent
+        except Exception as error:  # onnxruntime's exceptions have no common base class
             raise UsageError(f"{path} holds no network: {' '.join(str(error).split())}") from None
 
     def forward(self, rs: Tensor, rows: bool = True) -> Tensor | tuple[Tensor, Tensor | None]:
-        """The file's output; of kandula2020, whose outputs are two, the row map only if asked for."""
+        """Returns the file's output; for kandula2020, which has two, the row map only if requested."""
         first, *more = map(torch.from_numpy, self._session.run(None, {"rs": rs.numpy()}))
         return (first, more[0] if rows else None) if more else first
 
 
 def narrow(model: ModelProto, pictures: Iterable[np.ndarray], rank: int) -> None:
-    """Replaces wide fully connected layers by two narrow ones, whose outputs vary in the principal directions alone.
+    """Replaces wide fully connected layers by pairs of narrow ones that only produce the principal directions.
 
     Args:
-        model: changed. A layer is wide if both its sides are at least four times the rank.
-        pictures: batches [B, ...] to find these directions: together more pictures than the rank.
+        model: modified in place. A layer is wide if both its sides are at least four times the rank.
+        pictures: batches [B, ...] for determining the directions; more pictures in total than the rank.
         rank: number of directions.
     """
     known = {weights.name: weights for weights in model.graph.initializer}
@@ -120,7 +120,7 @@ def narrow(model: ModelProto, pictures: Iterable[np.ndarray], rank: int) -> None
 
 
 def _outputs_of(nodes: list[NodeProto], model: ModelProto, pictures: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
-    """What these nodes put out for the pictures [N, out], by its name."""
+    """Returns the outputs of these nodes for the pictures [N, out], by name."""
     names = [node.output[0] for node in nodes]
     probed = ModelProto()
     probed.CopyFrom(model)
@@ -131,18 +131,18 @@ def _outputs_of(nodes: list[NodeProto], model: ModelProto, pictures: Iterable[np
 
 
 def _narrowed(weights: np.ndarray, bias: np.ndarray, outputs: np.ndarray, rank: int) -> tuple[np.ndarray, ...]:
-    """Weights of two layers and the bias of the second: the projection onto ``rank`` directions about the mean."""
+    """Returns the weights of two layers and the bias of the second, which project onto ``rank`` directions."""
     mean = outputs.mean(0)
     directions = np.linalg.svd(outputs - mean, full_matrices=False)[2][:rank].T  # [out, rank]
     return directions.T @ weights, directions, mean + directions @ (directions.T @ (bias - mean))
 
 
 def store_in_fewer_bits(model: ModelProto, eight_bits: bool = False) -> None:
-    """Stores a network's weights in fewer bits; it goes on calculating in 32.
+    """Stores a network's weights in fewer bits; it still computes in 32 bits.
 
     Args:
-        model: changed.
-        eight_bits: convolutions' weights as 8-bit integers with a scale for each output channel; all others, and all
+        model: modified in place.
+        eight_bits: store convolutions' weights as 8-bit integers with a scale per output channel; all others, and all
             weights without it, as 16-bit floating point.
     """
     kernels = {node.input[1] for node in model.graph.node if node.op_type == "Conv"} if eight_bits else set()
@@ -159,7 +159,7 @@ def store_in_fewer_bits(model: ModelProto, eight_bits: bool = False) -> None:
 
 
 def _in_8_bits(name: str, values: np.ndarray) -> tuple[dict[str, np.ndarray], NodeProto]:
-    """What is stored, by name, and the node that makes the weights [out, ...] of it."""
+    """Returns the stored arrays, by name, and the node that decodes them to the weights [out, ...]."""
     scale = np.maximum(np.abs(values).reshape(len(values), -1).max(1), np.finfo(np.float32).tiny) / 127
     steps = np.rint(values / scale.reshape(-1, *[1] * (values.ndim - 1))).astype(np.int8)
     parts = {f"{name}.int8": steps, f"{name}.scale": scale}
@@ -178,7 +178,7 @@ def _rebuild(model: ModelProto, nodes: list[NodeProto], weights: list[onnx.Tenso
 
 
 def main() -> None:
-    """The command line."""
+    """Runs the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", type=Path)
     parser.add_argument("--config", required=True)

@@ -1,6 +1,6 @@
 """The configuration of a training run: a frozen value, read from a TOML file.
 
-The package brings its own configurations in configs/; they are found by name, any other file by its path.
+The package includes its own configurations in configs/, which are found by name; other files are found by path.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from unshutter.errors import UsageError
 
 T = TypeVar("T")
 _SHIPPED = Path(__file__).parent / "configs"
-_MOST_BASES = 4  # in a row: more than that is a loop
+_MOST_BASES = 4  # in a chain; longer ones are a loop
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """A training run. ``network``, ``data`` and ``loss`` hold what the model's own recipe understands.
+    """A training run. ``network``, ``data`` and ``loss`` are interpreted by the model's own recipe.
 
     Raises:
-        UsageError: a number that must be at least 1 and is not, an unknown schedule or optimiser.
+        UsageError: a number is out of range, or the schedule or optimiser is unknown.
     """
 
     model: str  # name of a recipe (recipes.py)
@@ -31,7 +31,7 @@ class TrainConfig:
     learning_rate: float = 1e-3
     warmup: int = 100  # steps of linear warm-up, then the schedule
     # cosine to zero | constant | stairs: divided by ten every ``stair`` steps | late: constant, then linear to zero
-    # over the last ``tail`` of the steps, so that the number of steps may be set while the run is under way
+    # over the last ``tail`` of the steps, so that the number of steps may be changed during the run
     schedule: str = "cosine"
     stair: int = 0
     tail: float = 0.3
@@ -40,15 +40,15 @@ class TrainConfig:
     beta2: float = 0.98  # Adam's second
     weight_decay: float = 0.01
     clip: float = 20.0  # largest gradient norm
-    average: float = 0.998  # decay of the moving average of the weights, which is what is exported
+    average: float = 0.998  # decay of the moving average of the weights, which is exported
     seed: int = 0
     bfloat16: bool = False  # convolutions and matrix products in half precision (2.5 times as fast on a CPU with AMX)
     threads: int = 1  # CPU threads per process
     log_every: int = 50  # steps between two rows of log.csv
-    validate_every: int = 500  # steps between two validations; each has a row of log.csv, too
+    validate_every: int = 500  # steps between two validations, each of which adds a row to log.csv too
     checkpoint_minutes: float = 3.0
-    continues: str = ""  # configuration from the end of whose run this one starts: it needs --start
-    keep_at: int = 0  # the checkpoint of this step is kept as checkpoint-STEP.pt, for other runs to start from
+    continues: str = ""  # configuration whose finished run this one starts from; it needs --start
+    keep_at: int = 0  # step whose checkpoint is kept as checkpoint-STEP.pt, for other runs to start from
     network: dict[str, Any] = field(default_factory=dict)
     data: dict[str, Any] = field(default_factory=dict)
     loss: dict[str, Any] = field(default_factory=dict)
@@ -73,11 +73,11 @@ def shipped_configs() -> list[str]:
 
 
 def find_config(name: str | Path, folder: Path = Path()) -> Path:
-    """The file of a configuration.
+    """Returns the file of a configuration.
 
     Args:
-        name: of a shipped configuration, or a path.
-        folder: that the path starts from.
+        name: name of a shipped configuration, or a path.
+        folder: folder to which the path is relative.
 
     Raises:
         UsageError: it is neither.
@@ -93,14 +93,14 @@ def find_config(name: str | Path, folder: Path = Path()) -> Path:
 
 
 def load_config(name: str | Path, base: str | Path | None = None) -> TrainConfig:
-    """Reads a configuration. Its key ``base`` names another one, for all that it does not say itself.
+    """Reads a configuration. Its key ``base`` names another one that supplies missing settings.
 
     Args:
-        name: of a shipped configuration, or the path of a TOML file.
-        base: instead of the one that the file names, which starts from the file's own folder.
+        name: name of a shipped configuration, or path of a TOML file.
+        base: replaces the base named in the file, which is relative to the file's own folder.
 
     Raises:
-        UsageError: it cannot be read, or has a key, type or value that does not belong there.
+        UsageError: the file cannot be read, or has an invalid key, type or value.
     """
     path = find_config(name)
     table = _read(path, None if base is None else find_config(base))
@@ -110,7 +110,7 @@ def load_config(name: str | Path, base: str | Path | None = None) -> TrainConfig
 
 
 def _read(path: Path, base: Path | None = None, depth: int = 0) -> dict[str, Any]:
-    """The file's table over that of its base."""
+    """Returns the file's table merged over that of its base."""
     if depth > _MOST_BASES:
         raise UsageError(f"{path}: too many files, each the base of another")
     table = _parsed(path)
@@ -136,12 +136,12 @@ def _parsed(path: Path) -> dict[str, Any]:
 
 
 def from_table(kind: type[T], table: dict[str, Any], where: str) -> T:
-    """A flat dataclass from a table of the same names; whole numbers may stand for floats.
+    """Creates a flat dataclass from a table with the same names; integers may stand for floats.
 
     Args:
-        kind: of dataclass.
+        kind: the dataclass.
         table: name -> value.
-        where: the table is from, for messages.
+        where: source of the table, for messages.
 
     Raises:
         UsageError: unknown name or wrong type.
@@ -161,5 +161,5 @@ def from_table(kind: type[T], table: dict[str, Any], where: str) -> T:
 
 
 def as_table(config: TrainConfig) -> dict[str, Any]:
-    """The configuration as plain values."""
+    """Returns the configuration as plain values."""
     return asdict(config)

@@ -1,8 +1,8 @@
-"""The weights of an exported network, for a run that starts from them: ``--start kandula2020.onnx``.
+"""Loads the weights of an exported network for a run that starts from them: ``--start kandula2020.onnx``.
 
-Export merges each batch normalisation into the convolution before it, and compact.py makes fully connected layers
-narrow. Here both are undone: a narrow pair is multiplied out, and a batch normalisation gets the mean and spread that
-its inputs have for training pictures, so that the network computes the same in training and in use.
+Export merges each batch normalisation into the preceding convolution, and compact.py narrows fully connected layers.
+Both are undone here: a narrow pair is multiplied out, and a batch normalisation gets the mean and spread of its inputs
+for training pictures, so that the network computes the same in training and in use.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from torch import Tensor, nn
 
 from unshutter.errors import UsageError
 
-_KERNEL_NORM = 3**-0.5  # of each output channel of a new convolution; with batch normalisation it is free to choose
+_KERNEL_NORM = 3**-0.5  # of each output channel of a new convolution; arbitrary with batch normalisation
 
 
 def load_exported(network: nn.Module, path: Path, pictures: Tensor) -> None:
-    """Gives a network the weights of an exported one, where name and shape agree; the others stay.
+    """Copies the weights of an exported network where name and shape agree; others are left unchanged.
 
     Args:
-        network: in training mode; changed.
-        path: of the ONNX file.
+        network: in training mode; modified in place.
+        path: path of the ONNX file.
         pictures: [B, 3, r, r] training pictures as the network reads them.
 
     Raises:
-        UsageError: no such file, or none of its weights fits.
+        UsageError: there is no such file, or none of its weights fits.
     """
     own = network.state_dict()
     weights = {name: torch.tensor(value) for name, value in exported_weights(path).items()}
@@ -46,17 +46,17 @@ def load_exported(network: nn.Module, path: Path, pictures: Tensor) -> None:
 
 
 def exported_weights(path: Path) -> dict[str, np.ndarray]:
-    """Weights and biases in 32 bits, by the name that they have in the network.
+    """Returns weights and biases in 32 bits, by their names in the network.
 
     Raises:
-        UsageError: no such file, or it is not ONNX.
+        UsageError: there is no such file, or it is not ONNX.
     """
     import onnx
     from onnx import numpy_helper
 
     try:
         graph = onnx.load(path).graph
-    except Exception as error:  # onnx's own kinds have no common parent
+    except Exception as error:  # onnx's exceptions have no common base class
         raise UsageError(f"cannot start from {path}: {' '.join(str(error).split())}") from None
     known = {weights.name: numpy_helper.to_array(weights) for weights in graph.initializer}
     narrow: dict[str, np.ndarray] = {}  # output of the first layer of a narrow pair -> its weights
@@ -80,14 +80,14 @@ def exported_weights(path: Path) -> dict[str, np.ndarray]:
 
 
 def _module_of(output: str) -> str:
-    """/network/block/base/base.0/base.0.1/Conv_output_0 -> block.base.0.1: scopes with dots repeat their parents."""
+    """Converts /network/block/base/base.0/base.0.1/Conv_output_0 to block.base.0.1: dotted scopes repeat parents."""
     *parents, last = [scope for scope in output.strip("/").split("/")[:-1] if scope != "network"]
     root = last.partition(".")[0]
     return ".".join([*(scope for scope in parents if scope.partition(".")[0] != root), last])
 
 
 def _before(name: str) -> str:
-    """Name of the module before this one in a sequence."""
+    """Returns the name of the previous module in a sequence."""
     parent, _, number = name.rpartition(".")
     return f"{parent}.{int(number) - 1}" if number.isdigit() else ""
 
@@ -98,23 +98,23 @@ class _Merged:
 
     convolution: nn.Conv2d
     norm: nn.BatchNorm2d
-    bias: Tensor  # what the normalisation added
-    mean: Tensor | None = None  # of the convolution's outputs for the pictures
+    bias: Tensor  # the bias added by the normalisation
+    mean: Tensor | None = None  # mean of the convolution's outputs for the pictures
     variance: Tensor | None = None
 
     def only_adds(self) -> None:
-        """For the time being the normalisation adds the bias and does nothing else."""
+        """Temporarily makes the normalisation add the bias and nothing else."""
         for values, value in ((self.norm.weight, 1.0), (self.norm.running_mean, 0.0)):
             values.data.fill_(value)  # type: ignore[union-attr]  # it keeps running statistics
         self.norm.running_var.data.fill_(1.0 - self.norm.eps)  # type: ignore[union-attr]
         self.norm.bias.data.copy_(self.bias)
 
     def watch(self, _norm: nn.Module, operands: tuple[Tensor, ...]) -> None:
-        """Takes the statistics of what the normalisation is given."""
+        """Records the statistics of the normalisation's input."""
         self.mean, self.variance = operands[0].mean((0, 2, 3)), operands[0].var((0, 2, 3), correction=0)
 
     def split(self) -> None:
-        """The normalisation takes these statistics for its own, the kernels the size of new ones."""
+        """Sets the normalisation to these statistics, and rescales the kernels to the size of new ones."""
         assert self.mean is not None and self.variance is not None
         kernel, norm = self.convolution.weight, self.norm
         scale = _KERNEL_NORM / kernel.flatten(1).norm(dim=1).clamp(min=1e-6)
@@ -127,7 +127,7 @@ class _Merged:
 
 @torch.no_grad()
 def _restore(network: nn.Module, merged: list[_Merged], pictures: Tensor) -> None:
-    """Splits what was merged: each normalisation takes the mean and spread that its inputs have for the pictures."""
+    """Splits merged pairs: each normalisation adopts the mean and spread of its inputs for the pictures."""
     handles = []
     for pair in merged:
         pair.only_adds()

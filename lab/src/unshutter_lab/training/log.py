@@ -1,4 +1,4 @@
-"""The record of a training run: log.csv, and a progress bar (on a terminal) or lines (elsewhere)."""
+"""Records a training run: log.csv, and a progress bar (on a terminal) or lines (elsewhere)."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 
 class TrainingLog:
-    """log.csv, one row for each step that is logged.
+    """Writes log.csv, with one row per logged step.
 
     Rows beyond the checkpoint from which a run resumes are dropped.
 
     Args:
-        path: of log.csv.
+        path: path of log.csv.
         step: steps done so far.
-        steps: steps in all.
+        steps: total number of steps.
         quiet: write and show nothing (for all but the first of several processes).
     """
 
@@ -36,12 +36,12 @@ class TrainingLog:
             self._bar.stop()
 
     def step(self, step: int) -> None:
-        """Moves the progress bar on."""
+        """Advances the progress bar."""
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=step)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Writes a row, which has ``step`` and ``seconds`` among its columns."""
+        """Writes a row, whose columns include ``step`` and ``seconds``."""
         if self._quiet:
             return
         self._rows.append({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
@@ -58,14 +58,14 @@ class TrainingLog:
             print(f"{row['step']}/{self._steps}  {left:.0f} min left  {figures}", flush=True)
 
     def _newest(self) -> str:
-        """The newest loss and the newest figures of validation."""
+        """Returns the latest loss and validation figures."""
         newest = {name: value for row in self._rows for name, value in row.items() if value != ""}
         columns = [name for name in newest if name == "loss" or name.startswith("val_")]
         return "  ".join(f"{name} {newest[name]}" for name in columns)
 
 
 def _bar(step: int, steps: int) -> Any:
-    """Rich's progress bar; None where there is no terminal, or no rich (on a bare training machine)."""
+    """Returns Rich's progress bar, or None without a terminal or without rich (on a bare training machine)."""
     if not sys.stdout.isatty():
         return None
     try:

@@ -1,4 +1,4 @@
-"""How far the motions of a batch are from the true ones: for losses, and for figures in the log."""
+"""Errors of a batch of motions against the true ones, for losses and for figures in the log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def motion_mse(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) -> Tens
 def motion_distance(tx: Tensor, rz: Tensor, true_tx: Tensor, true_rz: Tensor) -> Tensor:
     """Mean distance in (t_x / 100 px, r_z / 1 rad) over rows and batch, each [B, rows].
 
-    Near a pixel's hundredth it is rounded off, so that its gradient has no jump at zero.
+    Smoothed at about a hundredth of a pixel, so that its gradient is continuous at zero.
     """
     squared = ((tx - true_tx) / TX_UNIT).square() + (rz - true_rz).square()
     return (squared + 1e-8).sqrt().mean()
@@ -40,17 +40,17 @@ def epe(col: Tensor, row: Tensor, samples: Samples) -> Tensor:
 
 
 def epe_of_nothing(samples: Samples) -> Tensor:
-    """[B] EPE [px] of leaving the pictures unchanged."""
+    """[B] EPE [px] without correction."""
     col, row = pixel_grid(samples.size, samples.rs)
     return epe(col, row, samples)
 
 
 def validation_figures(error: Tensor, nothing: Tensor) -> dict[str, float]:
-    """Figures for the log: median EPE [px], that of doing nothing, share of pictures that are better than that.
+    """Returns figures for the log: median EPE [px], that without correction, and the share of improved pictures.
 
     Args:
         error: [N] EPE of the network.
-        nothing: [N] EPE of leaving the pictures unchanged.
+        nothing: [N] EPE of the unchanged pictures.
     """
     return {
         "val_epe_median": error.median().item(),

@@ -1,4 +1,4 @@
-"""Networks traced into ONNX."""
+"""Exports networks to ONNX by tracing."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def export_onnx(
 
     Args:
         network: in evaluation mode, on the CPU.
-        example: inputs to trace it with.
+        example: inputs for tracing.
         target: file, or a stream to write to.
         inputs, outputs: their names.
-        free: name -> axis -> what it counts, for the axes whose length is not fixed.
+        free: name -> axis -> name of the dimension, for axes of variable length.
     """
-    with warnings.catch_warnings():  # the tracer's notes about shapes that are fixed, as they should be
+    with warnings.catch_warnings():  # the tracer's warnings about shapes that are intentionally fixed
         warnings.simplefilter("ignore")
         torch.onnx.export(
             network,

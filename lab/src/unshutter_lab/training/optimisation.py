@@ -1,4 +1,4 @@
-"""The optimiser and the learning rate that a configuration asks for."""
+"""The optimiser and the learning-rate schedule of a configuration."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from unshutter_lab.training.config import TrainConfig
 
 
 def make_optimiser(network: nn.Module, config: TrainConfig) -> torch.optim.Optimizer:
-    """AdamW, Adam or SGD with momentum."""
+    """Returns AdamW, Adam or SGD with momentum."""
     weights, rate, decay = network.parameters(), config.learning_rate, config.weight_decay
     betas = (config.momentum, config.beta2)
     if config.optimiser == "adamw":
@@ -22,7 +22,7 @@ def make_optimiser(network: nn.Module, config: TrainConfig) -> torch.optim.Optim
 
 
 def rate_at(step: int, config: TrainConfig) -> float:
-    """Learning rate of a step: a linear warm-up, times what the schedule says."""
+    """Returns the learning rate of a step: a linear warm-up times the schedule."""
     warmup = min(1.0, (step + 1) / max(config.warmup, 1))
     if config.schedule == "cosine":
         share = 0.5 + 0.5 * math.cos(math.pi * step / config.steps)

@@ -32,7 +32,7 @@ from unshutter_lab.training.log import TrainingLog
 from unshutter_lab.training.optimisation import make_optimiser, rate_at
 from unshutter_lab.training.recipes import Recipe, make_recipe
 
-_START_PICTURES, _START_SEED = 128, 2**40  # that show what an exported network's layers are given
+_START_PICTURES, _START_SEED = 128, 2**40  # for the input statistics of an exported network's layers
 CHECKPOINT, LOG, MODEL = "checkpoint.pt", "log.csv", "model.onnx"
 
 
@@ -48,25 +48,25 @@ def run(
     start: Path | None = None,
     seed: int | None = None,
 ) -> Path:
-    """Trains to the end, or for so many minutes; resumes a run that is there.
+    """Trains to the end, or for a number of minutes; resumes an existing run.
 
     Args:
-        config: name of a shipped configuration, or the path of a TOML file.
+        config: name of a shipped configuration, or path of a TOML file.
         out: folder of runs.
-        steps: instead of the configuration's.
+        steps: replaces the configuration's.
         device: auto, cpu or cuda.
         minutes: save and stop after this time.
-        base: another configuration for what this one does not say itself.
-        photos: instead of the configuration's ``[data] folder``.
-        start: checkpoint or exported network (.onnx, .npz) whose weights, where they fit, a new run begins with.
-        seed: for the initial weights and the batches, instead of the configuration's.
+        base: another configuration that supplies missing settings.
+        photos: replaces the configuration's ``[data] folder``.
+        start: checkpoint or exported network (.onnx, .npz) whose weights, as far as they fit, initialise a new run.
+        seed: seed of the initial weights and the batches; replaces the configuration's.
 
     Returns:
         The run's folder.
 
     Raises:
-        UsageError: bad configuration, or the folder holds a run of another one.
-        UnshutterError: the gradient is no longer a number.
+        UsageError: the configuration is invalid, or the folder holds a run of another one.
+        UnshutterError: the gradient is not finite.
     """
     settings = load_config(config, base)
     if photos is not None:
@@ -87,7 +87,7 @@ def run(
         if finished and trainer.rank == 0:
             trainer.export(folder / MODEL)
         if processes:
-            dist.barrier()  # leaving while another still works would break its connection
+            dist.barrier()  # exiting while another process is still working would break its connection
     finally:
         if processes:
             dist.destroy_process_group()
@@ -95,7 +95,7 @@ def run(
 
 
 def _check_outputs(folder: Path, settings: TrainConfig, files: list[Path | None]) -> None:
-    """Raises UnshutterError where a file of the run would replace one that it begins with, or learns from."""
+    """Raises UnshutterError if a file of the run would replace one that it starts from or trains on."""
     folders = filter(None, (settings.data.get(name) for name in ("folder", "validation_folder")))
     protection = Protection([*files, *chain.from_iterable(photo_files(Path(each)) for each in folders)])
     for name in (CHECKPOINT, PART, f"checkpoint-{settings.keep_at}.pt", LOG, MODEL):
@@ -106,13 +106,13 @@ class Trainer:
     """The state of one run, and the loop that advances it.
 
     Args:
-        config: of the run.
-        folder: of the run; a checkpoint in it is resumed.
-        device: that it runs on.
-        start: checkpoint or exported network of another run, whose weights this one begins with.
+        config: configuration of the run.
+        folder: folder of the run; a checkpoint in it is resumed.
+        device: device to run on.
+        start: checkpoint or exported network of another run, whose weights this one starts with.
 
     Raises:
-        UsageError: bad configuration, or the folder holds a run of another one.
+        UsageError: the configuration is invalid, or the folder holds a run of another one.
     """
 
     def __init__(self, config: TrainConfig, folder: Path, device: torch.device, start: Path | None = None):
@@ -138,7 +138,7 @@ class Trainer:
             self.stepped = nn.parallel.DistributedDataParallel(self.network)
 
     def train(self, minutes: float | None = None) -> bool:
-        """Runs to the last step, or for so many minutes; returns whether the last step was reached."""
+        """Runs to the last step, or for a number of minutes; returns whether the last step was reached."""
         started = saved = time.monotonic()
         before = self.seconds
         with TrainingLog(self.folder / LOG, self.step, self.config.steps, quiet=self.rank > 0) as log:
@@ -158,7 +158,7 @@ class Trainer:
         return self.step >= self.config.steps
 
     def validate(self) -> dict[str, float]:
-        """The recipe's figures for the averaged weights."""
+        """Returns the recipe's figures for the averaged weights."""
         self.average.eval()
         return self.recipe.validate(self.average.module)
 
@@ -180,7 +180,7 @@ class Trainer:
         self.network.train()
         for group in self.optimiser.param_groups:
             group["lr"] = rate_at(self.step, self.config)
-        # the batch depends on seed, step and process only: a resumed run sees what it would have seen
+        # the batch depends only on seed, step and process, so that a resumed run sees the same ones
         seed = (self.config.seed * 1_000_003 + self.step) * self.world + self.rank
         generator = torch.Generator(self.device).manual_seed(seed)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.bfloat16):
@@ -188,7 +188,7 @@ class Trainer:
         self.optimiser.zero_grad()
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip)
-        if not torch.isfinite(norm):  # a step by it would leave no weight a number
+        if not torch.isfinite(norm):  # such a step would make all weights non-finite
             raise UnshutterError(f"training diverged at step {self.step + 1}: try a smaller learning rate, or clip")
         self.optimiser.step()
         self.average.update_parameters(self.network)
@@ -196,7 +196,7 @@ class Trainer:
         return {"loss": loss.item(), **figures, "gradient": norm.item()}
 
     def _log(self, log: TrainingLog, figures: dict[str, float]) -> None:
-        """A row every ``log_every`` steps, and with every validation."""
+        """Adds a row every ``log_every`` steps, and with every validation."""
         log.step(self.step)
         last = self.step == self.config.steps
         validated = last or self.step % self.config.validate_every == 0
@@ -206,7 +206,7 @@ class Trainer:
             log.add({"step": self.step, "seconds": round(self.seconds, 1), **figures})
 
     def _any_process(self, flag: bool) -> bool:
-        """Whether any of the processes wants to stop: they must all stop at the same step."""
+        """Whether any of the processes wants to stop: all must stop at the same step."""
         if self.world == 1:
             return flag
         flags = torch.tensor(float(flag), device=self.device)
@@ -239,7 +239,7 @@ def _device(word: str) -> torch.device:
 
 
 def _join_processes(device: str) -> bool:
-    """Joins the other processes where torchrun has started several; returns whether it has."""
+    """Joins the other processes if torchrun has started several; returns whether it has."""
     if int(os.environ.get("WORLD_SIZE", "1")) < 2:
         return False
     cuda = device != "cpu" and torch.cuda.is_available()
@@ -250,7 +250,7 @@ def _join_processes(device: str) -> bool:
 
 
 def main() -> None:
-    """The command line of a bare training machine, and of torchrun."""
+    """Runs the command line of a bare training machine, and of torchrun."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", required=True)
     parser.add_argument("--base")

@@ -1,7 +1,7 @@
-"""Batches of pictures warped by batches of row motions; differentiable in pictures, positions and motions.
+"""Warps batches of pictures by batches of row motions; differentiable in pictures, positions and motions.
 
-Positions are (col, row) [px] of an r x r picture, pixel centres at whole numbers. A motion is a tensor [B, 2, r]: t_x
-[px] and r_z [rad] of every row, with the signs of geometry/rows.py.
+Positions are (col, row) [px] of an r x r picture, pixel centres at integers. A motion is a tensor [B, 2, r]: t_x [px]
+and r_z [rad] of every row, with the signs of geometry/rows.py.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from unshutter.geometry import rows as geometry
 
 
 def pixel_grid(size: int, like: Tensor) -> tuple[Tensor, Tensor]:
-    """(col [1, size], row [size, 1]) of every pixel."""
+    """Returns (col [1, size], row [size, 1]) of every pixel."""
     line = torch.arange(size, dtype=like.dtype, device=like.device)
     return line[None], line[:, None]
 
 
 def sample(pictures: Tensor, col: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
-    """Pictures at positions, bilinear.
+    """Samples pictures bilinearly at positions.
 
     Args:
         pictures: [B, C, H, W].
@@ -37,19 +37,19 @@ def sample(pictures: Tensor, col: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def polynomial_motion(tx: Tensor, rz: Tensor, size: int) -> geometry.MotionAtRow:
-    """Row motion of a batch: coefficients [B, K] in u = row / size, for rows that broadcast to [B, h, w]."""
+    """Returns the row motion with coefficients [B, K] in u = row / size, for rows that broadcast to [B, h, w]."""
     return geometry.row_motion_from_polynomial(tx[:, None, None], rz[:, None, None], first=0.0, last=float(size))
 
 
 def sampled_motion(motion: Tensor) -> geometry.MotionAtRow:
-    """Row motion of a batch by linear interpolation of its samples [B, 2, r], for rows [B, h, w]."""
+    """Returns the row motion of a batch by linear interpolation of its samples [B, 2, r], for rows [B, h, w]."""
     last = motion.shape[-1] - 1
 
     def row_motion(v: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         inside = v.clamp(0, last)
         below = inside.detach().floor().clamp(max=last - 1)
         weight = (inside - below).flatten(1)[:, None]  # [B, 1, h w]
-        # a motion that folds has no inverse everywhere: v may be no number, and then neither is the answer
+        # a motion that folds has no inverse everywhere: v may be NaN, and then so is the result
         index = below.nan_to_num().long().flatten(1)[:, None].expand(-1, 2, -1)
         low, high = motion.gather(2, index), motion.gather(2, index + 1)
         tx, rz = (low + (high - low) * weight).unflatten(2, v.shape[1:]).unbind(1)
@@ -60,12 +60,12 @@ def sampled_motion(motion: Tensor) -> geometry.MotionAtRow:
 
 
 def rs_positions(motion: Tensor, row_map: Tensor | None, center_shift: Tensor | float = 0.0) -> tuple[Tensor, Tensor]:
-    """RS position (col, row) [px] of every GS pixel, each [B, r, r].
+    """Returns the RS position (col, row) [px] of every GS pixel, each [B, r, r].
 
     Args:
         motion: [B, 2, r] t_x [px] and r_z [rad] of every row.
-        row_map: [B, r, r] row whose motion each GS pixel is given; None: the row that saw it (exact inverse).
-        center_shift: of the rotation centre along the columns [px], 0 or [B, 1, 1].
+        row_map: [B, r, r] row whose motion applies to each GS pixel; None for the row that read it (exact inverse).
+        center_shift: shift of the rotation centre along the columns [px], 0 or [B, 1, 1].
     """
     size = motion.shape[-1]
     look_up, center = sampled_motion(motion), ((size - 1) / 2 + center_shift, (size - 1) / 2)
@@ -77,8 +77,8 @@ def rs_positions(motion: Tensor, row_map: Tensor | None, center_shift: Tensor | 
 
 
 def from_first_row(motion: Tensor) -> tuple[Tensor, Tensor]:
-    """A motion [B, 2, r] with the first row as its reference, and the shift [B, 1, 1] of its centre.
+    """Returns a motion [B, 2, r] with the first row as its reference, and the shift [B, 1, 1] of its centre.
 
-    A network's output is not tied to zero in the first row; ``Motion.rereferenced`` says why the centre shifts.
+    A network's output is not constrained to zero in the first row; ``Motion.rereferenced`` explains the shift.
     """
     return motion - motion[..., :1], motion[:, 0, :1, None]

@@ -28,8 +28,8 @@ class Beliefs:
     """
 
     sigma_exact: float = 0.002  # of the directions of accurate edges, in addition to the detector's
-    sigma_sloppy: float = 0.02  # and of the inaccurate ones, which have
-    sloppy_share: float = 0.5
+    sigma_sloppy: float = 0.02  # of the directions of inaccurate edges,
+    sloppy_share: float = 0.5  # and their share
     sigma_end_px: float = 0.3  # detector noise: this divided by the length
     outlier_share: float = 0.3  # outliers: segments of arbitrary direction
     vertical_share: float = 0.34  # verticals among the inliers

@@ -1,1 +1,1 @@
-"""The pictures that are measured on, and how an estimator's answer is scored."""
+"""The pictures used for measuring, and how estimates are scored on them."""

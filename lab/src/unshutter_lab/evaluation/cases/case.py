@@ -1,4 +1,4 @@
-"""What the cases of all protocols have in common: how an estimator is asked, and its answer applied and scored."""
+"""The interface of all protocols' cases: running an estimator, applying its answer and scoring it."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from unshutter.options import Undo
 from unshutter.photo import Photo
 from unshutter_lab.evaluation.metrics import psnr, ssim
 
-# One line of the results, of words and numbers only: "suite", "group", "photo", "draw" and "estimator", then figures.
+# One line of the results, text and numbers only: "suite", "group", "photo", "draw" and "estimator", then figures.
 Record = dict[str, Any]
 Loaded = Callable[[str], Estimator]  # name -> estimator, built once per process
-NOTHING = "none"  # the estimator whose picture is the input
+NOTHING = "none"  # the estimator that leaves the input unchanged
 
 
 class Trial(ABC):
-    """One picture of which something is measured. It is chosen in one process and measured in another."""
+    """One picture to measure on. It is selected in one process and measured in another."""
 
     @property
     @abstractmethod
     def key(self) -> str:
-        """Names the case; no other case of the run has the same."""
+        """Unique key of the case within the run."""
 
     @property
     @abstractmethod
     def oracles(self) -> tuple[str, ...]:
-        """Names judged along with the estimators that know the truth, or see more than one photo."""
+        """Names judged along with the estimators that know the truth or see more than one photo."""
 
     @abstractmethod
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """Records of the estimators and oracles of these names.
+        """Returns the records of the estimators and oracles with these names.
 
         Raises:
             UnshutterError: the picture cannot be read or used.
@@ -47,21 +47,21 @@ class Trial(ABC):
 
 
 class Case(Trial):
-    """One picture on which estimators are judged, and which can be looked at."""
+    """One picture on which estimators are judged, and which can be shown."""
 
     @abstractmethod
     def show(self, names: list[str], loaded: Loaded) -> Example:
-        """The pictures and curves behind the records."""
+        """Returns the pictures and curves behind the records."""
 
 
 @dataclass(frozen=True)
 class Example:
-    """One case to look at.
+    """One case to show.
 
     Attributes:
-        title: which picture it is.
-        pictures: (caption, uint8 [H, W, 3]), all of one size: the input, what each estimator made of it, the truth.
-        curves: name -> motion, "truth" among them where it is known.
+        title: title naming the picture.
+        pictures: (caption, uint8 [H, W, 3]), all of one size: the input, each estimator's result, the truth.
+        curves: name -> motion, including "truth" if known.
     """
 
     title: str
@@ -74,9 +74,9 @@ class Answer:
     """An estimator's answer.
 
     Attributes:
-        motion: with the first row as the reference; zero where the estimator failed.
-        declined: why the estimator gave no motion, in its own words; else empty.
-        failed: the error that it raised instead of answering; else empty.
+        motion: with the first row as the reference; zero if the estimator failed.
+        declined: why the estimator returned no motion, in its own words; otherwise empty.
+        failed: the error that it raised; otherwise empty.
     """
 
     motion: Motion
@@ -84,11 +84,11 @@ class Answer:
     failed: str = ""
 
     def figures(self) -> Record:
-        """The figures that records of all protocols have.
+        """Returns the figures common to the records of all protocols.
 
-        ``confidence`` is that of the motion: None where the estimator states none, or declined. ``left_alone`` is why
-        ``unshutter rectify`` with default options would leave the photo unchanged; empty where it would change it.
-        ``kind`` is the likeliest kind of motion; empty where the estimator knows none.
+        ``confidence`` is the motion's, or None if the estimator states none or declined. ``left_alone`` is why
+        ``unshutter rectify`` with default options would leave the photo unchanged, or empty if it would change it.
+        ``kind`` is the likeliest kind of motion, or empty if the estimator does not report kinds.
         """
         scale = 256 / self.motion.height
         farthest = self.motion.largest_px * scale
@@ -106,17 +106,17 @@ class Answer:
 
 
 def ask(estimator: Estimator, view: View) -> Answer:
-    """Asks an estimator for the motion of a photo. An error that it raises becomes part of the answer."""
+    """Runs an estimator on a photo. An exception becomes part of the answer."""
     try:
         motion = find_motion(estimator, view).rereferenced("first")
-    except Exception as error:  # whatever it is, the other estimators are still to be judged
+    except Exception as error:  # whatever it is, the other estimators must still be judged
         message = " ".join(f"{type(error).__name__}: {error}".split())
         return Answer(view.no_motion(estimator.name, "failed"), failed=message)
     return Answer(motion, declined=str(motion.reason or ""))
 
 
 def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """(uint8 [H, W, 1 or 3], bool mask [H, W] of what the photo saw), as ``unshutter rectify`` makes them.
+    """Returns uint8 [H, W, 1 or 3] and a bool mask [H, W] of visible pixels, as ``unshutter rectify`` does.
 
     A motion that cannot be undone leaves the photo unchanged.
     """
@@ -133,12 +133,12 @@ def rectified(photo: Photo, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
 
 def picture_scores(pictures: dict[str, np.ndarray], truth: np.ndarray, mask: np.ndarray) -> Record:
-    """PSNR and SSIM of several pictures against the truth, on the same pixels: ``psnr``, ``psnr_input`` ...
+    """Returns PSNR and SSIM of several pictures against the truth, on the same pixels: ``psnr``, ``psnr_input`` ...
 
-    None where a score has no finite value: equal pictures, or an empty mask.
+    Scores without a finite value (equal pictures, an empty mask) are None.
 
     Args:
-        pictures: ending of the record's keys ("" for what the estimator made) -> uint8 [H, W, bands].
+        pictures: suffix of the record's keys ("" for the estimator's result) -> uint8 [H, W, bands].
         truth: the global-shutter picture.
         mask: bool [H, W], where all of them show something.
     """
@@ -151,7 +151,7 @@ def picture_scores(pictures: dict[str, np.ndarray], truth: np.ndarray, mask: np.
 
 
 def in_8_bits(photo: Photo) -> np.ndarray:
-    """The stored pixels without alpha, uint8 [H, W, 1 or 3]: what pictures are compared in."""
+    """Returns the stored pixels without alpha, uint8 [H, W, 1 or 3], for comparing pictures."""
     pixels = photo.to_array().reshape(photo.height, photo.width, -1)
     pixels = pixels[..., : 3 if pixels.shape[-1] >= 3 else 1]
     return (pixels >> 8).astype(np.uint8) if pixels.dtype == np.uint16 else pixels

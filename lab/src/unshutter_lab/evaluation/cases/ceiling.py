@@ -1,7 +1,7 @@
-"""The best that a cubic row motion can do for a pair: fitted to both pictures, which no estimator may see.
+"""The best cubic row motion for a pair: fitted to both pictures, which no estimator may see.
 
-The ceiling of the tables for real pairs: what is missing above it is parallax, moving things, other axes of rotation
-and the sensor itself, not the estimate.
+It is the ceiling in the tables for real pairs: the remaining difference comes from parallax, moving objects, other axes
+of rotation and the sensor itself, not from the estimate.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from unshutter.options import Reference
 _SHORT_SIDES = (48, 96, 192, 384)  # of the pyramid [px]; 768 gains less than 0.05 dB
 _SHEARS = np.linspace(-0.12, 0.12, 13)  # tried first [rows over the whole readout]
 _STEPS = 12  # at each level
-_NODES = 33  # across and down; the map between them is interpolated
+_NODES = 33  # horizontally and vertically; the map between them is interpolated
 _COEFFICIENTS = 6  # u, u^2, u^3 of t_x [rows] and of r_z [rad]
 
 
 def fit_to_pair(rs: np.ndarray, gs: np.ndarray, reference: Reference) -> Motion:
-    """The cubic t_x and r_z that make the rectified picture most like the global-shutter one (least squares).
+    """Fits the cubic t_x and r_z that make the rectified picture most like the global-shutter one (least squares).
 
-    Coarse to fine, from the best of some shears, by Levenberg-Marquardt on grey values.
+    Coarse to fine, from the best of several shears, by Levenberg-Marquardt on grey values.
 
     Args:
         rs, gs: uint8 [H, W, bands], of the same scene.
-        reference: the row at whose moment ``gs`` was taken.
+        reference: the row at whose time ``gs`` was taken.
 
     Returns:
         The motion at full size, zero at the reference row.
@@ -46,16 +46,16 @@ def fit_to_pair(rs: np.ndarray, gs: np.ndarray, reference: Reference) -> Motion:
 
 
 def cubic_motion(theta: np.ndarray, height: int, width: int, reference: Reference) -> Motion:
-    """Motion of the coefficients [6] of u, u^2, u^3, u = row / (height - 1): t_x [rows] and r_z [rad].
+    """Returns the motion with coefficients [6] of u, u^2, u^3, u = row / (height - 1): t_x [rows] and r_z [rad].
 
-    Cubic seen from the first row, as estimators answer, then taken over to the reference row.
+    Cubic relative to the first row, as in estimators' answers, then re-referenced.
     """
     tx, rz = [0, *(theta[:3] * height)], [0, *theta[3:]]
     return RowMotion.from_polynomials(tx, rz, height, width, estimator="ceiling").rereferenced(reference)
 
 
 class _Level:
-    """A pair at one size: how well a motion explains it, and how that changes with the coefficients."""
+    """A pair at one size, with the residuals of a motion and their derivatives with respect to the coefficients."""
 
     def __init__(self, rs: np.ndarray, gs: np.ndarray, reference: Reference):
         self.rs, self.gs = rs, gs
@@ -68,7 +68,7 @@ class _Level:
         self.down, self.across = _between(self.height), _between(self.width)
 
     def error(self, theta: np.ndarray) -> float:
-        """Mean squared difference of grey values over what was seen."""
+        """Mean squared difference of grey values over the visible pixels."""
         residual, visible, *_ = self._residual(theta)
         return float((residual[visible] ** 2).mean()) if visible.any() else np.inf
 
@@ -97,7 +97,7 @@ class _Level:
 
 
 def _descended(level: _Level, theta: np.ndarray) -> np.ndarray:
-    """Coefficients at a minimum near the given ones."""
+    """Returns the coefficients at a minimum near the given ones."""
     error, damping = level.error(theta), 1e-3
     for _ in range(_STEPS):
         square, gradient = level.normal_equations(theta)
@@ -116,7 +116,7 @@ def _descended(level: _Level, theta: np.ndarray) -> np.ndarray:
 
 
 def _grey(picture: np.ndarray, scale: float) -> np.ndarray:
-    """float64 [h, w], reduced and slightly blurred."""
+    """Returns a float64 [h, w] picture, reduced and slightly blurred."""
     import cv2
 
     grey = picture.astype(np.float32).mean(axis=-1)
@@ -133,6 +133,6 @@ def _look_up(values: np.ndarray, col: np.ndarray, row: np.ndarray) -> np.ndarray
 
 
 def _between(size: int) -> np.ndarray:
-    """[size, _NODES]: weights of the nodes, evenly spread from the first pixel to the last, at every pixel."""
+    """[size, _NODES]: interpolation weights at every pixel of nodes spaced evenly from the first to the last."""
     at = np.linspace(0, _NODES - 1, size)
     return np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(_NODES)))

@@ -1,4 +1,4 @@
-"""What else happens to photos: compression, noise, blur, night."""
+"""Degradations of photos: compression, noise, blur, night."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ NIGHT_GAMMA, NIGHT_BRIGHTNESS, NIGHT_NOISE = 2.0, 0.5, 6.0
 
 
 def compressed(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """JPEG of quality 30 with chroma subsampling; uint8 [H, W, 3]."""
+    """Compresses as JPEG of quality 30 with chroma subsampling; uint8 [H, W, 3]."""
     jpeg = Photo.from_array(picture).to_bytes("jpeg", JPEG_QUALITY)
     return Photo.from_bytes(jpeg).to_array().reshape(picture.shape)
 
 
 def noisy(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Normal noise of standard deviation 10 on every value."""
+    """Adds normal noise of standard deviation 10 to every value."""
     return _added(picture, NOISE_SIGMA, rng)
 
 
 def blurred(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Gaussian blur of 1.5 px."""
+    """Applies a Gaussian blur of 1.5 px."""
     import cv2
 
     return cv2.GaussianBlur(picture, (0, 0), BLUR_SIGMA).reshape(picture.shape)
 
 
 def at_night(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Darkened by a gamma of 2 and to half the brightness, then noise of standard deviation 6."""
+    """Darkens by a gamma of 2 and to half the brightness, then adds noise of standard deviation 6."""
     dark = NIGHT_BRIGHTNESS * 255 * (picture / 255.0) ** NIGHT_GAMMA
     return _added(dark, NIGHT_NOISE, rng)
 

@@ -1,4 +1,4 @@
-"""What lies in the folders of a run: photos, pairs, frames, recorded motions."""
+"""Finds the inputs of a run in its folders: photos, pairs, frames, recorded motions."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _RS = re.compile(r"rs_(\d+)")
 
 @dataclass(frozen=True)
 class Frame:
-    """A rolling-shutter frame and what a global shutter saw during its readout.
+    """A rolling-shutter frame and the global-shutter pictures taken during its readout.
 
     Attributes:
         sequence: name of its sequence in the folder.
-        number: in the sequence; -1 where frames do not follow one another.
+        number: number in the sequence; -1 if frames are not consecutive.
         rs: its file.
         gs: reference row (first, middle) -> file.
     """
@@ -34,10 +34,10 @@ class Frame:
 
 
 def photos_in(folder: Path, most: int | None, seed: int) -> list[Path]:
-    """The photos of a folder and its subfolders, sorted; at most ``most`` of them, chosen by the seed.
+    """Returns the photos of a folder and its subfolders, sorted; at most ``most`` of them, chosen by the seed.
 
     Raises:
-        UnshutterError: no such folder, or no photos in it.
+        UnshutterError: there is no such folder, or no photos in it.
     """
     _check(folder)
     photos = [p for p in pictures_in(folder) if not p.stem.endswith(RECTIFIED)]
@@ -50,15 +50,15 @@ def photos_in(folder: Path, most: int | None, seed: int) -> list[Path]:
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """All pictures of a folder and its subfolders, sorted, whatever they are."""
+    """Returns all pictures of a folder and its subfolders, sorted, of any kind."""
     return [p for p in sorted(folder.rglob("*")) if p.suffix.lower() in PHOTO_SUFFIXES and p.is_file()]
 
 
 def pairs_in(folder: Path) -> list[Frame]:
-    """The pairs of a folder: rs_N with gs_N_first or gs_N_middle in any subfolder, or what ``synthesize`` wrote.
+    """Returns the pairs of a folder: rs_N with gs_N_first or gs_N_middle in any subfolder, or ``synthesize`` output.
 
     Raises:
-        UnshutterError: no pairs, a frame without its global-shutter picture, or one of another size.
+        UnshutterError: there are no pairs, or a frame's global-shutter picture is missing or differs in size.
     """
     _check(folder)
     frames = _synthesized(folder) if (folder / "rs").is_dir() else _numbered(folder)
@@ -78,10 +78,10 @@ def pairs_in(folder: Path) -> list[Frame]:
 
 
 def videos_in(folder: Path) -> list[tuple[Frame, Frame]]:
-    """Consecutive frames: rs_N and rs_N+1 of any subfolder, else the folder's photos in the order of their names.
+    """Returns consecutive frames: rs_N and rs_N+1 of any subfolder, or else the folder's photos in order of name.
 
     Raises:
-        UnshutterError: no consecutive frames, or frames of different sizes.
+        UnshutterError: there are no consecutive frames, or their sizes differ.
     """
     _check(folder)
     frames = _numbered(folder)
@@ -98,10 +98,10 @@ def videos_in(folder: Path) -> list[tuple[Frame, Frame]]:
 
 
 def logs_in(place: Path | None) -> tuple[Path, ...]:
-    """The NPZ files of recorded motions: one file, or those of a folder.
+    """Returns the NPZ files of recorded motions: one file, or those of a folder.
 
     Raises:
-        UsageError: no place was given.
+        UsageError: no path was given.
         UnshutterError: there are none.
     """
     if place is None:

@@ -1,4 +1,4 @@
-"""Pairs: a rolling-shutter frame, and what a global shutter saw at the moment of its first or middle row."""
+"""Pairs of a rolling-shutter frame and a global-shutter picture taken at the time of its first or middle row."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ CEILING = "ceiling"
 
 @dataclass(frozen=True)
 class PairCase(Case):
-    """One rolling-shutter frame, judged at every reference row for which there is a global-shutter picture.
+    """One rolling-shutter frame, judged at every reference row with a global-shutter picture.
 
     Attributes:
         group: name of the data set in the tables.
         frame: its files.
-        readout_ratio: readout time / frame interval of the camera; None: not known, and no frame's neighbours are used.
+        readout_ratio: readout time / frame interval of the camera; None if unknown, which excludes neighbouring frames.
     """
 
     group: str
@@ -47,17 +47,17 @@ class PairCase(Case):
 
     @property
     def key(self) -> str:
-        """Its folder and files."""
+        """Group, sequence and file of the frame."""
         return f"{self.group}|{self.frame.sequence}|{self.frame.rs.name}"
 
     @property
     def oracles(self) -> tuple[str, ...]:
-        """The motion that fits both pictures best, and what the frame's neighbours say."""
+        """The motion fitted to both pictures, and the results of using the frame's neighbours."""
         has_neighbours = self.readout_ratio is not None and any(neighbours_of(self.frame))
         return (*FRAMES, CEILING) if has_neighbours else (CEILING,)
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """One record for each name and reference row."""
+        """Returns one record per name and reference row."""
         photo = Photo.open(self.frame.rs)
         truths = {reference: self._truth(reference, photo) for reference in self.frame.gs}
         records = []
@@ -70,7 +70,7 @@ class PairCase(Case):
         return records
 
     def show(self, names: list[str], loaded: Loaded) -> Example:
-        """The pictures at the last reference row."""
+        """Returns the pictures at the last reference row."""
         photo = Photo.open(self.frame.rs)
         reference = cast(Reference, list(self.frame.gs)[-1])
         truth = self._truth(reference, photo)

@@ -1,4 +1,4 @@
-"""The protocols: what each measures, and the cases that it makes of the folders given."""
+"""The evaluation protocols: what each measures, and the cases it creates from the given folders."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from unshutter_lab.evaluation.cases.video import VideoCase
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be measured, and on what. With the code, it determines every figure.
+    """The request for an evaluation. Together with the code, it determines every figure.
 
     Attributes:
         protocol: one of PROTOCOLS.
         data: folders; each is a group in the tables.
-        photos: at most so many of each folder, chosen by the seed; None: all.
-        per_photo: motions for each photo.
+        photos: maximum number of photos per folder, chosen by the seed; None for all.
+        per_photo: motions per photo.
         seed: 0 or more.
         trajectory: recorded motions, for the protocols trajectory and sequences.
-        readout_ratio: for pairs whose frames follow one another, readout time / frame interval of each folder's camera.
+        readout_ratio: for pairs of consecutive frames, readout time / frame interval of each folder's camera.
 
     Raises:
-        UsageError: an unknown protocol, or numbers that cannot be.
+        UsageError: unknown protocol, or a number is out of range.
     """
 
     protocol: str
@@ -49,19 +49,19 @@ class Request:
         if self.readout_ratio and (self.protocol != "pairs" or len(self.readout_ratio) != len(self.data)):
             raise UsageError("--readout-ratio is for the protocol pairs, and takes one number for each folder")
         for ratio in self.readout_ratio:
-            Clock(ratio)  # raises where it cannot be
+            Clock(ratio)  # raises if it is invalid
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """A way of measuring.
+    """An evaluation protocol.
 
     Attributes:
-        title: of its page.
-        kind: which columns its tables have (tables.py): motion, still, pairs, video or sequences.
+        title: title of its page.
+        kind: set of columns of its tables (tables.py): motion, still, pairs, video or sequences.
         description: what is measured, in a sentence or two.
-        cases: makes the cases of a request.
-        by_group: whether tables keep the folders apart (else they are pooled, and suites kept apart).
+        cases: creates the cases for a request.
+        by_group: whether tables list folders separately (otherwise folders are pooled and suites listed).
     """
 
     title: str
@@ -72,7 +72,7 @@ class Protocol:
 
 
 def _with_motion(*suites: Suite, recorded: bool = False) -> Callable[[Request], list[Case]]:
-    """Makes a case of each photo and draw in each suite."""
+    """Returns a function that creates a case for each photo and draw in each suite."""
 
     def cases(request: Request) -> list[Case]:
         logs = logs_in(request.trajectory) if recorded else ()
@@ -119,7 +119,7 @@ def _sequences(request: Request) -> list[Case]:
 
 
 def _groups(request: Request) -> dict[str, Path]:
-    """Name in the tables -> folder."""
+    """Returns name in the tables -> folder."""
     groups = {folder.resolve().name: folder for folder in request.data}
     if len(groups) < len(request.data):
         raise UsageError("two of the folders have the same name: the tables could not keep them apart")

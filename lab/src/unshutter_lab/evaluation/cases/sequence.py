@@ -1,4 +1,4 @@
-"""Pairs whose frames follow one another: what the neighbours of a frame make of it, and what others published of it."""
+"""Pairs of consecutive frames: results of using a frame's neighbours, and published results of other methods."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from unshutter.photo import Photo
 from unshutter_lab.evaluation.cases.case import Record, in_8_bits
 from unshutter_lab.evaluation.cases.folders import Frame
 
-# rows of the tables: with the model forced, and chosen
+# rows of the tables: with a fixed model, and with the chosen one
 FRAMES: dict[str, FrameModel | None] = {"frames-camera": "camera", "frames-dense": "dense", "frames": None}
-PUBLISHED = "psnr_published_"  # and the name of the method
+PUBLISHED = "psnr_published_"  # followed by the name of the method
 
 
 def neighbours_of(frame: Frame) -> tuple[Path | None, Path | None]:
-    """The files of the frames before and after, where they are there."""
+    """Returns the files of the previous and next frames, or None where missing."""
     if frame.number < 0:
         return None, None
     before, after = (frame.rs.with_name(f"rs_{frame.number + way}{frame.rs.suffix}") for way in (-1, 1))
@@ -31,11 +31,11 @@ def neighbours_of(frame: Frame) -> tuple[Path | None, Path | None]:
 def by_neighbours(
     frame: Frame, ratio: float, reference: Reference, model: FrameModel | None
 ) -> tuple[np.ndarray, np.ndarray, Record]:
-    """What ``unshutter rectify --before --after`` makes of a frame.
+    """Returns the result of ``unshutter rectify --before --after`` for a frame.
 
     Returns:
-        uint8 [H, W, 1 or 3]; bool [H, W], which of it the frame saw; and the figures that all records have. A frame
-        whose neighbours cannot be used is left unchanged.
+        uint8 [H, W, 1 or 3]; a bool mask [H, W] of the pixels the frame shows; and the figures common to all records.
+        A frame whose neighbours cannot be used is left unchanged.
     """
     photo = Photo.open(frame.rs)
     before, after = (path and Photo.open(path) for path in neighbours_of(frame))
@@ -50,9 +50,9 @@ def by_neighbours(
 
 
 def published_of(frame: Frame, reference: str) -> dict[str, np.ndarray]:
-    """Other methods' published pictures of a frame, if they lie next to it: name of the method -> uint8 [H, W, 1 or 3].
+    """Returns other methods' published pictures of a frame next to it: name of the method -> uint8 [H, W, 1 or 3].
 
-    The files are called published_METHOD_NUMBER_REFERENCE; those of another size are left out.
+    The files are called published_METHOD_NUMBER_REFERENCE; those of another size are ignored.
     """
     photo = Photo.open(frame.rs)
     others = {}

@@ -1,6 +1,6 @@
-"""Pictures with a known motion: how each suite makes them, and how an estimate of it is scored.
+"""Pictures with known synthetic motion: how each suite creates them, and how estimates are scored.
 
-The motions of a photo depend on the seed and the photo's own bytes alone, as in ``unshutter synthesize``.
+The motions of a photo depend only on the seed and the photo's own bytes, as in ``unshutter synthesize``.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ from unshutter_lab.synthesis.pairs import synthesize, synthesize_native
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.row_motions import DrawnMotion, draw_from_trajectory, draw_quadratic
 
-_CANVAS = 356 / 256  # rows of the canvas to rows kept, as in the predecessor's generator
-_READOUT_S = 0.03  # of drawn motions, where there is an exposure: as a phone's
+_CANVAS = 356 / 256  # ratio of canvas rows to kept rows, as in the predecessor's generator
+_READOUT_S = 0.03  # of drawn motions with an exposure: typical of phones
 _FOCAL = 1.0  # of recorded motions: focal length in picture sides (53 degrees across)
 
 
 @dataclass(frozen=True)
 class Suite:
-    """How the pictures of a suite are made.
+    """The specification of a suite's pictures.
 
     Attributes:
         name: as in the tables.
-        rows: side of the pictures [px]; None: the photo's own size.
-        readout_s: time of a readout with a recorded motion [s]; None: drawn quadratics.
+        rows: side of the pictures [px]; None for the photo's own size.
+        readout_s: readout time for recorded motions [s]; None for drawn quadratics.
         still: no motion at all.
-        disturbance: one of DISTURBANCES, done to the rolling-shutter picture.
-        turned: counter-clockwise quarter turns of the scene before the motion is put in.
-        orientation: of the picture, in EXIF.
+        disturbance: one of DISTURBANCES, applied to the rolling-shutter picture.
+        turned: counter-clockwise quarter turns of the scene before the motion is applied.
+        orientation: EXIF orientation of the picture.
         of_pictures: whether PSNR and SSIM are computed.
-        exposure_s: how long each row is exposed [s]: it is blurred by the motion, and estimators are given the exposure
-            and a readout of 30 ms; None: sharp, and neither is given.
-        attitude_deg: the largest error of the attitude that estimators are given, uniform [degrees]; None: not given.
+        exposure_s: exposure time of each row [s], which blurs it by the motion; estimators are given the exposure and a
+            readout of 30 ms; None for sharp rows, with neither given.
+        attitude_deg: largest error of the attitude given to estimators, uniform [degrees]; None if not given.
     """
 
     name: str
@@ -72,10 +72,10 @@ class Suite:
 
 @dataclass(frozen=True)
 class Exam:
-    """A picture that was made.
+    """A synthesised picture.
 
     Attributes:
-        view: what estimators see.
+        view: the estimators' input.
         gs: the global-shutter picture, uint8 [H, W, 3].
         truth: the true motion.
     """
@@ -90,7 +90,7 @@ class Exam:
         return self.view.photo
 
     def ask(self, estimator: Estimator) -> Answer:
-        """What an estimator answers."""
+        """Returns an estimator's answer."""
         return ask(estimator, self.view)
 
 
@@ -99,12 +99,12 @@ class SyntheticCase(Case):
     """One picture with known motion.
 
     Attributes:
-        suite: how it is made.
+        suite: the picture's specification.
         group: name of the photo's folder in the tables.
         photo: name of the photo in that folder.
-        path: of the photo.
-        draw: which of the photo's motions.
-        seed: of the run.
+        path: path of the photo.
+        draw: number of the motion, among those of the photo.
+        seed: seed of the run.
         logs: recorded camera motions, for suites with a readout time.
     """
 
@@ -118,16 +118,16 @@ class SyntheticCase(Case):
 
     @property
     def key(self) -> str:
-        """Its suite, photo and motion."""
+        """Suite, group, photo and number of the motion."""
         return f"{self.suite.name}|{self.group}|{self.photo}|{self.draw}"
 
     @property
     def oracles(self) -> tuple[str, ...]:
-        """None: each record has the scores of the true motion."""
+        """No oracles: each record contains the scores of the true motion."""
         return ()
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """One record for each estimator."""
+        """Returns one record per estimator."""
         exam = self.exam()
         nothing = motion_error(RowMotion.zero(exam.truth.height, exam.truth.width), exam.truth)
         oracle = rectified(exam.photo, exam.truth) if self._of_pictures else None
@@ -143,7 +143,7 @@ class SyntheticCase(Case):
         return records
 
     def show(self, names: list[str], loaded: Loaded) -> Example:
-        """The pictures and curves behind the records."""
+        """Returns the pictures and curves behind the records."""
         exam = self.exam()
         curves = {name: exam.ask(loaded(name)).motion for name in names}
         errors = {name: motion_error(motion, exam.truth).epe for name, motion in curves.items()}
@@ -167,9 +167,9 @@ class SyntheticCase(Case):
         return picture_scores(pictures, exam.gs, mask & oracle[1])
 
     def exam(self) -> Exam:
-        """The picture, made again at every call."""
+        """Returns the picture, synthesised again at every call."""
         pixels, digest, focal, known = _photo(self.path)
-        shown_px = round(min(pixels.shape[:2]) / _CANVAS)  # px of the photo that the picture shows across
+        shown_px = round(min(pixels.shape[:2]) / _CANVAS)  # px of the photo across the picture
         pixels = np.ascontiguousarray(np.rot90(pixels, self.suite.turned))
         sequence = np.random.SeedSequence([self.seed, digest], spawn_key=(self.draw,))
         rng = np.random.default_rng(sequence)
@@ -192,12 +192,12 @@ class SyntheticCase(Case):
         return Exam(View(photo, camera, None if known else focal), gs, truth)
 
     def _attitude(self) -> tuple[float | None, float | None]:
-        """How the camera was held, as estimators are given it [degrees]."""
+        """Returns the attitude of the camera as given to estimators [degrees]."""
         most_off = self.suite.attitude_deg
         attitude = None if most_off is None else _true_attitude(self.path)
         if attitude is None or most_off is None:
             return None, None
-        # numbers of their own, so that the motions stay those of the other suites
+        # separate random numbers, so that the motions equal those of the other suites
         sequence = np.random.SeedSequence([self.seed, _photo(self.path)[1]], spawn_key=(self.draw, 1))
         error = np.random.default_rng(sequence).uniform(-most_off, most_off, 2)
         limits = MOST_ROLL_DEG, MOST_TILT_DEG
@@ -214,10 +214,10 @@ class SyntheticCase(Case):
 
 
 def _photo(path: Path) -> tuple[np.ndarray, int, float, bool]:
-    """uint8 [H, W, 3] of a photo, digest of its file, focal length [px], and whether EXIF knows it.
+    """Returns uint8 [H, W, 3] of a photo, digest of its file, focal length [px], and whether EXIF gives it.
 
-    Estimators are given the focal length that they would take for the whole photo (EXIF's, else the usual guess by its
-    size), because a picture that is cut from the middle does not show it.
+    Estimators are given the focal length that they would assume for the whole photo (EXIF's, or else the usual guess
+    from its size), because a crop from the centre does not reveal it.
     """
     photo = Photo.open(path)
     pixels = in_8_bits(photo)
@@ -228,7 +228,7 @@ def _photo(path: Path) -> tuple[np.ndarray, int, float, bool]:
 
 @lru_cache(maxsize=16)
 def _true_attitude(path: Path) -> tuple[float, float] | None:
-    """Roll and tilt of a photo's camera [degrees], None where they cannot be known."""
+    """Returns roll and tilt of a photo's camera [degrees], or None if they cannot be determined."""
     return true_attitude(View(Photo.open(path)))
 
 

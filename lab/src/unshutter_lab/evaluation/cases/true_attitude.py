@@ -1,7 +1,7 @@
-"""How the camera of an undistorted photo was held: what estimators can be given, as by an accelerometer.
+"""Determines the attitude of an undistorted photo's camera, to be given to estimators as if from an accelerometer.
 
-No set of photos at hand states it. Where there is no rolling shutter, right angles alone show it well: the camera
-is fitted to the photo's line segments, its motion held at none.
+None of the available data sets states it. Without rolling shutter, right angles alone reveal it well: the camera is
+fitted to the photo's line segments, with its motion fixed at zero.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _TILTS = np.radians([-10, 0, 10, 25])
 
 
 def true_attitude(view: View) -> tuple[float, float] | None:
-    """Roll and tilt [degrees] of the camera of an undistorted photo; None where the scene shows no right angles."""
+    """Returns roll and tilt [degrees] of an undistorted photo's camera, or None if there are no right angles."""
     segments, size = segments_of(view)
     if len(segments) < _FEWEST_SEGMENTS:
         return None
@@ -35,5 +35,5 @@ def true_attitude(view: View) -> tuple[float, float] | None:
     best = candidates[np.argmin(energy)]
     if float(likelihood.lines_gain(best[None])[0]) < LEAST_GAIN:
         return None
-    # a camera turned clockwise sees the scene turned the other way
+    # a camera rotated clockwise sees the scene rotated counter-clockwise
     return -math.degrees(best[ROLL]), math.degrees(best[TILT])

@@ -1,4 +1,4 @@
-"""Sequences with known motion: a photo seen by a camera that turns as a recorded one did, at several readout ratios."""
+"""Sequences with known motion: a photo seen by a camera rotating as recorded, at several readout ratios."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ RATIO_ESTIMATED, RATIO_KNOWN = "frames-camera", "frames-camera, ratio given"
 RATIOS = (0.3, 0.6, 0.9)
 _FRAMES, _FPS, _NOISE = 60, 30.0, 2.0
 _HEIGHT, _WIDTH, _FOCAL = 360, 640, 550.0  # px
-_JITTER_S = 0.03  # by which logs of motion capture are smoothed
-_EVERY = 12  # of the frames are shown to methods that see one photo
-_COVERED = 1.645  # standard deviations that hold nine truths in ten
+_JITTER_S = 0.03  # smoothing of motion-capture logs
+_EVERY = 12  # every twelfth frame is given to single-photo methods
+_COVERED = 1.645  # standard deviations of a 90 % interval
 
 
 @dataclass(frozen=True)
 class SequenceCase(Case):
-    """One sequence.
+    """One synthetic sequence.
 
     Attributes:
         photo: name of the photo in its folder.
-        path: of the photo.
+        path: path of the photo.
         log: recorded camera motion.
         ratio: readout time in frame intervals.
-        seed: of the run.
+        seed: seed of the run.
     """
 
     photo: str
@@ -59,21 +59,21 @@ class SequenceCase(Case):
 
     @property
     def key(self) -> str:
-        """Its log, photo and ratio."""
+        """Log, photo and ratio."""
         return f"{self.log.stem}|{self.photo}|{self.ratio}"
 
     @property
     def oracles(self) -> tuple[str, ...]:
-        """What sees the whole sequence, with the readout ratio given and without."""
+        """The methods that see the whole sequence, with and without the readout ratio."""
         return (RATIO_ESTIMATED, RATIO_KNOWN)
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """One record for each name."""
+        """Returns one record per name."""
         camera, frames = self._camera_and_frames()
         return [self._record(name, camera, frames, loaded) for name in names]
 
     def show(self, names: list[str], loaded: Loaded) -> Example:
-        """The pictures and curves of the frame in the middle."""
+        """Returns the pictures and curves of the middle frame."""
         camera, frames = self._camera_and_frames()
         k = _FRAMES // 2
         curves = {
@@ -87,7 +87,7 @@ class SequenceCase(Case):
         return Example(f"{self.log.stem}, ratio {self.ratio}", pictures, {"truth": truth, **curves})
 
     def _camera_and_frames(self) -> tuple[TurningCamera, list[np.ndarray]]:
-        """The camera and its frames; they depend on the seed and the case alone."""
+        """Returns the camera and its frames, which depend only on the seed and the case."""
         digest = int(hashlib.sha256(self.path.read_bytes() + self.key.encode()).hexdigest(), 16)
         rng = np.random.default_rng(np.random.SeedSequence([self.seed, digest]))
         size = {"height": _HEIGHT, "width": _WIDTH, "focal_px": _FOCAL}

@@ -1,8 +1,8 @@
-"""|R_F| over consecutive frames, as this project reads it.
+"""|R_F| over consecutive frames, as interpreted by this project.
 
-The paper gives |R_F| for a video and never defines it. Our reading: the number of matches between two consecutive
-rectified frames that agree with one fundamental matrix, as all would for a moving global-shutter camera. More is
-better. Features are SIFT, matched by Lowe's ratio test; OpenCV's USAC (MAGSAC), seeded, finds the matrix.
+The paper gives |R_F| for a video without defining it. Our interpretation: the number of matches between two consecutive
+rectified frames that are inliers of one fundamental matrix, as all would be for a moving global-shutter camera. More is
+better. Features are SIFT, matched by Lowe's ratio test; OpenCV's USAC (MAGSAC), seeded, estimates the matrix.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ _REFERENCE: Reference = "middle"
 _RATIO = 0.75
 _MOST_FEATURES = 3000
 _THRESHOLD = 1.0  # px from the epipolar line
-_FEWEST = 8  # matches that a fundamental matrix needs
-# a frame: uint8 [H, W, bands], and the mask bool [H, W] of what it shows
+_FEWEST = 8  # matches required for a fundamental matrix
+# a frame: uint8 [H, W, bands], and the bool mask [H, W] of its visible pixels
 _Masked = tuple[np.ndarray, np.ndarray]
 
 
@@ -45,7 +45,7 @@ class VideoCase(Case):
     Attributes:
         group: name of the data set in the tables.
         frames: their files.
-        seed: of the run.
+        seed: seed of the run.
     """
 
     group: str
@@ -54,16 +54,16 @@ class VideoCase(Case):
 
     @property
     def key(self) -> str:
-        """Its folder and first file."""
+        """Group, sequence and first file."""
         return f"{self.group}|{self.frames[0].sequence}|{self.frames[0].rs.name}"
 
     @property
     def oracles(self) -> tuple[str, ...]:
-        """The true global-shutter frames, where there are some."""
+        """The true global-shutter frames, if available."""
         return (TRUTH,) if all(_REFERENCE in frame.gs for frame in self.frames) else ()
 
     def judge(self, names: list[str], loaded: Loaded) -> list[Record]:
-        """One record for each name."""
+        """Returns one record per name."""
         photos = [Photo.open(frame.rs) for frame in self.frames]
         nothing = agreeing_matches(*(_as_it_is(photo) for photo in photos), seed=self.seed)[0]
         records = []
@@ -76,7 +76,7 @@ class VideoCase(Case):
         return records
 
     def show(self, names: list[str], loaded: Loaded) -> Example:
-        """The pictures of the first frame."""
+        """Returns the pictures of the first frame."""
         photos = [Photo.open(frame.rs) for frame in self.frames]
         motions = {name: ask(loaded(name), View(photos[0])).motion for name in names}
         pictures = [("input", in_8_bits(photos[0]))]
@@ -86,7 +86,7 @@ class VideoCase(Case):
         return Example(f"{self.group} {self.frames[0].sequence}", pictures, motions)
 
     def _rectified_frames(self, name: str, photos: list[Photo], loaded: Loaded) -> tuple[list[Answer], list[_Masked]]:
-        """Answers, and the frames with their masks that come of them."""
+        """Returns the answers, and the resulting frames with their masks."""
         if name == TRUTH:
             nothing = Answer(RowMotion.zero(photos[0].height, photos[0].width))
             return [nothing], [_as_it_is(Photo.open(frame.gs[_REFERENCE])) for frame in self.frames]
@@ -100,11 +100,11 @@ def _as_it_is(photo: Photo) -> _Masked:
 
 
 def agreeing_matches(first: _Masked, second: _Masked, seed: int) -> tuple[int, int]:
-    """(matches that agree with one fundamental matrix, all matches) of two frames.
+    """Returns (inliers of one fundamental matrix, all matches) between two frames.
 
     Args:
         first, second: frames, each with its mask.
-        seed: of the search for the matrix.
+        seed: seed of the estimation.
     """
     import cv2
 
@@ -121,7 +121,7 @@ def agreeing_matches(first: _Masked, second: _Masked, seed: int) -> tuple[int, i
 
 
 def _features(picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions [N, 2] and descriptors [N, 128] of the strongest SIFT features, away from the mask's border."""
+    """Returns positions [N, 2] and descriptors [N, 128] of the strongest SIFT features, away from the mask's border."""
     import cv2
 
     grey = picture[..., 0] if picture.shape[-1] == 1 else cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)

@@ -1,1 +1,1 @@
-"""Results as tables, plots and pictures."""
+"""Presents results as tables, plots and pictures."""

@@ -1,4 +1,4 @@
-"""Plots of results (extra ``plot``), made from the records alone."""
+"""Plots of results (extra ``plot``), based on the records alone."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[s
         (file name, caption) of each.
 
     Raises:
-        UnshutterError: matplotlib is missing, or the folder cannot be written to.
+        UnshutterError: matplotlib is missing, or the folder is not writable.
     """
     check_matplotlib()
     kind = PROTOCOLS[results.request.protocol].kind
@@ -64,7 +64,7 @@ def draw_plots(results: Results, folder: Path, prefix: str = "") -> list[tuple[s
 
 
 def new_figure(panels: int, height: float = 3.0, rows: int = 1):
-    """A figure and its axes [rows, panels]; the height in inches."""
+    """Returns a figure and its axes [rows, panels]; the height is in inches."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(min(3.2 * panels + 2, 13), height), layout="constrained")
@@ -72,7 +72,7 @@ def new_figure(panels: int, height: float = 3.0, rows: int = 1):
 
 
 def save_figure(figure: Any, path: Path) -> None:
-    """Writes a PNG with a palette: a third of the size, and unlike SVG it does not grow with the number of methods."""
+    """Writes a PNG with a palette: a third of the size, and unlike SVG independent of the number of methods."""
     import matplotlib
     import pyvips
 
@@ -85,7 +85,7 @@ def save_figure(figure: Any, path: Path) -> None:
 
 
 def _panels(results: Results) -> list[tuple[str, dict[str, str]]]:
-    """(title, values of the records) of each panel: a folder, or a suite where folders are pooled."""
+    """Returns (title, criteria for the records) of each panel: a folder, or a suite if folders are pooled."""
     key = "group" if PROTOCOLS[results.request.protocol].by_group else "suite"
     return [(value, {key: value}) for value in results.distinct(key)]
 
@@ -161,14 +161,14 @@ def _curves(results: Results):
 
 
 def _limits(curves: dict[str, dict[str, list[float]]], key: str) -> tuple[float, float]:
-    """Limits of the axis by the truth alone: one wild estimate must not make it small."""
+    """Returns axis limits from the truth alone, so that one wild estimate does not compress the plot."""
     truth = np.array(curves["truth"][key])
     room = 1.2 * max(np.ptp(truth), 4.0 if key == "tx" else 1.0)
     return float(truth.min() - room), float(truth.max() + room)
 
 
 def looks_of(results: Results) -> list[tuple[str, Any, str]]:
-    """(name, colour, dashes) of each estimator, the same in all plots; doing nothing in grey."""
+    """Returns (name, colour, dashes) of each estimator, consistent across plots; grey for no correction."""
     import matplotlib
 
     colours = [matplotlib.colormaps["tab10"](k) for k in range(10)]

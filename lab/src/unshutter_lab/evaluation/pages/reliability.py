@@ -1,4 +1,4 @@
-"""How reliable confidences are: whether as many answers are right as they say, and what dropping the least sure gains.
+"""Reliability of confidences: whether they match the share of correct answers, and the gain from dropping unsure ones.
 
 docs/reference/conventions.md defines the figures.
 """
@@ -17,25 +17,25 @@ from unshutter_lab.evaluation.pages.plots import finish_figure, new_figure, save
 from unshutter_lab.evaluation.results import values
 
 BINS = 10
-ENOUGH = 20  # pictures in a bin whose gap counts
-LEFT = "left unchanged"  # what stands for the kind of motion of a picture that is not moved
-_DECLINED = -1.0  # trust in a picture that was declined: below every confidence
-_Z = 1.959964  # standard deviations to either side that hold 95 % of a normal distribution
-_AREA = 1.5  # of a dot in the diagram, for each picture [square points]
+ENOUGH = 20  # fewest pictures in a bin whose gap counts
+LEFT = "left unchanged"  # used as the kind of motion for pictures left unchanged
+_DECLINED = -1.0  # trust in a declined picture: below any confidence
+_Z = 1.959964  # half-width of the 95 % interval of a normal distribution, in standard deviations
+_AREA = 1.5  # of a dot in the diagram, per picture [square points]
 _SMALLEST_DOT = 6.0
 
 
 @dataclass(frozen=True)
 class Bin:
-    """Pictures with about the same confidence.
+    """Pictures with similar confidence.
 
     Attributes:
-        low, high: the confidences that belong here, 0 ... 1; the lower bound does, the upper one only if it is 1.
-        count: pictures.
+        low, high: range of the confidences, 0 ... 1; includes the lower bound, and the upper one only if it is 1.
+        count: number of pictures.
         weight: share of the weight of all pictures with a confidence.
         stated: mean confidence.
-        right: share of the pictures whose answer is right (metrics.is_right).
-        interval: [2], between which the probability of being right lies with 95 %.
+        right: share of the pictures with a correct answer (metrics.is_right).
+        interval: [2] 95 % interval of the probability of being correct.
     """
 
     low: float
@@ -48,21 +48,21 @@ class Bin:
 
     @property
     def gap(self) -> float:
-        """Share of right answers beyond what was stated; negative where too much was promised."""
+        """Share of correct answers minus stated confidence; negative if overconfident."""
         return self.right - self.stated
 
 
 @dataclass(frozen=True)
 class Judged:
-    """How an estimator did on some pictures, and how far it trusted itself.
+    """An estimator's errors on some pictures, with its confidence.
 
     Attributes:
         epe: [N] errors [px at 256 rows].
-        right: [N] whether the answers are right (metrics.is_right).
-        trust: [N] confidences; -1 where it declined or failed, which is trusted least.
-        kind: [N] the likeliest kind of motion by the answer, LEFT where the picture is not moved; empty where the
-            estimator knows no kinds.
-        weight: [N] how much each picture counts.
+        right: [N] whether the answers are correct (metrics.is_right).
+        trust: [N] confidences; -1 if it declined or failed, which ranks lowest.
+        kind: [N] the likeliest kind of motion according to the answer, LEFT if the picture is left unchanged; empty if
+            the estimator does not report kinds.
+        weight: [N] weight of each picture.
     """
 
     epe: np.ndarray
@@ -73,7 +73,7 @@ class Judged:
 
     @classmethod
     def of(cls, records: list[Record]) -> Judged:
-        """From the records of one estimator, each counting the same."""
+        """Collects the records of one estimator with equal weights."""
         stated = [record.get("confidence") for record in records]
         trust = np.array([_DECLINED if confidence is None else confidence for confidence in stated])
         kind = np.array(
@@ -83,7 +83,7 @@ class Judged:
         return cls(epe, is_right(epe, values(records, "epe_nothing")), trust, kind, np.ones(len(records)))
 
     def pooled_with(self, other: Judged) -> Judged:
-        """Both together, each counting as a half, however many pictures it has."""
+        """Combines both with half of the weight each, however many pictures they have."""
         weight = [judged.weight / judged.weight.sum() / 2 for judged in (self, other)]
         pairs = ((self.epe, other.epe), (self.right, other.right), (self.trust, other.trust), (self.kind, other.kind))
         return Judged(*(np.concatenate(pair) for pair in (*pairs, weight)))
@@ -99,18 +99,18 @@ class Judged:
         return self._chosen(self.trust != _DECLINED)
 
     def by_kind(self) -> dict[str, Judged]:
-        """The pictures with a confidence, by the likeliest kind of motion; none where the estimator knows no kinds."""
+        """Returns the pictures with a confidence by likeliest kind of motion; empty if none are reported."""
         answered = self.answered
         return {str(kind): answered._chosen(answered.kind == kind) for kind in np.unique(answered.kind) if kind}
 
     @property
     def stated(self) -> float:
-        """Mean confidence of the pictures, each of which has one."""
+        """Mean confidence of the pictures, all of which must have one."""
         return float(np.average(self.trust, weights=self.weight))
 
     @property
     def right_share(self) -> float:
-        """Share of the pictures whose answer is right."""
+        """Share of the pictures with a correct answer."""
         return float(np.average(self.right, weights=self.weight))
 
     def _chosen(self, chosen: np.ndarray) -> Judged:
@@ -118,21 +118,21 @@ class Judged:
 
     @property
     def mean(self) -> float:
-        """Mean EPE of all."""
+        """Mean EPE of all pictures."""
         return float(np.average(self.epe, weights=self.weight))
 
     def mean_without(self, share: float) -> float:
-        """Mean EPE when the share (0 ... 1) of the pictures that are trusted least is dropped."""
+        """Returns the mean EPE after dropping the share (0 ... 1) of the pictures with the lowest confidence."""
         return mean_between(self.epe, self.trust, self.weight, share, 1)
 
     def best_without(self, share: float) -> float:
-        """Mean EPE when those with the largest errors are dropped first: no order can do better."""
+        """Returns the mean EPE after dropping the largest errors first: the optimum of any order."""
         return mean_between(self.epe, -self.epe, self.weight, share, 1)
 
     def bins(self) -> list[Bin]:
-        """The pictures in ten bins by the confidence stated, empty ones left out, in ascending order.
+        """Returns the pictures in ten bins of stated confidence, without empty ones, in ascending order.
 
-        Pictures that were declined state nothing and are in none.
+        Declined pictures state no confidence and are not included.
         """
         answered = self.answered
         place = np.minimum((answered.trust * BINS).astype(int), BINS - 1)
@@ -147,22 +147,22 @@ class Judged:
 
 
 def mean_gap(bins: list[Bin]) -> float:
-    """Expected calibration error: mean difference of stated and true share over the pictures; NaN without any."""
+    """Returns the expected calibration error: mean absolute gap over the pictures; NaN if there are none."""
     return sum(each.weight * abs(each.gap) for each in bins) if bins else float("nan")
 
 
 def widest(bins: list[Bin]) -> Bin | None:
-    """The bin with the largest gap, either way, of those with ENOUGH pictures; None where no bin has."""
+    """Returns the bin with the largest gap, of either sign, among those with ENOUGH pictures; None if there is none."""
     return max((each for each in bins if each.count >= ENOUGH), key=lambda each: abs(each.gap), default=None)
 
 
 def effective_size(weight: np.ndarray) -> float:
-    """How many pictures of equal weight tell as much as these [N] (Kish, Survey Sampling, 1965)."""
+    """Returns the effective sample size of weights [N] (Kish, Survey Sampling, 1965)."""
     return float(weight.sum() ** 2 / (weight**2).sum())
 
 
 def wilson_interval(share: float, size: float) -> tuple[float, float]:
-    """Between which bounds a probability lies with 95 %, given the share of so many trials in which it came true.
+    """Returns the 95 % interval of a probability, given the observed share of successes in ``size`` trials.
 
     Wilson's score interval (JASA 22(158), 1927): unlike the standard error, it does not vanish at shares of 0 and 1.
     """
@@ -173,10 +173,10 @@ def wilson_interval(share: float, size: float) -> tuple[float, float]:
 
 
 def mean_between(figure: np.ndarray, order: np.ndarray, weight: np.ndarray, low: float, high: float) -> float:
-    """Weighted mean of a figure over the pictures between two shares of all, in ascending order of another figure.
+    """Returns the weighted mean of a figure over the pictures between two quantiles of another figure.
 
-    Pictures that are equal in the order share their places evenly: a border among them cuts a part off each. So the
-    result depends neither on the order of the files nor on rounding.
+    Pictures with equal order share their ranks evenly: a limit within such a tie takes a part of each. The result
+    therefore depends neither on the order of the files nor on rounding.
 
     Args:
         figure, order, weight: [N].
@@ -190,12 +190,12 @@ def mean_between(figure: np.ndarray, order: np.ndarray, weight: np.ndarray, low:
 
 
 def draw_reliability(panels: dict[str, dict[str, Judged]], looks: list[tuple[str, Any, str]], path: Path) -> None:
-    """Draws a reliability diagram, the share of right answers against the confidence, as a PNG.
+    """Draws a reliability diagram, the share of correct answers against the confidence, as a PNG.
 
     Args:
         panels: title -> estimator -> its pictures.
         looks: (estimator, colour, dashes) of each.
-        path: of the file.
+        path: path of the file.
 
     Raises:
         UnshutterError: the file cannot be written.
@@ -212,7 +212,7 @@ def draw_reliability(panels: dict[str, dict[str, Judged]], looks: list[tuple[str
 
 
 def _draw_bins(axis: Any, bins: list[Bin], name: str, colour: Any, dashes: str) -> None:
-    """A dot for each bin, its area the number of pictures, with its interval."""
+    """Draws a dot per bin with its interval; the area is proportional to the number of pictures."""
     stated, right = [each.stated for each in bins], [each.right for each in bins]
     axis.plot(stated, right, color=colour, ls=dashes, lw=1.0, marker=".", ms=3, label=name)
     axis.vlines(stated, *np.reshape([each.interval for each in bins], (-1, 2)).T, color=colour, lw=0.8, alpha=0.6)

@@ -1,4 +1,4 @@
-"""The files of one run: results.md, results.json, results.csv, plots and contact sheets."""
+"""Writes the files of one run: results.md, results.json, results.csv, plots and contact sheets."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ def write_report(results: Results, examples: list[Example], folder: Path) -> Non
 
     Args:
         results: with the curves of the examples.
-        examples: pictures to look at.
-        folder: that exists; files of an earlier report in it are replaced.
+        examples: pictures to show.
+        folder: an existing folder; files of an earlier report in it are replaced.
 
     Raises:
-        UnshutterError: the folder cannot be written to.
+        UnshutterError: the folder is not writable.
     """
     sheets = []
     for k, example in enumerate(examples, start=1):
@@ -36,11 +36,11 @@ def write_report(results: Results, examples: list[Example], folder: Path) -> Non
 def page(
     results: Results, plots: list[tuple[str, str]], sheets: list[tuple[str, str]], figures: str | None = None
 ) -> str:
-    """Markdown of one run.
+    """Returns the Markdown page of one run.
 
     Args:
-        results: of the run.
-        plots, sheets: (file, caption) of the pictures that the page shows.
+        results: results of the run.
+        plots, sheets: (file, caption) of the pictures on the page.
         figures: Markdown that replaces the tables.
     """
     protocol = PROTOCOLS[results.request.protocol]
@@ -51,7 +51,7 @@ def page(
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text file whole or not at all.
+    """Writes a text file completely or not at all.
 
     Raises:
         UnshutterError: it cannot be written.
@@ -61,7 +61,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _counts(results: Results) -> str:
-    """How many pictures of which folders, and how they were chosen."""
+    """Describes the number of pictures per folder, and how they were selected."""
     photos = {group: len({(r["photo"]) for r in results.chosen(group=group)}) for group in results.distinct("group")}
     listed = ", ".join(f"{group} {count}" for group, count in photos.items())
     what = {"pairs": "Sequences", "video": "Sequences", "sequences": "Photos, seen by each log at each ratio"}.get(

@@ -1,4 +1,4 @@
-"""Contact sheets: the input, what each method made of it, and the truth, side by side."""
+"""Contact sheets: the input, each method's result, and the truth, side by side."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def write_sheet(example: Example, path: Path, quality: int = 82) -> None:
 
 
 def sheet(pictures: list[tuple[str, np.ndarray]]) -> np.ndarray:
-    """uint8 [H, W, 3] of captioned pictures [h, w, 1 or 3] of one size."""
+    """Returns a uint8 [H, W, 3] sheet of captioned pictures [h, w, 1 or 3] of one size."""
     tiles = [_tile(caption, picture) for caption, picture in pictures]
     height, width = tiles[0].shape[:2]
     across = min(_ACROSS, len(tiles))

@@ -1,4 +1,4 @@
-"""A table of texts: whole in Markdown and as CSV, and in short, with the figures that matter most."""
+"""A table of text cells: in full as Markdown or CSV, or short, with the most important figures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import io
 import re
 from dataclasses import dataclass
 
-# kind of a run -> titles of the figures that its short tables show
+# kind of a run -> titles of the figures in its short tables
 SHORT = {
     "motion": ("EPE median", "improved"),
     "still": ("moved > 1 px",),
@@ -21,11 +21,11 @@ _FIGURE = re.compile(r"(?P<number>[+-]?[\d.]+) ?(?P<unit>px|dB|°|%)?")
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts.
+    """A table of text cells.
 
     Attributes:
-        suite: what the figures were measured on.
-        titles: of the columns; the first two are ``photos`` and ``estimator``.
+        suite: suite on which the figures were measured.
+        titles: titles of the columns; the first two are ``photos`` and ``estimator``.
         rows: the cells.
     """
 
@@ -41,7 +41,7 @@ class Table:
 
 
 def short_tables(tables: list[Table], kind: str) -> str:
-    """Methods against photos, a table for each suite; methods against suites where photos are pooled."""
+    """Returns tables of methods against photos, one per suite; against suites if photos are pooled."""
     tables = [table for table in tables if SHORT[kind][0] in table.titles]
     if all({row[0] for row in table.rows} == {"all"} for table in tables):
         return _matrix({table.suite: _figures(table, SHORT[kind])["all"] for table in tables})
@@ -54,7 +54,7 @@ def short_tables(tables: list[Table], kind: str) -> str:
 
 
 def legend(kind: str) -> str:
-    """What the cells of short tables hold."""
+    """Describes the cells of short tables."""
     return {
         "motion": "Median EPE in px of 256 rows, and the share of pictures improved.",
         "still": "Share of the photos in which `rectify` would move something by more than 1 px.",
@@ -65,7 +65,7 @@ def legend(kind: str) -> str:
 
 
 def as_csv(tables: list[Table]) -> str:
-    """All figures: a line for each suite, set of photos and method, numbers without units, units in the headings."""
+    """Returns all figures as CSV: a line per suite, set of photos and method, with units in the headings only."""
     rows: dict[tuple[str, ...], dict[str, str]] = {}
     cells: dict[str, list[str]] = {}
     for table in tables:
@@ -82,7 +82,7 @@ def as_csv(tables: list[Table]) -> str:
 
 
 def _figures(table: Table, titles: tuple[str, ...]) -> dict[str, dict[str, str]]:
-    """Photos -> method -> its figures, as one text."""
+    """Returns photos -> method -> its figures, as one text."""
     places = [table.titles.index(title) for title in titles]
     figures: dict[str, dict[str, str]] = {}
     for row in table.rows:
@@ -101,7 +101,7 @@ def _plain(text: str) -> str:
 
 
 def _number(cell: str) -> str:
-    """The number of a cell; nothing where it is unknown, the text where it is not a number."""
+    """Returns the number in a cell; empty if unknown, the text if it is not a number."""
     cell = _plain(cell)
     figure = _FIGURE.fullmatch(cell)
     return figure["number"] if figure else cell.replace(_UNKNOWN, "")

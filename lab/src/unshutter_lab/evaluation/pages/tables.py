@@ -1,4 +1,4 @@
-"""Results as Markdown tables, made from the records alone."""
+"""Results as Markdown tables, based on the records alone."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from unshutter_lab.evaluation.cases.sequence import PUBLISHED
 from unshutter_lab.evaluation.pages.table import Table
 from unshutter_lab.evaluation.results import Results, values
 
-_HARM = (1.0, 3.0)  # px at 256 rows: a change of an undistorted photo that measures, and one that is plainly visible
+_HARM = (1.0, 3.0)  # px at 256 rows: a measurable change of an undistorted photo, and a clearly visible one
 _UNKNOWN = "–"
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its heading, its cell from the records of a row, and which way is better (0: neither).
+    """One column: heading, function for the cell of a row's records, and which direction is better (0: neither).
 
-    With ``of``, the cell is divided by that of the row of this name.
+    With ``of``, the cell is divided by that of the row with this name.
     """
 
     title: str
@@ -32,7 +32,7 @@ class Column:
     of: str | None = None
 
     def of_row(self, name: str, rows: dict[str, list[Record]]) -> float:
-        """The figure of a row among others."""
+        """Returns the figure of a row, relative to another row if ``of`` is set."""
         value = self.cell(rows[name])
         if self.of is None:
             return value
@@ -40,7 +40,7 @@ class Column:
         return value / whole if whole > 0 else np.nan
 
     def text(self, value: float) -> str:
-        """The figure as it is printed."""
+        """Returns the figure as printed."""
         return self.form.format(value) if np.isfinite(value) else _UNKNOWN
 
 
@@ -57,7 +57,7 @@ def _p90(key: str) -> Callable[[list[Record]], float]:
 
 
 def _gain(key: str) -> Callable[[list[Record]], float]:
-    """Mean over pictures of what the estimator gained over the input on the same pixels."""
+    """Returns the mean over pictures of the estimator's gain over the input on the same pixels."""
 
     def gain(records: list[Record]) -> float:
         both = [r for r in records if r.get(key) is not None and r.get(f"{key}_input") is not None]
@@ -67,7 +67,7 @@ def _gain(key: str) -> Callable[[list[Record]], float]:
 
 
 def _better(key: str) -> Callable[[list[Record]], float]:
-    """Share of pictures that are better than the input, which excludes those left unchanged."""
+    """Returns the share of pictures that are better than the input, which excludes those left unchanged."""
 
     def better(records: list[Record]) -> float:
         both = [r for r in records if r.get(key) is not None and r.get(f"{key}_input") is not None]
@@ -89,12 +89,12 @@ def _wrong(record: Record, px: float) -> bool:
 
 
 def _moved(record: Record, px: float) -> bool:
-    """Somewhere in the picture; no figure says that a position is not even finite."""
+    """Whether any part of the picture moved by more than ``px``; None for the farthest means not finite."""
     return record["farthest"] is None or record["farthest"] > px
 
 
 def _by_rectify(holds: Callable[[Record], bool]) -> Callable[[list[Record]], float]:
-    """Share of pictures of which this holds and that ``rectify`` would change; earlier versions' records do not say."""
+    """Returns the share of pictures that satisfy ``holds`` and that ``rectify`` would change; NaN for old records."""
 
     def share(records: list[Record]) -> float:
         known = all("left_alone" in r for r in records)
@@ -197,7 +197,7 @@ COLUMNS: dict[str, list[list[Column]]] = {
 
 
 def tables(results: Results) -> str:
-    """All tables of a run, with the suite above where there are several."""
+    """Returns all tables of a run as Markdown, with headings if there are several suites."""
     parts = all_tables(results)
     several = len({table.suite for table in parts}) > 1
     texts = []
@@ -209,7 +209,7 @@ def tables(results: Results) -> str:
 
 
 def all_tables(results: Results) -> list[Table]:
-    """All tables of a run."""
+    """Returns all tables of a run."""
     protocol = PROTOCOLS[results.request.protocol]
     parts = []
     for suite in results.distinct("suite"):
@@ -225,7 +225,7 @@ def all_tables(results: Results) -> list[Table]:
 
 
 def _published(results: Results) -> list[Column]:
-    """How much better than the published outputs of others, a column for each of their methods."""
+    """Returns a column per other method: the gain over its published outputs."""
     keys = sorted({key for record in results.records for key in record if key.startswith(PUBLISHED)})
     return [Column(f"above {key.removeprefix(PUBLISHED)}", _lead(key), "{:+.2f} dB", +1) for key in keys]
 
@@ -239,14 +239,14 @@ def _lead(key: str) -> Callable[[list[Record]], float]:
 
 
 def marked(value: float, others: list[float], column: Column) -> str:
-    """A cell, bold where no other of its column is better."""
+    """Returns a cell, in bold if no other in its column is better."""
     known = [v for v in others if np.isfinite(v)]
     best = known and column.better and column.text(value) == column.text((max if column.better > 0 else min)(known))
     return f"**{column.text(value)}**" if best else column.text(value)
 
 
 def _table(suite: str, blocks: list[tuple[str, list[Record]]], columns: list[Column], results: Results) -> Table:
-    """Rows of estimators for each block of records, best figures in bold."""
+    """Returns rows of estimators for each block of records, best figures in bold."""
     lines = []
     for group, records in blocks:
         rows = {name: [r for r in records if r["estimator"] == name] for name in results.names}

@@ -1,1 +1,1 @@
-"""What networks learn from: drawn scenes of line segments, and photos distorted by random motions."""
+"""Training data: drawn scenes of line segments, and photos distorted by random motions."""

@@ -1,15 +1,15 @@
-"""Drawn street corners: walls of brick, panels or plaster with windows, seen in perspective. No photo is involved."""
+"""Draws street corners: walls of brick, panels or plaster with windows, seen in perspective. No photos are involved."""
 
 from __future__ import annotations
 
 import numpy as np
 
 _TEXTURE = 640  # px of a wall's texture
-_FINER = 2  # pictures are drawn this many times finer, then reduced
+_FINER = 2  # pictures are drawn this many times larger, then reduced
 
 
 def draw_facades(size: int, seed: int) -> np.ndarray:
-    """A made-up street corner: sky, ground, one to three textured walls, poles, bushes. [3, size, size] uint8 RGB.
+    """Draws a street corner: sky, ground, one to three textured walls, poles, bushes. [3, size, size] uint8 RGB.
 
     The camera is level; its walls stand at right angles to each other.
     """
@@ -25,7 +25,7 @@ def draw_facades(size: int, seed: int) -> np.ndarray:
         angle = azimuth + turn * np.pi / 2
         end = corner + dice.uniform(2, 8) * np.array([np.cos(angle), np.sin(angle)])
         foot = np.array([corner, end])[np.argsort([corner[0], end[0]])]  # left end first
-        if foot[:, 1].min() < 0.8:  # it would come too near the camera
+        if foot[:, 1].min() < 0.8:  # too close to the camera
             continue
         height = dice.uniform(1.5, 7)
         ground = [focal * np.array([right, 1.0]) / ahead for right, ahead in foot]
@@ -39,7 +39,7 @@ def draw_facades(size: int, seed: int) -> np.ndarray:
 
 
 def _sky_and_ground(dice: np.random.Generator, side: int) -> np.ndarray:
-    """[side, side, 3] float32."""
+    """Returns [side, side, 3] float32."""
     ramp = np.linspace(0, 1, side)[:, None, None]
     tint = dice.uniform(-30, 30, 3)
     sky = (dice.uniform(90, 230) + tint) * (1 - ramp) + (dice.uniform(140, 250) - tint / 3) * ramp
@@ -50,7 +50,7 @@ def _sky_and_ground(dice: np.random.Generator, side: int) -> np.ndarray:
 
 
 def _wall(dice: np.random.Generator, aspect: float) -> np.ndarray:
-    """[_TEXTURE, _TEXTURE, 3] float32 texture of a wall whose height is ``aspect`` times its width."""
+    """Returns a [_TEXTURE, _TEXTURE, 3] float32 texture of a wall whose height is ``aspect`` times its width."""
     colour = dice.uniform(50, 230) + dice.uniform(-35, 35, 3)
     wall = np.full((_TEXTURE, _TEXTURE, 3), colour, np.float32)
     wall *= 1 + dice.uniform(0, 0.25) * _clouds(dice, _TEXTURE)[..., None]
@@ -65,7 +65,7 @@ def _wall(dice: np.random.Generator, aspect: float) -> np.ndarray:
 
 
 def _joints(dice: np.random.Generator, wall: np.ndarray) -> None:
-    """Bricks or panels: lines between courses, and between the stones of a course."""
+    """Draws bricks or panels: lines between courses, and between the stones of a course."""
     if dice.random() < 0.35:  # plaster
         return
     course = int(dice.integers(6, 50))
@@ -80,7 +80,7 @@ def _joints(dice: np.random.Generator, wall: np.ndarray) -> None:
 
 
 def _windows(dice: np.random.Generator, wall: np.ndarray, floors: int, columns: int) -> None:
-    """A grid of windows with frames and cross-bars; here and there one is missing or lit."""
+    """Draws a grid of windows with frames and cross-bars; occasionally one is missing or lit."""
     wide, high = _TEXTURE // columns, _TEXTURE // floors
     gap_col, gap_row = int(wide * dice.uniform(0.12, 0.35)), int(high * dice.uniform(0.12, 0.35))
     glass = dice.uniform(20, 110) + dice.uniform(-15, 15, 3)
@@ -113,7 +113,7 @@ def _hang(picture: np.ndarray, texture: np.ndarray, quad: np.ndarray) -> None:
 
 
 def _clutter(dice: np.random.Generator, picture: np.ndarray) -> None:
-    """Poles, wires and bushes."""
+    """Draws poles, wires and bushes."""
     import cv2
 
     side = len(picture)
@@ -139,7 +139,7 @@ def _clutter(dice: np.random.Generator, picture: np.ndarray) -> None:
 
 
 def _clouds(dice: np.random.Generator, side: int) -> np.ndarray:
-    """[side, side] smooth noise of about -1 ... 1."""
+    """Returns [side, side] smooth noise of about -1 ... 1."""
     import cv2
 
     coarse = dice.uniform(-1, 1, (int(dice.integers(3, 30)), int(dice.integers(3, 30)))).astype(np.float32)

@@ -1,7 +1,8 @@
-"""Other light and other cameras' flaws for training pictures: exposure, gamma, white balance, grey, blur, noise, JPEG.
+"""Variation of light and camera in training pictures: exposure, gamma, white balance, grey, blur, noise, JPEG.
 
-Light falls on the scene, so the distorted and the undistorted picture get the same. Blur, noise and compression are the
-camera's: only the distorted picture, which the network sees, has them. Whole batches, on the pictures' device.
+Light falls on the scene, so it is the same for the distorted and the undistorted picture. Blur, noise and compression
+are the camera's: they affect only the distorted picture, which the network sees. Works on whole batches, on the
+pictures' device.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ _LUMA = torch.tensor([0.299, 0.587, 0.114])
 
 @dataclass(frozen=True)
 class LightConfig:
-    """How light and cameras vary. A spread is a standard deviation of the logarithm.
+    """Variation of light and cameras. A spread is a standard deviation of the logarithm.
 
     Raises:
-        UsageError: a share outside 0 ... 1.
+        UsageError: a share is outside 0 ... 1.
     """
 
-    share: float = 0.0  # of the pictures to which any of this happens; 0: none
+    share: float = 0.0  # share of the pictures that are varied at all
     exposure: float = 0.2  # spread
     gamma: float = 0.2  # spread
     balance: float = 0.06  # spread of each channel
@@ -37,7 +38,7 @@ class LightConfig:
     blur_px: float = 1.2  # largest standard deviation of the blur
     noisy: float = 0.3  # share
     noise: float = 0.04  # largest standard deviation of the noise, of white = 1
-    compressed: float = 0.25  # share with JPEG's artefacts
+    compressed: float = 0.25  # share with JPEG artefacts
     quantum: float = 0.25  # largest step of JPEG's coefficients, of white = 1
 
     def __post_init__(self) -> None:
@@ -49,9 +50,9 @@ class Light:
     """The light and the camera of one batch.
 
     Args:
-        config: how they vary.
-        generator: of the numbers.
-        batch: how many pictures.
+        config: their variation.
+        generator: random number generator.
+        batch: number of pictures.
     """
 
     def __init__(self, config: LightConfig, generator: torch.Generator, batch: int):
@@ -70,7 +71,7 @@ class Light:
         self._quantum = torch.where(compressed, config.quantum * dice.each(), 0.0)
 
     def on_scene(self, pictures: Tensor) -> Tensor:
-        """[B, 3, h, w] in 0 ... 1 under the new light. Black stays black."""
+        """Returns [B, 3, h, w] in 0 ... 1 under the varied light. Black remains black."""
         pictures = (pictures * self._gain).clamp_(0, 1)
         pictures = torch.pow(pictures, self._gamma)
         some = self._grey.nonzero()[:, 0]
@@ -80,7 +81,7 @@ class Light:
         return pictures
 
     def through_camera(self, pictures: Tensor) -> Tensor:
-        """[B, 3, h, w] as the camera records them: blurred, noisy, compressed."""
+        """Returns [B, 3, h, w] as recorded by the camera: blurred, noisy, compressed."""
         pictures = _of_some(pictures, self._blur, blur)
         some = self._noise.nonzero()[:, 0]
         if len(some):
@@ -90,7 +91,7 @@ class Light:
 
 
 def blur(pictures: Tensor, deviation: Tensor) -> Tensor:
-    """[B, C, h, w] blurred by Gaussians of the standard deviations [B] px."""
+    """Blurs [B, C, h, w] by Gaussians with standard deviations [B] px."""
     places = torch.arange(-3, 4, dtype=pictures.dtype, device=pictures.device)
     weights = torch.exp(-0.5 * (places / deviation.clamp(min=1e-3)[:, None]).square())
     weights = (weights / weights.sum(1, keepdim=True))[..., None, None, None]  # [B, 7, 1, 1, 1]
@@ -102,10 +103,10 @@ def blur(pictures: Tensor, deviation: Tensor) -> Tensor:
 
 
 def compress(pictures: Tensor, quantum: Tensor) -> Tensor:
-    """[B, C, h, w] with the artefacts of JPEG: the cosine coefficients of blocks of 8 px, rounded.
+    """Adds JPEG artefacts to [B, C, h, w]: rounds the cosine coefficients of blocks of 8 px.
 
     Args:
-        pictures: whose sides are multiples of 8.
+        pictures: their sides must be multiples of 8.
         quantum: [B] step of the highest frequencies; that of the lowest is a sixth.
     """
     frequency = torch.arange(_BLOCK, dtype=pictures.dtype, device=pictures.device)
@@ -121,7 +122,7 @@ def compress(pictures: Tensor, quantum: Tensor) -> Tensor:
 
 
 def _of_some(pictures: Tensor, amount: Tensor, change) -> Tensor:
-    """The pictures, changed where the amount [B] is not zero."""
+    """Applies a change to the pictures whose amount [B] is not zero."""
     some = amount.nonzero()[:, 0]
     if len(some):
         pictures = pictures.index_copy(0, some, change(pictures[some], amount[some]))

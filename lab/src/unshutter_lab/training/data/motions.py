@@ -1,7 +1,7 @@
-"""Random motions in batches: the predecessor's quadratics, and motions as people make them.
+"""Random motions in batches: the predecessor's quadratics, and motions as made by people.
 
-Quadratics are what the paper and its predecessor measure with; real hands shake far less, and people who turn with a
-camera shear the picture evenly. All have the first row as their reference.
+The paper and its predecessor evaluate on quadratics; real hands shake far less, and people who pan a camera shear the
+picture evenly. All have the first row as their reference.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from unshutter.errors import UsageError
 from unshutter.geometry import rows as geometry
 from unshutter_lab.training.data.dice import Dice
 
-_FIRST, _SPAN = 50 / 356, 256 / 356  # the middle 256 of the 356 canvas rows: canvas row / 356 = _FIRST + _SPAN * u
+_FIRST, _SPAN = 50 / 356, 256 / 356  # the central 256 of the 356 canvas rows: canvas row / 356 = _FIRST + _SPAN * u
 
 # standard deviations of the coefficients of u, u^2, u^3: of t_x in rows of the picture, of r_z in radians
 _HAND = ((0.05, 0.015, 0.004), (0.02, 0.006, 0.002))
@@ -29,10 +29,10 @@ class MotionConfig:
     """Shares of the kinds of motion; the rest are the predecessor's quadratics.
 
     Raises:
-        UsageError: shares that are negative or more than 1 together.
+        UsageError: a share is negative, or they add up to more than 1.
     """
 
-    hand: float = 0.0  # shake of a hand that holds still
+    hand: float = 0.0  # shake of a hand holding still
     pan: float = 0.0  # a camera that turns evenly
 
     def __post_init__(self) -> None:
@@ -40,7 +40,7 @@ class MotionConfig:
             raise UsageError("[data.motions]: shares must not be negative, nor more than 1 together")
 
     def kinds(self) -> tuple[str, ...]:
-        """The kinds that occur."""
+        """Returns the kinds with a positive share."""
         shares = {"quadratic": 1 - self.hand - self.pan, "hand": self.hand, "pan": self.pan}
         return tuple(kind for kind in KINDS if shares[kind] > 0)
 
@@ -48,15 +48,15 @@ class MotionConfig:
 def draw_mixture(
     batch: int, generator: torch.Generator, config: MotionConfig, still: float = 0.0, small: float = 0.0
 ) -> tuple[Tensor, Tensor]:
-    """Motions of all kinds in their shares.
+    """Draws motions of all kinds in their shares.
 
     Args:
-        batch, generator: as of :func:`draw_motions`.
+        batch, generator: see :func:`draw_motions`.
         config: the shares.
-        still, small: of the quadratics, as of :func:`draw_motions`.
+        still, small: of the quadratics, see :func:`draw_motions`.
 
     Returns:
-        Coefficients as of :func:`draw_motions`.
+        Coefficients as returned by :func:`draw_motions`.
     """
     tx, rz = draw_motions(batch, generator, still, small)
     if config.kinds() == ("quadratic",):
@@ -70,7 +70,7 @@ def draw_mixture(
 
 
 def draw_kind(kind: str, batch: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """Motions of one kind: coefficients as of :func:`draw_motions`."""
+    """Draws motions of one kind: coefficients as returned by :func:`draw_motions`."""
     if kind == "quadratic":
         return draw_motions(batch, generator)
     dice = Dice(generator, batch)
@@ -82,13 +82,13 @@ def draw_kind(kind: str, batch: int, generator: torch.Generator) -> tuple[Tensor
 def draw_motions(
     batch: int, generator: torch.Generator, still: float = 0.0, small: float = 0.0
 ) -> tuple[Tensor, Tensor]:
-    """The quadratics of Rengarajan et al. 2017 on their canvas, expanded again from the picture's first row.
+    """Draws the quadratics of Rengarajan et al. 2017 on their canvas, re-expanded from the picture's first row.
 
-    A sixth of the motions only turn, another sixth only translate.
+    A sixth of the motions are pure rotations, another sixth pure translations.
 
     Args:
-        batch: how many.
-        generator: of the numbers.
+        batch: number of motions.
+        generator: random number generator.
         still: share of pictures without any motion.
         small: share of the others whose motion is multiplied by a random factor below 1.
 
@@ -111,7 +111,7 @@ def draw_motions(
 
 
 def cubic_motion(tx: Tensor, rz: Tensor) -> geometry.MotionAtRow:
-    """Row motion of a batch: coefficients [B, 3] of u, u^2, u^3, for centred row coordinates [B, N] in rows."""
+    """Returns the row motion with coefficients [B, 3] of u, u^2, u^3, for centred row coordinates [B, N] in rows."""
     constant = torch.zeros_like(tx[:, :1])
     full = [torch.cat([constant, c], -1)[:, None] for c in (tx, rz)]  # [B, 1, 4]
     return geometry.row_motion_from_polynomial(*full, first=-0.5, last=0.5)

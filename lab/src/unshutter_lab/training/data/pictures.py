@@ -1,6 +1,6 @@
-"""Pictures to distort: the photos of a folder, or drawn streets where there are none.
+"""Pictures to distort: the photos of a folder, or drawn streets if there are none.
 
-Each is an array [3, h, w], uint8 RGB. Reads photos with OpenCV, so that a training machine needs no libvips.
+Each is an array [3, h, w], uint8 RGB. Photos are read with OpenCV, so that a training machine does not need libvips.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from pathlib import Path
 import numpy as np
 
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp"}
-_WIDEST = 2.0  # photos are cut to this aspect, which bounds the memory they take
+_WIDEST = 2.0  # photos are cropped to this aspect, which bounds their memory
 
 
 def photo_files(folder: Path) -> list[Path]:
-    """The photos of a folder and its subfolders, by name."""
+    """Returns the photos of a folder and its subfolders, by name."""
     return sorted(p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES and not p.name.startswith("."))
 
 
 def load_photos(folder: Path, short_side: int) -> list[np.ndarray]:
-    """Every photo of a folder and its subfolders, by name, upright, scaled to the short side.
+    """Reads all photos of a folder and its subfolders, by name, upright, scaled to the short side.
 
-    Files that cannot be read are left out with a warning.
+    Unreadable files are skipped with a warning.
 
     Returns:
-        [3, h, w] each, cut to an aspect of at most 2:1.
+        [3, h, w] each, cropped to an aspect of at most 2:1.
     """
     files = photo_files(folder)
     photos = [photo for file in files if (photo := _load(file, short_side)) is not None]
@@ -54,7 +54,7 @@ def _load(file: Path, short_side: int) -> np.ndarray | None:
 
 
 def draw_picture(size: int, seed: int) -> np.ndarray:
-    """A made-up street: sky, facades with windows, wires, grain. [3, size, size] uint8 RGB."""
+    """Draws a street: sky, facades with windows, wires, grain. [3, size, size] uint8 RGB."""
     import cv2
 
     dice = np.random.default_rng(seed)

@@ -1,11 +1,11 @@
-"""Training data for networks that read pixels: photos kept on the device, distorted there in batches.
+"""Training data for pixel-based networks: photos held on the device and distorted there in batches.
 
 A square window of a photo is the predecessor's canvas (356 px). A random motion (motions.py) distorts it about the
-centre of its middle 256 px, which are what the networks see. Every batch is newly made, so that no two samples are
-alike. Needs torch, NumPy and OpenCV only.
+centre of its central 256 px, which the networks see. Every batch is newly drawn, so that no two samples are alike.
+Needs only torch, NumPy and OpenCV.
 
 Training windows may be seen by another camera (views.py), under other light (light.py), and moved as people move
-cameras (motions.py); pictures held out for validation stay what they are.
+cameras (motions.py); pictures held out for validation are not varied.
 
 Positions are as in warping.py, in px of the picture shown to the network; motions have the first row as reference.
 """
@@ -32,25 +32,25 @@ from unshutter_lab.training.data.views import ViewConfig, draw_views, move
 from unshutter_lab.training.warping import pixel_grid, polynomial_motion, sample
 
 _VALIDATION_SEED, _VALIDATION_BATCH = 2**40, 32
-_DRAWN_SEED = 2**20  # of the drawn pictures among photos
+_DRAWN_SEED = 2**20  # of pictures drawn in addition to photos
 _DRAWINGS = {"streets": draw_picture, "facades": draw_facades}
 
 
 @dataclass(frozen=True)
 class PixelConfig:
-    """Which pictures, and how they are cut."""
+    """The source of pictures, and how they are cropped."""
 
     folder: str = ""  # photos, its subfolders included; empty: drawn pictures
-    validation_folder: str = ""  # photos that training never sees; empty: some of the first folder's
-    held_out: int = 40  # photos kept from training when there is no validation folder
+    validation_folder: str = ""  # photos not used for training; empty: some of the first folder's
+    held_out: int = 40  # photos excluded from training if there is no validation folder
     photos: int = 0  # photos to train on, chosen by ``seed``; 0: all
     validation_motions: int = 2  # per held-out photo
-    drawn: int = 120  # pictures to draw when there is no folder, or when some training pictures are drawn
-    drawn_share: float = 0.0  # of the training pictures that are drawn ones, not photos
+    drawn: int = 120  # pictures to draw if there is no folder, or if some training pictures are drawn
+    drawn_share: float = 0.0  # share of drawn pictures among the training pictures
     drawn_kind: str = "streets"  # streets (pictures.py) | facades (textured, in perspective: facades.py)
-    size: int = 256  # of the picture that the network sees [px]
-    canvas: int = 356  # of the window that is distorted [px]
-    random_window: bool = True  # training windows lie anywhere along the photo's longer side, else in its middle
+    size: int = 256  # side of the picture that the network sees [px]
+    canvas: int = 356  # side of the window that is distorted [px]
+    random_window: bool = True  # training windows lie anywhere along the photo's longer side, otherwise in its centre
     flip: bool = True  # half the training windows are mirrored left to right
     seed: int = 0
     views: dict[str, Any] = field(default_factory=dict)  # other cameras: fields of ViewConfig
@@ -63,9 +63,9 @@ class Samples:
     """Pairs of pictures with the motion between them.
 
     Attributes:
-        rs, gs: [B, 3, r, r] RGB in 0 ... 1; ``rs`` is black where the canvas ended.
-            ``gs`` may be left out: [B, 0, r, r].
-        rs_valid: [B, 1, r, r] 1 where ``rs`` shows the canvas, else 0.
+        rs, gs: [B, 3, r, r] RGB in 0 ... 1; ``rs`` is black beyond the canvas.
+            ``gs`` may be omitted: [B, 0, r, r].
+        rs_valid: [B, 1, r, r] 1 where ``rs`` shows the canvas, otherwise 0.
         tx_coefficients, rz_coefficients: [B, 4] of u^0 ... u^3 with u = row / r; px and rad.
     """
 
@@ -76,12 +76,12 @@ class Samples:
     rz_coefficients: Tensor
 
     def __getitem__(self, some: slice) -> Samples:
-        """A part of the batch."""
+        """Returns a part of the batch."""
         return Samples(*(getattr(self, f.name)[some] for f in fields(self)))
 
     @property
     def size(self) -> int:
-        """Rows and columns r."""
+        """Number of rows and columns r."""
         return self.rs.shape[-1]
 
     @property
@@ -95,16 +95,16 @@ class Samples:
         return polynomial_motion(self.tx_coefficients, self.rz_coefficients, self.size)
 
     def row_motion(self) -> tuple[Tensor, Tensor]:
-        """True t_x [px] and r_z [rad] of every row, each [B, r]."""
+        """Returns the true t_x [px] and r_z [rad] of every row, each [B, r]."""
         tx, rz, _ = self.motion(pixel_grid(self.size, self.rs)[1])
         return tx[..., 0], rz[..., 0]
 
 
 class PixelData:
-    """Pictures that lie on a device, and the samples made of them.
+    """Pictures held on a device, and the samples made from them.
 
     Raises:
-        UsageError: too few pictures, or sizes that do not fit together.
+        UsageError: there are too few pictures, or sizes contradict each other.
     """
 
     def __init__(self, config: PixelConfig, device: torch.device):
@@ -125,12 +125,12 @@ class PixelData:
     def batch(
         self, count: int, generator: torch.Generator, first_photos: int | None = None, *, with_gs: bool = True
     ) -> Samples:
-        """Training samples drawn with ``generator``, from all photos or the first so many.
+        """Returns training samples drawn with ``generator``, from all photos or only the first ones.
 
         Args:
-            count: how many.
-            generator: of the numbers.
-            first_photos: None: all.
+            count: number of samples.
+            generator: random number generator.
+            first_photos: number of photos to use; None for all.
             with_gs: whether the undistorted pictures are needed.
         """
         canvas = self._windows(count, generator, first_photos)
@@ -147,14 +147,14 @@ class PixelData:
         return replace(samples, rs=rs, gs=gs)
 
     def validation(self, kind: str = "quadratic") -> Iterator[Samples]:
-        """Samples of held-out photos, middle window, the same at each call."""
+        """Yields samples of held-out photos, central window, the same at each call."""
         return self._unchanged(self.held_out, kind)
 
     def other_checks(self) -> dict[str, Iterator[Samples]]:
-        """What else to measure, by the figure's name in the log; the same samples at each call.
+        """Returns further samples to measure, by the figure's name in the log; the same at each call.
 
-        Other kinds of motion on the held-out photos; and as many training photos, once made as the held-out ones are,
-        once as training sees them. The last two tell what was memorised.
+        Other kinds of motion on the held-out photos; and as many training photos, once made like the held-out ones and
+        once as used in training. The latter two reveal memorisation.
         """
         kinds = [kind for kind in self.motions.kinds() if kind != "quadratic"]
         checks = {f"val_epe_{kind}": self.validation(kind) for kind in kinds}
@@ -195,7 +195,7 @@ class PixelData:
 
 
 def _training_and_held_out(config: PixelConfig) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """The pictures to train on, and those held out of training for validation."""
+    """Returns the pictures to train on, and those held out for validation."""
     apart = bool(config.validation_folder)
     if not apart and config.held_out < 1:
         raise UsageError("[data]: held_out must be at least 1 where there is no validation_folder")
@@ -207,7 +207,7 @@ def _training_and_held_out(config: PixelConfig) -> tuple[list[np.ndarray], list[
 
 
 def _pictures(folder: str, config: PixelConfig, least: int) -> list[np.ndarray]:
-    """[3, h, w] uint8 RGB each, short side = canvas: the photos of a folder; drawn ones where none is given."""
+    """[3, h, w] uint8 RGB each, short side = canvas: the photos of a folder, or drawn ones if none is given."""
     if not folder:
         pictures = _drawn(config, config.seed)
         supply, hint = f"{len(pictures)} pictures are drawn", "choose a larger 'drawn'"
@@ -230,16 +230,16 @@ def _drawn(config: PixelConfig, seed: int) -> list[np.ndarray]:
 def synthesise(
     canvas: Tensor, tx: Tensor, rz: Tensor, size: int, views: Tensor | None = None, *, with_gs: bool = True
 ) -> Samples:
-    """Distorts canvases and cuts out their middle.
+    """Distorts canvases and crops their centre.
 
     Args:
         canvas: [B, 3, C, C] uint8 RGB.
-        tx: [B, 3] coefficients of u, u^2, u^3 with u = row / size of the middle part, in units of ``size`` px
-            (as :func:`draw_motions` gives them).
-        rz: [B, 3] the same for r_z [rad].
-        size: of the middle part [px].
-        views: [B, 3, 3] homographies of other cameras (views.py); None: the canvas as it is.
-        with_gs: False leaves out the undistorted pictures.
+        tx: [B, 3] coefficients of u, u^2, u^3 with u = row / size of the central part, in units of ``size`` px
+            (as returned by :func:`draw_motions`).
+        rz: [B, 3] coefficients of u, u^2, u^3 for r_z [rad].
+        size: side of the central part [px].
+        views: [B, 3, 3] homographies of other cameras (views.py); None for the canvas itself.
+        with_gs: False omits the undistorted pictures.
     """
     constant = torch.zeros_like(tx[:, :1])
     tx, rz = torch.cat([constant, tx * size], -1), torch.cat([constant, rz], -1)
@@ -266,6 +266,6 @@ def synthesise(
 
 
 def _window(photo: Tensor, side: int, place: float) -> Tensor:
-    """The square window at a share of the way along the longer side."""
+    """Returns the square window at a fraction of the way along the longer side."""
     top, left = (int(place * (length - side) + 0.5) for length in photo.shape[1:])
     return photo[:, top : top + side, left : left + side]

@@ -1,8 +1,8 @@
-"""Drawn scenes: line segments as a detector would find them in a rolling-shutter photo.
+"""Draws scenes: line segments as a detector would find them in a rolling-shutter photo.
 
-No photo is involved. A camera with random roll, tilt and focal length looks at facades (verticals, horizontals of
-one or more street directions, roof slopes) amid clutter. A random row motion (motions.py) distorts the segments
-exactly, and noise like the detector's is added.
+No photos are involved. A camera with random roll, tilt and focal length looks at facades (verticals, horizontals of one
+or more street directions, roof slopes) amid clutter. A random row motion (motions.py) distorts the segments exactly,
+and noise like the detector's is added.
 
 Units: one row height of the picture = 1 (coordinates centred, columns right, rows down), angles in radians.
 """
@@ -24,25 +24,25 @@ from unshutter_lab.training.data.motions import MotionConfig, cubic_motion, draw
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """What the drawn world looks like. Lengths in px are those of a picture of 256 rows."""
+    """Properties of the drawn scenes. Lengths in px are those of a picture of 256 rows."""
 
     tokens: int = 128  # segments kept per scene
-    drawn: int = 240  # segments drawn per scene, of which about half leave the frame
+    drawn: int = 240  # segments drawn per scene, about half of which leave the frame
     min_share: float = 0.3  # scenes keep a random share of their segments, at least this
     square: float = 0.4  # share of square pictures
     widest: float = 2.4  # the others have an aspect of 1:widest ... widest:1, log-uniform
-    zero_motion: float = 0.1  # share without any motion among the predecessor's quadratics
-    small_motion: float = 0.25  # share of the others of them that are multiplied by a random factor below 1
+    zero_motion: float = 0.1  # share of the predecessor's quadratics that are set to no motion
+    small_motion: float = 0.25  # share of the other quadratics that are multiplied by a random factor below 1
     sideways: float = 0.12  # share of pictures whose scene lies on its side, as in portrait photos
     tilted: float = 0.4  # share of cameras tilted by -6 to 25 degrees (upwards); the others are held level,
     steep: float = 0.1  # or tilted by 15 to 50
     focal_rows: float = 1.7  # median focal length in rows of a square picture; log-normal
     focal_spread: float = 0.35
-    patches: int = 6  # places of a scene: facades, roofs, trees; each with its own mixture of segments
+    patches: int = 6  # regions of a scene: facades, roofs, trees; each with its own mixture of segments
     length_px: float = 11.5  # median length of a segment
     length_spread: float = 0.62
     long_share: float = 0.12  # share of segments that are three times longer: edges of roofs, poles, kerbs
-    clutter_max: float = 0.6  # largest share of segments that run in any direction
+    clutter_max: float = 0.6  # largest share of segments of arbitrary direction
     lens: float = 0.02  # spread of the radial distortion at the corner
     motions: dict[str, Any] = field(default_factory=dict)  # kinds of motion: fields of MotionConfig
 
@@ -52,8 +52,8 @@ class Scenes:
     """A batch of drawn scenes.
 
     Attributes:
-        tokens: [B, N, 6] end points (x1, y1, x2, y2) in the RS picture, unit vector to the scene's top.
-        mask: [B, N] True where there is a segment.
+        tokens: [B, N, 6] end points (x1, y1, x2, y2) in the RS picture, unit vector towards the top of the scene.
+        mask: [B, N] True for valid segments.
         aspect: [B] width / height.
         tx, rz: [B, 3] coefficients of u, u^2, u^3 with u = row coordinate + 1/2; t_x in rows, r_z in rad.
         camera: [B, 3] roll [rad], tilt [rad], log focal length [rows].
@@ -108,7 +108,7 @@ def draw_scenes(batch: int, config: SceneConfig, generator: torch.Generator) -> 
 
 
 def _compact(tokens: Tensor, mask: Tensor, count: int) -> tuple[Tensor, Tensor]:
-    """The first ``count`` places, valid tokens first; attention needs at least one."""
+    """Returns the first ``count`` positions, valid tokens first; attention needs at least one."""
     order = torch.argsort(mask.to(torch.int8), dim=1, descending=True, stable=True)[:, :count]
     mask = torch.gather(mask, 1, order)
     mask[:, 0] = True
@@ -131,7 +131,7 @@ def _quarter_turn(dice: Dice, config: SceneConfig) -> Tensor:
 
 
 def _camera_matrix(roll: Tensor, tilt: Tensor) -> Tensor:
-    """[B, 3, 3] world (x right, y down, z ahead) -> camera; a positive tilt looks up."""
+    """[B, 3, 3] world (x right, y down, z forward) -> camera; a positive tilt looks up."""
     zero, one = torch.zeros_like(roll), torch.ones_like(roll)
     c, s = torch.cos(tilt), torch.sin(tilt)
     about_x = torch.stack([one, zero, zero, zero, c, s, zero, -s, c], -1).view(-1, 3, 3)
@@ -145,19 +145,19 @@ def _rotate(points: Tensor, angle: Tensor) -> Tensor:
     return torch.stack([points[..., 0] * c - points[..., 1] * s, points[..., 0] * s + points[..., 1] * c], -1)
 
 
-# Kinds of segments, by what decides their direction.
+# Kinds of segments, by what determines their direction.
 VERTICAL, HORIZONTAL, SLOPE, LEANING, CLUTTER = range(5)
 
 
 @dataclass(frozen=True)
 class _Patches:
-    """Where things stand, in the scene's own frame (upright; one row height = 1)."""
+    """The arrangement of regions in the scene's own frame (upright; one row height = 1)."""
 
     azimuth: Tensor  # [B, K] direction of each patch's horizontals
     center: Tensor  # [B, K, 2]
     extent: Tensor  # [B, K, 2] half width, half height
-    weight: Tensor  # [B, K] how many segments it has
-    shares: Tensor  # [B, K, kinds] cumulated shares of the kinds of segments
+    weight: Tensor  # [B, K] relative number of segments
+    shares: Tensor  # [B, K, kinds] cumulative shares of the kinds of segments
     ring: Tensor  # [B, K] radius of an arch or window rose
     aspect: Tensor  # [B]
 
@@ -187,7 +187,7 @@ class _Patches:
         return torch.cumsum(patch / patch.sum(-1, keepdim=True), -1)
 
     def segments(self, dice: Dice, config: SceneConfig) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Middle points [B, N, 2], world directions [B, N, 3], kinds [B, N], tangents of arches [B, N]."""
+        """Returns centres [B, N, 2], world directions [B, N, 3], kinds [B, N] and tangents of arches [B, N]."""
         n = config.drawn
         index = dice.pick(self.weight, n)
 
@@ -221,7 +221,7 @@ class _Patches:
 
 
 def _angle_noise(dice: Dice, kind: Tensor) -> Tensor:
-    """Directions are never as exact as a drawing: builders, doors ajar, shadows."""
+    """Returns deviations of directions from an exact drawing: building tolerances, open doors, shadows."""
     n = kind.shape[1]
     sloppy = math.radians(0.35) * torch.exp(0.6 * dice.normal(1)) * dice.normal(n)
     sloppy = sloppy * torch.where(dice.happens(0.12, n), 4.0, 1.0)
@@ -238,7 +238,7 @@ def _lengths(dice: Dice, config: SceneConfig, kind: Tensor) -> Tensor:
 
 
 def _end_noise(dice: Dice, config: SceneConfig, ends: Tensor, angle: Tensor) -> Tensor:
-    """Detector noise across the segment, in px of a copy of 200 to 600 rows."""
+    """Returns detector noise across the segment, in px of a copy of 200 to 600 rows."""
     rows = torch.exp(dice.between(math.log(200), math.log(600), 1, 1))
     across = 0.22 * torch.exp(0.3 * dice.normal(1, 1)) / rows * dice.normal(ends.shape[1], 2)  # [B, N, 2]
     normal = torch.stack([-torch.sin(angle), torch.cos(angle)], -1)[:, :, None]
@@ -246,7 +246,7 @@ def _end_noise(dice: Dice, config: SceneConfig, ends: Tensor, angle: Tensor) -> 
 
 
 def _lens(dice: Dice, config: SceneConfig, ends: Tensor, aspect: Tensor) -> Tensor:
-    """Radial distortion of the lens, relative displacement ``strength`` at the corner."""
+    """Applies radial lens distortion with relative displacement ``strength`` at the corner."""
     strength = torch.where(dice.happens(0.4), 0.0, config.lens * (dice.normal() - 0.4))
     corner2 = (1 + aspect**2) / 4
     r2 = ends.square().sum(-1, keepdim=True)

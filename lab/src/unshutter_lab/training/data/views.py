@@ -1,10 +1,10 @@
-"""Another camera for every training window: a homography between what it would see and the window.
+"""Views of training windows by another camera: homographies between that camera's picture and the window.
 
-A camera that turns about its centre, or changes its focal length, sees the same picture under a homography. The window
-is taken for the picture of a level camera; a view of it is rolled, tilted, turned to the side and zoomed in. Training
-pictures only: photos held out for validation keep their own camera.
+A camera that rotates about its centre, or changes its focal length, sees the same picture under a homography. The
+window is treated as the picture of a level camera; a view of it is rolled, tilted, panned and zoomed in. Applied to
+training pictures only; photos held out for validation keep their own camera.
 
-Positions are in px about the centre of the picture or of the window, columns right, rows down.
+Positions are in px from the centre of the picture or of the window, columns right, rows down.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from unshutter_lab.training.data.dice import Dice
 
 @dataclass(frozen=True)
 class ViewConfig:
-    """How the cameras of training windows vary. Angles in degrees; a spread is a standard deviation.
+    """Variation of the cameras of training windows. Angles in degrees; a spread is a standard deviation.
 
     Raises:
-        UsageError: a share outside 0 ... 1.
+        UsageError: a share is outside 0 ... 1.
     """
 
-    share: float = 0.0  # of the windows that another camera sees; 0: none
+    share: float = 0.0  # share of the windows seen by another camera
     roll: float = 0.8  # spread of the roll: hands hold cameras nearly level ...
     askew: float = 0.12  # ... but for this share, whose roll is five times as large
     tilt: float = 4.0  # spread of the tilt
     looking_up: float = 0.2  # share tilted upwards by up to ``steepest`` instead, as below towers
     steepest: float = 20.0
-    yaw: float = 12.0  # spread of the turn to the side
+    yaw: float = 12.0  # spread of the yaw
     focal_rows: float = 1.4  # median focal length of photos, in rows of the window; log-normal
     focal_spread: float = 0.25
     zoom: float = 1.35  # pictures are magnified by 1 ... this, log-uniform
@@ -46,13 +46,13 @@ class ViewConfig:
 
 
 def draw_views(config: ViewConfig, generator: torch.Generator, batch: int, size: int, window: int) -> Tensor:
-    """Random views of square windows.
+    """Draws random views of square windows.
 
     Args:
-        config: how they vary.
-        generator: of the numbers.
-        batch: how many.
-        size: of the pictures [px].
+        config: their variation.
+        generator: random number generator.
+        batch: number of views.
+        size: side of the pictures [px].
         window: side of the windows [px].
 
     Returns:
@@ -67,7 +67,7 @@ def draw_views(config: ViewConfig, generator: torch.Generator, batch: int, size:
     yaw = config.yaw * dice.normal().clamp(-2.5, 2.5) * degrees
     zoom = torch.exp(turned * math.log(config.zoom) * dice.each())
     focal = window * config.focal_rows * torch.exp(config.focal_spread * dice.normal())
-    room = (size / 2) * (1 - 1 / zoom)  # a magnified picture shows any part of what it showed before
+    room = (size / 2) * (1 - 1 / zoom)  # a magnified picture may show any part of the original one
     place = torch.stack([room * dice.between(-1, 1), room * dice.between(-1, 1)], -1)
     return view_homography(roll, tilt, yaw, focal, zoom, place)
 
@@ -79,7 +79,7 @@ def view_homography(roll: Tensor, tilt: Tensor, yaw: Tensor, focal: Tensor, zoom
         roll, tilt, yaw: [B] of the camera relative to the window's [rad]; positive: clockwise, up, to the right.
         focal: [B] focal length of the window [px].
         zoom: [B] magnification.
-        place: [B, 2] (col, row) in the window that the picture's centre shows [px].
+        place: [B, 2] (col, row) in the window at the picture's centre [px].
     """
     to_ray = torch.diag_embed(torch.stack([1 / (focal * zoom), 1 / (focal * zoom), torch.ones_like(focal)], -1))
     rays = _about_y(yaw) @ _about_x(tilt) @ _about_z(roll) @ to_ray
@@ -90,24 +90,24 @@ def view_homography(roll: Tensor, tilt: Tensor, yaw: Tensor, focal: Tensor, zoom
 
 
 def move(homography: Tensor, col: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
-    """Positions [B, h, w] under homographies [B, 3, 3]."""
+    """Maps positions [B, h, w] by homographies [B, 3, 3]."""
     a = homography[..., None, None]  # [B, 3, 3, 1, 1]
     x, y, w = (a[:, i, 0] * col + a[:, i, 1] * row + a[:, i, 2] for i in range(3))
     return x / w, y / w
 
 
 def _about_x(angle: Tensor) -> Tensor:
-    """[B, 3, 3] a positive angle turns the ray ahead upwards."""
+    """[B, 3, 3]; a positive angle turns the forward ray upwards."""
     return _rotation(angle, 2, 1)
 
 
 def _about_y(angle: Tensor) -> Tensor:
-    """[B, 3, 3] a positive angle turns the ray ahead to the right."""
+    """[B, 3, 3]; a positive angle turns the forward ray to the right."""
     return _rotation(angle, 2, 0, -1.0)
 
 
 def _about_z(angle: Tensor) -> Tensor:
-    """[B, 3, 3] a positive angle turns the camera clockwise."""
+    """[B, 3, 3]; a positive angle turns the camera clockwise."""
     return _rotation(angle, 0, 1, -1.0)
 
 

@@ -1,11 +1,11 @@
 """The losses of kandula2020 (paper, "Loss functions").
 
-The paper writes squared L2 norms; here every loss is a mean over valid pixels (and channels), so that the weights
-1, 1, 0.5, 0.5 mean the same at every picture size and batch.
+The paper uses squared L2 norms; here every loss is a mean over valid pixels (and channels), so that the weights
+1, 1, 0.5, 0.5 have the same meaning at every picture and batch size.
 
-Masks: a pixel of a warped picture is valid where its sampling position lies inside a valid part of the source, so that
-a black pixel of the scene counts. The paper's literal rule, by which all is valid that is not black, is
-``mask = "black"``; for the MSE both agree wherever the scene has no black.
+Masks: a pixel of a warped picture is valid if its sampling position lies inside a valid part of the source, so that
+a black pixel of the scene counts. The paper's literal rule, by which every pixel that is not black is valid, is
+``mask = "black"``; for the MSE both agree if the scene contains no black.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from unshutter.errors import UsageError
 
 @dataclass(frozen=True)
 class LossConfig:
-    """Weights and phases; a weight of 0 leaves its loss out (ablations)."""
+    """Weights and phases; a weight of 0 omits its loss (ablations)."""
 
     rectified: float = 1.0  # lambda_1
     regenerated: float = 1.0  # lambda_2
     rectified_edges: float = 0.5  # lambda_3
     regenerated_edges: float = 0.5  # lambda_4
     mask: str = "grid"  # grid | black (the paper's literal rule)
-    regress_steps: int = 800  # first phase: the true motion is regressed for so many steps
+    regress_steps: int = 800  # first phase: number of steps in which the true motion is regressed
     regress_photos: int = 50  # photos of the first phase; 0: all
-    # Weight of the regression, which gives the gradients of both phases about the same size: Adam divides by the size
-    # it remembers, and with a weight of 1 the second phase's first steps would be several times too long.
+    # Weight of the regression, chosen so that the gradients of both phases have a similar size: Adam divides by the
+    # size it remembers, and with a weight of 1 the second phase's first steps would be several times too long.
     regress: float = 30.0
-    regress_norm: str = "square"  # square | distance: mean squared error, or mean distance, which outliers rule less
+    regress_norm: str = "square"  # square | distance: mean squared error, or mean distance, less sensitive to outliers
     # Weight of the row map's own error in the first phase; ours: the paper's row block learns from pictures alone.
     row_residual: float = 0.0
-    at_a_time: int = 0  # pictures whose losses are computed together, as few fit into a CPU's cache; 0: all
+    at_a_time: int = 0  # pictures whose losses are computed together, since few fit into a CPU's cache; 0: all
     regress_only: bool = False  # the paper's own ablation: no second phase, all photos
 
     def __post_init__(self) -> None:
@@ -50,18 +50,18 @@ def visible_mse(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
     """Visibility-aware MSE: mean of (warped - mask * target)^2 over the valid pixels.
 
     Args:
-        warped: [B, C, H, W], 0 where it shows nothing.
+        warped: [B, C, H, W], 0 where invalid.
         target: [B, C, H, W].
-        mask: [B, 1, H, W], 1 where valid, else 0.
+        mask: [B, 1, H, W], 1 where valid, otherwise 0.
     """
     return (warped - mask * target).square().sum() / (mask.sum() * warped.shape[1]).clamp(min=1)
 
 
 def edge_loss(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
-    """Mean squared difference of the Sobel edges over the pixels with no invalid neighbour.
+    """Mean squared difference of the Sobel edges over the pixels without invalid neighbours.
 
-    The paper's own form, E(warped) - mask * E(target), also punishes the edge where the warped picture ends,
-    which no scene has; see :func:`literal_edge_loss`.
+    The paper's own form, E(warped) - mask * E(target), also penalises the edge at the border of the warped picture,
+    which does not exist in the scene; see :func:`literal_edge_loss`.
     """
     inner = 1 - F.max_pool2d(F.pad(1 - mask, (1, 1, 1, 1)), 3, stride=1)
     difference = sobel(warped - target) * inner  # Sobel is linear
@@ -69,21 +69,20 @@ def edge_loss(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
 
 
 def literal_edge_loss(warped: Tensor, target: Tensor, mask: Tensor) -> Tensor:
-    """The paper's edge loss to the letter: (E(warped) - mask * E(target))^2, summed, per valid pixel."""
+    """The paper's literal edge loss: (E(warped) - mask * E(target))^2, summed, per valid pixel."""
     difference = sobel(warped) - mask * sobel(target)
     return difference.square().sum() / (mask.sum() * difference.shape[1]).clamp(min=1)
 
 
 def not_black(warped: Tensor) -> Tensor:
-    """The paper's literal mask [B, 1, H, W]: 0 where all channels are 0, else 1."""
+    """Returns the paper's literal mask [B, 1, H, W]: 0 where all channels are 0, otherwise 1."""
     return (warped.detach().sum(1, keepdim=True) != 0).to(warped.dtype)
 
 
 def sobel(picture: Tensor) -> Tensor:
-    """Sobel derivatives along columns, then rows: [B, C, H, W] -> [B, 2 C, H, W].
+    """Returns Sobel derivatives along columns, then rows: [B, C, H, W] -> [B, 2 C, H, W].
 
-    Weights 1, 2, 1 and -1, 0, 1 without a factor, borders mirrored: what the paper's framework calls Sobel
-    edges.
+    Weights 1, 2, 1 and -1, 0, 1 without a factor, borders mirrored, as Sobel edges in the paper's framework.
     """
     p = F.pad(picture, (1, 1, 1, 1), mode="reflect")
     across = p[..., 2:] - p[..., :-2]

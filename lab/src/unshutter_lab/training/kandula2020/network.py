@@ -2,13 +2,14 @@
 
     motion block         RS picture -> t_x and r_z of every row
     trajectory module    their least-squares cubic
-    row block            RS picture -> row map: which row's motion each pixel of the GS picture saw
-    rectification        RS picture, warped by the trajectory looked up at the row map
+    row block            RS picture -> row map: the row whose motion applies to each pixel of the GS picture
+    rectification        RS picture, warped by the trajectory sampled at the row map
     regeneration         GS picture, warped by the trajectory (training only)
 
 The paper leaves kernel sizes, channels, strides and pooling open; they are fields of the configuration. Two choices
 are ours: the last layer of the row block is linear and without batch normalisation, because a residual is signed, and
-the row block works on a coarse grid that is enlarged, because a few pixels around a place do not show the rotation.
+the row block works on a coarse grid that is enlarged, because a few pixels around a position do not reveal the
+rotation.
 
 Positions and motions are as in warping.py.
 """
@@ -26,26 +27,26 @@ from unshutter.errors import UsageError
 from unshutter.geometry import rows as geometry
 from unshutter_lab.training.warping import pixel_grid, rs_positions, sample
 
-_TX_SCALE, _RZ_SCALE = 32.0, 0.32  # px and rad for an output of one: both about the largest of typical motions
-_ROW_SCALE = 8.0  # rows for an output of one
-_ROW_STRIDES = (4, 4, 2)  # of the first layers of the row block; further ones have stride 1
+_TX_SCALE, _RZ_SCALE = 32.0, 0.32  # px and rad per unit of output: both about the largest of typical motions
+_ROW_SCALE = 8.0  # rows per unit of output
+_ROW_STRIDES = (4, 4, 2)  # of the first layers of the row block; the others have stride 1
 
 
 @dataclass(frozen=True)
 class Kandula2020Config:
-    """Sizes that the paper leaves open, and its ablations."""
+    """Sizes that the paper leaves open, and options for its ablations."""
 
     size: int = 256  # r: the picture is r x r, with one motion per row
     width: int = 32  # channels of the first convolution; the later ones have 2, 2 and 4, 4, 4 times as many
     first_kernel: int = 7
     first_stride: int = 1
-    pooling: str = "max"  # max | mean, after all convolutions of the motion block but the base block's last
+    pooling: str = "max"  # max | mean, after all convolutions of the motion block except the base block's last
     hidden: int = 512  # units of the first fully connected layer
-    trajectory_degree: int = 3  # of the trajectory module; -1: none, rows are independent (ablation)
-    row_layers: int = 5  # convolutions of the row block; 0: none, the exact inverse instead (ablation)
+    trajectory_degree: int = 3  # of the trajectory module; -1: no module, rows are independent (ablation)
+    row_layers: int = 5  # convolutions of the row block; 0: exact inverse instead of a row block (ablation)
     row_width: int = 32  # channels of the row block
-    row_input: str = "picture"  # picture | trajectory: the row block sees, next to the picture, the motion too (ours)
-    mirror_average: bool = False  # in use, the answers to a picture and to its mirror image are averaged (ours)
+    row_input: str = "picture"  # picture | trajectory: the row block sees the motion in addition to the picture (ours)
+    mirror_average: bool = False  # in inference, the outputs for a picture and its mirror image are averaged (ours)
 
     def __post_init__(self) -> None:
         if self.size % 64:
@@ -61,9 +62,9 @@ class Kandula2020Config:
 
 
 class Kandula2020(nn.Module):
-    """RS pictures [B, 3, r, r] in 0 ... 1 -> row motion [B, 2, r] (t_x [px], r_z [rad]), row map [B, r, r].
+    """Maps RS pictures [B, 3, r, r] in 0 ... 1 to row motion [B, 2, r] (t_x [px], r_z [rad]) and row map [B, r, r].
 
-    The row map is None without a row block, or when ``rows`` is False (the first phase of training).
+    The row map is None without a row block, or if ``rows`` is False (the first phase of training).
     """
 
     def __init__(self, config: Kandula2020Config):
@@ -74,13 +75,13 @@ class Kandula2020(nn.Module):
         self.row_block = RowBlock(config) if config.row_layers else None
 
     def forward(self, rs: Tensor, rows: bool = True) -> tuple[Tensor, Tensor | None]:
-        """Trajectory and row map."""
+        """Returns trajectory and row map."""
         if self.config.mirror_average and not self.training:
             return self._mirror_average(rs, rows)
         return self._once(rs, rows)
 
     def _mirror_average(self, rs: Tensor, rows: bool) -> tuple[Tensor, Tensor | None]:
-        """A mirrored picture has moved and turned the other way, in the same rows."""
+        """Averages with the mirror image, whose motion has the opposite sign in the same rows."""
         motion, row_map = self._once(torch.cat([rs, rs.flip(-1)]), rows)
         motion = motion.unflatten(0, (2, -1))
         if row_map is not None:
@@ -129,15 +130,15 @@ class MotionBlock(nn.Module):
         self.tx, self.rz = branch(), branch()
 
     def forward(self, x: Tensor) -> Tensor:
-        """[B, 3, r, r] -> [B, 2, r] t_x [px] and r_z [rad]."""
+        """Maps [B, 3, r, r] to [B, 2, r]: t_x [px] and r_z [rad]."""
         features = self.base(x)
         return torch.stack([_TX_SCALE * self.tx(features).float(), _RZ_SCALE * self.rz(features).float()], 1)
 
 
 class Trajectory(nn.Module):
-    """Trajectory module: the least-squares polynomial of the given degree through the rows, [..., r] -> [..., r].
+    """Trajectory module: the least-squares polynomial of a given degree through the rows, [..., r] -> [..., r].
 
-    A fixed linear map, hence differentiable; no weights.
+    A fixed linear map, hence differentiable; it has no weights.
     """
 
     smoother: Tensor
@@ -150,13 +151,13 @@ class Trajectory(nn.Module):
         self.register_buffer("smoother", (projection @ powers).float(), persistent=False)
 
     def forward(self, motion: Tensor) -> Tensor:
-        """The values of the fitted polynomial at every row."""
+        """Returns the values of the fitted polynomial at every row."""
         with torch.autocast(motion.device.type, enabled=False):
             return motion.to(self.smoother.dtype) @ self.smoother
 
 
 class RowBlock(nn.Module):
-    """Convolutions that give the residual of the row map, which is added to A(i, j) = i."""
+    """Convolutions that compute the residual of the row map, which is added to A(i, j) = i."""
 
     def __init__(self, config: Kandula2020Config):
         super().__init__()
@@ -175,36 +176,36 @@ class RowBlock(nn.Module):
         self.size = config.size
 
     def forward(self, x: Tensor, motion: Tensor) -> Tensor:
-        """[B, 3, r, r] and the trajectory [B, 2, r] -> [B, r, r] row map [px]."""
+        """Maps [B, 3, r, r] and the trajectory [B, 2, r] to the row map [B, r, r] [px]."""
         if self.sees_motion:
             x = torch.cat([x, self._motion_planes(motion)], 1)
         residual = F.interpolate(self.layers(x).float(), size=(self.size, self.size), mode="bilinear")[:, 0]
         return _ROW_SCALE * residual + pixel_grid(self.size, residual)[1]
 
     def _motion_planes(self, motion: Tensor) -> Tensor:
-        """[B, 3, r, r] t_x, r_z and what r_z lifts a pixel by: all of about one."""
+        """[B, 3, r, r] t_x, r_z and the vertical displacement caused by r_z: all of the order of one."""
         col = pixel_grid(self.size, motion)[0] / (self.size / 2) - 1  # [1, r]
         tx, rz = (motion[:, 0] / _TX_SCALE)[..., None], (motion[:, 1] / _RZ_SCALE)[..., None]  # [B, r, 1]
         return torch.stack(torch.broadcast_tensors(tx, rz, 4 * rz * col), 1)
 
 
 def rectify(rs: Tensor, valid: Tensor, motion: Tensor, row_map: Tensor | None) -> tuple[Tensor, Tensor]:
-    """Rectification module: the RS pictures warped to what a global shutter would have seen.
+    """Rectification module: warps the RS pictures to global-shutter ones.
 
     Args:
         rs: [B, C, r, r].
-        valid: [B, 1, r, r], 1 where they show something.
+        valid: [B, 1, r, r], 1 where they are valid.
         motion: [B, 2, r] t_x [px] and r_z [rad] of every row.
-        row_map: [B, r, r] row whose motion each GS pixel is given; None: the row that saw it (exact inverse).
+        row_map: [B, r, r] row whose motion applies to each GS pixel; None for the row that read it (exact inverse).
 
     Returns:
-        [B, C, r, r] rectified pictures, black where nothing is known; [B, 1, r, r] mask of where it is.
+        [B, C, r, r] rectified pictures, black where invalid; [B, 1, r, r] mask of the valid pixels.
     """
     return _warp(rs, valid, *rs_positions(motion, row_map))
 
 
 def regenerate(gs: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
-    """Regeneration module: the GS pictures distorted by the estimated motion; pictures and mask as above."""
+    """Regeneration module: distorts the GS pictures by the estimated motion; returns pictures and mask as above."""
     size = motion.shape[-1]
     col, row = pixel_grid(size, gs)
     tx, rz = motion[:, 0, :, None], motion[:, 1, :, None]

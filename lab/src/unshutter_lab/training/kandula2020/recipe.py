@@ -1,4 +1,4 @@
-"""How kandula2020 is trained: the true motion regressed first, then the paper's four losses on pictures."""
+"""Training of kandula2020: first regression of the true motion, then the paper's four losses on pictures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from unshutter_lab.training.onnx_export import export_onnx
 from unshutter_lab.training.recipes import Recipe
 from unshutter_lab.training.warping import from_first_row, pixel_grid, rs_positions
 
-_ROW_STEP = 8  # px between the pixels at which row maps are compared, as the row block's own grid is coarse
+_ROW_STEP = 8  # px between the pixels at which row maps are compared, since the row block's own grid is coarse
 
 
 class KandulaRecipe(Recipe):
@@ -34,7 +34,7 @@ class KandulaRecipe(Recipe):
         self.data = PixelData(pixels, device)
 
     def build(self) -> nn.Module:
-        """A new network."""
+        """Returns a new network."""
         return Kandula2020(self.network_config).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
@@ -49,7 +49,7 @@ class KandulaRecipe(Recipe):
         return total, log | {"motion": _motion_error(motion.detach(), samples).item()}
 
     def _regression(self, network: nn.Module, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
-        """Error of the motion and, with ``row_residual``, of the row map."""
+        """Returns the error of the motion and, with ``row_residual``, of the row map."""
         photos = None if self.weights.regress_only else self.weights.regress_photos or None
         samples = self.data.batch(self.config.batch, generator, photos, with_gs=False)
         rows = self.weights.row_residual > 0
@@ -64,15 +64,14 @@ class KandulaRecipe(Recipe):
         return loss + self.weights.row_residual * row_error, figures | {"row_map": row_error.item()}
 
     def pictures(self, count: int, generator: torch.Generator) -> Tensor:
-        """See Recipe."""
+        """See :class:`Recipe`."""
         return self.data.batch(count, generator).rs
 
     @torch.no_grad()
     def validate(self, network: nn.Module) -> dict[str, float]:
-        """EPE on held-out photos: of the system as it is, and of its motion with the exact inverse.
+        """Returns the EPE on held-out photos, for the whole system and for its motion with the exact inverse.
 
-        Also the system's EPE for other kinds of motion, and for training photos, unchanged and as training
-        sees them.
+        Also the system's EPE for other kinds of motion, and for training photos, unvaried and as used in training.
         """
         rows = not self.weights.regress_only
         system, exact, nothing = [], [], []
@@ -90,7 +89,10 @@ class KandulaRecipe(Recipe):
         return figures
 
     def export(self, network: nn.Module, path: Path) -> None:
-        """ONNX: rs [batch, 3, r, r] RGB in 0 ... 1 -> motion [batch, 2, r], row_map [batch, r, r] (if trained)."""
+        """Writes ONNX: rs [batch, 3, r, r] RGB in 0 ... 1 -> motion [batch, 2, r], row_map [batch, r, r].
+
+        The row map is omitted if it was not trained.
+        """
         rows = self.network_config.row_layers > 0 and not self.weights.regress_only
         names = ["motion", "row_map"] if rows else ["motion"]
         inner = Exported(network, rows).eval().cpu()
@@ -99,26 +101,26 @@ class KandulaRecipe(Recipe):
 
 
 class Exported(nn.Module):
-    """What is exported: the trajectory, and the row map where there is one that was trained; not the warp."""
+    """The exported part: the trajectory, and the row map if it was trained; not the warp."""
 
     def __init__(self, network: nn.Module, rows: bool):
         super().__init__()
         self.network, self.rows = network, rows
 
     def forward(self, rs: Tensor) -> tuple[Tensor, ...]:
-        """Motion [B, 2, r] and, where there is one, row map [B, r, r]."""
+        """Returns motion [B, 2, r] and row map [B, r, r], if there is one."""
         motion, row_map = self.network(rs, rows=self.rows)
         return (motion,) if row_map is None else (motion, row_map)
 
 
 def picture_losses(samples: Samples, motion: Tensor, row_map: Tensor | None, config: LossConfig) -> dict[str, Tensor]:
-    """The paper's losses by the name of their weight in LossConfig; those of weight 0 are left out.
+    """Returns the paper's losses by the name of their weight in LossConfig, except those of weight 0.
 
     Args:
         samples: pictures [B, 3, r, r].
         motion: [B, 2, r] trajectory.
         row_map: [B, r, r], or None for the exact inverse.
-        config: weights and mask. With ``at_a_time`` each loss is the mean of those of parts of the batch.
+        config: weights and mask. With ``at_a_time`` each loss is the mean over parts of the batch.
     """
     count = len(samples.rs)
     part = config.at_a_time or count
@@ -152,7 +154,7 @@ def _losses_of(samples: Samples, motion: Tensor, row_map: Tensor | None, config:
 
 
 def row_map_error(row_map: Tensor, samples: Samples) -> Tensor:
-    """Mean distance [rows / 8] of row maps [B, r, r] from the true ones, on every eighth pixel."""
+    """Returns the mean distance [rows / 8] of row maps [B, r, r] from the true ones, on every eighth pixel."""
     col, row = (line.flatten()[_ROW_STEP // 2 :: _ROW_STEP] for line in pixel_grid(samples.size, samples.rs))
     _, true = geometry.gs_to_rs(col[None], row[:, None] + 0 * col, samples.motion, samples.center)
     sampled = row_map[:, _ROW_STEP // 2 :: _ROW_STEP, _ROW_STEP // 2 :: _ROW_STEP]
@@ -168,6 +170,6 @@ def _motion_error(motion: Tensor, samples: Samples) -> Tensor:
 
 
 def _idle(network: nn.Module) -> Tensor:
-    """Zero that depends on the row block: several processes must have gradients for the same weights."""
+    """Returns a zero that depends on the row block: several processes must have gradients for the same weights."""
     weights = [w.sum() for name, w in network.named_parameters() if "row_block." in name]
     return 0.0 * torch.stack(weights).sum() if weights else torch.zeros(())

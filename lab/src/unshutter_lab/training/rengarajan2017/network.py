@@ -1,8 +1,8 @@
-"""rengarajan2017: the learned predecessor (Rengarajan, Balaji, Rajagopalan, CVPR 2017), both its networks.
+"""rengarajan2017: both networks of the learned predecessor (Rengarajan, Balaji, Rajagopalan, CVPR 2017).
 
-A picture of 256 x 256 px, less the mean picture, goes through convolutions without padding; fully connected layers
-give t_x and r_z at 15 key rows, and the least-squares quadratic through these gives every row. We rectify with the
-exact inverse of that motion, which the original's search over rows approximates.
+A picture of 256 x 256 px, minus the mean picture, goes through convolutions without padding; fully connected layers
+output t_x and r_z at 15 key rows, and the least-squares quadratic through these gives every row. We rectify with the
+exact inverse of that motion, which the original approximates by a search over rows.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from unshutter_lab.training.motion_errors import TX_UNIT
 
 SIZE = 256  # px, rows and columns
 KEY_ROWS = tuple(range(0, 256, 18))  # 15 rows, 0 ... 252
-_ROWCOL_HEIGHTS = (64, 36, 19)  # of the row bank's kernels, 3 wide; the column bank's are their transposes
+_ROWCOL_HEIGHTS = (64, 36, 19)  # of the row bank's kernels, 3 wide; the column bank uses their transposes
 
 
 @dataclass(frozen=True)
 class Rengarajan2017Config:
-    """Which of the two networks, and its parts."""
+    """The choice between the two networks, and their options."""
 
     network: str = "vanilla"  # vanilla | rowcol
     batch_norm: bool = True
-    bank_units: int = 4096  # of the layer that adds up the two banks of rowcol
+    bank_units: int = 4096  # of the layer that adds the two banks of rowcol
     dropout: float = 0.5  # of rowcol
 
     def __post_init__(self) -> None:
@@ -36,14 +36,14 @@ class Rengarajan2017Config:
 
 
 def build(config: Rengarajan2017Config) -> VanillaCNN | RowColCNN:
-    """A new network of the kind that the configuration names."""
+    """Returns a new network of the configured kind."""
     if config.network == "rowcol":
-        return RowColCNN(config)  # not channels-last: on CPUs its wide kernels then take a hundred times as long
+        return RowColCNN(config)  # not channels-last, which makes its wide kernels a hundred times slower on CPUs
     return VanillaCNN(config.batch_norm).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
 class _KeyRows(nn.Module, ABC):
-    """What both networks have in common: the mean picture, and the meaning of the 30 outputs."""
+    """Common part of both networks: the mean picture, and the interpretation of the 30 outputs."""
 
     mean: Tensor
 
@@ -52,14 +52,14 @@ class _KeyRows(nn.Module, ABC):
         self.register_buffer("mean", torch.full((3, SIZE, SIZE), 0.5))
 
     def forward(self, rs: Tensor) -> Tensor:
-        """RS pictures [B, 3, 256, 256] in 0 ... 1 -> [B, 2, 15]: t_x [px] and r_z [rad] at the key rows."""
+        """Maps RS pictures [B, 3, 256, 256] in 0 ... 1 to [B, 2, 15]: t_x [px] and r_z [rad] at the key rows."""
         out = self.outputs(rs - self.mean)
         unit = torch.tensor([TX_UNIT, 1.0], device=out.device)[:, None]
         return out.float().view(-1, 2, len(KEY_ROWS)) * unit
 
     @abstractmethod
     def outputs(self, x: Tensor) -> Tensor:
-        """[B, 30]: 15 t_x [100 px], then 15 r_z [rad]."""
+        """Returns [B, 30]: 15 t_x [100 px], then 15 r_z [rad]."""
 
 
 class VanillaCNN(_KeyRows):
@@ -83,7 +83,7 @@ class VanillaCNN(_KeyRows):
         )
 
     def outputs(self, x: Tensor) -> Tensor:
-        """[B, 30]."""
+        """Returns [B, 30]."""
         return self.head(self.features(x.contiguous(memory_format=torch.channels_last)))
 
 
@@ -117,13 +117,13 @@ class RowColCNN(_KeyRows):
         )
 
     def outputs(self, x: Tensor) -> Tensor:
-        """[B, 30]."""
+        """Returns [B, 30]."""
         features = self.features(x)
         return self.head(self.rows(features) + self.columns(features))
 
 
 def quadratic(key_rows: Tensor) -> Tensor:
-    """[B, 2, 15] motion at the key rows -> [B, 2, 256] of every row, by the least-squares quadratic."""
+    """Maps [B, 2, 15] motion at the key rows to [B, 2, 256] of every row, by the least-squares quadratic."""
     known = torch.tensor(KEY_ROWS, dtype=torch.float64) / SIZE
     every = torch.arange(SIZE, dtype=torch.float64) / SIZE
     powers, all_powers = (torch.stack([u**k for k in range(3)], -1) for u in (known, every))

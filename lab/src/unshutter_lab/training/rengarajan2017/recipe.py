@@ -1,4 +1,4 @@
-"""How rengarajan2017 is trained: by regression of the motion at the key rows, as in the original's program."""
+"""Training of rengarajan2017: regression of the motion at the key rows, as in the original program."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class RengarajanRecipe(Recipe):
         self.data = PixelData(pixels, device)
 
     def build(self) -> nn.Module:
-        """A new network, with the mean of some RS pictures."""
+        """Returns a new network, with the mean of some RS pictures."""
         network: VanillaCNN | RowColCNN = build(self.network_config)
         generator = torch.Generator(self.device).manual_seed(_MEAN_SEED)
         means = [self.data.batch(16, generator, with_gs=False).rs.mean(0) for _ in range(_MEAN_BATCHES)]
@@ -47,7 +47,7 @@ class RengarajanRecipe(Recipe):
         return network
 
     def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
-        """MSE of (t_x / 100 px, r_z / rad) at the key rows."""
+        """Returns the MSE of (t_x / 100 px, r_z / rad) at the key rows."""
         samples = self.data.batch(self.config.batch, generator, with_gs=False)
         tx, rz = network(samples.rs).unbind(1)
         true_tx, true_rz = samples.row_motion()
@@ -55,12 +55,12 @@ class RengarajanRecipe(Recipe):
         return motion_mse(tx, rz, true_tx[:, rows], true_rz[:, rows]), {}
 
     def pictures(self, count: int, generator: torch.Generator) -> Tensor:
-        """See Recipe."""
+        """See :class:`Recipe`."""
         return self.data.batch(count, generator).rs
 
     @torch.no_grad()
     def validate(self, network: nn.Module) -> dict[str, float]:
-        """EPE on held-out photos, for other kinds of motion, and on training photos."""
+        """Returns the EPE on held-out photos, for other kinds of motion, and on training photos."""
         error, nothing = [], []
         for samples in self.data.validation():
             error.append(_epe(network, samples))
@@ -71,7 +71,7 @@ class RengarajanRecipe(Recipe):
         return figures
 
     def export(self, network: nn.Module, path: Path) -> None:
-        """ONNX: rs [batch, 3, 256, 256] RGB in 0 ... 1 -> key_rows [batch, 2, 15] (t_x [px], r_z [rad])."""
+        """Writes ONNX: rs [batch, 3, 256, 256] RGB in 0 ... 1 -> key_rows [batch, 2, 15] (t_x [px], r_z [rad])."""
         example = torch.rand(1, 3, SIZE, SIZE)
         free = {"rs": {0: "batch"}, "key_rows": {0: "batch"}}
         export_onnx(network.eval().cpu(), (example,), path, ["rs"], ["key_rows"], free)

@@ -1,8 +1,8 @@
 """The network of the estimator ``segment-transformer``: line segments in, row motion out.
 
 A set of segments (tokens) goes through a small transformer without positional encoding. Learned latents attend to them,
-and a head gives the coefficients of two cubics. The estimate moves the segments to where a global shutter would have
-seen them, and the same network corrects what is left, ``iterations`` times.
+and a head outputs the coefficients of two cubics. The estimate moves the segments to their global-shutter positions,
+and the same network corrects the remaining motion, ``iterations`` times.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ class SegmentTransformerConfig:
     heads: int = 4
     latents: int = 4
     iterations: int = 2  # in training
-    iterations_in_use: int = 3  # of the exported network
+    iterations_in_use: int = 3  # in the exported network
 
 
 class SegmentTransformer(nn.Module):
-    """Tokens and mask -> polynomial coefficients of the row motion.
+    """Maps tokens and mask to polynomial coefficients of the row motion.
 
-    Input: tokens [B, N, 6] and mask [B, N] as data/scenes.py draws them (end points in rows, centred; unit vector to
-    the scene's top). Output: the motion after each iteration, [iterations, B, 2, 3]: coefficients of u, u^2,
-    u^3 of t_x [rows] and r_z [rad], u = row coordinate + 1/2; and the camera [B, 3] (roll, tilt, log focal).
+    Input: tokens [B, N, 6] and mask [B, N] as drawn by data/scenes.py (end points in rows, centred; unit vector towards
+    the top of the scene). Output: the motion after each iteration, [iterations, B, 2, 3]: coefficients of u, u^2, u^3
+    of t_x [rows] and r_z [rad], u = row coordinate + 1/2; and the camera [B, 3] (roll, tilt, log focal).
     """
 
     def __init__(self, config: SegmentTransformerConfig):
@@ -54,7 +54,7 @@ class SegmentTransformer(nn.Module):
         self.register_buffer("basis", _legendre_to_powers(), persistent=False)
 
     def forward(self, tokens: Tensor, mask: Tensor) -> tuple[Tensor, Tensor]:
-        """See the class."""
+        """See :class:`SegmentTransformer`."""
         motion = tokens.new_zeros(tokens.shape[0], 2, 3)
         history = []
         camera = tokens.new_zeros(tokens.shape[0], 3)
@@ -65,7 +65,7 @@ class SegmentTransformer(nn.Module):
         return torch.stack(history), camera
 
     def correct(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> tuple[Tensor, Tensor]:
-        """What is missing from ``motion`` [B, 2, 3], and the camera [B, 3]."""
+        """Returns the correction to ``motion`` [B, 2, 3], and the camera [B, 3]."""
         x = self.embed(features(tokens, moved(tokens, motion)))
         bias = torch.zeros_like(mask, dtype=x.dtype).masked_fill(~mask, -1e4)[:, None, None]  # [B, 1, 1, N]
         for block in self.blocks:
@@ -106,5 +106,5 @@ class _Block(nn.Module):
 
 
 def _legendre_to_powers() -> Tensor:
-    """[3, 3]: shifted Legendre polynomials of degree 1 to 3, less their value at u = 0, in powers of u."""
+    """[3, 3]: shifted Legendre polynomials of degree 1 to 3, minus their value at u = 0, in powers of u."""
     return torch.tensor([[2.0, 0.0, 0.0], [-6.0, 6.0, 0.0], [12.0, -30.0, 20.0]])

@@ -1,4 +1,4 @@
-"""How the segment transformer is trained: on drawn scenes, by the EPE after each iteration and the camera's pose."""
+"""Training of the segment transformer: on drawn scenes, by the EPE after each iteration and the camera's pose."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from unshutter_lab.training.segment_transformer.onnx_loop import export_loop
 from unshutter_lab.training.segment_transformer.weights import network_of, weights_of
 
 _GRID = 16  # the EPE is taken on a grid of this many points squared
-_CAMERA_SPREAD = (0.05, 0.15, 0.35)  # typical roll [rad], tilt [rad], log focal length: equal footing
+_CAMERA_SPREAD = (0.05, 0.15, 0.35)  # typical roll [rad], tilt [rad], log focal length, for equal weighting
 _CAMERA_WEIGHT = 0.5
 _VALIDATION_SEED, _VALIDATION_BATCHES = 2**40, 8
 
@@ -37,11 +37,11 @@ class SegmentRecipe(Recipe):
         self.scenes = from_table(SceneConfig, config.data, "[data]")
 
     def build(self) -> nn.Module:
-        """A new network."""
+        """Returns a new network."""
         return SegmentTransformer(self.network_config)
 
     def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
-        """Sum over iterations of the mean EPE [px at 256 rows], plus a Huber loss on the camera."""
+        """Returns the summed mean EPE of the iterations [px at 256 rows], plus a Huber loss on the camera."""
         scenes = draw_scenes(self.config.batch, self.scenes, generator)
         motions, camera = network(scenes.tokens, scenes.mask)
         errors = torch.stack([motion_epe(m, scenes).mean() for m in motions])
@@ -52,7 +52,7 @@ class SegmentRecipe(Recipe):
 
     @torch.no_grad()
     def validate(self, network: nn.Module) -> dict[str, float]:
-        """Median EPE and share improved over doing nothing, on drawn scenes of their own seed."""
+        """Returns median EPE and share improved over no correction, on drawn scenes with their own seed."""
         generator = torch.Generator(self.device).manual_seed(_VALIDATION_SEED)
         errors, untouched = [], []
         for _ in range(_VALIDATION_BATCHES):
@@ -71,9 +71,9 @@ class SegmentRecipe(Recipe):
         network.load_state_dict(stored)
 
     def export(self, network: nn.Module, path: Path) -> None:
-        """ONNX: tokens [batch, segments, 6], mask [batch, segments] -> coefficients [batch, 2, 3].
+        """Writes ONNX: tokens [batch, segments, 6], mask [batch, segments] -> coefficients [batch, 2, 3].
 
-        Along with it an .npz with the same weights, which unshutter runs without onnxruntime.
+        Also writes an .npz with the same weights, which unshutter runs without onnxruntime.
         """
         write_weights(path.with_suffix(".npz"), weights_of(network))  # type: ignore[arg-type]
         step = MirroredStep(network).eval().cpu()
@@ -82,10 +82,10 @@ class SegmentRecipe(Recipe):
 
 
 class MirroredStep(nn.Module):
-    """One iteration as it is exported: the correction averaged over the picture and its mirror image.
+    """One exported iteration: the correction averaged over the picture and its mirror image.
 
-    Mirroring left and right turns (t_x, r_z) into (-t_x, -r_z). The average of both answers is exactly antisymmetric,
-    and a little more accurate than either.
+    Mirroring left and right turns (t_x, r_z) into (-t_x, -r_z). The average of both outputs is exactly antisymmetric,
+    and slightly more accurate than either.
     """
 
     mirror: Tensor
@@ -96,7 +96,7 @@ class MirroredStep(nn.Module):
         self.register_buffer("mirror", torch.tensor([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0]), persistent=False)
 
     def forward(self, tokens: Tensor, mask: Tensor, motion: Tensor) -> Tensor:
-        """Tokens [B, N, 6], mask [B, N], motion so far [B, 2, 3] -> motion [B, 2, 3]."""
+        """Maps tokens [B, N, 6], mask [B, N] and current motion [B, 2, 3] to the new motion [B, 2, 3]."""
         tokens = torch.cat([tokens, tokens * self.mirror])
         correction, _ = self.network.correct(tokens, torch.cat([mask, mask]), torch.cat([motion, -motion]))  # type: ignore[operator]
         straight, mirrored = correction.chunk(2)
@@ -104,10 +104,10 @@ class MirroredStep(nn.Module):
 
 
 def motion_epe(motion: Tensor, scenes: Scenes) -> Tensor:
-    """[B] mean distance [px of 256 rows] between where two motions put the GS points of an RS grid.
+    """[B] mean distance [px of 256 rows] between the GS points of an RS grid under two motions.
 
-    Taken on the RS side, where Eq. 1 is closed-form; it differs from the EPE of the backward map only by the
-    little that the map stretches.
+    Computed on the RS side, where Eq. 1 is closed-form; it differs from the EPE of the backward map only by the small
+    stretch of the map.
     """
     line = (torch.arange(_GRID, device=motion.device) + 0.5) / _GRID - 0.5
     y, x = torch.meshgrid(line, line, indexing="ij")
@@ -119,5 +119,5 @@ def motion_epe(motion: Tensor, scenes: Scenes) -> Tensor:
         return torch.stack(geometry.rs_to_gs(x, y, t, r), -1)
 
     difference = gs(motion[:, 0], motion[:, 1]) - gs(scenes.tx, scenes.rz)
-    # the root's slope is infinite at zero, where pictures without motion are: a small constant under it
+    # the root's slope is infinite at zero, reached by pictures without motion: hence a small constant
     return (difference.square().sum(-1) + 1e-10).sqrt().mean(-1) * 256

@@ -18,7 +18,7 @@ from unshutter.errors import UsageError
 from unshutter.estimators.segment_transformer.weights import Weights, write_weights
 from unshutter_lab.training.segment_transformer.network import SegmentTransformer, SegmentTransformerConfig
 
-# stored name -> the network's; * is the number of a block
+# stored name -> the network's name; * is the number of a block
 _LINEAR = {
     "embedding.hidden": "embed.0",
     "embedding.output": "embed.2",
@@ -43,13 +43,13 @@ _LATENTS = ("pooling.latents", "latents")
 
 
 def weights_of(network: SegmentTransformer) -> Weights:
-    """The weights of a trained network, by their names in the file."""
+    """Returns the weights of a trained network, by their names in the file."""
     state = {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
     return _stored(state, network.config.heads, network.config.iterations_in_use)
 
 
 def network_of(weights: Weights) -> SegmentTransformer:
-    """The network to train of stored weights."""
+    """Returns a trainable network with stored weights."""
     layers, width = weights["blocks.attention.query.weight"].shape[:2]
     latents = len(weights["pooling.latents"])
     heads, iterations = int(weights["heads"]), int(weights["iterations"])
@@ -74,7 +74,7 @@ def _stored(state: Mapping[str, np.ndarray], heads: int, iterations: int) -> Wei
 
 
 def _pairs() -> Iterator[tuple[str, str, bool]]:
-    """Each array's name in the file, its name in the network, and whether it is a linear layer's weight."""
+    """Yields each array's name in the file, its name in the network, and whether it is a linear layer's weight."""
     yield (*_LATENTS, False)
     for stored, own in _LINEAR.items():
         yield f"{stored}.weight", f"{own}.weight", True
@@ -89,11 +89,11 @@ def _numbered(own: str, layers: int) -> list[str]:
 
 
 def weights_of_onnx(path: Path, heads: int) -> Weights:
-    """The weights of an exported network; torch's names are kept there, but for those of matrices.
+    """Returns the weights of an exported network, which keeps torch's names except those of matrices.
 
     Args:
-        path: what onnx_loop.py wrote.
-        heads: of the network: the file does not say.
+        path: file written by onnx_loop.py.
+        heads: number of heads, which the file does not contain.
 
     Raises:
         UsageError: it is not such a file.
@@ -115,12 +115,12 @@ def weights_of_onnx(path: Path, heads: int) -> Weights:
             if node.op_type == "Expand" and node.input[0] in arrays:
                 state["latents"] = arrays[node.input[0]][0]
         return _stored(state, heads, int(arrays["iterations"]))
-    except Exception as error:  # protobuf's own kinds, and all that a graph may lack
+    except Exception as error:  # protobuf's exceptions, and anything missing from the graph
         raise UsageError(f"{path} is not an exported segment-transformer: {' '.join(str(error).split())}") from None
 
 
 def main() -> None:
-    """The command line."""
+    """Runs the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", type=Path)
     parser.add_argument("--heads", type=int, default=SegmentTransformerConfig.heads)
