@@ -33,7 +33,7 @@ def find_segments(grey: UInt8[np.ndarray, "height width"], limit: int | None = N
     Returns:
         [N, 4] end points (col1, row1, col2, row2) [px], pixel centres at integers, N may be 0.
     """
-    cv2.setNumThreads(1)  # LSD is serial; OpenCV's idle threads only cost
+    cv2.setNumThreads(1)  # LSD is serial; OpenCV's idle threads only cost time
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD, _SCALE)
     detected = detector.detect(np.ascontiguousarray(grey))[0]
     if detected is None:

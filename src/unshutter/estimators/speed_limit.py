@@ -133,7 +133,7 @@ class _Edges:
         begin = np.flatnonzero(begins)
         end = np.append(begin[1:], signs.size)  # one past its last step
         line = begin // count
-        flat = values.ravel()  # one value more a line than steps
+        flat = values.ravel()  # one more value per line than steps
         contrast = np.abs(flat[end + line] - flat[begin + line])
         whole = (begin > line * count) & (end < (line + 1) * count)  # not cut by the border
         strong = np.flatnonzero((contrast > _CONTRAST) & whole)

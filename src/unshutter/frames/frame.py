@@ -45,7 +45,7 @@ class Frame:
 
     @property
     def pixels(self) -> np.ndarray:
-        """[H, W, bands] in the readout frame."""
+        """Pixels [H, W, bands] in the readout frame."""
         return np.ascontiguousarray(self._readout.turn(self.photo.pixels))
 
     @cached_property

@@ -185,7 +185,7 @@ def _disagreement(at: np.ndarray, curves: np.ndarray, best: float) -> float:
 
 def _cycles(fit: Fit) -> float:
     """Returns the frequency of an oscillation whose speed varies as the camera's does [cycles per frame]."""
-    speed = np.diff(fit.coefficients[:, :3], axis=0) * fit.knots_per_frame  # [knots - 1, 3], px a frame
+    speed = np.diff(fit.coefficients[:, :3], axis=0) * fit.knots_per_frame  # [knots - 1, 3], px per frame
     varying = np.sqrt(((speed - speed.mean(axis=0)) ** 2).sum(axis=1).mean())
     change = np.sqrt((np.diff(speed, axis=0) ** 2).sum(axis=1).mean()) * fit.knots_per_frame
     return float(change / varying / (2 * np.pi)) if varying > _EVEN_PX else 0.0

@@ -53,20 +53,20 @@ class TurnEquations:
 
     @cached_property
     def _spline_products(self) -> np.ndarray:
-        """[pairs, local (local + 1) / 2, most]."""
+        """[pairs, local (local + 1) / 2, most] products of every two splines."""
         first, second = np.triu_indices(self.spline.shape[-1])
         each = np.ascontiguousarray(self.spline.swapaxes(1, 2))
         return each[:, first] * each[:, second]
 
     @cached_property
     def _jacobian_products(self) -> np.ndarray:
-        """[pairs, most, unknowns^2]."""
+        """[pairs, most, unknowns^2] J^T J of each track."""
         products = self.jacobian.swapaxes(2, 3) @ self.jacobian
         return products.reshape(*products.shape[:2], -1)
 
     @cached_property
     def _moved_products(self) -> np.ndarray:
-        """[pairs, most, unknowns]."""
+        """[pairs, most, unknowns] J^T moved of each track."""
         return (self.jacobian * self.moved[..., None]).sum(axis=2)
 
 

@@ -121,7 +121,7 @@ class Motion(ABC):
 
     @abstractmethod
     def rates(self) -> tuple[Float64[np.ndarray, "rows"], Float64[np.ndarray, "rows 2"]]:
-        """Returns how fast the picture moved at each row; needs at least two rows, independent of the reference row.
+        """Returns how fast the picture moved at each row, of at least two; the reference row has no influence.
 
         Returns:
             Angular rate [H] about the viewing axis [rad per row], positive clockwise as seen in the picture, and

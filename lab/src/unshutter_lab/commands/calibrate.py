@@ -1,4 +1,4 @@
-"""``unshutter calibrate``."""
+"""The command ``unshutter calibrate``."""
 
 from __future__ import annotations
 

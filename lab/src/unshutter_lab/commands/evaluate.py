@@ -1,4 +1,4 @@
-"""``unshutter evaluate``."""
+"""The command ``unshutter evaluate``."""
 
 from __future__ import annotations
 

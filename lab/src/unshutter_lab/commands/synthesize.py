@@ -1,4 +1,4 @@
-"""``unshutter synthesize``."""
+"""The command ``unshutter synthesize``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``unshutter train``."""
+"""The command ``unshutter train``."""
 
 from __future__ import annotations
 

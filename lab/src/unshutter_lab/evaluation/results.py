@@ -140,7 +140,7 @@ def values(records: Iterable[Record], key: str) -> np.ndarray:
 
 def examples_of(cases: list[Case], records: list[Record]) -> list[Case]:
     """Returns a few cases to show, from little to much distortion; the first few if the distortion is unknown."""
-    distortion = {}  # picture -> EPE of doing nothing
+    distortion = {}  # picture -> EPE without correction
     for record in records:
         picture = (record["suite"], record["group"], record["photo"], record["draw"])
         distortion.setdefault(picture, record.get("epe_nothing"))

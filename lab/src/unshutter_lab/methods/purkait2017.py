@@ -132,7 +132,7 @@ def _at_roots(polynomials: np.ndarray, normals: np.ndarray, second: Callable) ->
 
 
 def _real_roots(polynomials: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Real roots below LARGEST_RATE of polynomials [S, D + 1] (c^0 first): index of the polynomial, and root."""
+    """Returns the real roots below LARGEST_RATE of polynomials [S, D + 1] (c^0 first): polynomial index and root."""
     scale = np.abs(polynomials).max(axis=1, keepdims=True)
     p = polynomials / np.where(scale > 0, scale, 1.0)
     degree = p.shape[1] - 1

@@ -19,7 +19,7 @@ SHORTEST = 0.05  # of the short side: length of a prominent curve
 MOST_CURVES = 250
 FEWEST_CURVES = 6
 DEGREE = 3  # of the polynomials in the row
-NEAR = np.radians(25)  # a curve within this of the vertical or the horizontal belongs to that class
+NEAR = np.radians(25)  # curves within this angle of the vertical or the horizontal belong to that class
 # Scales: the residual with a cost of 1. From coarse to fine, those of lines and angles approach the picture's own
 # spread, so that the regularising terms for what curves do not determine (lengths, size of the motion) vanish if
 # curves are exact. A stage shrinks them by no more than SHRINKAGE, or the fit would creep along a narrow valley.

@@ -1,1 +1,1 @@
-"""Evidence that right angles in the scene give about a motion: the Manhattan likelihood, its prior, and the search."""
+"""Evidence about the motion from right angles in the scene: the Manhattan likelihood, its prior, and the search."""

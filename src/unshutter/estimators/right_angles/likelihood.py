@@ -96,12 +96,12 @@ class ManhattanLikelihood:
         return energy + prior, gradient + prior_gradient, J_weighted @ J.transpose(0, 2, 1) + prior_hessian
 
     def lines_gain(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, 10] -> [S]: log-likelihood ratio of the segments against chance, in nats per unit of weight."""
+        """Returns the log-likelihood ratio of the segments against chance, [S, 10] -> [S], nats per unit of weight."""
         by_chance = self.weight.sum() * math.log(math.pi)
         return (by_chance - self._of_segments(self._residuals(unknowns))[0]) / max(self.weight.sum(), 1e-9)
 
     def of_segments(self, unknowns: np.ndarray) -> np.ndarray:
-        """[S, 10] -> [S, N]: log-likelihood of each segment, times its weight."""
+        """Returns the log-likelihood of each segment times its weight: [S, 10] -> [S, N]."""
         return self.weight * np.log(self._densities(self._residuals(unknowns))[0])
 
     def _residuals(self, unknowns: np.ndarray) -> AngleResiduals:
@@ -126,7 +126,7 @@ class ManhattanLikelihood:
 
 
 def _parts(segments: np.ndarray, aspect: float) -> np.ndarray:
-    """[N, 4] -> [N]: the part of the picture that contains each segment's centre, row by row from 0."""
+    """Returns the part of the picture that contains each segment's centre, row by row from 0: [N, 4] -> [N]."""
     middle = (segments[:, :2] + segments[:, 2:]) / 2 / [aspect, 1] + 0.5
     column, row = np.clip((middle * _PARTS).astype(int), 0, _PARTS - 1).T
     return row * _PARTS + column

@@ -114,7 +114,7 @@ class Prior:
         return energy, gradient, hessian
 
     def of_motions(self, motions: np.ndarray) -> np.ndarray:
-        """[M, 6] -> [M]: negative log density of the first kind, relative to that of no motion."""
+        """Returns the negative log density of the first kind, relative to that of no motion: [M, 6] -> [M]."""
         return _student_t(motions, self._precision[0], self._freedom[0])[0]
 
 

@@ -25,7 +25,7 @@ _FOLLOWED = 4  # only this many of the best continue, as motions of each kind
 _TEMPER = 0.25  # tempers the evidence for one kind of motion against another: segments' errors are correlated
 _LONGEST_STEP = 0.3
 _LEAST_GAIN = 1e-3  # of a step [nats]; smaller gains end the search
-_SAME = 0.3 / 256  # rows: optima closer than this are one
+_SAME = 0.3 / 256  # rows: optima closer than this are merged
 _DIAGONAL = np.arange(UNKNOWNS)
 
 

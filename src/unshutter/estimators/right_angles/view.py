@@ -60,7 +60,7 @@ def known_camera(view: View) -> KnownCamera:
     return KnownCamera(
         up=view.up,
         log_focal=math.log(focal_px / view.height) if focal_px else None,
-        # a camera turned clockwise sees the scene turned the other way
+        # a camera rotated clockwise sees the scene rotated counter-clockwise
         roll=None if roll_deg is None else -math.radians(roll_deg),
         tilt=None if tilt_deg is None else math.radians(tilt_deg),
         speed=_known_speed(view.speed_limit, view.height),

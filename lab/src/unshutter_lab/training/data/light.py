@@ -29,7 +29,7 @@ class LightConfig:
         UsageError: a share is outside 0 ... 1.
     """
 
-    share: float = 0.0  # share of the pictures that are varied at all
+    share: float = 0.0  # share of the pictures that are varied
     exposure: float = 0.2  # spread
     gamma: float = 0.2  # spread
     balance: float = 0.06  # spread of each channel

@@ -33,7 +33,7 @@ class MotionConfig:
     """
 
     hand: float = 0.0  # shake of a hand holding still
-    pan: float = 0.0  # a camera that turns evenly
+    pan: float = 0.0  # a camera panning evenly
 
     def __post_init__(self) -> None:
         if min(self.hand, self.pan) < 0 or self.hand + self.pan > 1:

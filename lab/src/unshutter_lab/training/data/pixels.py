@@ -169,7 +169,7 @@ class PixelData:
             yield self.batch(min(_VALIDATION_BATCH, count - first), generator, with_gs=False)
 
     def _windows(self, count: int, generator: torch.Generator, first_photos: int | None) -> Tensor:
-        """[B, 3, canvas, canvas] uint8."""
+        """Returns random windows of the training pictures, [B, 3, canvas, canvas] uint8."""
         photos = self.photos[:first_photos]
         dice = torch.rand(3, count, generator=generator, device=self.device)
         index, place, side = dice.tolist()

@@ -28,10 +28,10 @@ class ViewConfig:
     """
 
     share: float = 0.0  # share of the windows seen by another camera
-    roll: float = 0.8  # spread of the roll: hands hold cameras nearly level ...
-    askew: float = 0.12  # ... but for this share, whose roll is five times as large
+    roll: float = 0.8  # spread of the roll: most cameras are held nearly level,
+    askew: float = 0.12  # except this share, with five times the spread
     tilt: float = 4.0  # spread of the tilt
-    looking_up: float = 0.2  # share tilted upwards by up to ``steepest`` instead, as below towers
+    looking_up: float = 0.2  # share tilted upwards by up to ``steepest`` instead, as in front of towers
     steepest: float = 20.0
     yaw: float = 12.0  # spread of the yaw
     focal_rows: float = 1.4  # median focal length of photos, in rows of the window; log-normal

@@ -38,7 +38,7 @@ class KandulaRecipe(Recipe):
         return Kandula2020(self.network_config).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def loss(self, network: nn.Module, step: int, generator: torch.Generator) -> tuple[Tensor, dict[str, float]]:
-        """First phase: error of the motion, on a few photos. Second phase: the paper's Eq. 2."""
+        """Returns the error of the motion on a few photos (first phase), or the paper's Eq. 2 (second phase)."""
         if self.weights.regress_only or step < self.weights.regress_steps:
             return self._regression(network, generator)
         samples = self.data.batch(self.config.batch, generator)
