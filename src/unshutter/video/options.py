@@ -109,9 +109,8 @@ class ClipUndo:
     Attributes:
         reference: row whose capture time each frame shows.
         strength: 0 (nothing), 1 (the whole motion), at most 2.
-        edges: areas outside the original frame: ``keep`` leaves them black, ``crop`` cuts all frames to the largest
-            rectangle of the clip's shape without them, ``fill`` mirrors the frame, ``borrow`` takes them from the
-            previous and next frames, and fills the rest.
+        edges: areas outside the frame: ``keep`` leaves them black, ``crop`` cuts all frames to the largest rectangle
+            without them, ``fill`` mirrors the frame, ``borrow`` takes them from neighbouring frames and fills the rest.
         model: ``camera``: one motion of the camera for the whole frame; ``dense``: near and far may move differently.
 
     Raises:
@@ -197,8 +196,7 @@ class Encode:
 
     Attributes:
         codec: encoder, as FFmpeg calls it; None for the clip's own codec.
-        crf: quality, smaller is better; None for the clip's bit rate or, for another codec or pictures, a visually
-            lossless quality.
+        crf: quality, smaller is better; None for the clip's bit rate, or visually lossless if its codec changes.
         preset: trades speed for size in libx264, libx265 and libsvtav1; None for the encoder's default.
 
     Raises:
