@@ -21,7 +21,7 @@ class Torn(Sure):
             motion = RowMotion.from_polynomials([0, px], [0], view.height, view.width)
             return replace(motion, confidence=0.01, estimator=self.name)
 
-        still = Candidate("still", view.no_motion(self.name), 0.6)
+        still = Candidate("still", sheared(0.9), 0.6)  # a mean that is too small to be seen
         return (still, Candidate("pan", sheared(-9), 0.3, 4.0), Candidate("hand", sheared(5), 0.1, 6.0))
 
 
@@ -53,6 +53,10 @@ def test_the_chosen_candidate_is_undone_however_unsure(photo: Path, capsys: pyte
     assert unshutter.Motion.load(saved).tx_px[-1] == pytest.approx(-9, abs=0.1)
     assert unshutter.rectified(photo, candidate=3).found.tx_px[-1] == pytest.approx(5, abs=0.1)
     assert not unshutter.rectified(photo).changed
+
+
+def test_as_it_is_means_unchanged(photo: Path) -> None:
+    assert not unshutter.rectified(photo, candidate=1).changed
 
 
 def test_a_candidate_that_is_not_there_is_refused(photo: Path) -> None:

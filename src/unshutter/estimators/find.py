@@ -36,7 +36,9 @@ def chosen(candidates: tuple[Candidate, ...], number: int | None) -> Motion:
     if number > len(candidates):
         listed = ", ".join(each.description for each in candidates)
         raise UnshutterError(f"there is no candidate {number}: the photo has {len(candidates)} ({listed})")
-    return replace(candidates[number - 1].motion, confidence=None)
+    taken = candidates[number - 1]
+    strength = 0 if taken.kind == "still" else 1  # "as it is" leaves no trace of motion, either
+    return replace(taken.motion.scaled(strength), confidence=None)
 
 
 def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:

@@ -32,6 +32,11 @@ _CAUSES = {
 _WITH_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}  # their sentences do not state it
 
 
+def least_visible_px(rows: int) -> float:
+    """The smallest motion [px] that one photo of so many rows can show."""
+    return max(LEAST_PX, rows / _SMALLEST)
+
+
 class Certainty(StrEnum):
     """A confidence as a word."""
 
@@ -154,7 +159,7 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
     if motion.is_zero:
         return Reason(Code.NO_MOTION)
     if sure is not None and undo.min_confidence > 0:
-        if largest < max(LEAST_PX, motion.height / _SMALLEST):  # below what a single photo can show
+        if largest < least_visible_px(motion.height):
             if sure >= _PROBABLY:
                 return Reason(Code.NO_VISIBLE_MOTION)
             return Reason.of(Code.UNSURE_WHETHER_MOVED, confidence=_two_decimals(sure))

@@ -56,6 +56,15 @@ def test_the_first_candidate_is_what_is_undone_and_one_is_the_photo_as_it_is(vie
     assert stood[0].probability > 0.7 > moved[-1].probability
 
 
+@pytest.mark.parametrize("evidence", [-20, -5, 5])
+def test_what_is_called_as_it_is_moves_nothing_that_shows(evidence: float, view: View) -> None:
+    candidates = candidates_of(posterior_of(PAN, evidence), view, "me")
+    (still,) = (each for each in candidates if each.kind == "still")
+    assert still.motion.largest_px < 1
+    visible = candidates[0].motion.largest_px > 2
+    assert visible == (evidence > -20) == (candidates[0].kind != "still")
+
+
 def test_a_mean_that_looks_like_a_mode_is_not_listed_twice(view: View) -> None:
     assert [each.kind for each in candidates_of(two_modes(80, 0.97), view, "me")] == ["pan", "still"]
 

@@ -11,6 +11,7 @@ from unshutter.estimators.base import View
 from unshutter.estimators.right_angles.odds import BOUNDED, CAUTION, MOVING, Judgement, judge
 from unshutter.estimators.right_angles.posterior import Posterior, displacement, expected_error, mixture_moments
 from unshutter.motion.candidate import Candidate, KindOfMotion
+from unshutter.motion.verdict import least_visible_px
 from unshutter.reasons import Code, Reason
 
 LEAST_GAIN = -0.1  # of the lines over chance [nats per unit of weight]; below it, the lines are not those of buildings
@@ -71,6 +72,8 @@ def candidates_of(
     undone = candidate(mean, judgement.confidence)
     undone = undone if alike else replace(undone, probability=None)  # between the modes: no probability applies
     if displacement(judgement.motion) < _LEAST_UNDONE * posterior.size:
+        if undone.motion.largest_px >= least_visible_px(view.height):
+            return (replace(undone, probability=None), *map(candidate, modes), still)
         return (replace(still, motion=undone.motion), *map(candidate, modes))
     return (undone, *(candidate(mode) for mode in modes if mode not in alike), still)
 
