@@ -1,6 +1,7 @@
 """By hand, on the page in a real browser: lines that are drawn, sliders, and what a declined photo offers."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,7 @@ def test_a_declined_photo_says_why_and_offers_next_steps(page: Page, grey: Path)
         page.get_by_role("button", name="Was the camera moving? Try").click()
     wait_for(page, "alone")
     expect(page.get_by_role("button", name="Was the camera moving? Try")).to_have_count(0)
-    page.get_by_role("button", name="Add a neighbour frame").click()
+    page.get_by_role("button", name="Add the frame before or after").click()
     expect(page.get_by_text("Taken before…")).to_be_visible()
     page.get_by_role("button", name="By hand…").click()
     expect(page.locator("#draw-upright")).to_be_focused()
@@ -84,7 +85,9 @@ def test_a_wrong_neighbour_leaves_the_photo_usable(page: Page, photo: Path, tmp_
     wait_for(page)
     Photo.from_array(Scene().frame(0, 0.8)).save(tmp_path / "other.png")  # of another size
     page.set_input_files("#choose-after", tmp_path / "other.png")
-    expect(page.locator("#advice")).to_contain_text("The neighbour frame cannot be used")
+    expect(page.locator("#advice")).to_contain_text(
+        re.compile(r"The neighbour frame cannot be used: it has \d+ × \d+ px and the photo \d+ × \d+ px")
+    )
     wait_for(page, "changed")
     expect(page.locator(SAID)).to_contain_text("Straightened: some places moved by up to")
     page.get_by_role("button", name="Leave them out").click()
@@ -232,7 +235,7 @@ def test_sliders_start_at_what_was_found_and_are_saved_as_a_motion(page: Page, p
     flags = ["--motion", tmp_path / "motion.json", "--edges", "keep", "--strength", "1.5"]
     assert rectify(photo, "-o", tmp_path / "expected.jpg", *flags) == 0
     assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.jpg").read_bytes()
-    page.get_by_role("button", name="Undo what I did by hand").click()
+    page.get_by_role("button", name="Remove all of it").click()
     expect(lean).to_have_value(f"{found:.1f}")
     expect(page.locator(SAID)).to_contain_text("Straightened: some places")
 
@@ -243,6 +246,49 @@ def test_straighten_it_even_if_that_is_not_sure(page: Page, server, tmp_path: Pa
     drop(page, tmp_path / "basilica.png")
     wait_for(page, "changed|alone")
     with page.expect_response("**/after?*min-confidence=0*") as response:
-        page.get_by_label("Straighten it even if that is not sure").check()
+        page.get_by_label("Straighten it even if unsure").check()
     assert json.loads(response.value.headers["unshutter-result"])["changed"]
     wait_for(page, "changed")
+
+
+def test_steps_by_hand_are_undone_one_by_one(page: Page, grey: Path) -> None:
+    drop(page, grey)
+    wait_for(page, "alone")
+    undo = page.get_by_role("button", name="Undo", exact=True)
+    _draw(page, "upright")
+    expect(undo).to_be_disabled()
+    for x in (0.2, 0.7):
+        with page.expect_response("**/after?*lines=*"):
+            _drag(page, (x, 0.1), (x + 0.06, 0.9))
+    page.get_by_role("button", name="Done").click()
+    expect(page.locator(".handle")).to_be_visible()  # before and after again
+    page.locator("#lean-number").fill("4")
+    page.locator("#lean-number").press("Enter")
+    page.get_by_role("button", name="Remove all of it").click()
+    wait_for(page, "alone")
+    for lines, lean in ((2, True), (2, False), (1, False)):
+        page.locator("#stage").focus()
+        page.keyboard.press("Control+z")
+        expect(page.locator(".lines-list li")).to_have_count(lines)
+        number = expect(page.locator("#lean-number"))
+        number.to_have_value("4.0") if lean else number.not_to_have_value("4.0")
+        wait_for(page, "changed")
+    undo.click()
+    wait_for(page, "alone")
+    expect(undo).to_be_disabled()
+
+
+def test_a_neighbour_without_the_ratio_asks_for_it(page: Page, tmp_path: Path) -> None:
+    scene = Scene()
+    for number in range(2):
+        Photo.from_array(scene.frame(number, 0.8)).save(tmp_path / f"frame{number}.png")
+    drop(page, tmp_path / "frame0.png")
+    wait_for(page, "changed|alone")
+    page.set_input_files("#choose-after", tmp_path / "frame1.png")
+    expect(page.locator("#advice")).to_contain_text("Type in its readout ratio.")
+    page.get_by_role("button", name="Type in the ratio…").click()
+    expect(page.locator("#ratio")).to_be_focused()
+    page.keyboard.type("0.8")
+    page.keyboard.press("Enter")
+    expect(page.locator(SAID)).to_contain_text("with the help of its neighbours")
+    expect(page.locator("#advice")).to_be_hidden()

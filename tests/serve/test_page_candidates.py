@@ -1,13 +1,16 @@
 """Candidates side by side, on the page in a real browser: the photo as it is, and what else it could be."""
 
 import json
+import re
 import zipfile
 from pathlib import Path
 
 from playwright.sync_api import Page, expect
 
+from support import clips
 from support.batches import rectify
 from support.browser import drop, wait_for
+from support.motion_photos import item, motion_photo, packet
 from unshutter import RowMotion
 from unshutter.photo import Photo
 from unshutter.warp.pixels import distort_pixels
@@ -106,3 +109,43 @@ def test_another_way_to_find_the_motion_forgets_the_candidate(page: Page, photo:
     assert "candidate=" not in response.value.url
     assert json.loads(response.value.text())[0]["taken"] in (True, False)
     wait_for(page, "changed")
+
+
+def test_a_chance_in_words_and_not_next_to_unsure_in_per_cent(page: Page, photo: Path) -> None:
+    """The likeliest motion may still be inexact: what is uncertain is explained, and the figure is a tooltip."""
+    drop(page, photo)
+    wait_for(page)
+    shown = page.locator("#candidates button")
+    expect(shown.filter(has_text="likeliest")).to_have_count(1)
+    expect(page.locator("#candidates")).not_to_contain_text("%")
+    expect(shown.nth(1)).to_have_attribute("title", re.compile(r"chance that this is what happened is .* %"))
+    line = page.evaluate("async () => (await import('/page/words.js')).words.unsureHelp")
+    unsure = page.locator("[data-sure=unsure].sureness").count()
+    expect(page.locator("#panel .said").get_by_text(line)).to_have_count(unsure)
+    page.get_by_label("The camera was moving").check()  # then the chance of standing still says nothing
+    expect(page.locator("#candidates")).not_to_contain_text("likeliest")
+
+
+def test_as_it_is_ticks_leave_this_photo_alone(page: Page, photo: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    page.get_by_role("button", name=STILL).click()
+    wait_for(page, "alone")
+    alone = page.get_by_label("Leave this photo alone")
+    expect(alone).to_be_checked()
+    alone.uncheck()
+    wait_for(page, "changed")
+    expect(page.get_by_role("button", name=STILL)).to_have_attribute("aria-pressed", "false")
+
+
+def test_why_the_film_inside_a_photo_says_nothing(page: Page, facade, tmp_path: Path) -> None:
+    film = clips.write(tmp_path / "film.mp4", clips.standing(3)).read_bytes()
+    said = packet(item("Primary", 0) + item("MotionPhoto", len(film), "video/mp4"), 'Cam:MotionPhoto="1"')
+    (tmp_path / "live.jpg").write_bytes(motion_photo(facade, said, film))
+    drop(page, tmp_path / "live.jpg")
+    wait_for(page, "alone")
+    line = "Judged by the photo alone, since the film inside it is too short."
+    expect(page.locator(SAID)).to_contain_text(line)
+    page.locator("#advanced summary").click()
+    page.get_by_label("Do not use the film inside the photo").check()
+    expect(page.locator(SAID)).not_to_contain_text(line)

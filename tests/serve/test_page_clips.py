@@ -65,7 +65,8 @@ def test_the_usual_readout_time_is_taken_where_a_clip_does_not_show_its_own(page
     drop(page, clips.write(tmp_path / "still.mp4", clips.standing(30)))
     state = page.locator("#thumbnails li .thumbnail")
     expect(state).to_have_attribute("data-state", "done", timeout=FOUND_MS)
-    expect(page.locator("#clip-panel")).to_contain_text("16.0 ms is usual for cameras and phones (4.8 to 33.3 ms)")
+    usual = "16.0 ms is used. That is usual for cameras and phones (4.8 to 33.3 ms)"
+    expect(page.locator("#clip-panel")).to_contain_text(usual)
     _give_readout(page, "400")
     expect(page.locator("#clip-panel .said")).to_contain_text("33.33 ms apart")
     expect(page.locator("#working")).to_be_empty()  # said once
@@ -101,7 +102,8 @@ def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:
     drop(page, cut)
     wait_for(page, "failed")
     text = "Cannot read the clip: no film that can be read; the file may be cut off or damaged."
-    expect(page.locator("#stage .message")).to_have_text(text)
+    expect(page.locator("#stage .message")).to_have_text(f"{text} Close it with × and choose another file.")
+    expect(page.locator("#zoom")).to_be_hidden()  # there is nothing to look at
 
 
 def test_without_the_extra(page: Page, server: Server, walk: Path) -> None:
@@ -174,3 +176,26 @@ def test_the_field_for_the_readout_time_shows_where_it_is_asked_for(page: Page, 
     wait_for(page, "asking")
     expect(page.locator("#clip-readout")).to_be_visible()
     expect(page.get_by_text("does not show its readout time")).to_have_count(1)
+
+
+def test_what_only_the_saved_clip_shows_is_said_where_it_is_set(page: Page, walk: Path) -> None:
+    drop(page, walk)
+    _give_readout(page)
+    page.locator("#clip-panel").get_by_text("Advanced").click()
+    stabilized = page.get_by_text("Only the saved clip is stabilized")
+    dense = page.get_by_text("Only in the saved clip do near")
+    expect(stabilized).to_be_hidden()
+    page.get_by_label("Stabilize").fill("2")
+    page.get_by_label("Stabilize").press("Enter")
+    expect(stabilized).to_be_visible()
+    page.locator("#clip-option-model").select_option("dense")
+    expect(dense).to_be_visible()
+
+
+def test_a_saved_clip_is_marked(page: Page, walk: Path) -> None:
+    drop(page, walk)
+    _give_readout(page)
+    wait_for(page, "done")
+    with page.expect_download(timeout=FOUND_MS):
+        page.get_by_role("button", name="Save this clip").click()
+    expect(page.locator(".thumbnail .state")).to_have_text("saved")

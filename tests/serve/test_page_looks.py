@@ -31,6 +31,43 @@ def test_the_sample_photo(page: Page) -> None:
     expect(page.locator("#panel .said")).not_to_contain_text("%.")
 
 
+def test_saving_says_what_was_saved_and_where(page: Page, photo: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    before = page.locator(".compare").bounding_box()
+    with page.expect_download():
+        page.get_by_role("button", name="Save this photo").click()
+    expect(page.locator("#notice")).to_have_text("street.rectified.jpg: saved to the downloads of your browser.")
+    assert page.locator(".compare").bounding_box() == before  # the notice does not move the picture
+    expect(page.locator(".thumbnail .state")).to_contain_text("saved")
+    page.locator("#strength").fill("50")
+    expect(page.locator(".thumbnail .state")).not_to_contain_text("saved")
+
+
+def test_what_was_added_last_is_shown(page: Page, photo: Path, tmp_path: Path) -> None:
+    others = [tmp_path / "one.jpg", tmp_path / "two.jpg"]
+    for other in others:
+        other.write_bytes(photo.read_bytes())
+    drop(page, photo)
+    wait_for(page)
+    drop(page, *others)
+    expect(page.locator("#name")).to_have_text("one.jpg")
+
+
+def test_the_word_after_stands_on_what_a_crop_leaves(page: Page, photo: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    page.locator("#edges").select_option("crop")
+    expect(page.locator("#panel .said")).to_contain_text("Cut down")
+    tag, frame = page.locator(".tag.after").bounding_box(), page.locator(".compare").bounding_box()
+    assert tag is not None and frame is not None
+    inset = page.locator(".layer.after img").evaluate("image => image.style.clipPath")
+    top, right = (float(each.rstrip("%")) / 100 for each in inset.removeprefix("inset(").split()[:2])
+    assert top + right > 0.01
+    assert tag["y"] >= frame["y"] + top * frame["height"]
+    assert tag["x"] + tag["width"] <= frame["x"] + (1 - right) * frame["width"]
+
+
 def test_thumbnails_from_two_photos_on(page: Page, photo: Path, tmp_path: Path) -> None:
     drop(page, photo)
     wait_for(page)
@@ -98,7 +135,9 @@ def test_zoom_by_wheel_keys_and_pinch(page: Page, photo: Path) -> None:
     page.mouse.up()
     moved = page.locator(".compare").bounding_box()
     assert moved is not None and (moved["x"] - zoomed["x"], moved["y"] - zoomed["y"]) == pytest.approx((30, 20), abs=1)
+    expect(page.locator("#zoom")).to_have_text("Fit")  # which pressing it does
     page.keyboard.press("0")
+    expect(page.locator("#zoom")).to_have_text("100 %")
     assert _width(page) == pytest.approx(fitting, abs=1)
     page.keyboard.press("+")
     assert _width(page) == pytest.approx(1.25 * fitting, abs=2)
@@ -175,6 +214,14 @@ def test_a_phone_shows_the_picture_first_and_has_large_targets(chromium: Browser
     assert stage is not None and panel is not None and save is not None
     assert stage["y"] < 150 and stage["height"] > 400 and panel["y"] >= stage["y"] + stage["height"]
     page.locator("#by-hand summary").click()
+    page.locator("#turn").scroll_into_view_if_needed()
+    picture, slider = page.locator("#stage").bounding_box(), page.locator("#turn").bounding_box()
+    assert picture is not None and slider is not None  # what the sliders do is seen while they are moved
+    assert picture["y"] >= 0 and picture["y"] + picture["height"] <= slider["y"]
+    page.locator("#draw-upright").click()
+    done = page.get_by_role("button", name="Done")
+    expect(done).to_be_in_viewport()
+    done.click()
     sizes = page.evaluate(
         """() => [...document.querySelectorAll("button, select, summary, input:not([type=checkbox]), label.check")]
             .filter(node => node.checkVisibility() && !node.closest(".compare, .away, label.arrow"))

@@ -229,6 +229,7 @@ def _motion_json(motion: Motion) -> dict[str, Any]:
         "rows": motion.height,
         "attitude": {"roll_deg": motion.roll_deg, "tilt_deg": motion.tilt_deg, "from": motion.attitude_from},
         "exposure_s": motion.exposure_s,
+        "film": motion.film.as_json() if motion.film else None,
         "tx_px": np.round(motion.tx_px[rows], 2).tolist(),
         "rz_deg": np.round(np.degrees(motion.rz_rad[rows]), 3).tolist(),
     }

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from unshutter.batch.job import Job
 from unshutter.batch.work import finish_job
+from unshutter.errors import UnshutterError
 from unshutter.estimators.register import load
 from unshutter.geometry.readout import Orientation
 from unshutter.options import Rectify
@@ -230,6 +231,8 @@ def _rectified_between(
     described = frames.at, frames.model, focal_px and focal_px / scale, alone
     sequence = SequenceOptions(options.clock, undo, options.find.camera.direction, *described)
     neighbours = [path and replace(open_file, path=path) for path in (frames.before, frames.after)]
+    for each in filter(None, neighbours):
+        _check_size(photo, opened(each))
     copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
     frame = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], sequence)
     verdict = replace(frame.verdict, largest_px=frame.verdict.largest_px * scale)
@@ -239,6 +242,13 @@ def _rectified_between(
     rows, cols = frame.valid.shape
     decision = policy.decide((rows, cols), lambda: valid_window(frame.valid))
     return frame.pixels, _with_edges(result, decision, (rows, cols), photo.orientation)
+
+
+def _check_size(photo: Photo, neighbour: Photo) -> None:
+    """Raises UnshutterError where a neighbour has another size than the photo."""
+    sizes = [f"{each.width} × {each.height} px" for each in (neighbour, photo)]
+    if sizes[0] != sizes[1]:
+        raise UnshutterError(f"it has {sizes[0]} and the photo {sizes[1]}, so they are not of one burst or clip")
 
 
 def _with_edges(result: PhotoResult, decision: EdgeDecision, size: tuple[int, int], orientation: int) -> PhotoResult:

@@ -6,9 +6,11 @@ const RETRY_MS = 1000;
 const KEY = "unshutter-token";
 
 export class Refused extends Error {
-  constructor(status, line) {
+  // code: of the reason, where the program states one.
+  constructor(status, line, code = "") {
     super(line);
     this.status = status;
+    this.code = code;
   }
 }
 
@@ -50,17 +52,17 @@ export async function ask(path, options = {}) {
       continue;
     }
     tell(answer.status === 401 ? "old link" : "");
-    if (!answer.ok) throw new Refused(answer.status, await lineOf(answer));
+    if (!answer.ok) throw await refusal(answer);
     return answer;
   }
 }
 
-async function lineOf(answer) {
+async function refusal(answer) {
   try {
     const { error, code, figures } = await answer.json();
-    return words.why({ code, figures, reason: error });
+    return new Refused(answer.status, words.why({ code, figures, reason: error }), code);
   } catch {
-    return `${answer.status} ${answer.statusText}`;
+    return new Refused(answer.status, `${answer.status} ${answer.statusText}`);
   }
 }
 
@@ -123,7 +125,7 @@ export async function* events(path) {
   }
 }
 
-// Hands an answer's file to the browser's downloads.
+// Hands an answer's file to the browser's downloads; returns its name.
 export async function download(answer) {
   const address = URL.createObjectURL(await answer.blob());
   const link = document.createElement("a");
@@ -131,4 +133,5 @@ export async function download(answer) {
   link.download = factsIn(answer, "Unshutter-Name");
   link.click();
   setTimeout(() => URL.revokeObjectURL(address), 60000);
+  return link.download;
 }

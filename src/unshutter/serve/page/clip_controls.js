@@ -23,13 +23,15 @@ export class ClipControls {
     this.edges = usual("edges");
     this.reference = reference("clip-reference", about("clip", "reference"), (value) => set("reference", value));
     this.part = ["start", "end"].map((name) => usual(name));
+    this.onlySaved = Object.fromEntries(Object.entries(words.clipOnlySaved).map(([name, said]) => [name, make("p", { class: "quiet" }, said)]));
     const advanced = others("clip", PLACED, null, "clip-option-", set);
     this.shown = [this.strength, this.edges, this.reference, ...this.part, ...advanced];
     panel.replaceChildren(
       make("h2", {}, words.done), this.said, make("div", { class: "row actions" }, this.save),
-      make("h2", {}, words.settings), ...this.strength.nodes, this.#readout(), this.edges.node, this.reference.node,
+      make("h2", {}, words.settings), ...this.strength.nodes, this.#readout(), this.edges.node,
       make("fieldset", {}, make("legend", {}, words.partOf), ...this.part.map(({ node }) => node)),
-      make("details", { class: "section" }, make("summary", {}, words.advanced), ...advanced.map(({ node }) => node)),
+      make("details", { class: "section" }, make("summary", {}, words.advanced), this.reference.node,
+        ...advanced.flatMap(({ node, field }) => [node, this.onlySaved[field.id.replace("clip-option-", "")] ?? ""])),
       make("div", { class: "row" }, this.toAll, button("reset", () => this.#reset(), "", "clip")),
       keys(words.clipKeyList),
     );
@@ -44,6 +46,8 @@ export class ClipControls {
     const { options, readout, state } = clip;
     for (const each of this.shown) each.show(options);
     this.edges.field.querySelector("[value=borrow]").hidden = options.model !== "dense";
+    this.onlySaved.stabilize.hidden = !options.stabilize;
+    this.onlySaved.model.hidden = options.model !== "dense";
     const unit = this.unit.field.value;
     this.value.node.hidden = !(unit in LIMITS);
     this.camera.node.hidden = unit !== "camera";
@@ -51,7 +55,7 @@ export class ClipControls {
     Object.assign(this.value.field, { max: "", ...LIMITS[unit] });
     if (document.activeElement !== this.value.field) this.value.field.value = options[UNITS[unit]] ?? "";
     this.camera.show(options);
-    this.readoutSource.textContent = { motion: () => words.readoutEstimated(readout.ms, readout.ms_sd),
+    this.readoutSource.textContent = { motion: () => words.readoutEstimated(readout),
       "table of cameras": () => words.readoutListed(readout), "usual value": () => words.readoutListed(readout),
       "the clip's file": () => words.readoutInFile(readout.ms) }[readout?.found_by]?.() ?? "";
     this.save.disabled = asking || state === "failed" || !clip.facts;

@@ -16,8 +16,8 @@ const PLACED = [...ABOUT_CAMERA, "strength", "edges", "format", "reference", "mo
 const ELSEWHERE = ["neighbours", "clock", "byhand"]; // groups of options that have a section of their own
 
 export class Controls {
-  // panel: where to; lines: the editor on the stage; on: {change, draft, tool, lines, save, saveMotion, toAll} called when
-  // the user wants that.
+  // panel: where to; lines: the editor on the stage; on: {change, draft, tool, undo, lines, save, saveMotion, toAll} called
+  // when the user wants that.
   constructor(panel, lines, on) {
     this.on = on;
     this.photo = null;
@@ -52,7 +52,7 @@ export class Controls {
     for (const each of this.shown) each.show(options);
     this.reference.show(options);
     this.fields.anyway.checked = options["min-confidence"] === "0";
-    this.fields.leave.checked = options.strength === "0";
+    this.fields.leave.checked = options.strength === "0" || photo.tookStill;
     const readout = options.readout ?? "auto";
     for (const radio of this.readouts) {
       radio.disabled = !facts;
@@ -79,7 +79,10 @@ export class Controls {
     this.reference = reference("reference", about("photo", "reference"), (value) => this.#set("reference", value));
     return [
       ...this.strength.nodes,
-      this.#check("leave", (on) => this.#set("strength", on ? "0" : "")),
+      this.#check("leave", (on) => {
+        this.photo.leave(on);
+        this.on.change();
+      }),
       this.#control("moving"),
       this.#check("anyway", (on) => this.#set("min-confidence", on ? "0" : "")),
     ];
@@ -160,9 +163,11 @@ function sentences(photo) {
   else said.push(words.leftAlone(words.why(result)));
   const { roll_deg: roll, tilt_deg: tilt, from } = result.attitude ?? { roll_deg: null, tilt_deg: null };
   if (roll !== null || tilt !== null) said.push(words.heldSo(roll, tilt, from));
+  if (result.film) said.push(words.filmUnused(words.why(result.film)));
   if (result.exposure_s) said.push(words.exposed(result.exposure_s));
   const nodes = said.map((line) => make("p", {}, line));
   const sure = result.changed && !photo.byHand ? result.certainty : "";
+  if (sure === "unsure") nodes.push(make("p", { class: "quiet" }, words.unsureHelp));
   if (sure) nodes.unshift(make("p", { class: "sureness", "data-sure": sure, title: words.confidence(result.confidence) }, words.sureAtLength[sure]));
   return nodes;
 }

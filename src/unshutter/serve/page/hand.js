@@ -14,21 +14,23 @@ const SLIDERS = {
 };
 
 export class ByHand {
-  // lines: the editor on the stage; on: {draft, change, tool} called while a slider is dragged, when something was set,
-  // and with the kind of line that is to be drawn.
+  // lines: the editor on the stage; on: {draft, change, tool, undo} called while a slider is dragged, when something was
+  // set, with the kind of line that is to be drawn, and when the last step shall be taken back.
   constructor(lines, on) {
     this.lines = lines;
     this.on = on;
     this.photo = null;
     this.tools = KINDS.map((kind) => make("button", { type: "button", id: `draw-${kind}`, class: `tool ${kind}`, "aria-pressed": "false",
       title: words.drawHelp[kind], onclick: (event) => this.#pick(kind, event.detail === 0) }, words.drawLine[kind]));
-    this.help = make("p", { class: "quiet", role: "status" });
     this.list = make("ul", { class: "lines-list" });
     this.sliders = Object.keys(SLIDERS).map((name) => this.#slider(name));
     this.reset = button("resetHand", () => this.#reset());
+    this.undo = button("undoHand", () => on.undo());
+    this.reset.title = words.resetHandHelp;
+    this.undo.title = words.undoHandHelp;
     this.node = make("details", { class: "section", id: "by-hand" }, make("summary", {}, words.byHand),
-      make("p", { class: "quiet" }, words.byHandHelp), make("div", { class: "row" }, ...this.tools), this.help, this.list,
-      ...this.sliders.flatMap(({ nodes }) => nodes), make("div", { class: "row" }, this.reset));
+      make("p", { class: "quiet" }, words.byHandHelp), make("div", { class: "row" }, ...this.tools), this.list,
+      ...this.sliders.flatMap(({ nodes }) => nodes), make("div", { class: "row" }, this.undo, this.reset));
     this.node.addEventListener("toggle", () => !this.node.open && this.#pick(null));
   }
 
@@ -44,12 +46,13 @@ export class ByHand {
     }));
     for (const { name, show } of this.sliders) show(photo.hand[SLIDERS[name].option] ?? photo.result?.shape?.[SLIDERS[name].start] ?? 0, !photo.result?.shape);
     this.reset.disabled = !photo.byHand;
+    this.undo.disabled = !photo.undoable;
   }
 
   open() {
     this.node.open = true;
-    this.node.scrollIntoView({ block: "nearest" });
-    this.tools[0].focus();
+    this.node.scrollIntoView({ block: "start" });
+    this.tools[0].focus({ preventScroll: true });
   }
 
   stop() {
@@ -60,7 +63,6 @@ export class ByHand {
     const again = kind === this.lines.kind ? null : kind;
     this.lines.kind = again;
     this.tools.forEach((tool, k) => tool.setAttribute("aria-pressed", KINDS[k] === again));
-    this.help.textContent = again ? `${words.drawHelp[again]} ${words.drawDone}` : "";
     this.on.tool(again);
     if (again && byKeyboard) this.lines.add(again);
   }
@@ -71,7 +73,7 @@ export class ByHand {
     const number = make("input", { type: "number", id: `${name}-number`, min: about("photo", option).minimum, max: about("photo", option).maximum, step, title: about("photo", option).description, "aria-label": words.slider_[name] });
     const set = (value) => {
       this.photo.setHand(option, value);
-      this.reset.disabled = false;
+      this.reset.disabled = this.undo.disabled = false;
     };
     range.addEventListener("input", () => {
       number.value = range.value;

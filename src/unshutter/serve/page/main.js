@@ -4,12 +4,12 @@ import { about, onHealth } from "./api.js";
 import { Clip, isClip } from "./clip.js";
 import { shared } from "./controls.js";
 import { watch } from "./incoming.js";
-import { by } from "./nodes.js";
+import { by, fill } from "./nodes.js";
 import { Photo } from "./photo.js";
 import { saveMany } from "./saving.js";
 import { Strip } from "./strip.js";
 import { View } from "./view.js";
-import { fill, words } from "./words.js";
+import { words } from "./words.js";
 
 const AT_ONCE = 2; // photos that are worked on in the background
 const NOTICE_MS = 12000;
@@ -18,13 +18,14 @@ const photos = [];
 let settings = { max_bytes: Infinity, max_clip_bytes: Infinity, folder: null, clips: true };
 let background = 0;
 
-fill(document);
+fill(document, words);
 const strip = new Strip(by("thumbnails"), by("strip-bar"), { pick: show, close });
 const view = new View({ notice, toAll });
 
 // ---- photos come and go ----
 
 function take(files) {
+  let first = null; // of those that have come, which is shown
   for (const file of files) {
     const most = isClip(file) ? settings.max_clip_bytes : settings.max_bytes;
     if (isClip(file) && !settings.clips) notice(words.noClips(file.name, settings.install_clips));
@@ -32,11 +33,12 @@ function take(files) {
     else {
       const photo = isClip(file) ? new Clip(file) : new Photo(file);
       photos.push(photo);
+      first ??= photo;
       strip.add(photo);
       photo.addEventListener("change", () => photo === view.current && view.update());
     }
   }
-  if (!view.current && photos.length) show(photos[0]);
+  if (first) show(first);
   arrange();
   workInBackground();
 }
@@ -139,6 +141,10 @@ const keys = { ...Object.fromEntries([1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) =>
 addEventListener("keydown", (event) => {
   const typing = event.target.closest?.("input:not([type=checkbox],[type=radio],[type=range]), select, textarea");
   const key = event.key.toLowerCase();
+  if (view.current && !typing && key === "z" && (event.ctrlKey || event.metaKey) && !event.shiftKey) {
+    event.preventDefault();
+    return view.undo();
+  }
   if (!view.current || typing || event.ctrlKey || event.metaKey || event.altKey || !(key in keys)) return;
   event.preventDefault();
   keys[key]();

@@ -32,6 +32,12 @@ export class Neighbours {
     this.places.querySelector("input, button")?.focus();
   }
 
+  // Shows where the ratio is typed.
+  askRatio() {
+    this.node.open = true;
+    this.ratio.field.focus();
+  }
+
   // Leaves all neighbours out.
   clear() {
     for (const which of Object.keys(this.photo.neighbours)) this.#forget(which);

@@ -21,4 +21,13 @@ export function refill(node, children) {
   if (html([...node.children]) !== html(children)) node.replaceChildren(...children);
 }
 
+// Puts the words where index.html names them.
+export function fill(root, words) {
+  for (const node of root.querySelectorAll("[data-word]")) node.prepend(words[node.dataset.word]);
+  for (const node of root.querySelectorAll("[data-label]")) {
+    node.setAttribute("aria-label", words[node.dataset.label]);
+    if (node instanceof HTMLButtonElement) node.title = words[node.dataset.label];
+  }
+}
+
 export const by = (id) => document.getElementById(id);

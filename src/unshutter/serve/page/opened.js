@@ -37,7 +37,18 @@ export class Opened extends EventTarget {
 
   // Whether something was done to it that has not been saved.
   get unsaved() {
-    return this.state === "done" && Boolean(this.result?.changed) && this.saved !== this.wishes;
+    return this.state === "done" && Boolean(this.result?.changed) && !this.kept;
+  }
+
+  // Whether it was saved as it is now.
+  get kept() {
+    return this.saved === this.wishes;
+  }
+
+  // It was saved with these wishes.
+  keep(wishes) {
+    this.saved = wishes;
+    this.tell();
   }
 
   // Its id, once the program has it.

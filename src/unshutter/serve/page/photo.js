@@ -16,6 +16,8 @@ export class Photo extends Opened {
   hand = {}; // numbers set by hand: name of the field -> text
   candidates = []; // motions that fit, as the program lists them, each with a small picture
   #candidatesOf = null; // the options that they were found with
+  #steps = ["[[],{},null]"]; // lines, numbers by hand and candidate, as text, after each step by hand
+  neighbourCode = ""; // of the reason below, where it has one
   neighbourError = ""; // why the neighbours cannot be used: the photo alone counts then
   neighbours = {}; // before, after -> another Photo, taken just then
   beside = {}; // options that are for a photo with neighbours alone: name of the field -> text
@@ -93,6 +95,35 @@ export class Photo extends Opened {
     this.hand = {};
   }
 
+  // Leaves the photo as it is, or no more.
+  leave(alone) {
+    if (!alone && this.tookStill) delete this.options.candidate;
+    this.set("strength", alone ? "0" : "");
+  }
+
+  get #step() {
+    return JSON.stringify([this.lines, this.hand, this.options.candidate ?? null]);
+  }
+
+  // Remembers what was done by hand, to be undone.
+  remember() {
+    if (this.#step !== this.#steps.at(-1)) this.#steps.push(this.#step);
+  }
+
+  // Whether there is a step to undo.
+  get undoable() {
+    return this.#steps.length > 1 || this.#step !== this.#steps[0];
+  }
+
+  // Takes back the last step by hand.
+  undo() {
+    while (this.#steps.length > 1 && this.#steps.at(-1) === this.#step) this.#steps.pop();
+    const [lines, hand, candidate] = JSON.parse(this.#steps.at(-1));
+    Object.assign(this, { lines, hand });
+    if (candidate === null) delete this.options.candidate;
+    else this.options.candidate = candidate;
+  }
+
   // The options as they are asked for: what does not go with neighbours is left out where they count, and the reverse.
   async asked() {
     if (!this.between) {
@@ -166,7 +197,7 @@ export class Photo extends Opened {
 
   // The rectified photo: without its neighbours where they cannot be used.
   async #fetchAfter(asked) {
-    this.neighbourError = "";
+    this.neighbourError = this.neighbourCode = "";
     try {
       await this.#fetch("after", asked);
       if (!this.between || this.result.changed || !NEIGHBOURS_FAIL.includes(this.result.code)) return;
@@ -174,7 +205,7 @@ export class Photo extends Opened {
       await this.#fetch("after", asked);
     } catch (error) {
       if (!(error instanceof Refused) || error.status === 404 || !this.between) throw error;
-      this.neighbourError = error.message;
+      [this.neighbourError, this.neighbourCode] = [error.message, error.code];
       await this.#fetch("after", asked);
     }
   }

@@ -8,8 +8,8 @@ export async function saveOne(photo, notice) {
   if (photo.kind === "clip") return saveMany([photo], "file", "", notice); // that takes long
   try {
     const wishes = photo.wishes;
-    await download(await photo.ask("picture"));
-    photo.saved = wishes;
+    notice(words.savedOne(await download(await photo.ask("picture"))));
+    photo.keep(wishes);
   } catch (error) {
     notice(words.error(photo.name, error.message));
   }
@@ -42,7 +42,7 @@ export async function saveMany(photos, to, folder, notice) {
       showHowFar(saving);
     }
     await ended(saving, to === "folder" ? folder : "", notice);
-    savable.forEach((photo, k) => saving.done[k]?.result && (photo.saved = wishes[k]));
+    savable.forEach((photo, k) => saving.done[k]?.result && photo.keep(wishes[k]));
   } catch (error) {
     notice(error.message);
   } finally {

@@ -101,6 +101,8 @@ export class Stage {
     const [left, top, right, bottom] = window ?? [0, 0, 1, 1];
     const inset = [top, 1 - right, 1 - bottom, left].map((share) => `${100 * share}%`).join(" ");
     this.images.after.style.clipPath = `inset(${inset})`;
+    this.frame.style.setProperty("--cut-top", `${100 * top}%`); // the word "after" stands in what is left
+    this.frame.style.setProperty("--cut-right", `${100 * (1 - right)}%`);
   }
 
   // Lines over both pictures: {before: [[x, y, x, y]...], after}, shares; null: none.

@@ -100,10 +100,13 @@ export class Strip {
 }
 
 export function stateOf(photo) {
-  if (photo.kind === "clip" && photo.state in words.clipState) return words.clipState[photo.state];
+  if (photo.kind === "clip" && photo.state in words.clipState) {
+    return photo.state === "done" && photo.kept ? words.clipStateSaved : words.clipState[photo.state];
+  }
   if (photo.state === "done") {
     if (!photo.result.changed) return words.alone;
-    return photo.byHand ? words.changedByHand : words.changed(words.sure[photo.result.certainty]);
+    const state = photo.byHand ? words.changedByHand : words.changed(words.sure[photo.result.certainty]);
+    return photo.kept ? words.savedToo(state) : state;
   }
   return photo.state === "loading" ? words.loading(photo.loaded) : words[photo.state];
 }

@@ -37,10 +37,12 @@ export class View {
       this.refresh();
     });
     this.lines = lines;
+    const undo = () => this.undo();
     this.controls = new Controls(by("panel"), lines, {
       change: () => this.refresh(),
       draft: () => this.#draft(),
       tool: (kind) => this.#drawing(kind),
+      undo,
       lines: () => this.toggleLines(),
       save: () => this.save(),
       saveMotion: () => saveMotion(this.current, on.notice),
@@ -55,7 +57,9 @@ export class View {
       moving: () => this.#change("moving", "true"),
       anyway: () => this.#change("min-confidence", "0"),
       neighbour: () => this.controls.neighbours.open(),
+      ratio: () => this.controls.neighbours.askRatio(),
       byHand: () => this.controls.hand.open(),
+      drawn: () => this.controls.hand.stop(),
       leaveNeighbours: () => this.controls.neighbours.clear(),
     });
     this.moments = new Moments(by("moments"), (number) => this.goTo(number));
@@ -98,7 +102,8 @@ export class View {
     this.player.show(this.current);
     this.candidates.show(this.current);
     const inPicture = ["failed", "asking"].includes(state) && !pictures.before; // the error is said where the picture would be
-    if (inPicture) this.stage.say(words.sentence(this.current.error));
+    if (inPicture) this.stage.say([words.sentence(this.current.error), state === "failed" ? words.failedHelp : ""].join(" "));
+    by("viewer").classList.toggle("bare", inPicture && state === "failed");
     by("panel").hidden = kind !== "photo" || state === "failed";
     by("clip-panel").hidden = kind !== "clip";
     const failed = state === "failed" && !inPicture; // what is asked for is said in the panel
@@ -109,6 +114,7 @@ export class View {
   // Asks for the current photo as its options are now; while an answer is on its way, only the last wish counts.
   async refresh(part) {
     const photo = this.current;
+    if (photo.kind === "photo") photo.remember();
     this.panel.show(photo);
     if (this.#asking === photo) {
       this.#again = this.#again === "both" ? "both" : part ?? "after";
@@ -144,6 +150,13 @@ export class View {
   take(number) {
     if (!this.current.candidates[number - 1]) return;
     this.current.take(number);
+    this.refresh();
+  }
+
+  // Takes back the last step by hand.
+  undo() {
+    if (this.current.kind === "clip" || !this.current.undoable) return;
+    this.current.undo();
     this.refresh();
   }
 
@@ -191,6 +204,7 @@ export class View {
   // Another zoom: once it rests, pictures of that size are asked for.
   #zoomed() {
     by("zoom").setAttribute("aria-pressed", this.stage.zoomed);
+    by("zoom").textContent = this.stage.zoomed ? words.zoomFit : words.zoom;
     clearTimeout(this.#resizing);
     this.#resizing = setTimeout(() => {
       const before = this.current?.pictures.before;
@@ -226,9 +240,8 @@ export class View {
     this.refresh();
   }
 
-  // While lines are drawn there is no advice: the picture must not move under the pointer when an answer comes.
   #advise() {
-    this.advice.show(this.lines.kind === null ? this.current : null);
+    this.advice.show(this.current, this.lines.kind);
   }
 
   // A tool draws lines: they are drawn on the photo as it was taken, and snap to its segments.

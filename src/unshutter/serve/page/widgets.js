@@ -33,7 +33,7 @@ export function text(id, label, known, changed) {
 }
 
 // How much of the motion to undo, as the program describes it; changed hears the option's text, and whether the slider is being dragged.
-export function strength(id, { maximum, default: usual, description }, changed) {
+export function strength(id, { maximum, default: usual }, changed) {
   const most = String(100 * maximum);
   const field = make("input", { type: "range", id, min: "0", max: most, step: "5" });
   const number = make("input", { type: "number", id: `${id}-number`, min: "0", max: most, step: "1", "aria-label": words.strengthNumber });
@@ -53,7 +53,7 @@ export function strength(id, { maximum, default: usual, description }, changed) 
     if (document.activeElement !== field) field.value = value;
     if (document.activeElement !== number) number.value = value;
   };
-  return { nodes: [make("label", { class: "field", for: id, title: description }, words.strength, number), field], field, show };
+  return { nodes: [make("label", { class: "field", for: id, title: words.help.strength }, words.strength, number), field], field, show };
 }
 
 // The row at whose moment the picture is taken, as the program describes it.

@@ -1,66 +1,21 @@
-// All words of the page, in English. Another language is another file like this.
+// All words of the page, in English. Another language is another file like this, and another reasons.js.
 
-const percent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
+import { count, percent, pixels, reasons } from "./reasons.js";
+
+export { reasons };
+
 const probability = (share) => (share < 0.01 ? "< 1 %" : share > 0.99 ? "> 99 %" : percent(share));
-const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
+const POSSIBLE = 0.1; // probability of a motion that is still called possible
 export const LEAST_PX = 0.5; // less than this looks like no motion
-const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
-
-// Code of a reason -> why a photo, moment or clip is left unchanged, with the reason's figures.
-export const reasons = {
-  "stated": ({ sentence }) => sentence,
-  "too-long": ({ aspect }) => `one side is more than ${aspect} times as long as the other`,
-  "too-few-segments": ({ segments }) => `only ${count(segments, "straight line was", "straight lines were")} found`,
-  "no-right-angles": () => "the photo shows no right angles",
-  "too-fast-for-hands": () => "the lines would mean more motion than a hand-held camera makes",
-  "too-sharp": ({ exposure }) => `it is too sharp for a camera that moved during an exposure of ${exposure}`,
-  "no-rolling-shutter": () => "this camera exposes all rows at once",
-  "hovered": () => "the drone hovered",
-  "film-stood-still": () => "the camera stood still, as the film inside it shows",
-  "impossible-motion": ({ detail }) => `no camera moves like that: ${detail}`,
-  "asked-for-nothing": () => "that is what you asked for",
-  "no-motion": () => "the camera did not move",
-  "no-visible-motion": () => "no motion can be seen",
-  "strength-0": () => "the strength is 0",
-  "unsure": ({ confidence }) => `not sure how the camera moved (confidence ${percent(confidence)})`,
-  "unsure-whether-moved": ({ confidence }) => `not sure whether the camera moved (confidence ${percent(confidence)})`,
-  "too-small": () => "nothing would move by as much as half a pixel",
-  "stood-still": () => "the camera stood still",
-  "nothing-moved": () => "nothing moved between the frames",
-  "nothing-to-see": ({ px }) => `nothing to see: at most ${px.toFixed(1)} px at any plausible readout time`,
-  "hardly-moved": () => "the camera hardly moved",
-  "no-common-motion": () => "near and far move too differently for one motion of the camera",
-  "only-others-moved": () => "the camera stood still; what moved in front of it is not straightened",
-  "no-neighbour": () => "there is no frame before or after it",
-  "shot-too-short": () => "the shot is too short to show how the camera moved",
-  "other-size": () => "the frames before and after it have another size",
-  "too-little-to-follow": () => "there is too little to follow from frame to frame",
-  "scenes-differ": () => "its neighbours show another scene, or near and far move too differently in them",
-  "frames-disagree": () => "the frames do not show how the camera moved",
-  "ratio-unknown": ({ why }) => `the readout time cannot be found from these frames (${why}); if you know it, type it in`,
-  "readout-time-unknown": ({ why }) => `this clip does not show its readout time (${why})`,
-  "too-few-frames": ({ frames }) => `${count(frames, "frame is", "frames are")} too few to show it`,
-  "shook-too-fast": () => "the camera shook faster than frames were taken",
-  "too-even": () => "the camera moved too evenly, or there was too little to follow",
-  "imprecise": ({ evidence, value, error }) => `${evidence} give ${value.toFixed(2)} ± ${error.toFixed(2)}`,
-  "no-angles-or-motion": () => "the frames show no right angles, or barely move from side to side",
-  "parts-disagree": ({ ratios }) => `parts of the clip disagree: ${ratios}`,
-  "film-too-short": () => "the film inside it is too short",
-  "film-differs": () => "the film inside it shows something else",
-  "film-stabilised": () => "the film inside it is stabilised",
-  "gyro-too-calm": () => "the camera hardly turned: the clip does not show which moment of its gyro log is which",
-  "gyro-too-short": () => "the gyro log ends before the clip, or has gaps",
-  "gyro-disagrees": ({ correlation }) =>
-    `the picture does not follow the gyro log (correlation ${correlation.toFixed(2)}): the clip was stabilised, or the log is of another clip`,
-  "no-clear-part": ({ frames }) => `no ${frames} frames in a row show one scene clearly`,
-};
+const downloads = "the downloads of your browser";
+const touch = matchMedia("(pointer: coarse)").matches;
 
 export const words = {
   add: "Add photos or clips…",
   saveAll: "Save all (zip)",
   saveFolder: "Save all to the folder",
   cancel: "Cancel",
-  emptyTitle: "Drop photos or clips here",
+  emptyTitle: touch ? "Choose photos or clips" : "Drop photos or clips here",
   emptyWords: "Photos taken from a train, a car or a moving hand lean and bend, since a camera reads its picture row by "
     + "row. unshutter straightens them. A photo that gives no clear answer is left unchanged, and you can help by hand.",
   choose: "Choose files…",
@@ -75,6 +30,7 @@ export const words = {
   originalHelp: "Hold it down to see the photo as it was taken (key O)",
   linesFound: "Show lines",
   zoom: "100 %",
+  zoomFit: "Fit",
   zoomHelp: "One pixel of the photo for each pixel of the screen, and back (key Z)",
   zoomIn: "Zoom in (key +)",
   zoomOut: "Zoom out (key −)",
@@ -98,14 +54,18 @@ export const words = {
   finding: "finding the motion…",
   drawing: "drawing at full size…",
   failed: "cannot be used",
+  failedHelp: "Close it with × and choose another file.",
+  savedToo: (state) => `${state} · saved`,
   changed: (sure) => (sure ? `straightened, ${sure}` : "straightened"),
   changedByHand: "straightened by hand",
   sure: { sure: "sure", likely: "likely", unsure: "unsure" },
   sureAtLength: { sure: "sure", likely: "likely", unsure: "unsure, please look" },
+  unsureHelp: "How far things really moved is uncertain. If “after” looks wrong, take another picture below, or straighten the photo by hand.",
   confidence: (sure) => `Confidence ${percent(sure)}`,
   alone: "left unchanged",
 
   clipState: { finding: "looking at the motion…", opened: "ready", asking: "needs its readout time", done: "ready to save" },
+  clipStateSaved: "saved",
 
   // what was done
   done: "What was done",
@@ -123,13 +83,18 @@ export const words = {
 
   sentence: (line) => `${line[0].toUpperCase()}${line.slice(1)}.`,
 
+  filmUnused: (reason) => `Judged by the photo alone, since ${reason}.`,
+
   // a photo that was left unchanged, and what may help
   declined: (reason) => `Left unchanged: ${reason}.`,
   adviceMoving: "Was the camera moving? Try",
-  adviceAnyway: "Straighten it even if that is not sure",
-  adviceNeighbour: "Add a neighbour frame…",
+  adviceAnyway: "Straighten it even if unsure",
+  adviceNeighbour: "Add the frame before or after…",
   adviceByHand: "By hand…",
   neighbourRefused: (reason) => `The neighbour frame cannot be used: ${reason}. The photo was looked at alone.`,
+  ratioMissing: "The neighbour frame cannot be used yet: so few frames do not show how fast your camera reads out. "
+    + "Type in its readout ratio. Until then, the photo is looked at alone.",
+  adviceRatio: "Type in the ratio…",
   adviceNeighbours: "Change the neighbour frames…",
   adviceLeaveNeighbours: "Leave them out",
 
@@ -138,29 +103,36 @@ export const words = {
   candidate: ({ kind, direction }) => kind === "pan"
     ? { left: "pan to the left", right: "pan to the right", up: "pan upwards", down: "pan downwards" }[direction]
     : { still: "as it is", hand: "hand shake", quadratic: "uneven motion", other: "motion" }[kind],
-  candidateFigures: ({ largest_px: px, probability: share }) =>
-    [px < LEAST_PX ? "" : pixels(px), share === null ? "" : probability(share)].filter(Boolean).join(" · "),
-  candidateHelp: "How far places would move, and how probable it is that the camera moved like that (not how exact the answer is)",
+  candidateFigures: ({ largest_px: px, probability: share }, likeliest) => {
+    const chance = share === null ? "" : share === likeliest ? "likeliest" : share < POSSIBLE ? "less likely" : "possible";
+    return [px < LEAST_PX ? "" : pixels(px), chance].filter(Boolean).join(" · ");
+  },
+  candidateHelp: ({ probability: share }) => "How far places would move"
+    + (share === null ? "" : `. The chance that this is what happened is ${probability(share)}; how exact it is, is another question`),
   candidateLabel: (name, figures) => `Take it: ${name}${figures ? ` (${figures})` : ""}`,
 
   // by hand
   byHand: "By hand",
-  byHandHelp: "Draw lines along things in the photo, or set the numbers.",
+  byHandHelp: "Press a kind of line and drag along such a thing in the photo, or set the numbers.",
   drawLine: { upright: "Upright line", level: "Level line", straight: "Bent edge" },
   drawHelp: {
     upright: "Drag along something that stands upright: a corner of a house, a lamp post. Two or more are best.",
     level: "Drag along something level: a sill, a row of windows, a kerb. What faces you tells most.",
     straight: "Drag from end to end of something straight that looks bent, then pull the middle onto it.",
   },
-  drawDone: "Press the button again, or Escape, to see what came out.",
+  drawDone: "Done",
+  drawDoneHelp: "Shows the photo straightened (key Escape)",
   lineOf: { upright: "upright line", level: "level line", straight: "bent edge" },
   lineEnd: (line, number, end) => `Point ${end} of line ${number}, ${line}`,
   lineRemove: (line, number) => `Remove ${line} ${number}`,
   slider_: { lean: "Lean [°]", bend: "Bend [% of height]", turn: "Turn [°]" },
-  resetHand: "Undo what I did by hand",
+  undoHand: "Undo",
+  undoHandHelp: "Takes back the last step by hand (Ctrl+Z)",
+  resetHand: "Remove all of it",
+  resetHandHelp: "Removes all lines and numbers set by hand",
   edgesCrop: (whole) => `Cut down to ${percent(whole)} of its area, so that no empty corners are left.`,
   edgesKeep: (whole) => "Corners that the photo did not see stay empty"
-    + (whole === null ? "." : `: cutting them off would leave ${percent(whole)} of it.`),
+    + (whole === null ? "." : `: cutting them off would leave ${percent(whole)} of it. Choose under “Empty corners”.`),
   edgesFill: "Corners that the photo did not see are filled with a mirror image of the photo.",
   edgesBorrow: "Corners that the photo did not see are borrowed from its neighbours.",
   heldSo: (roll, tilt, from) => {
@@ -191,13 +163,19 @@ export const words = {
     subsampling: { "": "like the original" },
     "clip-edges": { fill: "fill", keep: "keep black", crop: "cut off", borrow: "borrow from neighbours" },
   },
-  help: { moving: "In a train, on a car, on a drone: motion is likely." },
+  help: {
+    moving: "In a train, on a car, on a drone: motion is likely.",
+    strength: "How much of the motion to undo: 100 % is all of it",
+    edges: "Places that the photo did not see. Automatic: cut off where at least 80 % of the photo is left",
+    format: "Of the file that is saved",
+    "readout-ratio": "Time that the camera takes to read out a frame, as a share of the time from frame to frame",
+  },
 
   edges: "Empty corners",
   reference: "As it was when this row was read",
   referenceOf: { first: "first", middle: "middle", last: "last" },
   moving: "The camera was moving",
-  anyway: "Straighten it even if that is not sure",
+  anyway: "Straighten it even if unsure",
   leave: "Leave this photo alone",
   readout: "The sensor was read",
   readoutHelp: "Only if a program has turned or mirrored the file.",
@@ -207,12 +185,13 @@ export const words = {
   "roll-deg": "Turned clockwise [°]",
   "tilt-deg": "Tilted up [°]",
   neighbours: "Taken just before or after",
-  neighboursHelp: "A frame of the same burst or clip shows more than the photo alone: near and far may move differently.",
+  neighboursHelp: "Another photo of the same burst, or frame of the same clip, shows how the camera moved.",
   neighbourOf: { before: "Taken before…", after: "Taken after…" },
   neighbourIs: { before: (name) => `Before: ${name}`, after: (name) => `After: ${name}` },
   neighbourForget: "Leave it out",
-  "readout-ratio": "Readout time / time from frame to frame",
-  ratioHelp: "Between 0 and 1, if you know it; else the program looks for it.",
+  "readout-ratio": "Readout ratio, 0 to 1",
+  ratioHelp: "Time to read out a frame / time from frame to frame. A few frames rarely show it. If you do not know it, open a "
+    + "clip that this camera took at the same speed, by hand: it is found there.",
   another: "Take it at another moment",
   at: (frames) => {
     const apart = Math.abs(frames);
@@ -247,6 +226,7 @@ export const words = {
     ["G", "grid"],
     ["F", "full screen"],
     ["S", "save this photo"],
+    ["Ctrl+Z", "undo the last step by hand"],
   ],
 
   // clips
@@ -261,6 +241,10 @@ export const words = {
   clipMoved: (px) => `At this moment, some places moved by up to ${pixels(px)}.`,
   clipAlone: (reason) => `This moment is left unchanged${reason ? `: ${reason}` : ""}.`,
   clipStrength0: "The clip is left unchanged, as you asked.",
+  clipOnlySaved: {
+    stabilize: "Only the saved clip is stabilized: the moments and the film here do not show it.",
+    model: "Only in the saved clip do near and far move differently: the moments and the film here show the camera’s motion alone.",
+  },
   clipCrop: "When the clip is saved, all frames are cut down to what every one of them saw.",
   clipIs: (time, width, height, fps) => `The clip: ${time} long, ${width} × ${height} px, ${Number(fps.toFixed(2))} frames a second.`,
   sayReadout: "If you know how long your camera takes to read out a frame, type it in below.",
@@ -272,9 +256,10 @@ export const words = {
   readoutValueOf: { ms: "Milliseconds", ratio: "Share of the time from frame to frame" },
   readoutListed: ({ ms, plausible_ms: range, cameras }) => range === null
     ? `${ms.toFixed(1)} ms, from the table of cameras (${cameras}).`
-    : `The clip does not show it. ${ms.toFixed(1)} ms is usual for ${cameras} (${range[0].toFixed(1)} to ${range[1].toFixed(1)} ms).`,
+    : `The clip does not show it, so ${ms.toFixed(1)} ms is used. That is usual for ${cameras} (${range[0].toFixed(1)} to ${range[1].toFixed(1)} ms); `
+      + "if you know yours, choose it above.",
   readoutInFile: (ms) => `${ms.toFixed(1)} ms, from the clip's file.`,
-  readoutEstimated: (ms, sd) => `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms.`,
+  readoutEstimated: ({ ms, ms_sd: sd, ratio }) => `Found: ${ms.toFixed(1)} ± ${sd.toFixed(1)} ms, a readout ratio of ${ratio.toFixed(2)}.`,
   partOf: "Only a part",
   start: "From [seconds]",
   end: "To [seconds]",
@@ -286,7 +271,7 @@ export const words = {
     return doing ? `${name}: ${doing}…` : `${name}: frame ${done} of ${total}`;
   },
   clipSaved: ({ name, frames, rectified, left_out: lost }, folder) =>
-    `${name}: saved${folder ? ` to ${folder}` : ""}, ${rectified} of ${count(frames, "frame", "frames")} straightened`
+    `${name}: saved to ${folder || downloads}, ${rectified} of ${count(frames, "frame", "frames")} straightened`
     + `${rectified < frames ? ", the others left unchanged" : ""}.${lost.length ? ` Such a file has no place for ${lost.join(", ")}.` : ""}`,
   clipKeyList: [
     ["← →", "move the divider, if it is selected"],
@@ -299,10 +284,11 @@ export const words = {
   noClips: (name, command) => `${name} is a clip. To open clips, install what they need: ${command}`,
 
   // saving
+  savedOne: (name) => `${name}: saved to ${downloads}.`,
   saving: (done, total) => `Saving: ${done} of ${count(total, "file", "files")}`,
   fetching: "Fetching the file…",
   saved: (n, failed, folder) =>
-    `${count(n, "file", "files")} saved${folder ? ` to ${folder}` : ""}`
+    `${count(n, "file", "files")} saved to ${folder || downloads}`
     + (failed.length ? `; not saved: ${failed.map((each) => `${each.name} (${each.error})`).join(", ")}` : "."),
   cancelled: (n, folder) => `Cancelled${folder && n ? `: ${count(n, "file is", "files are")} in the folder` : ""}.`,
   nothingToSave: "There is nothing to save yet.",
@@ -313,12 +299,3 @@ export const words = {
   oldLink: "This link is not valid (any more): open the one that “unshutter serve” has printed.",
   error: (name, line) => `${name}: ${line}`,
 };
-
-// Puts the words where index.html names them.
-export function fill(root) {
-  for (const node of root.querySelectorAll("[data-word]")) node.prepend(words[node.dataset.word]);
-  for (const node of root.querySelectorAll("[data-label]")) {
-    node.setAttribute("aria-label", words[node.dataset.label]);
-    if (node instanceof HTMLButtonElement) node.title = words[node.dataset.label];
-  }
-}
