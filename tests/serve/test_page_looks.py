@@ -58,12 +58,17 @@ def test_the_word_after_stands_on_what_a_crop_leaves(page: Page, photo: Path) ->
     drop(page, photo)
     wait_for(page)
     page.locator("#edges").select_option("crop")
-    expect(page.locator("#panel .said")).to_contain_text("Cut down")
+    page.locator("#by-hand summary").click()
+    page.locator("#lean-number").fill("6")
+    page.locator("#lean-number").press("Enter")
+    expect(page.locator(".thumbnail .state")).to_have_text("straightened by hand")
+    expect(page.locator("#panel .said")).to_contain_text("Cut down to")
+    wait_for(page)
     tag, frame = page.locator(".tag.after").bounding_box(), page.locator(".compare").bounding_box()
     assert tag is not None and frame is not None
     inset = page.locator(".layer.after img").evaluate("image => image.style.clipPath")
     top, right = (float(each.rstrip("%")) / 100 for each in inset.removeprefix("inset(").split()[:2])
-    assert top + right > 0.01
+    assert max(top * frame["height"], right * frame["width"]) > 12  # px, more than the word is away from the edge
     assert tag["y"] >= frame["y"] + top * frame["height"]
     assert tag["x"] + tag["width"] <= frame["x"] + (1 - right) * frame["width"]
 
