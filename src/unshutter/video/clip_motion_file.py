@@ -150,7 +150,7 @@ def _parsed(data: dict[str, Any]) -> ClipMotion:
     height, width = int(data["height"]), int(data["width"])
     ratio = float(data["readout_ratio"])
     if not 0 < ratio <= 1 or not 0 < height < 1 << 20 or not 0 < width < 1 << 20:
-        raise ValueError("numbers that cannot be")
+        raise ValueError("numbers out of range")
     frame_height, frame_width = readout.frame_size(height, width)
     small = max(1, round(frame_width * ROWS / frame_height))
     motions: list[Motion] = []

@@ -1,12 +1,12 @@
-r"""A trained network made small enough to ship, without being trained again.
+r"""Makes a trained network small enough to ship, without training it again.
 
     python -m unshutter_lab.training.compact runs/rengarajan2017-rowcol-bn-cpu/model.onnx --rank 32 --eight-bits \
         --config rengarajan2017-rowcol-bn-cpu --photos FOLDER -o rengarajan2017.onnx
 
-* The outputs of wide fully connected layers vary in few directions: principal component analysis of their outputs for
-  training pictures finds these, and the others are left out (``--rank``).
-* Weights are stored as 16-bit floating point, with ``--eight-bits`` those of convolutions as 8-bit integers, each
-  output channel with a scale of its own. The network calculates in 32 bits as before.
+* The outputs of wide fully connected layers vary in few directions. Principal component analysis of their outputs for
+  training pictures finds these directions; the others are dropped (``--rank``).
+* Weights are stored as 16-bit floating point. With ``--eight-bits``, those of convolutions are stored as 8-bit
+  integers, with a scale for each output channel. The network still computes in 32 bits.
 
 Prints the validation figures of both files. For networks that read pixels (``rs``).
 """

@@ -1,11 +1,11 @@
-"""Training, for every model: one process on a CPU or GPU, or several started by torchrun.
+"""Trains any of the models, in one process on a CPU or GPU, or in several processes started by torchrun.
 
     unshutter train --config segment-transformer --out runs
     torchrun --nproc-per-node 2 -m unshutter_lab.training.train --config segment-transformer --out runs
 
-A run lives in OUT/NAME-OF-THE-CONFIG: checkpoint.pt, log.csv and, when finished, model.onnx. Started again, it goes
-on from its last checkpoint with the batches that it would have had: step k draws its batch from the seed and k alone.
-Needs torch, NumPy and array-api-compat only (and onnx for the export), so that it runs on a bare GPU machine.
+A run is stored in OUT/NAME-OF-THE-CONFIG: checkpoint.pt, log.csv and, once finished, model.onnx. A run that is started
+again resumes from its last checkpoint with the same batches: step k draws its batch from the seed and k alone.
+Needs only torch, NumPy and array-api-compat (and onnx for the export), so it also runs on a bare GPU machine.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The network's weights as the .npz that unshutter runs without onnxruntime; each training writes one.
+"""Writes the network's weights as an .npz file, which unshutter runs without onnxruntime.
+
+Every training run writes such a file. To make one from a network that was exported as ONNX:
 
     python -m unshutter_lab.training.segment_transformer.weights runs/segment-transformer/model.onnx -o model.npz
-
-makes it of a network that was exported as ONNX before.
 """
 
 from __future__ import annotations
