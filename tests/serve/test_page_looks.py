@@ -223,6 +223,7 @@ def test_a_phone_shows_the_picture_first_and_has_large_targets(chromium: Browser
     picture, slider = page.locator("#stage").bounding_box(), page.locator("#turn").bounding_box()
     assert picture is not None and slider is not None  # what the sliders do is seen while they are moved
     assert picture["y"] >= 0 and picture["y"] + picture["height"] <= slider["y"]
+    expect(page.get_by_role("button", name="Save this photo")).to_be_in_viewport(ratio=1)
     page.locator("#draw-upright").click()
     done = page.get_by_role("button", name="Done")
     expect(done).to_be_in_viewport()
@@ -234,4 +235,8 @@ def test_a_phone_shows_the_picture_first_and_has_large_targets(chromium: Browser
     )
     assert len(sizes) > 12 and [each for each in sizes if each[1] < 43.9] == []
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    drop(page, photo)  # a second one: buttons for both, each still in one row
+    expect(page.get_by_role("button", name="Save all (zip)")).to_be_visible()
+    rows = [page.locator(each).bounding_box() for each in ("header", "#bar")]
+    assert all(row is not None and row["height"] < 66 for row in rows)
     context.close()

@@ -60,7 +60,7 @@ export const words = {
   changedByHand: "straightened by hand",
   sure: { sure: "sure", likely: "likely", unsure: "unsure" },
   sureAtLength: { sure: "sure", likely: "likely", unsure: "unsure, please look" },
-  unsureHelp: "How far things really moved is uncertain. If “after” looks wrong, take another picture below, or straighten the photo by hand.",
+  unsureHelp: "How far things really moved is uncertain. If “after” looks wrong, take another of the small pictures, or straighten the photo by hand.",
   confidence: (sure) => `Confidence ${percent(sure)}`,
   alone: "left unchanged",
 
@@ -251,8 +251,7 @@ export const words = {
   readoutTime: "Readout time",
   readoutTimeOf: { find: "find it", camera: "that of a camera", ms: "in milliseconds", ratio: "as a share" },
   camera: "Camera (type to search)",
-  readoutTimeHelp: "How long the camera takes to read out one frame. A clip in which the camera moves unevenly for two "
-    + "seconds shows it.",
+  readoutTimeHelp: "How long the camera takes to read out one frame. Two seconds of uneven motion show it.",
   readoutValueOf: { ms: "Milliseconds", ratio: "Share of the time from frame to frame" },
   readoutListed: ({ ms, plausible_ms: range, cameras }) => range === null
     ? `${ms.toFixed(1)} ms, from the table of cameras (${cameras}).`
