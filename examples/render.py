@@ -33,6 +33,17 @@ def hand(degrees_per_s: float, shares: dict[float, float]) -> RotationLog:
     return RotationLog(times, *np.radians(rates))
 
 
+def extended(picture: np.ndarray, rows: int) -> np.ndarray:
+    """Adds rows of sky above the photo and of street below it, [H, W, 3], for a camera that looks past its edges."""
+    blur = np.hanning(203)[1:-1, None] / np.hanning(203).sum()
+    parts = [picture]
+    for edge in (picture[:6], picture[-6:]):
+        colours = np.pad(edge.mean(axis=0), ((100, 100), (0, 0)), mode="edge")  # [W + 200, 3]
+        smooth = np.stack([np.convolve(channel, blur[:, 0], mode="valid") for channel in colours.T], axis=-1)
+        parts.append(np.repeat(smooth[None], rows, axis=0).round().astype(picture.dtype))
+    return np.concatenate([parts[1], picture, parts[2]])
+
+
 def main() -> None:
     """Writes burst/ and walk.mp4."""
     picture = Photo.open(HERE / "original" / "basilica.webp").to_array()
@@ -44,7 +55,7 @@ def main() -> None:
     with av.open(str(HERE / "walk.mp4"), "w", options={"movflags": "faststart"}) as film:
         stream = film.add_stream("libx264", Fraction(FPS), options={"crf": "24", "preset": "slow"})
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        for frame in walk.rendered(picture, noise=1.0):
+        for frame in walk.rendered(extended(picture, rows=200), noise=1.0):
             film.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(frame), "rgb24")))
         film.mux(stream.encode(None))
 
