@@ -173,10 +173,10 @@ def _plots(docs: Path) -> list[tuple[str, str]]:
         for name in methods
         if name != NOTHING
     }
-    for k, (name, (x, y)) in enumerate(sorted(points.items(), key=lambda item: item[1][1])):
+    for name, (x, y) in points.items():
         axes[0, 0].plot(x, y, "o", color="tab:blue" if name == DEFAULT else "0.4")
-        left = x > 80 and k % 2 == 0
-        side, shift = ("right", -7) if left else ("left", 7)
+        has_neighbour = any(x < other_x < x + 20 and abs(other_y - y) < 2 for other_x, other_y in points.values())
+        side, shift = ("right", -7) if has_neighbour else ("left", 7)
         axes[0, 0].annotate(name, (x, y), (shift, -3), textcoords="offset points", ha=side, fontsize=9)
     axes[0, 0].set(xlabel="undistorted photos that rectify moves [%]", ylabel="distorted photos that it improves [%]")
     axes[0, 0].set(xlim=(-3, 130), ylim=(50, 95), xticks=range(0, 101, 20))
