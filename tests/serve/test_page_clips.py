@@ -86,14 +86,14 @@ def test_the_readout_time_is_found(page: Page, tmp_path: Path) -> None:
 def test_progress_and_cancelling(page: Page, tmp_path: Path) -> None:
     drop(page, clips.write(tmp_path / "long.mp4", GREYS * 20, options={"preset": "ultrafast", "crf": "30"}))
     _give_readout(page)
-    wait_for(page, "done")
+    wait_for(page, "done", timeout=FOUND_MS)
     page.get_by_role("button", name="Save this clip").click()
-    expect(page.locator("#saving-words")).to_have_text(re.compile(r"long\.mp4: frame \d+ of 480"))
+    expect(page.locator("#saving-words")).to_have_text(re.compile(r"long\.mp4: frame \d+ of 480"), timeout=FOUND_MS)
     page.get_by_role("button", name="Cancel").click()
-    expect(page.locator("#notice")).to_have_text("Cancelled.")
+    expect(page.locator("#notice")).to_have_text("Cancelled.", timeout=FOUND_MS)
     expect(page.locator("#saving")).to_be_hidden()
     page.locator("#clip-strength").fill("50")  # it goes on as before
-    wait_for(page, "done")
+    wait_for(page, "done", timeout=FOUND_MS)
 
 
 def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:

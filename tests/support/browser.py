@@ -47,8 +47,8 @@ def drop(page: Page, *photos: Path) -> None:
     page.dispatch_event("html", "drop", {"dataTransfer": transfer})
 
 
-def wait_for(page: Page, state: str = "changed", number: int = 1) -> None:
+def wait_for(page: Page, state: str = "changed", number: int = 1, timeout: float = SLOW_MS) -> None:
     """Waits until a thumbnail, counted from 1, is in a state, and the page at rest."""
     item = page.locator(f"#thumbnails li:nth-child({number}) .thumbnail")
-    expect(item).to_have_attribute("data-state", re.compile(state))
-    expect(page.locator("#working")).not_to_contain_text("…")
+    expect(item).to_have_attribute("data-state", re.compile(state), timeout=timeout)
+    expect(page.locator("#working")).not_to_contain_text("…", timeout=timeout)
