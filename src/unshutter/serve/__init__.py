@@ -1,1 +1,1 @@
-"""A page for people: photos are dropped into a browser, compared before and after, and saved. On this machine only."""
+"""Local web page for rectifying photos and clips in a browser: compare before and after, then save."""

@@ -1,4 +1,4 @@
-"""Answers: a picture with facts in a header, a motion, a file, or a refusal in one line."""
+"""Builds HTTP responses: pictures with metadata in a header, motions, files and one-line errors."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ from unshutter.serve.lanes import Busy, Urgency
 from unshutter.serve.names import motion_name, photo_result
 from unshutter.serve.store import Full, Missing, OpenFile
 
-# Statuses of refusals; the first type that an error has counts.
+# HTTP status for each type of error; the first matching type wins.
 _STATUSES: dict[type[Exception], int] = {UsageError: 400, Missing: 404, Full: 413, Busy: 503, UnshutterError: 422}
 _HEADERS: dict[int, dict[str, str]] = {503: {"retry-after": "1"}}
 
 
 def header_text(value: Any) -> str:
-    """A value for a header, as JSON in ASCII."""
+    """Encodes a value as ASCII JSON for use in a header."""
     return json.dumps(value, separators=(",", ":"))
 
 
 def jpeg_answer(jpeg: bytes, facts: dict[str, Any]) -> Response:
-    """A picture for the screen, with facts about it in a header."""
+    """Returns a JPEG for the screen, with facts about it in a header."""
     return Response(jpeg, media_type="image/jpeg", headers={"unshutter-result": header_text(facts)})
 
 
 async def picture_answer(
     desk: Desk, open_file: OpenFile, options: Rectify, hand: ByHand, closing: Sequence[OpenFile] = ()
 ) -> Response:
-    """The rectified photo as a file, exactly as the command line would write it.
+    """Returns the rectified photo as a file, exactly as the command line would write it.
 
     Args:
-        desk: the server's.
+        desk: the server's shared state.
         open_file: the photo.
-        options: what to do with it.
-        hand: what was drawn and set by hand.
-        closing: photos that are closed once the answer has been sent.
+        options: the photo's options.
+        hand: lines drawn and numbers set by hand.
+        closing: photos to close once the response has been sent.
     """
     name = photo_result(open_file.name, options.save.format)
     target = open_file.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
@@ -65,16 +65,16 @@ async def picture_answer(
 
 
 async def motion_answer(desk: Desk, open_file: OpenFile, options: PhotoOptions, candidates: bool = False) -> Response:
-    """The photo's motion as JSON, as ``unshutter estimate`` writes it.
+    """Returns the photo's motion as JSON, in the format of ``unshutter estimate``.
 
     Args:
-        desk: the server's.
+        desk: the server's shared state.
         open_file: the photo.
-        options: how the motion is found.
-        candidates: whether all motions that fit are listed, as with ``--candidates``.
+        options: how to estimate the motion.
+        candidates: whether to list all motions that fit, as with ``--candidates``.
 
     Raises:
-        UsageError: neighbours are named, or options that do not go with a list.
+        UsageError: the options name neighbours, or cannot be combined with a list.
     """
     if options.rectify.neighbours:
         raise UsageError("neighbours show more than the motion of the camera: leave them out to get a motion")
@@ -89,7 +89,7 @@ async def motion_answer(desk: Desk, open_file: OpenFile, options: PhotoOptions, 
 
 
 async def refusal(request: Request, error: Exception) -> Response:
-    """The answer to a request that failed: a status, and ``{"error": one line}``."""
+    """Returns the response to a failed request: an HTTP status and ``{"error": one line}``."""
     if isinstance(error, HTTPException):
         return _refusal(error.detail, error.status_code, error.headers)
     if isinstance(error, UnshutterError):
@@ -97,7 +97,7 @@ async def refusal(request: Request, error: Exception) -> Response:
         about = error.reason.as_json() if isinstance(error, UnknownRatioError) else {}
         reason = {name: about[name] for name in ("code", "figures") if name in about}
         return JSONResponse({"error": str(error), **reason}, status, _HEADERS.get(status))
-    if isinstance(error, OSError):  # a full disc, say
+    if isinstance(error, OSError):  # for example, a full disc
         return _refusal(error.strerror or "the system refuses", 500)
     if os.environ.get("UNSHUTTER_DEBUG"):
         raise error

@@ -1,4 +1,4 @@
-"""The server's addresses, and the function that answers at each."""
+"""The ASGI application: the server's addresses and their request handlers."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from unshutter.serve.schemas import page_module
 from unshutter.version import __version__
 
 PAGE = Path(__file__).parent / "page"
-_PATIENCE_S, _LEAST_RATE = 10.0, 20_000.0  # of bodies: seconds without a byte, bytes per second
+_PATIENCE_S, _LEAST_RATE = 10.0, 20_000.0  # for request bodies: seconds without a byte, bytes per second
 _CLIP_PATHS = ("/api/clips", "/api/video")
 
 
 def application(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> ASGIApp:
-    """The whole server as an ASGI application.
+    """Builds the ASGI application for the whole server.
 
     Args:
-        desk: what its requests share.
-        token: that lets in.
-        port: that it is reached at.
+        desk: the state shared by all requests.
+        token: access token.
+        port: port that the server listens on.
         patience_s: see :class:`Limits`.
     """
     settings = desk.settings
@@ -56,7 +56,7 @@ def application(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE
 
 
 def routes() -> list[Route]:
-    """All addresses: the page's files, the API for programs, and what only the page uses."""
+    """Lists all routes: the page's files, the public API, and the addresses that only the page uses."""
     photo, clip, save = "/api/photos/{id}", "/api/clips/{id}", "/api/saves/{id}"
     return [
         Route("/", _page),
@@ -89,7 +89,7 @@ def routes() -> list[Route]:
 
 
 def _files() -> list[Route]:
-    """The page's files, and nothing else in or outside their folder."""
+    """Lists routes for the page's files; subfolders and paths outside their folder are not served."""
     served = StaticFiles(directory=PAGE)
 
     async def file(request: Request) -> Response:
@@ -122,7 +122,7 @@ async def _about(request: Request) -> Response:
 async def _wake(request: Request) -> Response:
     """``POST /api/wake``: loads what the first photo would wait for.
 
-    In two processes: one will show the photo, the other estimate its motion.
+    Warms up two workers: one to show the photo, the other to estimate its motion.
     """
     lanes = desk_of(request).lanes
     await asyncio.gather(*(lanes.do(Urgency.NOW, warm) for _ in range(2)))

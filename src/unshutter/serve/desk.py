@@ -1,4 +1,4 @@
-"""What all requests share: the open photos and clips, the lanes that work on them, the settings."""
+"""State shared by all requests: the open photos and clips, the worker processes, and the settings."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from unshutter.serve.settings import Settings
 from unshutter.serve.store import Store
 
 LANES = min(max(os.cpu_count() or 1, 2), 4)
-_MOST_FILES, _ROOM = 1000, 10  # files that may be open; their bytes, in times of the largest photo and clip
+_MOST_FILES, _ROOM = 1000, 10  # open files at most; their total size, as a multiple of the largest file allowed
 _MOST_WAITING, _TIMEOUT_S, _REST_S = 48, 600.0, 120.0
-_MOST_CLIPS, _CLIP_TIMEOUT_S, _CLIP_REST_S = 8, 86_400.0, 5.0  # of whole clips
+_MOST_CLIPS, _CLIP_TIMEOUT_S, _CLIP_REST_S = 8, 86_400.0, 5.0  # for whole clips
 
 
 @dataclass
 class Desk:
-    """The state of the server.
+    """The server's shared state.
 
     Attributes:
-        settings: of the user.
+        settings: the user's settings.
         store: the open photos and clips.
-        lanes: who works on photos, and shows moments of clips.
-        long_lanes: who makes whole clips: one at a time, with all processors.
+        lanes: workers for photos and for single moments of clips.
+        long_lanes: worker for whole clips, one at a time, using all processors.
     """
 
     settings: Settings
@@ -37,7 +37,7 @@ class Desk:
 
     @classmethod
     def open(cls, settings: Settings, folder: Path) -> Desk:
-        """A desk with nothing on it; ``folder`` is for its files."""
+        """Creates the state with no open files; ``folder`` is where they will be stored."""
         store = Store(
             folder, _MOST_FILES, _ROOM * max(settings.max_bytes, settings.max_clip_bytes), settings.max_pixels
         )
@@ -45,16 +45,16 @@ class Desk:
         return cls(settings, store, lanes, Lanes(1, _CLIP_TIMEOUT_S, _MOST_CLIPS, _CLIP_REST_S))
 
     def close(self) -> None:
-        """Ends all processes."""
+        """Stops all workers."""
         self.lanes.close()
         self.long_lanes.close()
 
     def photo_path(self, id: str) -> Path:
-        """The file of an open photo, which an option names.
+        """Returns the path of the open photo with this id.
 
         Raises:
-            Missing: it is not open.
-            UsageError: it is a clip.
+            Missing: the file is not open.
+            UsageError: the file is a clip.
         """
         open_file = self.store.get(id)
         if open_file.kind != "photo":
@@ -63,5 +63,5 @@ class Desk:
 
 
 def desk_of(request: Request) -> Desk:
-    """The server's desk."""
+    """Returns the server's shared state."""
     return request.app.state.desk

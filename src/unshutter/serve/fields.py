@@ -1,4 +1,4 @@
-"""From the fields of a form or query to options: they are named as the flags of the command line, without dashes."""
+"""Parses form and query fields into options. Fields are named after command-line flags, without dashes in front."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from unshutter.options.description import Option, options_of, with_values
 from unshutter.video.options import RectifyClip
 
 MOST_LEAN_DEG, MOST_BEND_PERCENT, MOST_TURN_DEG = 30, 20, 20
-CANDIDATES = "candidates"  # field of a form that asks for all motions that fit; no option of a picture
+CANDIDATES = "candidates"  # form field that requests all motions that fit; not an option of the photo
 _YES, _NO = ("true", "1", "on", "yes"), ("false", "0", "off", "no", "")
 
 
@@ -22,7 +22,7 @@ class ByHand:
     """What a person draws and sets instead of trusting the estimate; the page and its API alone offer it.
 
     Raises:
-        UsageError: a number out of range.
+        UsageError: a number is out of range.
     """
 
     lines: str = option(
@@ -65,7 +65,7 @@ class PhotoOptions:
     """The options of a photo that the page and its API offer.
 
     Raises:
-        UsageError: lines or numbers by hand for a photo with neighbours.
+        UsageError: lines or numbers were set by hand for a photo with neighbours.
     """
 
     find: Find = field(default_factory=Find)
@@ -80,19 +80,19 @@ class PhotoOptions:
 
     @property
     def rectify(self) -> Rectify:
-        """The options as the command line has them."""
+        """The equivalent options of the command line."""
         return Rectify.of(find=self.find, undo=self.undo, save=self.save, neighbours=self.neighbours)
 
 
 def read(form: Mapping[str, str], photo: Callable[[str], Path]) -> PhotoOptions:
-    """The options in a form or query.
+    """Parses the options of a photo from a form or query.
 
     Args:
         form: field -> text.
-        photo: where the open photo of an id lies; fields that name a file on the command line name one here.
+        photo: returns the path of the open photo with an id; fields for file options contain such ids.
 
     Raises:
-        UsageError: a field that is not known, or a value that it does not take.
+        UsageError: a field is unknown or its value is invalid.
     """
     _check_known(form, PhotoOptions)
     options = with_values(PhotoOptions, _values(form, photo))
@@ -102,28 +102,28 @@ def read(form: Mapping[str, str], photo: Callable[[str], Path]) -> PhotoOptions:
 
 
 def read_clip(form: Mapping[str, str]) -> RectifyClip:
-    """The options of a clip in a form or query.
+    """Parses the options of a clip from a form or query.
 
     Args:
         form: field -> text.
 
     Raises:
-        UsageError: a field that is not known, or a value that it does not take.
+        UsageError: a field is unknown or its value is invalid.
     """
     _check_known(form, RectifyClip)
     return with_values(RectifyClip, _values(form, Path))
 
 
 def fields(kind: type = PhotoOptions) -> Iterator[Option]:
-    """All options that a form may give, those of groups among them."""
+    """Returns all options that a form can set, including those in groups."""
     return (option for option in options_of(kind) if option.on_page)
 
 
 def truth(name: str, text: str) -> bool:
-    """The truth value that a field says.
+    """Parses a Boolean field.
 
     Raises:
-        UsageError: it says none.
+        UsageError: the text is not a Boolean value.
     """
     if text.lower() not in (*_YES, *_NO):
         raise UsageError(f"field '{name}' takes true or false, got '{text:.40}'")
@@ -138,7 +138,7 @@ def _check_known(form: Mapping[str, str], kind: type) -> None:
 
 
 def _values(form: Mapping[str, str], photo: Callable[[str], Path]) -> Callable[[Option], Any]:
-    """Gives the value of each option in a form."""
+    """Returns a function that looks up the value of an option in a form."""
 
     def value(option: Option) -> Any:
         text = form.get(option.name, "")

@@ -1,8 +1,8 @@
-"""Who may use the page: requests that name this server, come from its own page, and know the token.
+"""Access control: checks the Host, Origin and access token of each request.
 
-Any page of any site can make a browser send requests to 127.0.0.1. Three things keep them out: the Host must be one of
-ours (another name that was made to lead here is not), the Origin must be the page's own, and the API wants the token,
-which other sites cannot read.
+Any website can make a browser send requests to 127.0.0.1. Three checks keep them out: the Host must be one of ours
+(which rules out DNS rebinding), the Origin must be the page's own, and the API requires the access token, which other
+sites cannot read.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ _HEADERS = {
 
 
 class Guard:
-    """ASGI: lets through what may pass, and adds to every answer what keeps browsers careful.
+    """ASGI middleware that rejects unauthorised requests and adds security headers to every response.
 
     Args:
-        app: behind it.
-        token: that the API wants.
-        port: that the server listens on.
-        host: that it listens on; if not local, addresses by number count as ours, too.
+        app: the wrapped application.
+        token: access token that the API requires.
+        port: port that the server listens on.
+        host: host that the server listens on; if it is not local, any IP address is accepted as the Host, too.
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int, host: str):
@@ -75,7 +75,7 @@ class Guard:
 
     def _is_ours(self, host: str) -> bool:
         name, _, port = host.rpartition(":")
-        if port != str(self._port):  # browsers leave out 80, and only that
+        if port != str(self._port):  # browsers omit port 80, and only that one
             if self._port != 80 or (":" in host and not host.endswith("]")):
                 return False
             name = host
@@ -86,7 +86,7 @@ class Guard:
 
 
 def _is_address(name: str) -> bool:
-    """Whether it is an address by number: no site can make such a one lead elsewhere."""
+    """Returns whether a host is an IP address, which cannot be rebound as a DNS name can."""
     try:
         ipaddress.ip_address(name)
     except ValueError:

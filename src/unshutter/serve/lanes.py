@@ -1,7 +1,7 @@
-"""Processes that do the work: what a decoder does to one of them, this process and the next request survive.
+"""Worker processes with a priority queue, which isolate the server from crashes in decoders.
 
-A lane is one process with one job at a time, so that whoever dies, it is known of what. Jobs wait in order of urgency
-for a lane; the last free lane is kept for somebody who looks at the screen.
+A lane is a worker process that runs one job at a time, so that a crash can be traced to its job. Jobs queue for a lane
+in order of urgency; the last free lane is reserved for jobs whose result a user is waiting to see.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ R = TypeVar("R")
 
 
 class Urgency(IntEnum):
-    """Who waits for a job."""
+    """Priority of a job in the queue."""
 
-    NOW = 0  # somebody looks at the screen
+    NOW = 0  # a user is waiting at the screen
     LATER = 1
 
 
 class Busy(UnshutterError):
-    """Too many jobs wait already."""
+    """The job queue is full."""
 
 
 class _Lane:
-    """One process, started when there is work, ended when there has been none for a while."""
+    """A worker process, started on demand and stopped when idle for a while."""
 
     def __init__(self, workers: Workers):
         self._workers = workers
         self._pid: int | None = None
 
     async def do(self, work: Callable[..., Any], *arguments: Any) -> Any:
-        """Does a job.
+        """Runs a job in the worker process.
 
         Raises:
-            UnshutterError: what the job raised, or its process died or took too long.
+            UnshutterError: the job raised it, or its process died or took too long.
         """
         future = None
         try:
@@ -66,12 +66,12 @@ class _Lane:
             raise
 
     def rest(self) -> None:
-        """Gives its memory back until there is work again."""
+        """Stops the idle process to free its memory."""
         if self._pid is not None:
             self.end()
 
     def end(self) -> None:
-        """Ends the process, whatever it is doing; the next job gets a new one."""
+        """Kills the process, even during a job; the next job starts a new one."""
         pid, self._pid = self._pid, None
         if pid is not None:
             with suppress(ProcessLookupError):
@@ -81,13 +81,13 @@ class _Lane:
 
 
 class Lanes:
-    """The lanes, and who waits for one.
+    """A pool of lanes with a queue of jobs.
 
     Args:
-        count: of lanes.
-        timeout_s: longest time of a job.
-        most_waiting: jobs that may wait; further ones are refused.
-        rest_s: time after which a lane without work gives its memory back.
+        count: number of lanes.
+        timeout_s: longest time that a job may take.
+        most_waiting: largest number of jobs in the queue; further jobs are refused.
+        rest_s: time after which the process of an idle lane is stopped.
     """
 
     def __init__(self, count: int, timeout_s: float, most_waiting: int, rest_s: float):
@@ -102,11 +102,11 @@ class Lanes:
         self._rests: dict[_Lane, asyncio.TimerHandle] = {}
 
     async def do(self, urgency: Urgency, work: Callable[..., R], *arguments: Any) -> R:
-        """Does a job in another process, as soon as one is free.
+        """Runs a job in a worker process as soon as one is free.
 
         Raises:
-            Busy: too many wait.
-            UnshutterError: what the job raised, or its process died or took too long.
+            Busy: the queue is full.
+            UnshutterError: the job raised it, or its process died or took too long.
         """
         lane = await self._free_lane(urgency)
         try:
@@ -115,7 +115,7 @@ class Lanes:
             self._release(lane)
 
     def close(self) -> None:
-        """Ends all processes."""
+        """Kills all worker processes."""
         for lane in self._all:
             lane.end()
         self._stack.close()
@@ -141,7 +141,7 @@ class Lanes:
                 return
             _, _, turn = heapq.heappop(self._waiting)
             if not turn.done():
-                lane = self._free.pop()  # the last that worked: the others may rest
+                lane = self._free.pop()  # the most recently used, so that the others can stay idle
                 if lane in self._rests:
                     self._rests.pop(lane).cancel()
                 turn.set_result(lane)

@@ -1,4 +1,4 @@
-"""Limits on requests: how large they may be, and how long the server waits for them."""
+"""Limits on the size of requests and on the time that the server waits for them."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-_CLOSE = {"connection": "close"}  # what is left of the body will not be read
-_OVERHEAD = 1_000_000  # bytes of a request besides its file
+_CLOSE = {"connection": "close"}  # the rest of the body will not be read
+_OVERHEAD = 1_000_000  # bytes of a request in addition to its file
 _HEADERS_S = 10.0  # from the connection, or the first bytes of a request, to the end of its headers
 
 
 class Limits:
-    """ASGI: refuses bodies that are too large (413) or come too slowly (408).
+    """ASGI middleware that rejects bodies that are too large (413) or arrive too slowly (408).
 
     Args:
-        app: behind it.
-        most_bytes: of the file that a path takes.
-        patience_s: longest wait for the next piece of a body, and time before its speed counts [s].
-        least_rate: speed of a body [bytes/s].
+        app: the wrapped application.
+        most_bytes: returns the largest file size for a path [bytes].
+        patience_s: longest wait for the next piece of a body, and time before its speed is checked [s].
+        least_rate: lowest speed of a body [bytes/s].
     """
 
     def __init__(self, app: ASGIApp, most_bytes: Callable[[str], int], patience_s: float, least_rate: float):
@@ -43,7 +43,7 @@ class Limits:
 
         async def watched() -> Message:
             nonlocal received, finished
-            if finished:  # waits for the end of the connection, however long that takes
+            if finished:  # waits for the connection to end, however long that takes
                 return await receive()
             if declared.isdigit() and int(declared) > most + _OVERHEAD:
                 raise _too_large(most)
@@ -64,7 +64,7 @@ class Limits:
 
 
 class Connection(H11Protocol):
-    """uvicorn's HTTP connection, closed when no request comes: otherwise it would wait for headers without end."""
+    """HTTP connection that closes if no request arrives; uvicorn's own would wait for headers indefinitely."""
 
     def __init__(self, *arguments: Any, **options: Any):
         super().__init__(*arguments, **options)

@@ -1,4 +1,4 @@
-"""Names of files: what browsers send is made safe, results are named after it, and no name is too long."""
+"""File names: sanitises names sent by browsers, and derives names for results that are unique and not too long."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from unshutter.errors import UsageError
 from unshutter.photo.formats import of_suffix
 from unshutter.video.pictures import is_pattern
 
-MOST_BYTES = 255  # of a file's name in UTF-8; file systems that encrypt names may allow fewer
+MOST_BYTES = 255  # longest file name in UTF-8; file systems that encrypt names may allow less
 
 _UNUSUAL = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"|?*\u200e\u200f\u202a-\u202e\u2066-\u2069]')
 _LONGEST_NAME, _LONGEST_SUFFIX = 120, 10  # characters
 _JOINER = "\u200d"
 
-# Films of one file. Not among them: endings of pictures, of which FFmpeg writes one for each frame, and of playlists
-# (.m3u8, .mpd), next to which it writes the film in pieces.
+# Suffixes of single-file video formats. Excludes picture formats, for which FFmpeg writes one file per frame, and
+# playlists (.m3u8, .mpd), next to which it writes the video in segments.
 _FILM = re.compile(
     r"\.(3g2|3gp|asf|avi|dv|f4v|flv|gif|h264|hevc|ivf|lrv|m1v|m2t|m2ts|m2v|m4v|mj2|mjpeg|mk3d|mkv|mov|mp4|mpe?g|mts|mxf|nut|"
     r"obu|og[gv]|ts|vob|webm|wmv|wtv|y4m)",
@@ -30,11 +30,11 @@ _FILM = re.compile(
 
 
 def clean_name(name: str, otherwise: str = "photo") -> str:
-    """The last part of a file's name, without what could lead elsewhere or is not text.
+    """Returns the last component of a file name, without path separators or characters that are not text.
 
     Args:
         name: any text.
-        otherwise: the name if nothing is left.
+        otherwise: name to use if nothing is left.
     """
     last = re.split(r"[/\\]", name)[-1]
     last = _UNUSUAL.sub("", last.encode("utf-8", "ignore").decode()).strip()
@@ -46,14 +46,14 @@ def clean_name(name: str, otherwise: str = "photo") -> str:
 
 
 def photo_result(name: str, format: str | None) -> str:
-    """What the result of a photo is called, as on the command line: ``street.rectified.jpg``.
+    """Returns the name of a photo's result, as on the command line: ``street.rectified.jpg``.
 
     Args:
-        name: of the photo.
-        format: of the result; None: the photo's own.
+        name: name of the photo.
+        format: format of the result, or None for that of the photo.
 
     Raises:
-        UsageError: the photo's name does not tell its format.
+        UsageError: the photo's name does not indicate its format.
     """
     pure = PurePosixPath(name)
     if of_suffix(pure.suffix) is None and format is None:
@@ -62,33 +62,33 @@ def photo_result(name: str, format: str | None) -> str:
 
 
 def clip_result(name: str) -> str:
-    """What the result of a clip is called: ``walk.rectified.mp4``.
+    """Returns the name of a clip's result: ``walk.rectified.mp4``.
 
     Raises:
-        UsageError: the clip's name does not tell what kind of film it is.
+        UsageError: the clip's name does not indicate its format.
     """
     pure = PurePosixPath(name)
     if not _FILM.fullmatch(pure.suffix):
         raise UsageError(f"the name '{name}' does not say what kind of film it is: give it an extension such as .mp4")
     result = f"{pure.stem}{RECTIFIED}{pure.suffix}"
-    if is_pattern(result):  # it would be a film in pictures, x00001.mp4 ...
+    if is_pattern(result):  # FFmpeg would write an image sequence, x00001.mp4 ...
         result = result.replace("%", "_")
     return fitting(result)
 
 
 def motion_name(name: str) -> str:
-    """What the motion file of a photo is called: ``street.json``."""
+    """Returns the name of a photo's motion file: ``street.json``."""
     ending = ".json"
     return _cut(PurePosixPath(name).stem, MOST_BYTES - len(ending)) + ending
 
 
 def free_name(folder: Path, name: str, archive: Path | None = None) -> Path:
-    """A place for a result in a folder where nothing is in its way: ``a.rectified.jpg``, else ``a.rectified-2.jpg``.
+    """Returns an unused path for a result in a folder: ``a.rectified.jpg``, or else ``a.rectified-2.jpg``.
 
     Args:
-        folder: where it goes.
-        name: of the result.
-        archive: zip file in which the name must be free, too.
+        folder: folder of the result.
+        name: preferred name of the result.
+        archive: zip file in which the name must be unused, too.
     """
     most, occupied, number = _most_bytes(folder), _names_in(archive), 1
     path = folder / fitting(name, most=most)
@@ -99,12 +99,12 @@ def free_name(folder: Path, name: str, archive: Path | None = None) -> Path:
 
 
 def fitting(result: str, number: str = "", most: int = MOST_BYTES) -> str:
-    """The name of a result with a number, short enough for file systems; what is cut off are whole letters.
+    """Adds a number to the name of a result, and shortens it by whole characters to fit the file system.
 
     Args:
-        result: ``street.rectified.jpg``.
-        number: goes before the ending: ``-2``.
-        most: bytes that it may have in UTF-8.
+        result: name such as ``street.rectified.jpg``.
+        number: text to insert before the suffix, such as ``-2``.
+        most: longest name in UTF-8 [bytes].
     """
     stem, mark, ending = result.rpartition(RECTIFIED)
     tail = f"{mark}{number}{ending}"
@@ -112,7 +112,7 @@ def fitting(result: str, number: str = "", most: int = MOST_BYTES) -> str:
 
 
 def _cut(text: str, most: int) -> str:
-    """The beginning of a text: at most so many bytes in UTF-8, accents and the like not torn from their letters."""
+    """Truncates a text to a number of bytes in UTF-8, without splitting accents and the like from their letters."""
     end = len(text.encode()[: max(most, 0)].decode("utf-8", "ignore"))
     while 0 < end < len(text) and (_continues(text[end]) or text[end - 1] == _JOINER):
         end -= 1
@@ -120,14 +120,14 @@ def _cut(text: str, most: int) -> str:
 
 
 def _continues(character: str) -> bool:
-    """Whether it belongs to the letter before it: accents, vowel signs, joined emoji, parts of a Korean syllable."""
+    """Returns whether a character extends the previous one: accents, vowel signs, joined emoji, Korean syllables."""
     return unicodedata.category(character)[0] == "M" or character == _JOINER or "\u1160" <= character <= "\u11ff"
 
 
 def _most_bytes(folder: Path) -> int:
     try:
         return min(os.pathconf(folder, "PC_NAME_MAX"), MOST_BYTES)
-    except (AttributeError, OSError, ValueError):  # Windows, and file systems that do not say
+    except (AttributeError, OSError, ValueError):  # Windows, and file systems that do not report it
         return MOST_BYTES
 
 
@@ -139,5 +139,5 @@ def _names_in(archive: Path | None) -> set[str]:
 
 
 def _comparable(name: str) -> str:
-    """Names that are one to some file systems are one text."""
+    """Normalises a name, so that names that some file systems treat as identical are equal."""
     return unicodedata.normalize("NFC", name).casefold()

@@ -1,4 +1,4 @@
-"""The description of the API (OpenAPI 3.1), made from the routes, their functions' docstrings, and the options."""
+"""OpenAPI 3.1 description of the API, generated from the routes, their handlers' docstrings, and the options."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from unshutter.video.options import RectifyClip
 
 _BINARY = {"type": "string", "format": "binary"}
 
-# Paths that take the options of a photo or clip in their query, and those that send a copy for a screen.
+# Paths with the options of a photo or clip as query parameters, and paths that return a copy for the screen.
 _OPTIONS = {
     **{f"/api/photos/{{id}}/{name}": PhotoOptions for name in ("after", "candidates", "segments", "picture", "motion")},
     **{f"/api/clips/{{id}}/{name}": RectifyClip for name in ("before", "after", "film", "readout")},
@@ -33,10 +33,10 @@ _REFUSALS = {
 
 
 def description(routes: Iterable[Route]) -> dict[str, Any]:
-    """The whole description.
+    """Generates the OpenAPI description.
 
     Args:
-        routes: of the server; those of the API are described.
+        routes: the server's routes; only those of the API are described.
     """
     paths: dict[str, Any] = {}
     for path, method, route in _addresses(routes):
@@ -61,7 +61,7 @@ def description(routes: Iterable[Route]) -> dict[str, Any]:
 
 
 def _addresses(routes: Iterable[Route]) -> Iterator[tuple[str, str, Route]]:
-    """Path, method and route of each address of the API, but for the one of this description."""
+    """Yields the path, method and route of each API address, except that of this description."""
     for route in routes:
         if route.path.startswith("/api/") and route.path != "/api/openapi.json":
             for method in sorted((route.methods or set()) - {"HEAD"}):

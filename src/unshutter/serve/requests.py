@@ -1,4 +1,4 @@
-"""Requests: the files that they bring, as a body or in a form, and what several addresses read from them."""
+"""Request parsing shared by handlers: uploaded files, as a body or in a form, and query parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from unshutter.serve.store import OpenFile
 
 SCREEN_SIDES = (320, 1000, 1600, 2400)  # longer sides of copies for screens [px]
 _FULL = "full"
-_NOT_OPTIONS = ("token", "longest", "later", "draft")  # parameters of queries
+_NOT_OPTIONS = ("token", "longest", "later", "draft")  # query parameters
 _MOST_FILES, _MOST_FIELDS, _MOST_TEXT = 4, 40, 10_000
 _PIECE = 1 << 18
 
@@ -29,34 +29,34 @@ _PIECE = 1 << 18
 
 
 def item_of(request: Request) -> OpenFile:
-    """The open photo or clip that the address names.
+    """Returns the open photo or clip whose id is in the address.
 
     Raises:
-        Missing: it is not open.
+        Missing: the file is not open.
     """
     return desk_of(request).store.get(request.path_params["id"])
 
 
 def options_of(request: Request, *others: str) -> dict[str, str]:
-    """The options in the query, as text; ``others`` are parameters of this address that are not options."""
+    """Returns the options in the query as text; ``others`` are parameters of this address that are not options."""
     return {name: value for name, value in request.query_params.items() if name not in (*_NOT_OPTIONS, *others)}
 
 
 def urgency_of(request: Request) -> Urgency:
-    """Whether somebody waits for the answer."""
+    """Returns the urgency of a request: LATER if the query contains ``later=1``, otherwise NOW."""
     return Urgency.LATER if request.query_params.get("later") == "1" else Urgency.NOW
 
 
 def is_draft(request: Request) -> bool:
-    """Whether the answer should be quick rather than complete."""
+    """Returns whether the response should be fast rather than complete."""
     return request.query_params.get("draft") == "1"
 
 
 def longest_of(request: Request) -> int | None:
-    """Longer side of the copy to send [px]: one of a few, since each is kept; None: full size.
+    """Returns the longer side of the copy to send [px], or None for full size; few are allowed, as each is cached.
 
     Raises:
-        UsageError: another number.
+        UsageError: the size is not one of those allowed.
     """
     text = request.query_params.get("longest", str(SCREEN_SIDES[2]))
     if text == _FULL:
@@ -66,26 +66,26 @@ def longest_of(request: Request) -> int | None:
     return int(text)
 
 
-# ---- files that requests bring -------------------------------------------------------------------------------
+# ---- uploaded files ------------------------------------------------------------------------------------------
 
 
 def clips_can_be_opened() -> bool:
-    """Whether the extra for clips is installed."""
+    """Returns whether the extra for clips is installed."""
     return find_spec("av") is not None
 
 
 def check_clips_can_be_opened() -> None:
-    """Raises UnshutterError where the extra for clips is missing."""
+    """Raises UnshutterError if the extra for clips is missing."""
     if not clips_can_be_opened():
         raise UnshutterError(f"clips need the extra: {installation.extra('video')}")
 
 
 async def body_opened(request: Request, kind: Kind) -> Response:
-    """Opens the file that is the request's body, named by the header ``Unshutter-Name``; answers with its id.
+    """Opens the file in the request's body, named by the header ``Unshutter-Name``, and responds with its id.
 
     Raises:
-        Full: there is no room for it.
-        UnshutterError: it is empty.
+        Full: there is no room for the file.
+        UnshutterError: the file is empty.
     """
     name = unquote(request.headers.get("unshutter-name", kind))
     length = request.headers.get("content-length", "")
@@ -98,21 +98,21 @@ async def body_opened(request: Request, kind: Kind) -> Response:
 
 
 async def body_closed(request: Request) -> Response:
-    """Closes the photo or clip that the address names."""
+    """Closes the photo or clip whose id is in the address."""
     desk_of(request).store.remove(item_of(request))
     return Response(status_code=204)
 
 
 @asynccontextmanager
 async def form_of(request: Request, kind: Kind = "photo") -> AsyncIterator[FormData]:
-    """The form of a request.
+    """Parses the form of a request.
 
     Args:
         request: the request.
-        kind: what the form should contain.
+        kind: type of file that the form should contain.
 
     Raises:
-        UsageError: there is no form.
+        UsageError: the request has no form.
     """
     if not request.headers.get("content-type", "").startswith("multipart/form-data"):
         raise UsageError(f"send a form (multipart/form-data) with the {kind} as the part '{kind}'")
@@ -124,18 +124,18 @@ async def form_of(request: Request, kind: Kind = "photo") -> AsyncIterator[FormD
 async def files_of(
     desk: Desk, form: FormData, kind: Kind, *others: str, keep: bool = False
 ) -> AsyncIterator[dict[str, OpenFile]]:
-    """The form's files, by the names of their parts, open inside the context.
+    """Opens the form's files inside the context, keyed by the names of their parts.
 
     Args:
-        desk: the server's.
-        form: the form; its part called ``kind`` must be there.
-        kind: of all files.
+        desk: the server's shared state.
+        form: the form; its part called ``kind`` is required.
+        kind: type of all files.
         others: names of optional parts.
-        keep: whether the files stay open afterwards if all goes well.
+        keep: whether to leave the files open after the context if there was no error.
 
     Raises:
-        UsageError: the first part is missing.
-        Full: there is no room for them.
+        UsageError: the required part is missing.
+        Full: there is no room for the files.
     """
     files: dict[str, OpenFile] = {}
     done = False
@@ -154,7 +154,7 @@ async def files_of(
 
 
 def texts_of(form: FormData) -> dict[str, str]:
-    """The fields of a form that are not files."""
+    """Returns the fields of a form that are not files."""
     return {name: value for name, value in form.items() if isinstance(value, str)}
 
 

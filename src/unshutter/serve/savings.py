@@ -1,4 +1,4 @@
-"""Savings: photos and clips are written to a file, a zip file, or the folder that the page may save to."""
+"""Tasks that save photos and clips to a file, a zip file, or the folder that the page may save to."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from unshutter.storage.files import remove_leftovers
 from unshutter.video.options import RectifyClip
 
 To: TypeAlias = Literal["file", "zip", "folder"]
-Item: TypeAlias = tuple[OpenFile, PhotoOptions | RectifyClip]  # an open photo or clip, and what to do with it
+Item: TypeAlias = tuple[OpenFile, PhotoOptions | RectifyClip]  # an open photo or clip, and its options
 
 _ZIP_NAME = "unshutter.zip"
-_MOST_KEPT = 8  # savings whose files lie ready, or that are at work
-_LOOK_S = 0.25  # how often a lane's notes are read
-_STANDSTILL_S = 600.0  # a clip whose notes do not change for so long is given up
-_SWEEPS, _SWEEP_S = 40, 0.05  # a process that was ended lets go of its files a moment later
+_MOST_KEPT = 8  # tasks that are running, or whose files can be downloaded
+_LOOK_S = 0.25  # interval at which a worker's progress is read
+_STANDSTILL_S = 600.0  # a clip without progress for this long is abandoned
+_SWEEPS, _SWEEP_S = 40, 0.05  # a killed process releases its files a moment later
 
 
 @dataclass(frozen=True)
 class SavedItem:
-    """A photo or clip that is finished.
+    """Outcome of saving one photo or clip.
 
     Attributes:
         open_file: the photo or clip.
-        result: name of the file that was written; empty where none was.
-        report: what was done, as the job reports it.
-        error: why nothing was written, one line.
+        result: name of the file that was written, or empty if there is none.
+        report: the job's report.
+        error: one-line reason why nothing was written.
     """
 
     open_file: OpenFile
@@ -53,24 +53,24 @@ class SavedItem:
     error: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """A line's worth of facts, for the page and programs."""
+        """Returns a summary for the page and for programs."""
         about = {"error": self.error} if self.error else {"result": self.result, **self.report}
         return {"photo": self.open_file.id, "name": self.open_file.name, **about}
 
 
 @dataclass
 class Saving:
-    """Photos and clips that are being saved.
+    """A task that saves photos and clips.
 
     Attributes:
-        id: by which the page calls it.
-        to: what they go into; ``file``: the one photo or clip alone.
-        folder: where the results go; for a zip file, before they are in it.
+        id: identifier used by the page.
+        to: destination; ``file`` is for a single photo or clip.
+        folder: output folder; for a zip file, results are first written here.
         items: the photos and clips, with the options of each.
-        closing: files that are closed when it is over.
-        done: the items that are finished, failed ones among them.
-        now: the clip that is being made.
-        progress: how far that is; None: it has not begun.
+        closing: files to close when the task ends.
+        done: the items that are finished, including those that failed.
+        now: the clip being processed.
+        progress: progress of that clip, or None if it has not started.
         state: ``working``, ``finished``, ``cancelled``, or ``failed`` with ``error``.
     """
 
@@ -89,14 +89,14 @@ class Saving:
 
     @property
     def result(self) -> Path | None:
-        """The file to download; None: there is none, or not yet."""
+        """The file to download, or None if there is none or it is not ready yet."""
         if self.state != "finished" or self.to == "folder":
             return None
         name = _ZIP_NAME if self.to == "zip" else self.done[0].result
         return self.folder / name if name and (self.folder / name).is_file() else None
 
     def as_json(self) -> dict[str, Any]:
-        """Its progress, for the page and programs."""
+        """Returns the state and progress, for the page and for programs."""
         done, now = [item.as_json() for item in self.done], None
         if self.now is not None:
             progress = asdict(self.progress) if self.progress else {"what": "waiting"}
@@ -105,12 +105,12 @@ class Saving:
         return about | ({"error": self.error} if self.error else {})
 
     def forget(self) -> None:
-        """Removes what was made, unless that is in the user's folder."""
+        """Deletes the results, unless they are in the user's folder."""
         if self.to != "folder":
             shutil.rmtree(self.folder, ignore_errors=True)
 
     async def cancel(self) -> None:
-        """Stops it, or forgets what it has made."""
+        """Stops the task, or deletes its results if it has already ended."""
         if self.task is not None and not self.task.done():
             self.task.cancel()
             await asyncio.wait([self.task])
@@ -118,7 +118,7 @@ class Saving:
             self.forget()
 
     async def run(self, desk: Desk) -> None:
-        """Saves all; the state says how it ended."""
+        """Saves all items, and records the outcome in ``state``."""
         try:
             for open_file, options in self.items:
                 self.done.append(await self._one(desk, open_file, options))
@@ -157,7 +157,7 @@ class Saving:
         return free_name(self.folder, name, self.folder / _ZIP_NAME if self.to == "zip" else None)
 
     async def _clip(self, desk: Desk, open_file: OpenFile, target: Path, options: RectifyClip) -> dict[str, Any]:
-        """Makes one clip, with its progress in ``now`` and ``progress``."""
+        """Saves one clip, updating ``now`` and ``progress``."""
         note = ProgressFile(open_file.path.with_name(f"saving-{self.id}.json"))
         note.file.unlink(missing_ok=True)
         work = desk.long_lanes.do(Urgency.LATER, clip_jobs.rectified, open_file, target, options, note)
@@ -179,16 +179,16 @@ class Saving:
                 await _swept(self.folder)
 
     def _wake(self) -> None:
-        """Wakes those who wait for a change."""
+        """Notifies everything that waits for ``changed``."""
         self.changed.set()
         self.changed = asyncio.Event()
 
 
 class Savings:
-    """All savings that are known, by their ids: those at work, and the last few that ended.
+    """Registry of saving tasks by id: those that are running, and the last few that ended.
 
     Args:
-        desk: the server's.
+        desk: the server's shared state.
     """
 
     def __init__(self, desk: Desk):
@@ -196,15 +196,15 @@ class Savings:
         self._savings: dict[str, Saving] = {}
 
     def begin(self, to: To, items: list[Item], closing: Sequence[OpenFile] = ()) -> Saving:
-        """A new saving, at work.
+        """Starts a new task.
 
         Args:
-            to: what the results go into.
+            to: destination of the results.
             items: the photos and clips, with the options of each.
-            closing: files that are closed when it is over.
+            closing: files to close when the task ends.
 
         Raises:
-            Busy: too many are at work.
+            Busy: too many tasks are running.
         """
         self._make_room()
         id, folder = secrets.token_urlsafe(9), self._desk.settings.folder
@@ -216,10 +216,10 @@ class Savings:
         return saving
 
     def get(self, id: str) -> Saving:
-        """The saving with this id.
+        """Returns the task with this id.
 
         Raises:
-            Missing: there is none, or it was forgotten.
+            Missing: the id is unknown or its task has been discarded.
         """
         if id not in self._savings:
             raise Missing("this saving is not known: the server may have been restarted")
@@ -235,12 +235,12 @@ class Savings:
 
 
 def savings_of(request: Request) -> Savings:
-    """The server's savings."""
+    """Returns the server's registry of saving tasks."""
     return request.app.state.savings
 
 
 async def _swept(folder: Path) -> None:
-    """Removes what a process that was ended has left half written, as soon as it has let go of it."""
+    """Deletes the partial output of a killed process as soon as the process has released it."""
     for _ in range(_SWEEPS):
         remove_leftovers(folder)
         with suppress(OSError):
@@ -250,6 +250,6 @@ async def _swept(folder: Path) -> None:
 
 
 def _move_into_zip(file: Path, packed: Path) -> None:
-    with zipfile.ZipFile(packed, "a", zipfile.ZIP_STORED) as stream:  # pictures do not get smaller
+    with zipfile.ZipFile(packed, "a", zipfile.ZIP_STORED) as stream:  # pictures are already compressed
         stream.write(file, file.name)
     file.unlink()

@@ -1,4 +1,4 @@
-"""The options of the page and its API as JSON Schema: OpenAPI and the page's controls are made from these alone."""
+"""JSON Schemas of the options, used to generate the OpenAPI description and the page's controls."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", Path:
 
 
 def schemas(kind: type) -> dict[str, dict[str, Any]]:
-    """The schema of each option of a photo or clip, by its name."""
+    """Returns the schema of each option of a photo or clip, keyed by name."""
     return {option.name: _schema(option) for option, _ in _with_groups(kind)}
 
 
 @cache
 def page_module() -> str:
-    """The options as a JavaScript module: ``photo`` and ``clip``, name -> schema with the group and known values."""
+    """Generates a JavaScript module with ``photo`` and ``clip``: name -> schema with the group and known values."""
     known = {"estimator": names(), "camera": sorted({mode.name for mode in table()})}
     lines = ["// Made by the program from its one description of options (serve/schemas.py).\n"]
     for word, kind in (("photo", PhotoOptions), ("clip", RectifyClip)):
@@ -37,7 +37,7 @@ def page_module() -> str:
 
 
 def _with_groups(kind: type, group: str = "") -> Iterator[tuple[Option, str]]:
-    """The options that a form may give, each with the dataclass of options that it belongs to, in small letters."""
+    """Yields the options that a form can set, each with the name of its options dataclass in lower case."""
     for each in describe(kind):
         if isinstance(each, Group):
             yield from _with_groups(each.kind, each.kind.__name__.lower())

@@ -1,4 +1,4 @@
-"""``unshutter serve``: from its settings to a page that answers, and to its end."""
+"""Starts and stops the web server of ``unshutter serve``."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from unshutter.serve.settings import Settings
 from unshutter.serve.store import temporary_folder
 
 _MOST_CONNECTIONS = 100
-_WAIT_S = 2  # for answers that are on their way when it ends
+_WAIT_S = 2  # grace period for open responses at shutdown
 
 
 def serve(settings: Settings) -> int:
-    """Serves the page until it is asked to end; returns the exit code.
+    """Serves the page until asked to stop, and returns the exit code.
 
     Raises:
-        UnshutterError: the extra is missing, or the port cannot be listened on.
+        UnshutterError: the extra is missing, or the server cannot listen on the port.
     """
     try:
         import python_multipart  # noqa: F401
@@ -39,7 +39,7 @@ def serve(settings: Settings) -> int:
 
     token = settings.token or secrets.token_urlsafe(18)
     for library in ("uvicorn", "python_multipart"):
-        logging.getLogger(library).setLevel(logging.CRITICAL)  # of requests, nobody needs to read
+        logging.getLogger(library).setLevel(logging.CRITICAL)  # nobody needs a log of requests
     with _listening(settings.host, settings.port) as listener, temporary_folder() as folder:
         port = listener.getsockname()[1]
         desk = Desk.open(settings, folder)
@@ -79,8 +79,8 @@ def _listening(host: str, port: int) -> socket.socket:
 
 @contextmanager
 def _ended_by_hangup(end: Callable[[int, Any], None]) -> Iterator[None]:
-    """SIGHUP, which uvicorn leaves to others, ends the server as SIGTERM does, and only then the program."""
-    number = getattr(signal, "SIGHUP", None)  # Windows has none
+    """Makes SIGHUP, which uvicorn does not handle, stop the server as SIGTERM does before it ends the program."""
+    number = getattr(signal, "SIGHUP", None)  # not available on Windows
     before = None if number is None else signal.getsignal(number)
     if number is None or before in (None, signal.SIG_IGN):
         yield

@@ -1,4 +1,4 @@
-"""Settings of the server."""
+"""Settings of ``unshutter serve``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ DEFAULT_PORT = 8720
 LOCAL_HOSTS = ("127.0.0.1", "localhost", "::1")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{8,200}")
 _MOST_MB = 100_000
-_PHOTO_MB, _CLIP_MB = 400, 4000  # a minute of a phone's 4K clip has some 400 MB
+_PHOTO_MB, _CLIP_MB = 400, 4000  # one minute of 4K video from a phone takes about 400 MB
 
 
 @dataclass(frozen=True)
@@ -21,18 +21,18 @@ class Settings:
     """How the page is served.
 
     Attributes:
-        port: to listen on; 0: any that is free.
+        port: port to listen on; 0 picks a free port.
         open: whether to open the page in the browser.
-        folder: where the page may save to, besides downloads; None: nowhere.
-        max_mb: largest photo or clip [MB]; None: what is usual for each.
-        max_pixels: photos with more are refused.
-        token: who knows it may use the page; None: a random one.
+        folder: folder to which the page may save, or None to allow downloads only.
+        max_mb: largest photo or clip [MB], or None for the default of each.
+        max_pixels: largest photo allowed [px].
+        token: access token for the page, or None for a random one.
         host: address to listen on.
-        i_know: the user knows that others can reach an address that is not local.
+        i_know: whether the user accepts that others can reach an address that is not local.
 
     Raises:
-        UsageError: a number or token that cannot be, or a host that others can reach without ``i_know``.
-        UnshutterError: there is no such folder.
+        UsageError: a number or token is invalid, or others can reach the host and ``i_know`` is not set.
+        UnshutterError: the folder does not exist.
     """
 
     port: int = option(DEFAULT_PORT, f"Port to listen on; 0 picks a free one. Default: {DEFAULT_PORT}.")

@@ -1,4 +1,4 @@
-"""The open photos and clips, in a temporary folder that goes with the process, or with the next one if it is killed."""
+"""Storage of open photos and clips in a temporary folder, deleted at exit or, after a crash, at the next start."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ except ImportError:  # Windows
 
 _PREFIX = "unshutter-serve-"
 _LOCK = "lock"
-_FILM = re.compile(r"\.[a-z0-9]{2,5}")  # an ending that may be a clip's
+_FILM = re.compile(r"\.[a-z0-9]{2,5}")  # plausible suffix of a clip
 
 
 class Full(UnshutterError):
-    """No room for another photo or clip."""
+    """There is no room for another photo or clip."""
 
 
 class Missing(UnshutterError):
-    """No such photo or clip is open."""
+    """The requested photo, clip or result does not exist or is no longer open."""
 
 
 @dataclass
 class Store:
-    """All open photos and clips.
+    """Storage of all open photos and clips.
 
     Attributes:
-        folder: where they lie.
-        most_files, most_bytes: that there is room for.
-        max_pixels: photos with more are refused.
+        folder: folder of the files.
+        most_files, most_bytes: largest number and total size of open files.
+        max_pixels: largest photo allowed [px].
     """
 
     folder: Path
@@ -53,17 +53,17 @@ class Store:
     _sizes: dict[str, int] = field(default_factory=dict)
 
     async def add(self, name: str, data: AsyncIterator[bytes], kind: Kind = "photo", size: int = 0) -> OpenFile:
-        """Takes a file in, piece by piece.
+        """Stores an uploaded file, piece by piece.
 
         Args:
-            name: that it had.
-            data: its bytes.
-            kind: whether it is a photo or a clip.
-            size: of the file, as far as it is known before [bytes].
+            name: original name of the file.
+            data: contents of the file.
+            kind: whether the file is a photo or a clip.
+            size: size of the file [bytes], or 0 if not known in advance.
 
         Raises:
-            Full: there is no room for it.
-            UnshutterError: it is empty, or the disc is full.
+            Full: there is no room for the file.
+            UnshutterError: the file is empty, or cannot be written.
         """
         if len(self._sizes) >= self.most_files:
             raise Full(f"{self.most_files} files are open already: close some of them")
@@ -94,17 +94,17 @@ class Store:
         return open_file
 
     def get(self, id: str) -> OpenFile:
-        """The photo or clip of that id.
+        """Returns the photo or clip with this id.
 
         Raises:
-            Missing: it was closed, or the server was restarted.
+            Missing: the file was closed, or the server was restarted.
         """
         if id not in self._open:
             raise Missing("this file is no longer open: drop it on the page again")
         return self._open[id]
 
     def remove(self, open_file: OpenFile) -> None:
-        """Forgets a file and all that jobs kept about it."""
+        """Deletes a file along with its cache."""
         self._open.pop(open_file.id, None)
         self._sizes.pop(open_file.id, None)
         shutil.rmtree(open_file.path.parent, ignore_errors=True)
@@ -112,13 +112,13 @@ class Store:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder that nobody else can read; those that killed processes left are removed first."""
+    """Creates a private temporary folder, after deleting those left behind by killed processes."""
     _remove_leftovers()
     folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
     descriptor = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         if fcntl is not None:
-            with suppress(OSError):  # a file system without locks
+            with suppress(OSError):  # the file system does not support locks
                 fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield folder
     finally:
@@ -127,7 +127,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def _remove_leftovers() -> None:
-    """Removes the folders of this user's processes that have ended."""
+    """Deletes temporary folders of this user's processes that have ended."""
     if fcntl is None:
         return
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
@@ -135,5 +135,5 @@ def _remove_leftovers() -> None:
             if folder.is_symlink() or folder.stat().st_uid != os.getuid():
                 continue
             with (folder / _LOCK).open("rb") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails while its process lives
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # fails while the owning process is running
                 shutil.rmtree(folder, ignore_errors=True)

@@ -1,1 +1,1 @@
-"""The addresses: each function answers one, and says which in its first words. No module here imports another."""
+"""Request handlers, one per address; each docstring starts with the address. No module here imports another."""

@@ -1,4 +1,4 @@
-"""Clips: for programs, a clip and its options in one request; for the page, opened once and shown at a few moments."""
+"""Request handlers for clips: one request per clip for programs; an open clip shown at a few moments for the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photos: for programs, a photo and its options in one request; for the page, opened once and then shown many times."""
+"""Request handlers for photos: one request per photo for programs; an open photo shown many times for the page."""
 
 from __future__ import annotations
 
@@ -105,5 +105,5 @@ def _options(request: Request) -> PhotoOptions:
 
 
 def _fields(form: FormData, files: dict[str, OpenFile]) -> dict[str, str]:
-    """The form's options; photos of this form are named by their ids."""
+    """Returns the form's options; neighbours uploaded with the form are named by their ids."""
     return texts_of(form) | {name: file.id for name, file in files.items() if name != "photo"}

@@ -1,4 +1,4 @@
-"""For the page: photos and clips are saved; a saving is begun, watched, cancelled, and its file fetched."""
+"""Request handlers for saving photos and clips: start a save, follow its progress, cancel it, download the result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from unshutter.serve.savings import Item, Saving, To, savings_of
 from unshutter.serve.store import Full, Missing
 
 _MOST_REQUEST = 2_000_000  # bytes
-_ALIVE_S = 15.0  # between signs of life to the page
+_ALIVE_S = 15.0  # between keep-alive messages to the page
 
 
 async def start(request: Request) -> Response:
@@ -73,7 +73,7 @@ async def _body(request: Request) -> dict[str, Any]:
             raise Full("the request is too long")
     try:
         parsed = json.loads(data)
-    except (ValueError, RecursionError):  # not JSON, or nested too deep
+    except (ValueError, RecursionError):  # not JSON, or too deeply nested
         parsed = None
     if not isinstance(parsed, dict):
         raise UsageError('send JSON: {"to": "zip", "photos": [{"id": ..., "options": {...}}]}')
@@ -102,7 +102,7 @@ def _item(desk: Desk, each: Any) -> Item:
 
 
 def _are_texts(options: dict[str, Any]) -> bool:
-    """Whether all values are texts, and no half of a character is in them or the names, as JSON allows."""
+    """Returns whether all values are strings, and neither they nor the names contain a lone surrogate."""
     if not all(isinstance(value, str) for value in options.values()):
         return False
     try:

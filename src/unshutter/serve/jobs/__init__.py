@@ -1,6 +1,6 @@
-"""Jobs: what the worker processes do with photos and clips. No request, answer or server is known here.
+"""Jobs that worker processes run on photos and clips, independent of requests, responses and the server.
 
-The server knows these modules, too, since it names the jobs, but does none of them. What brings NumPy, OpenCV or PyAV
-is therefore imported inside the functions: that saves 0.1 s of its start, and memory that it would never use. All else
-is imported at the top.
+The server imports these modules, too, to submit jobs, but never runs one. Anything that pulls in NumPy, OpenCV or PyAV
+is therefore imported inside functions, which saves the server 0.1 s at startup and memory that it would never use. All
+other imports are at the top.
 """

@@ -1,4 +1,4 @@
-"""Motions that a person makes: from lines drawn on a photo, and by setting how far it leans, bends and turns."""
+"""Motions set by hand: from lines drawn on a photo, and from sliders for lean, bend and turn."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from unshutter.estimators.right_angles.drawn_lines import DrawnLine
     from unshutter.motion import Motion
 
-NAME = "by-hand"  # which motions carry as their estimator
+NAME = "by-hand"  # recorded as the estimator of these motions
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A motion in the three numbers that the page's sliders set.
+    """A motion described by the three numbers that the page's sliders set.
 
     Attributes:
-        lean_deg: angle by which t_x, from the first row to the last, slants upright things.
-        bend_percent: t_x of the middle row, off the straight line between the first and the last [% of the rows].
-        turn_deg: r_z of the last row less that of the first.
+        lean_deg: angle by which the change in t_x from the first row to the last slants vertical lines.
+        bend_percent: deviation of t_x at the middle row from the line between first and last row [% of the rows].
+        turn_deg: r_z of the last row minus that of the first.
     """
 
     lean_deg: float
@@ -37,7 +37,7 @@ class Shape:
 
     @classmethod
     def of(cls, motion: Motion) -> Shape:
-        """The numbers of a motion."""
+        """Measures the lean, bend and turn of a motion."""
         tx, rz, rows = motion.tx_px, motion.rz_rad, motion.height
         bend = (tx[(rows - 1) // 2] + tx[rows // 2]) / 2 - (tx[0] + tx[-1]) / 2
         lean = math.degrees(math.atan((tx[-1] - tx[0]) / rows))
@@ -45,10 +45,10 @@ class Shape:
 
 
 def motion_to_undo(open_file: OpenFile, photo: Photo, options: Rectify, hand: ByHand) -> Motion:
-    """The motion that is to be undone, before its strength counts: by hand, of a motion file, or estimated.
+    """Returns the motion to undo, before strength is applied: from a motion file, set by hand, or estimated.
 
     Raises:
-        UsageError: lines that cannot be read, or numbers that no camera's motion has.
+        UsageError: the lines cannot be parsed, or no camera motion has these numbers.
     """
     from unshutter.motion import Motion
 
@@ -61,12 +61,12 @@ def motion_to_undo(open_file: OpenFile, photo: Photo, options: Rectify, hand: By
 
 
 def undo_by_hand(options: Rectify, hand: ByHand) -> Undo:
-    """How the motion is undone: whatever its confidence where it was made by hand."""
+    """Returns the options for undoing a motion, ignoring its confidence if it was set by hand."""
     return options.undo.at_any_confidence() if hand else options.undo
 
 
 def with_motion_file(open_file: OpenFile, options: Rectify, hand: ByHand) -> Rectify:
-    """The options for saving: with a motion file where something was done by hand, else unchanged."""
+    """Returns the options for saving, with a motion file if anything was set by hand and unchanged otherwise."""
     if not hand:
         return options
     motion = motion_to_undo(open_file, opened(open_file), options, hand)
@@ -76,7 +76,7 @@ def with_motion_file(open_file: OpenFile, options: Rectify, hand: ByHand) -> Rec
 
 
 def _motion_of_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> Motion:
-    """The motion that lines show, kept for the sliders."""
+    """Estimates the motion from drawn lines, and caches it for adjustment with the sliders."""
     from unshutter.motion import Motion
     from unshutter.rectification import motion_of_lines
 
@@ -105,7 +105,7 @@ def _lines(text: str, photo: Photo) -> list[DrawnLine]:
 
 
 def _adjusted(motion: Motion, hand: ByHand) -> Motion:
-    """The motion with the numbers that were set by hand; what they do not describe is kept."""
+    """Applies the numbers set by hand to a motion; everything else about it is left unchanged."""
     import numpy as np
 
     from unshutter.motion import RowMotion

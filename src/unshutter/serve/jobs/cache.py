@@ -1,4 +1,4 @@
-"""Open files, and what jobs keep next to them for later jobs: motions, progress."""
+"""Open files, and the cache of motions and progress that jobs keep next to them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Kind: TypeAlias = Literal["photo", "clip"]
 
-_NOTE_S = 0.2  # between two notes of progress
+_NOTE_S = 0.2  # between progress updates
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class OpenFile:
     """An open photo or clip.
 
     Attributes:
-        id: by which the page and programs name it.
-        kind: what it is, and is called in messages.
-        name: of the file that was sent, as far as it is safe for a file.
-        path: where it lies, alone in a folder with what jobs keep about it.
-        max_pixels: photos with more are refused.
+        id: identifier used by the page and by programs.
+        kind: photo or clip; also its name in messages.
+        name: sanitised name of the uploaded file.
+        path: path of the file, in a folder of its own that also holds its cache.
+        max_pixels: largest photo allowed [px].
     """
 
     id: str
@@ -51,8 +51,8 @@ class Progress:
     """The progress of a long job.
 
     Attributes:
-        what: what is counted.
-        done, total: how many are done, of how many; 0: not known yet.
+        what: plural noun for the items counted.
+        done, total: number of items done and in all; 0 if not known yet.
     """
 
     what: str
@@ -62,24 +62,24 @@ class Progress:
 
 @dataclass
 class ProgressFile:
-    """The file in which a worker notes its progress, for the server to read.
+    """A file to which a worker writes its progress for the server to read.
 
     Attributes:
-        file: its path.
+        file: path of the file.
     """
 
     file: Path
     _noted_s: float = field(default=-math.inf, init=False)
 
     def read(self) -> Progress | None:
-        """The last progress that was noted; None: nothing was begun yet."""
+        """Returns the latest progress, or None if the job has not started yet."""
         try:
             return Progress(**json.loads(self.file.read_text(encoding="utf-8")))
         except FileNotFoundError:
             return None
 
     def note(self, what: str, done: int, total: int) -> None:
-        """Notes the progress, a few times a second at most."""
+        """Writes the progress, at most a few times a second."""
         now = time.monotonic()
         if now - self._noted_s < _NOTE_S and done < total:
             return
@@ -89,15 +89,15 @@ class ProgressFile:
 
 
 def opened(open_file: OpenFile) -> Photo:
-    """The photo, nothing of its pixels decoded yet."""
+    """Opens the photo without decoding its pixels."""
     return Photo.open(open_file.path, open_file.max_pixels)
 
 
 def motion_of(open_file: OpenFile, photo: Photo, find: Find) -> Motion:
-    """The photo's motion, that of the candidate a person has chosen or the first; first row as the reference.
+    """Returns the motion of the chosen candidate, or of the first one; the first row is the reference.
 
     Raises:
-        UnshutterError: there are fewer candidates.
+        UnshutterError: the chosen candidate does not exist.
     """
     from unshutter.estimators.find import chosen
 
@@ -105,7 +105,7 @@ def motion_of(open_file: OpenFile, photo: Photo, find: Find) -> Motion:
 
 
 def candidates_of(open_file: OpenFile, photo: Photo, find: Find) -> tuple[Candidate, ...]:
-    """The motions that fit a photo, estimated unless a job has done so before; first row as the reference."""
+    """Returns the motions that fit a photo, estimating them unless cached; the first row is the reference."""
     from unshutter.rectification import photo_candidates
 
     kept = kept_candidates(open_file, find)
@@ -119,7 +119,7 @@ def candidates_of(open_file: OpenFile, photo: Photo, find: Find) -> tuple[Candid
 
 
 def kept_candidates(open_file: OpenFile, find: Find) -> tuple[Candidate, ...] | None:
-    """The candidates that a job has found with these options; None: none has."""
+    """Returns the candidates cached for these options, or None if they have not been estimated yet."""
     from unshutter.motion import Motion
     from unshutter.motion.candidate import Candidate
 
@@ -131,18 +131,18 @@ def kept_candidates(open_file: OpenFile, find: Find) -> tuple[Candidate, ...] | 
 
 
 def _candidates_file(open_file: OpenFile, find: Find) -> Path:
-    """Where candidates are kept: all of them, whichever is chosen."""
+    """Returns the path of the cache file of all candidates, which does not depend on the one chosen."""
     find = replace(find, camera=replace(find.camera, candidate=None))
     return open_file.path.with_name(f"candidates-{digest(find)}.json")
 
 
 def digest(*values: object) -> str:
-    """A short name for a combination of options."""
+    """Hashes a combination of options into a short name."""
     return hashlib.sha256(repr(values).encode()).hexdigest()[:16]
 
 
 def put(file: Path, write: Callable[[Path], Any]) -> None:
-    """Makes a file that another lane may be making, too: whole or not at all."""
+    """Writes a file atomically, since another worker may be writing it at the same time."""
     part = file.with_name(f"{file.name}.{os.getpid()}")
     write(part)
     os.replace(part, file)
@@ -150,14 +150,14 @@ def put(file: Path, write: Callable[[Path], Any]) -> None:
 
 @contextmanager
 def errors_of(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[None]:
-    """Errors in the block are one line, in which files go by names that mean something to whoever sent them.
+    """Turns errors in the block into one line that refers to files by names that the user recognises.
 
     Args:
-        open_file: the photo or clip that is worked on, called just that.
-        names: path -> name of further files.
+        open_file: the file being processed, called "the photo" or "the clip".
+        names: path -> name of other files.
 
     Raises:
-        UnshutterError: whatever went wrong.
+        UnshutterError: any error in the block.
     """
     called = {open_file.path: f"the {open_file.kind}", **(names or {})}
     with errors_in_one_line(names={str(path): name for path, name in called.items()}):
@@ -165,5 +165,5 @@ def errors_of(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> I
 
 
 def neighbour_names(neighbours: Neighbours) -> dict[Path, str]:
-    """What a photo's neighbours are called in messages, by their paths."""
+    """Maps the paths of a photo's neighbours to their name in messages."""
     return dict.fromkeys(filter(None, (neighbours.before, neighbours.after)), "its neighbour")

@@ -1,4 +1,4 @@
-"""Jobs on a clip: its moments for the screen, its readout time, and the whole of it as ``unshutter video`` makes it."""
+"""Jobs on a clip: previews of a few moments, the readout time, and the whole clip as ``unshutter video`` writes it."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from unshutter.video.clip import Clip
     from unshutter.video.moving_frames import MovingFrame
 
-MOMENTS = 5  # of a clip that are shown
-_AROUND = 12  # frames on both sides of a moment from which its motion is estimated
+MOMENTS = 5  # number of moments of a clip that are shown
+_AROUND = 12  # frames on each side of a moment used to estimate its motion
 
 
 def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
-    """A frame of the clip as a JPEG for the screen, upright, and :class:`ClipFacts` as JSON.
+    """Returns an upright frame of the clip as a JPEG for the screen, and :class:`ClipFacts` as JSON.
 
     Args:
         open_file: the clip.
-        options: of them, only the part of the clip that is kept counts.
-        moment: which of the moments, 0 ... MOMENTS - 1, evenly over that part.
-        longest: longer side [px]; None: full size.
+        options: options of the clip; only start and end are used.
+        moment: index of the moment, 0 ... MOMENTS - 1, spaced evenly between start and end.
+        longest: longer side [px], or None for full size.
 
     Raises:
         UnshutterError: the clip cannot be read.
@@ -51,16 +51,16 @@ def before(open_file: OpenFile, options: RectifyClip, moment: int, longest: int 
 
 
 def after(open_file: OpenFile, options: RectifyClip, moment: int, longest: int | None) -> tuple[bytes, dict[str, Any]]:
-    """A frame of the clip, rectified, as a JPEG for the screen, and :class:`MomentResult` as JSON.
+    """Returns a rectified frame of the clip as a JPEG for the screen, and :class:`MomentResult` as JSON.
 
-    Its motion is estimated from the frames around it. Edges that would be cropped are kept: what all frames saw is
-    known only when the whole clip has been read.
+    Its motion is estimated from the frames around it. Edges that would be cropped are kept, because the area common to
+    all frames is known only once the whole clip has been read.
 
     Args:
-        open_file, options, moment, longest: as for :func:`before`, with all options.
+        open_file, options, moment, longest: as for :func:`before`, but all options are used.
 
     Raises:
-        UsageError, UnshutterError: options that do not fit the clip, or its readout time is unknown.
+        UsageError, UnshutterError: the options do not fit the clip, or its readout time is unknown.
     """
     from unshutter.motion.verdict import LEAST_PX
     from unshutter.video.clip import Clip
@@ -80,7 +80,7 @@ def after(open_file: OpenFile, options: RectifyClip, moment: int, longest: int |
 
 
 def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
-    """The :class:`ReadoutTime` of a clip's camera as JSON.
+    """Returns the :class:`ReadoutTime` of a clip's camera as JSON.
 
     Raises:
         UnshutterError: the clip cannot be read, or its readout time is unknown.
@@ -104,13 +104,13 @@ def readout(open_file: OpenFile, options: RectifyClip) -> dict[str, Any]:
 
 
 def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress: ProgressFile) -> dict[str, Any]:
-    """Writes a clip as `unshutter video` does; returns :class:`SavedClip` as JSON.
+    """Writes a clip as `unshutter video` does, and returns :class:`SavedClip` as JSON.
 
     Args:
         open_file: the clip.
-        target: what is written.
-        options: what is done.
-        progress: where to note progress.
+        target: path of the output.
+        options: options of the clip.
+        progress: file to which progress is written.
 
     Raises:
         UsageError, UnshutterError: see :func:`unshutter.video.clip_rectification.rectify_clip_file`.
@@ -127,10 +127,10 @@ def rectified(open_file: OpenFile, target: Path, options: RectifyClip, progress:
 def ratio_of(
     open_file: OpenFile, clip: Clip, options: RectifyClip, progress: ProgressFile | None = None
 ) -> ReadoutRatio:
-    """The readout ratio of a clip: the user's, else estimated once and kept next to the clip.
+    """Returns the readout ratio of a clip: the user's, or else an estimate, which is cached.
 
     Raises:
-        UnshutterError: the clip does not show it.
+        UnshutterError: the ratio cannot be estimated from the clip.
     """
     from unshutter.frames.self_calibration import ReadoutRatio
     from unshutter.video.readout_choice import readout_ratio_of_clip
@@ -148,13 +148,13 @@ def ratio_of(
 
 
 def moment_time(clip: Clip, options: RectifyClip, moment: int) -> float:
-    """When a moment is [s]: in the middle of one of equal parts."""
+    """Returns the time of a moment [s]: the middle of one of MOMENTS equal parts."""
     start, end = options.start or 0.0, min(options.end or clip.duration_s, clip.duration_s)
     return start + (moment + 0.5) / MOMENTS * max(end - start, 0.0)
 
 
 def camera_of(clip: Clip, options: RectifyClip, ratio: ReadoutRatio) -> CameraMotion:
-    """Finds the motion of a clip's frames."""
+    """Returns the estimator of camera motion for a clip's frames."""
     from unshutter.frames.sequence import CameraMotion
     from unshutter.video.moving_frames import FEWEST, window
 
@@ -169,7 +169,7 @@ def _frame_at(clip: Clip, time_s: float) -> VideoFrame:
 
 
 def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: float) -> MovingFrame:
-    """The frame at a time [s] and its motion, which is kept next to the clip."""
+    """Returns the frame at a time [s] and its motion, which is cached."""
     from unshutter.motion import Motion
     from unshutter.video.moving_frames import MovingFrame, with_motion
 
@@ -186,16 +186,16 @@ def _moving_at(open_file: OpenFile, clip: Clip, options: RectifyClip, time_s: fl
     raise UnshutterError(f"the clip has no frame at {time_s:.1f} s: its part ends before")
 
 
-# ---- frames upright ----------------------------------------------------------------------------------------------
+# ---- upright frames ----------------------------------------------------------------------------------------------
 
 
 def _upright_pixels(frame: VideoFrame, longest: int | None, turned_as: VideoFrame | None = None) -> np.ndarray:
-    """[H, W, 3] RGB pixels of a frame, upright.
+    """Returns the [H, W, 3] RGB pixels of a frame, upright.
 
     Args:
-        frame: as it was decoded.
-        longest: longer side [px]; None: full size.
-        turned_as: the frame that says how it is turned, where this one does not.
+        frame: the decoded frame.
+        longest: longer side [px], or None for full size.
+        turned_as: frame from which to take the rotation, if this one does not have it.
     """
     turns = _quarter_turns(turned_as or frame)
     height, width = _upright_size(frame, longest, turns)
@@ -204,14 +204,14 @@ def _upright_pixels(frame: VideoFrame, longest: int | None, turned_as: VideoFram
 
 
 def upright_pixels(pixels: np.ndarray, turned_as: VideoFrame) -> np.ndarray:
-    """[H, W, 3] pixels turned upright as a frame says."""
+    """Turns [H, W, 3] pixels upright, using the rotation stored in a frame."""
     import numpy as np
 
     return np.ascontiguousarray(np.rot90(pixels, _quarter_turns(turned_as)))
 
 
 def _upright_size(frame: VideoFrame, longest: int | None, turns: int | None = None) -> tuple[int, int]:
-    """Height and width of a frame once it is turned upright [px]."""
+    """Returns the height and width of a frame once it has been turned upright [px]."""
     height, width = (frame.height, frame.width)
     scale = 1.0 if longest is None else min(longest / max(height, width), 1.0)
     height, width = (max(2, round(side * scale)) for side in (height, width))
@@ -219,5 +219,5 @@ def _upright_size(frame: VideoFrame, longest: int | None, turns: int | None = No
 
 
 def _quarter_turns(frame: VideoFrame) -> int:
-    """Quarter turns, anticlockwise, that turn a frame upright."""
+    """Returns the number of anticlockwise quarter turns that turn a frame upright."""
     return round(frame.rotation / 90)

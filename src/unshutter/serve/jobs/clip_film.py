@@ -1,4 +1,4 @@
-"""Job on a clip: a short film of it before and after, side by side and small, that the page plays in step."""
+"""Job on a clip: a short, small preview with before and after side by side, so that the page plays them in sync."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ if TYPE_CHECKING:
 LONGEST_S = 8.0
 _SIDE = 640  # px, longer side of either half
 _MOST_FRAMES = 480
-_QUALITY = "22"  # constant, whatever it takes: at a fixed bit rate, VP9 at its quickest shows blocks
+_QUALITY = "22"  # constant quality at any bit rate: with a fixed bit rate, VP9's fastest setting shows blocks
 
 
 def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
-    """The file of a film, WebM, of the seconds around a moment: each frame before (left) and after (right), upright.
+    """Returns the path of a WebM film around a moment, with each frame before (left) and after (right), upright.
 
     Args:
         open_file: the clip.
-        options: what is done; the model of the motion is the camera's, edges that would be cropped are kept, and
-            the camera's path is not smoothed.
-        moment: which of the moments, from 0.
+        options: options of the clip; the film always uses the camera's motion model, keeps edges that would be
+            cropped, and does not smooth the camera's path.
+        moment: index of the moment, from 0.
 
     Raises:
-        UsageError, UnshutterError: options that do not fit the clip, or its readout time is unknown.
+        UsageError, UnshutterError: the options do not fit the clip, or its readout time is unknown.
     """
     from unshutter.video.clip import Clip
 
@@ -46,7 +46,7 @@ def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
         clip = Clip.look(open_file.path)
         file = open_file.path.with_name(f"film-{digest(options, moment)}.webm")
         if not file.exists():
-            part = file.with_name(f"{os.getpid()}-{file.name}")  # whose ending says the format
+            part = file.with_name(f"{os.getpid()}-{file.name}")  # the suffix determines the format
             _write(part, _pairs(open_file, clip, options, moment), 1 / clip.interval_s)
             os.replace(part, file)
         return file
@@ -55,7 +55,7 @@ def film(open_file: OpenFile, options: RectifyClip, moment: int) -> Path:
 def _pairs(
     open_file: OpenFile, clip: Clip, options: RectifyClip, moment: int
 ) -> Iterator[UInt8[np.ndarray, "height width 3"]]:
-    """Small frames before and after, side by side, around a moment."""
+    """Yields small frames around a moment, before and after side by side."""
     import numpy as np
 
     from unshutter.video.frame_warper import Warper
@@ -82,7 +82,7 @@ def _pairs(
 
 
 def _write(file: Path, pairs: Iterator[UInt8[np.ndarray, "height width 3"]], rate: float) -> None:
-    # a sixth of the work of VP8 at its quickest; whole frames often enough to be scrubbed
+    # a sixth of the work of VP8's fastest setting; keyframes are frequent enough for scrubbing
     settings = {"deadline": "realtime", "cpu-used": "8", "row-mt": "1", "g": "15", "crf": _QUALITY}
     with av().open(str(file), "w", format="webm") as container:
         stream = None

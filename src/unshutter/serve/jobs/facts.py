@@ -1,4 +1,4 @@
-"""What jobs report about photos and clips; workers send it as JSON, so that the server needs no NumPy."""
+"""Results that jobs report about photos and clips, sent as JSON so that the server does not need NumPy."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _CURVE_POINTS = 41
 
 @dataclass(frozen=True)
 class PhotoFacts:
-    """What a photo's file says.
+    """Metadata from a photo's file.
 
     Attributes:
-        format: of the file.
-        height, width: of the upright photo [px].
+        format: file format.
+        height, width: size of the upright photo [px].
         focal_px: focal length, or a guess.
-        exposure_s: exposure time; None: unknown.
-        arrows: readout direction -> where it points in the upright photo.
-        attitude: how the camera was held; None: unknown.
+        exposure_s: exposure time, or None if unknown.
+        arrows: readout direction -> the direction in which it points in the upright photo.
+        attitude: orientation of the camera in space, or None if unknown.
     """
 
     format: str
@@ -47,17 +47,17 @@ class PhotoFacts:
 
 @dataclass(frozen=True)
 class PhotoResult:
-    """What would be done to a photo.
+    """Preview result for a photo.
 
     Attributes:
-        verdict: whether it is changed, and why not.
-        motion: the motion of the camera alone, as it would be undone.
-        shape: the motion that the page's sliders start at.
+        verdict: whether the photo is changed, and if not, why.
+        motion: the camera motion that would be undone.
+        shape: the motion at which the page's sliders start.
         readout: direction in which the sensor was read.
-        neighbours: whether its neighbours say how things moved, in which case there is no ``motion``.
-        edges: what happens to places that the photo did not see; None where it is not changed.
-        whole: share of the photo's area that a crop leaves; None where no crop was looked for.
-        crop: (left, top, right, bottom) of the part that a crop leaves, as shares of the upright photo.
+        neighbours: whether motion was estimated from neighbouring photos, in which case ``motion`` is None.
+        edges: treatment of areas that the photo does not cover, or None if the photo is not changed.
+        whole: share of the photo's area that a crop leaves, or None if no crop was computed.
+        crop: (left, top, right, bottom) of the area that a crop leaves, as shares of the upright photo.
     """
 
     verdict: Verdict
@@ -70,7 +70,7 @@ class PhotoResult:
     crop: list[float] | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """The verdict, the motion's curves at a few rows, and what happens to edges."""
+        """Returns the verdict, the motion's curves at a few rows, and the treatment of edges."""
         about = _motion_json(self.motion) if self.motion is not None else {"neighbours": self.neighbours}
         edges = {"edges": self.edges, "whole": self.whole, "crop": self.crop}
         shape = {name: round(value, 3) for name, value in vars(self.shape).items()} if self.shape else None
@@ -82,9 +82,9 @@ class CandidateFacts:
     """One of the motions that fit a photo, for the page to offer.
 
     Attributes:
-        candidate: the motion, and what is known of it.
-        largest_px: the farthest that anything would be moved, with the strength that is asked for.
-        taken: whether it is the one that counts where nobody chooses.
+        candidate: the motion and its description.
+        largest_px: largest displacement at the requested strength.
+        taken: whether this motion is used unless the user chooses another.
     """
 
     candidate: Candidate
@@ -92,7 +92,7 @@ class CandidateFacts:
     taken: bool
 
     def as_json(self) -> dict[str, Any]:
-        """What a person compares: kind, direction of a pan, description, px and probability."""
+        """Returns the facts that users compare: kind, pan direction, description, displacement and probability."""
         each = self.candidate
         probability = None if each.probability is None else round(each.probability, 4)
         return {
@@ -107,32 +107,32 @@ class CandidateFacts:
 
 @dataclass(frozen=True)
 class SavedPhoto:
-    """A photo that was written.
+    """Report on a photo that was written.
 
     Attributes:
-        verdict: whether it was changed, and why not.
-        note: what the user should know of it, one line; empty: nothing.
+        verdict: whether the photo was changed, and if not, why.
+        note: one-line note for the user, or empty.
     """
 
     verdict: Verdict | None
     note: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """The verdict and the note, for programs."""
+        """Returns the verdict and the note."""
         verdict = self.verdict.as_json() if self.verdict else {}
         return {**verdict, "note": self.note} if self.note else verdict
 
 
 @dataclass(frozen=True)
 class ClipFacts:
-    """What a clip's file says.
+    """Metadata from a clip's file.
 
     Attributes:
-        height, width: of an upright frame [px].
-        duration_s: of the clip.
+        height, width: size of an upright frame [px].
+        duration_s: duration of the clip.
         fps: frames per second.
-        frames: number of frames, as far as the file says.
-        moments_s: when the moments are that the page shows.
+        frames: number of frames according to the file.
+        moments_s: times of the moments that the page shows.
     """
 
     height: int
@@ -149,15 +149,15 @@ class ClipFacts:
 
 @dataclass(frozen=True)
 class MomentResult:
-    """What would be done to a frame of a clip.
+    """Preview result for a frame of a clip.
 
     Attributes:
-        changed: whether it is changed.
-        reason: why not; None: it is, or nothing moves.
-        largest_px: the farthest that anything would be moved.
-        tiny: whether that is too little to be seen.
-        edges: what happens to places that the frame did not see.
-        at_s: when the frame is shown.
+        changed: whether the frame is changed.
+        reason: why the frame is not changed, or None if it is changed or nothing moves.
+        largest_px: largest displacement.
+        tiny: whether the displacement is too small to be seen.
+        edges: treatment of areas that the frame does not cover.
+        at_s: time of the frame in the clip.
     """
 
     changed: bool
@@ -168,7 +168,7 @@ class MomentResult:
     at_s: float
 
     def as_json(self) -> dict[str, Any]:
-        """Its fields by name; of the reason, the sentence, the code and the figures."""
+        """Returns the fields by name, with the reason as its sentence, code and figures."""
         reason: dict[str, Any] = {"reason": ""}
         if self.reason is not None:
             about = self.reason.as_json()
@@ -181,12 +181,12 @@ class ReadoutTime:
     """The readout time of a clip's camera.
 
     Attributes:
-        ratio, ratio_sd: readout time / time from frame to frame, and its standard deviation.
+        ratio, ratio_sd: readout time / frame interval, and its standard deviation.
         ms, ms_sd: readout time [ms], and its standard deviation.
-        found_by: where it comes from.
-        cameras: the cameras that a usual or listed time is of; empty: those of no others.
-        plausible_ms: range of a usual time [ms]; None where the time is known.
-        reason: why a usual time is taken; empty where the time is known.
+        found_by: source of the readout time.
+        cameras: cameras to which a typical or listed time applies; empty for other sources.
+        plausible_ms: range of the typical time [ms], or None if the time is known.
+        reason: why a typical time is used; empty if the time is known.
     """
 
     ratio: float
@@ -205,16 +205,16 @@ class ReadoutTime:
 
 @dataclass(frozen=True)
 class SavedClip:
-    """A clip that was written.
+    """Report on a clip that was written.
 
     Attributes:
-        outcome: the record of the run.
+        outcome: record of the run.
     """
 
     outcome: ClipOutcome
 
     def as_json(self) -> dict[str, Any]:
-        """What the page reports of it."""
+        """Returns the facts that the page reports about the clip."""
         record = self.outcome.as_json()
         return {name: record[name] for name in ("frames", "rectified", "left", "declined", "left_out", "readout_ms")}
 

@@ -1,4 +1,4 @@
-"""Jobs on a photo: files as the command line writes them, and small upright pictures for the screen with facts."""
+"""Jobs on a photo: files as the command line writes them, and small upright previews with metadata."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _NOT_BY_HAND = ByHand()
 
 
 def warm() -> int:
-    """Loads what the first photo would wait for; returns the number of this process."""
+    """Preloads what the first photo would otherwise have to wait for, and returns the process id."""
     import unshutter.rectification
     import unshutter.warp.pixels  # noqa: F401
 
@@ -50,7 +50,7 @@ def warm() -> int:
 
 
 def estimated(open_file: OpenFile, options: Rectify, hand: ByHand = _NOT_BY_HAND) -> str:
-    """The photo's motion as JSON, as `unshutter estimate` writes it.
+    """Returns the photo's motion as JSON, in the format of `unshutter estimate`.
 
     Raises:
         UnshutterError: the photo cannot be read.
@@ -61,7 +61,7 @@ def estimated(open_file: OpenFile, options: Rectify, hand: ByHand = _NOT_BY_HAND
 
 
 def estimated_candidates(open_file: OpenFile, options: Rectify) -> str:
-    """The motions that fit the photo as JSON, as `unshutter estimate --candidates` writes them.
+    """Returns the motions that fit the photo as JSON, in the format of `unshutter estimate --candidates`.
 
     Raises:
         UnshutterError: the photo cannot be read.
@@ -75,10 +75,10 @@ def estimated_candidates(open_file: OpenFile, options: Rectify) -> str:
 
 
 def saved(open_file: OpenFile, target: Path, options: Rectify, hand: ByHand = _NOT_BY_HAND) -> dict[str, Any]:
-    """Writes the rectified photo exactly as `unshutter rectify` does; returns :class:`SavedPhoto` as JSON.
+    """Writes the rectified photo exactly as `unshutter rectify` does, and returns :class:`SavedPhoto` as JSON.
 
     Raises:
-        UnshutterError, UsageError: something about the photo or the options makes it impossible.
+        UnshutterError, UsageError: the photo or the options cannot be used.
     """
     names = {target: target.name, **neighbour_names(options.neighbours)}
     if options.motion is not None:
@@ -91,7 +91,7 @@ def saved(open_file: OpenFile, target: Path, options: Rectify, hand: ByHand = _N
 
 
 def _known_motion(open_file: OpenFile, options: Rectify) -> str | None:
-    """The text of the motion that came with the request or was estimated for the screen; None: there is none yet."""
+    """Returns the JSON of the motion sent with the request or already estimated for the screen, or None."""
     from unshutter.estimators.find import chosen
 
     if options.neighbours:
@@ -105,14 +105,14 @@ def _known_motion(open_file: OpenFile, options: Rectify) -> str | None:
 
 
 def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, Any]]:
-    """The photo as a JPEG for the screen, upright, and :class:`PhotoFacts` as JSON.
+    """Returns the upright photo as a JPEG for the screen, and :class:`PhotoFacts` as JSON.
 
     Args:
         open_file: the photo.
-        longest: longer side [px]; None: full size.
+        longest: longer side [px], or None for full size.
 
     Raises:
-        UnshutterError: it cannot be read.
+        UnshutterError: the photo cannot be read.
     """
     with errors_of(open_file):
         return _before(open_file, longest)
@@ -121,15 +121,15 @@ def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, A
 def after(
     open_file: OpenFile, options: Rectify, longest: int | None, hand: ByHand = _NOT_BY_HAND, draft: bool = False
 ) -> tuple[bytes, dict[str, Any]]:
-    """The rectified photo as a JPEG for the screen, upright and not cropped, and :class:`PhotoResult` as JSON.
+    """Returns the rectified photo as an upright, uncropped JPEG for the screen, and :class:`PhotoResult` as JSON.
 
     Args:
         open_file: the photo.
-        options: what is done.
-        longest: longer side [px]; None: full size.
-        hand: what was drawn and set by hand.
-        draft: whether to save time, for a slider that is being dragged: nothing is decided at full size, so that it is
-            not known how a crop would be.
+        options: the photo's options.
+        longest: longer side [px], or None for full size.
+        hand: lines drawn and numbers set by hand.
+        draft: whether to save time while a slider is being dragged: decisions are based on the small copy, and the
+            crop is not computed.
 
     Raises:
         UnshutterError, UsageError: see :func:`unshutter.result.undo`.
@@ -146,7 +146,7 @@ def after(
 
 
 def candidates(open_file: OpenFile, options: Rectify) -> list[dict[str, Any]]:
-    """The motions that fit a photo, each a :class:`CandidateFacts` as JSON, in the order that ``candidate`` counts.
+    """Lists the motions that fit a photo as :class:`CandidateFacts` JSON, in the order of option ``candidate``.
 
     Raises:
         UnshutterError: the photo cannot be read.
@@ -166,7 +166,7 @@ def candidates(open_file: OpenFile, options: Rectify) -> list[dict[str, Any]]:
 
 
 def segments(open_file: OpenFile, options: Rectify, hand: ByHand = _NOT_BY_HAND) -> dict[str, Any]:
-    """The line segments that methods look at: shares of width and height of the upright photo, before and after.
+    """Returns the line segments that estimators use, before and after, as shares of the upright photo's size.
 
     Raises:
         UnshutterError: the photo cannot be read.
@@ -187,7 +187,7 @@ def _before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, 
 
 
 def _rectified_alone(photo: Photo, pixels: np.ndarray, motion: Motion, undo: Undo) -> tuple[np.ndarray, PhotoResult]:
-    """A small copy with a motion undone: decided at full size as for saving."""
+    """Undoes a motion in a small copy; decisions are made at full size, as for saving."""
     from unshutter.result import judged
     from unshutter.warp.pixels import edge_decision, straighten
 
@@ -203,7 +203,7 @@ def _rectified_alone(photo: Photo, pixels: np.ndarray, motion: Motion, undo: Und
 
 
 def _drafted(photo: Photo, pixels: np.ndarray, motion: Motion, undo: Undo) -> tuple[np.ndarray, PhotoResult]:
-    """A small copy with a motion undone: decided at its own size."""
+    """Undoes a motion in a small copy; decisions are made at the size of the copy."""
     from unshutter.result import judged
     from unshutter.warp.pixels import straighten
 
@@ -218,7 +218,7 @@ def _drafted(photo: Photo, pixels: np.ndarray, motion: Motion, undo: Undo) -> tu
 def _rectified_between(
     open_file: OpenFile, photo: Photo, options: Rectify, longest: int | None
 ) -> tuple[np.ndarray, PhotoResult]:
-    """The photo rectified by what its neighbours show, all of them as small as they are shown."""
+    """Rectifies a small copy of the photo, using small copies of its neighbours."""
     from unshutter.frames.frame import SequenceOptions
     from unshutter.frames.sequence_rectification import rectify_between
     from unshutter.warp.edges import EdgePolicy, valid_window
@@ -245,14 +245,14 @@ def _rectified_between(
 
 
 def _check_size(photo: Photo, neighbour: Photo) -> None:
-    """Raises UnshutterError where a neighbour has another size than the photo."""
+    """Raises UnshutterError if a neighbour differs in size from the photo."""
     sizes = [f"{each.width} × {each.height} px" for each in (neighbour, photo)]
     if sizes[0] != sizes[1]:
         raise UnshutterError(f"it has {sizes[0]} and the photo {sizes[1]}, so they are not of one burst or clip")
 
 
 def _with_edges(result: PhotoResult, decision: EdgeDecision, size: tuple[int, int], orientation: int) -> PhotoResult:
-    """The result with what happens to its edges, decided for stored pixels of height x width."""
+    """Adds a decision about edges to a result; the decision is for stored pixels of height x width."""
     (height, width), window = size, decision.window
     shares_left = window.left / width, window.top / height, window.right / width, window.bottom / height
     crop = corners_of(shares_left, orientation) if decision.edges == "crop" else None
@@ -273,7 +273,7 @@ def _segments(open_file: OpenFile, options: Rectify, hand: ByHand) -> dict[str, 
     scale = np.array([photo.width / grey.shape[1], photo.height / grey.shape[0]])
     col, row = ((ends + 0.5) * scale - 0.5).T
     ends_at = {"before": (col, row)}
-    if not options.neighbours:  # what they say holds for places, not for lines
+    if not options.neighbours:  # motion from neighbours applies to places, not to lines
         estimate = motion_to_undo(open_file, photo, options, hand)
         motion, verdict = judged(estimate, undo_by_hand(options, hand), photo.height, photo.width)
         ends_at["after"] = rs_to_gs_map(motion)(col, row) if verdict.changes else (col, row)

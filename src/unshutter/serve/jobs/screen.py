@@ -1,6 +1,6 @@
-"""Copies for the screen: small JPEGs, upright, and positions in them.
+"""Small upright JPEGs for the screen, and positions in them.
 
-Positions for the page are shares of the upright picture's width and height, (0, 0) at its top left corner.
+Positions for the page are shares of the upright picture's width and height, with (0, 0) at the top left corner.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _QUALITY = 88
 
-# Direction of a readout in the stored picture, as (right, down), and the word for a direction in the upright one.
+# Readout directions in the stored picture as (right, down), and names of directions in the upright picture.
 _READ = {
     Readout.TOP_TO_BOTTOM: (0, 1),
     Readout.BOTTOM_TO_TOP: (0, -1),
@@ -31,12 +31,12 @@ _ARROWS = {(0, 1): "down", (0, -1): "up", (1, 0): "right", (-1, 0): "left"}
 
 
 def small_copy(open_file: OpenFile, photo: Photo, longest: int | None) -> np.ndarray:
-    """A copy of the stored pixels whose longer side is at most ``longest`` px, kept for the next job.
+    """Returns a copy of the stored pixels whose longer side is at most ``longest`` px, and caches it.
 
     Args:
         open_file: the photo's file.
-        photo: what it contains.
-        longest: longer side [px]; None: full size, which is not kept.
+        photo: the opened photo.
+        longest: longer side [px], or None for full size, which is not cached.
     """
     import numpy as np
 
@@ -56,17 +56,17 @@ def small_copy(open_file: OpenFile, photo: Photo, longest: int | None) -> np.nda
 
 
 def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
-    """Stored pixels as a JPEG for the screen, upright."""
+    """Encodes stored pixels as an upright JPEG for the screen."""
     with refusing("cannot encode the copy for the screen"):
         return as_image(Orientation(orientation).upright(pixels)).jpegsave_buffer(Q=_QUALITY, keep=0)
 
 
 def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.ndarray:
-    """[N, 2] shares (across, down) of the upright picture, of stored pixel positions.
+    """Converts stored pixel positions to [N, 2] shares (across, down) of the upright picture.
 
     Args:
-        col, row: [N] pixel centres at whole numbers.
-        size: width and height of the stored pixels.
+        col, row: [N] positions, with pixel centres at whole numbers.
+        size: width and height of the stored picture [px].
         orientation: EXIF orientation.
     """
     import numpy as np
@@ -76,11 +76,11 @@ def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.nd
 
 
 def pixels_of(across: Any, down: Any, size: tuple[int, int], orientation: int) -> np.ndarray:
-    """[N, 2] stored pixel positions (col, row), of shares of the upright picture: the inverse of :func:`shares`.
+    """Converts shares of the upright picture to [N, 2] stored pixel positions (col, row); inverts :func:`shares`.
 
     Args:
         across, down: [N] shares.
-        size: width and height of the stored pixels.
+        size: width and height of the stored picture [px].
         orientation: EXIF orientation.
     """
     import numpy as np
@@ -90,7 +90,7 @@ def pixels_of(across: Any, down: Any, size: tuple[int, int], orientation: int) -
 
 
 def corners_of(window: tuple[float, float, float, float], orientation: int) -> list[float]:
-    """(left, top, right, bottom) as shares of the upright picture, of a window in shares of the stored one."""
+    """Converts a window (left, top, right, bottom) from shares of the stored picture to shares of the upright one."""
     import numpy as np
 
     left, top, right, bottom = window
@@ -99,6 +99,6 @@ def corners_of(window: tuple[float, float, float, float], orientation: int) -> l
 
 
 def arrows(orientation: int) -> dict[str, str]:
-    """Where each direction of the readout points in the upright picture: up, down, left, right."""
+    """Maps each readout direction to its direction in the upright picture: up, down, left or right."""
     upright = Orientation(orientation).upright_direction
     return {str(readout): _ARROWS[upright(*direction)] for readout, direction in _READ.items()}
