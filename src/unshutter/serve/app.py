@@ -120,7 +120,7 @@ async def _about(request: Request) -> Response:
 
 
 async def _wake(request: Request) -> Response:
-    """``POST /api/wake``: loads what the first photo would wait for.
+    """``POST /api/wake``: loads the libraries that the first photo needs.
 
     Warms up two workers: one to show the photo, the other to estimate its motion.
     """

@@ -83,7 +83,7 @@ async def candidates(request: Request) -> Response:
 
 
 async def segments(request: Request) -> Response:
-    """``GET /api/photos/{id}/segments``: the lines that estimators look at."""
+    """``GET /api/photos/{id}/segments``: the line segments that are found in the photo."""
     desk = desk_of(request)
     open_file, options = item_of(request), _options(request)
     return JSONResponse(await desk.lanes.do(Urgency.NOW, jobs.segments, open_file, options.rectify, options.hand))

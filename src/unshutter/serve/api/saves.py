@@ -47,7 +47,7 @@ async def events(request: Request) -> Response:
 
 
 async def cancel(request: Request) -> Response:
-    """``DELETE /api/saves/{id}``: stops it, or forgets what it has made; what is in a folder stays there."""
+    """``DELETE /api/saves/{id}``: stops it, or deletes its results; files in a folder remain."""
     saving = _saving(request)
     await saving.cancel()
     return JSONResponse(saving.as_json())
