@@ -182,7 +182,7 @@ def test_what_only_the_saved_clip_shows_is_said_where_it_is_set(page: Page, walk
     drop(page, walk)
     _give_readout(page)
     page.locator("#clip-panel").get_by_text("Advanced").click()
-    stabilized = page.get_by_text("Only the saved clip is stabilized")
+    stabilized = page.get_by_text("Only the saved clip is stabilised")
     dense = page.get_by_text("Only in the saved clip do near")
     expect(stabilized).to_be_hidden()
     page.get_by_label("Stabilize").fill("2")

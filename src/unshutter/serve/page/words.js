@@ -242,7 +242,7 @@ export const words = {
   clipAlone: (reason) => `This moment is left unchanged${reason ? `: ${reason}` : ""}.`,
   clipStrength0: "The clip is left unchanged, as you asked.",
   clipOnlySaved: {
-    stabilize: "Only the saved clip is stabilized: the moments and the film here do not show it.",
+    stabilize: "Only the saved clip is stabilised: the moments and the film here do not show it.",
     model: "Only in the saved clip do near and far move differently: the moments and the film here show the camera’s motion alone.",
   },
   clipCrop: "When the clip is saved, all frames are cut down to what every one of them saw.",
