@@ -1,8 +1,8 @@
 """Every command that README and docs show is run, in order, on stand-ins of the names that it names.
 
-It takes half a minute of processor time: the pages show about a hundred commands, and each does its whole work. Of a
-photo, the repository's example stands in; clips and bursts are drawn. A command that cannot run here says why in
-``SKIPPED``; those of unshutter are parsed all the same, so that an option that is gone shows.
+Those of the tutorial are run by tests/docs/test_printed_lines.py, which also checks what they print. Each command does
+its whole work. Of a photo, the repository's example stands in; clips and bursts are drawn. A command that cannot run
+here says why in ``SKIPPED``; those of unshutter are parsed all the same, so that an option that is gone shows.
 """
 
 import re
@@ -28,7 +28,8 @@ from unshutter.motion import RowMotion
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE, EXAMPLE_MOTION = ROOT / "examples" / "demo.jpg", ROOT / "examples" / "demo.motion.json"
-PAGES = sorted([ROOT / "README.md", ROOT / "examples" / "README.md", *ROOT.glob("docs/**/*.md")])
+_TUTORIAL = set(ROOT.glob("docs/tutorial/*.md"))
+PAGES = sorted({ROOT / "README.md", ROOT / "examples" / "README.md", *ROOT.glob("docs/**/*.md")} - _TUTORIAL)
 _BLOCK = re.compile(r"^( *)```(?:sh|bash|console|shell)\n(.*?)^\1```", re.MULTILINE | re.DOTALL)
 
 # the beginning of a command -> why it is not run
@@ -36,6 +37,7 @@ SKIPPED = {
     "pip ": "installs packages, which .ci/release-check tries in environments of its own",
     "pipx ": "installs packages",
     "uvx ": "installs packages",
+    "python3 -m venv ": "makes an environment, as .ci/release-check does",
     "python ": "measures for minutes; each of these scripts has tests of its own",
     'grep \'"event": "failed"\'': "finds nothing where nothing failed",
     "ffmpeg ": "is another program",

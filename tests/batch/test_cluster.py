@@ -19,7 +19,7 @@ from unshutter import Photo
 
 distributed = pytest.importorskip("distributed", reason="needs unshutter[dask]")
 
-PHOTOS = 120
+PHOTOS = 60
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ def run_until(process: subprocess.Popen, enough) -> None:
 
 
 @posix
-@pytest.mark.parametrize(("count", "jobs"), [(200, []), (80, ["--jobs", 2])], ids=["one process", "two processes"])
+@pytest.mark.parametrize(("count", "jobs"), [(120, []), (60, ["--jobs", 2])], ids=["one process", "two processes"])
 def test_killed_again_and_again(count: int, jobs: list, motion: Path, tmp_path: Path) -> None:
     """kill -9 during a batch, in a loop: in the end all results are whole and right, all originals as before."""
     archive, out, straight = tmp_path / "archive", tmp_path / "out", tmp_path / "straight"
