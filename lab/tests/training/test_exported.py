@@ -1,11 +1,13 @@
 """A run that starts from an exported network computes what the network did."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
 from torch import nn
 
+import unshutter_lab
 from support.small_kandula2020 import DATA, NETWORK
 from unshutter.errors import UsageError
 from unshutter_lab.training.compact import Stored, narrow, store_in_fewer_bits
@@ -15,6 +17,8 @@ from unshutter_lab.training.recipes import make_recipe
 from unshutter_lab.training.train import Trainer
 
 torch.set_num_threads(1)
+LARGE = {**DATA, "size": 256, "canvas": 356}  # what the predecessor's networks read
+WEIGHTS = Path(unshutter_lab.__file__).parent / "weights"
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +66,21 @@ def test_the_network_is_the_same_in_use_and_in_training(recipe, pictures, traine
         unit = expected.std(dim=(0, 2))[:, None]
     assert ((in_use - expected) / unit).abs().max() < 0.01
     assert ((in_training - in_use) / unit).abs().max() < 0.1
+
+
+@pytest.mark.parametrize("kind", ["rowcol", "vanilla"])
+def test_the_predecessors_networks_start_from_what_ships(kind):
+    """Convolutions with biases, a mean picture, and pairs that were exported as sequences."""
+    name = {"rowcol": "rengarajan2017", "vanilla": "rengarajan2017-vanilla"}[kind]
+    config = TrainConfig("rengarajan2017", network={"network": kind, "batch_norm": True, "dropout": 0.0}, data=LARGE)
+    recipe = make_recipe(config, torch.device("cpu"))
+    pictures = recipe.pictures(8, torch.Generator().manual_seed(0))
+    network = recipe.build()
+    load_exported(network, WEIGHTS / f"{name}.onnx", pictures)
+    with torch.no_grad():
+        expected, in_use = Stored(WEIGHTS / f"{name}.onnx")(pictures), network.eval()(pictures)
+    unit = expected.std(dim=(0, 2))[:, None]
+    assert ((in_use - expected) / unit).abs().max() < 0.01
 
 
 def test_other_files_are_refused(recipe, pictures, tmp_path):

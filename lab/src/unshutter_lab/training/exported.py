@@ -46,7 +46,7 @@ def load_exported(network: nn.Module, path: Path, pictures: Tensor) -> None:
 
 
 def exported_weights(path: Path) -> dict[str, np.ndarray]:
-    """Returns weights and biases in 32 bits, by their names in the network.
+    """Returns weights, biases and buffers in 32 bits, by their names in the network.
 
     Raises:
         UsageError: there is no such file, or it is not ONNX.
@@ -70,13 +70,20 @@ def exported_weights(path: Path) -> dict[str, np.ndarray]:
             known[node.output[0]] = operands[0].astype(np.float32) * scale
         elif node.op_type == "Gemm" and len(node.input) == 2 and operands[1] is not None:
             narrow[node.output[0]] = operands[1]
+        elif node.op_type == "MatMul" and operands[1] is not None:
+            narrow[node.output[0]] = operands[1].T
         elif node.op_type in ("Conv", "Gemm") and operands[1] is not None:
-            name = _module_of(node.output[0])
             first = narrow.get(node.input[0])
+            name = _module_of(node.output[0])
+            if (
+                first is not None and _module_of(node.input[0]) == f"{name.removesuffix('.1')}.0"
+            ):  # a pair in a sequence
+                name = name.removesuffix(".1")
             weights[f"{name}.weight"] = operands[1] if first is None else operands[1] @ first
             if len(operands) > 2 and operands[2] is not None:
                 weights[f"{name}.bias"] = operands[2]
-    return weights
+    buffers = {name: value.astype(np.float32) for name, value in known.items() if value.dtype.kind == "f"}
+    return {**buffers, **weights}
 
 
 def _module_of(output: str) -> str:
@@ -103,7 +110,9 @@ class _Merged:
     variance: Tensor | None = None
 
     def only_adds(self) -> None:
-        """Temporarily makes the normalisation add the bias and nothing else."""
+        """Temporarily makes the normalisation add the bias and nothing else; the convolution adds none."""
+        if self.convolution.bias is not None:
+            self.convolution.bias.data.zero_()
         for values, value in ((self.norm.weight, 1.0), (self.norm.running_mean, 0.0)):
             values.data.fill_(value)  # type: ignore[union-attr]  # it keeps running statistics
         self.norm.running_var.data.fill_(1.0 - self.norm.eps)  # type: ignore[union-attr]
