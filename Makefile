@@ -1,6 +1,7 @@
 # The two commands: `make demo` and `make test`. Each sets up what it needs:
 # .venv has the versions of constraints.txt, .venv-newest what pip resolves today, .venv-lowest the oldest ones allowed.
-# Nothing is compiled in advance, which halves the time of an installation: Python compiles what it imports.
+# Nothing is compiled in advance, which halves the time of an installation: Python compiles what it imports, and keeps it.
+unexport PYTHONDONTWRITEBYTECODE
 PYTHON ?= python3
 TESTS ?= tests lab/tests
 BIN := .venv/bin
@@ -64,7 +65,8 @@ release-check:  ## builds what is published, and tries it in fresh environments;
 	$(PYTHON) -m venv $(@D)
 	@touch $@
 
-# torch first and by its exact version: without it, the registry's newest build brings several GB of CUDA.
+# torch first and by its exact version, also among the newest: without it, the registry's newest build brings several GB of
+# CUDA.
 .venv/dev: .venv/python pyproject.toml lab/pyproject.toml constraints.txt
 	$(PIP) torch==2.13.0
 	$(PIP) -e '.[dev]' -e './lab[calibrate,train,video]'
@@ -76,7 +78,7 @@ release-check:  ## builds what is published, and tries it in fresh environments;
 
 .venv-newest/dev: .venv-newest/core lab/pyproject.toml
 	$(PIP_NEWEST) torch==2.13.0
-	$(PIP_NEWEST) --upgrade --upgrade-strategy eager -e '.[dev]' -e './lab[calibrate,train,video]'
+	$(PIP_NEWEST) --upgrade --upgrade-strategy eager -e '.[dev]' -e './lab[calibrate,train,video]' torch==2.13.0
 	@touch $@
 
 .venv-lowest/dev: .venv-lowest/python pyproject.toml lab/pyproject.toml constraints.txt .ci/lowest.py
