@@ -65,8 +65,7 @@ release-check:  ## builds what is published, and tries it in fresh environments;
 	$(PYTHON) -m venv $(@D)
 	@touch $@
 
-# torch first and by its exact version, also among the newest: without it, the registry's newest build brings several GB of
-# CUDA.
+# torch by its exact version, also among the newest: the registry's newest build brings several GB of CUDA.
 .venv/dev: .venv/python pyproject.toml lab/pyproject.toml constraints.txt
 	$(PIP) torch==2.13.0
 	$(PIP) -e '.[dev]' -e './lab[calibrate,train,video]'
@@ -77,7 +76,6 @@ release-check:  ## builds what is published, and tries it in fresh environments;
 	@touch $@
 
 .venv-newest/dev: .venv-newest/core lab/pyproject.toml
-	$(PIP_NEWEST) torch==2.13.0
 	$(PIP_NEWEST) --upgrade --upgrade-strategy eager -e '.[dev]' -e './lab[calibrate,train,video]' torch==2.13.0
 	@touch $@
 

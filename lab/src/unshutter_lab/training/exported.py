@@ -46,7 +46,7 @@ def load_exported(network: nn.Module, path: Path, pictures: Tensor) -> None:
 
 
 def exported_weights(path: Path) -> dict[str, np.ndarray]:
-    """Returns weights, biases and buffers in 32 bits, by their names in the network.
+    """Returns weights, biases and buffers in 32 bits, by their names in the network; other constants by the graph's.
 
     Raises:
         UsageError: there is no such file, or it is not ONNX.
@@ -75,15 +75,13 @@ def exported_weights(path: Path) -> dict[str, np.ndarray]:
         elif node.op_type in ("Conv", "Gemm") and operands[1] is not None:
             first = narrow.get(node.input[0])
             name = _module_of(node.output[0])
-            if (
-                first is not None and _module_of(node.input[0]) == f"{name.removesuffix('.1')}.0"
-            ):  # a pair in a sequence
-                name = name.removesuffix(".1")
+            if first is not None:
+                name = _layer_of_pair(_module_of(node.input[0]), name)
             weights[f"{name}.weight"] = operands[1] if first is None else operands[1] @ first
             if len(operands) > 2 and operands[2] is not None:
                 weights[f"{name}.bias"] = operands[2]
-    buffers = {name: value.astype(np.float32) for name, value in known.items() if value.dtype.kind == "f"}
-    return {**buffers, **weights}
+    constants = {name: value.astype(np.float32) for name, value in known.items() if value.dtype.kind == "f"}
+    return {**constants, **weights}
 
 
 def _module_of(output: str) -> str:
@@ -91,6 +89,12 @@ def _module_of(output: str) -> str:
     *parents, last = [scope for scope in output.strip("/").split("/")[:-1] if scope != "network"]
     root = last.partition(".")[0]
     return ".".join([*(scope for scope in parents if scope.partition(".")[0] != root), last])
+
+
+def _layer_of_pair(first: str, second: str) -> str:
+    """Returns the name of the layer that a narrow pair replaces: compacting may make it a sequence, x.0 and x.1 for x."""
+    layer = second.removesuffix(".1")
+    return layer if first == f"{layer}.0" else second
 
 
 def _before(name: str) -> str:
