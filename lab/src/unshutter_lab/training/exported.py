@@ -92,7 +92,7 @@ def _module_of(output: str) -> str:
 
 
 def _layer_of_pair(first: str, second: str) -> str:
-    """Returns the name of the layer that a narrow pair replaces: compacting may make it a sequence, x.0 and x.1 for x."""
+    """Returns the name of the layer that a narrow pair replaces; the pair may be a sequence, x.0 and x.1 for x."""
     layer = second.removesuffix(".1")
     return layer if first == f"{layer}.0" else second
 
