@@ -77,8 +77,8 @@ def facade_motion() -> Motion:
 def rolling_facade(facade_canvas: np.ndarray, facade_motion: Motion) -> np.ndarray:
     """The facade as a rolling shutter would have taken it: the motion goes on beyond the rows that are kept."""
     from unshutter import RowMotion
+    from unshutter.motion.warp import distort_pixels
     from unshutter.photo import Photo
-    from unshutter.warp.pixels import distort_pixels
 
     rows = np.arange(-MARGIN, 420 + MARGIN)
     tx, rz = (

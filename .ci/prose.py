@@ -17,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 MOST_WORDS = 1500
-PAGE = "src/unshutter/serve/page"  # of `unshutter serve`: its words are in two files
+PAGE = "src/unshutter/page/web"  # of `unshutter serve`: its words are in two files
 REFERENCE = ("docs/reference/", "docs/architecture.md")  # pages to look things up in may be long
 _FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 _GENERATED = re.compile(r"^<!-- (?:modules|measured):.*?^<!-- end.*?-->$", re.MULTILINE | re.DOTALL)

@@ -72,7 +72,7 @@ def spread(values: list[float]) -> str:
 
 
 def main() -> None:
-    from unshutter.estimators.register import names as all_names
+    from unshutter.single.register import names as all_names
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--estimators", default="all")

@@ -16,13 +16,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does: 
 
 import cv2
 import numpy as np
-
 from unshutter.frames.frame import SequenceOptions
+
+from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import copy_side, link, render
 from unshutter.frames.sequence_rectification import rectify_between
-from unshutter.frames.timing import Timing
-from unshutter.geometry.readout import Readout
 from unshutter.options import Clock, FrameModel, Undo
+from unshutter.orientation import Readout
 from unshutter.photo import Photo
 
 SIZES = ((480, 640), (3000, 4000))

@@ -28,7 +28,7 @@ from playwright.sync_api import Page, sync_playwright
 
 PHOTO = Path(__file__).parent.parent / "examples" / "demo.jpg"
 TOKEN = "benchmark"
-EXTRA = ("starlette", "uvicorn", "python-multipart", "anyio", "idna", "click", "h11", "typing_extensions")
+EXTRA = ("starlette", "uvicorn", "anyio", "idna", "click", "h11", "typing_extensions")
 SHOWN = """() => new Promise((done) => {
     const item = () => document.querySelector(".thumbnail")?.dataset.state;
     const image = (which) => document.querySelector(`.layer.${which} img`);

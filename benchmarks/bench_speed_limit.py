@@ -1,4 +1,4 @@
-"""What it takes to say how fast a camera can have moved, by a photo's sharpness (estimators/speed_limit.py).
+"""What it takes to say how fast a camera can have moved, by a photo's sharpness (single/sharpness.py).
 
     python benchmarks/bench_speed_limit.py [PHOTO] [--megapixels 12] [--rounds 15]
 
@@ -14,9 +14,9 @@ from pathlib import Path
 
 import cv2
 
-from unshutter.estimators.speed_limit import speed_limit
 from unshutter.photo import Photo
-from unshutter.photo.tags.readout_time import PHONE
+from unshutter.photo.exposure import PHONE
+from unshutter.single.sharpness import speed_limit
 
 
 def main() -> None:

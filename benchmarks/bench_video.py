@@ -27,7 +27,7 @@ FLOOR = """
 import sys
 import av, cv2, numpy as np
 from unshutter.video.pipeline import ahead, side_by_side
-from unshutter.video.planes import PixelFormat
+from unshutter.video.clip import PixelFormat
 
 cv2.setNumThreads(1)
 source, out, preset, threads = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
@@ -66,11 +66,10 @@ import resource, sys
 import cv2
 from contextlib import closing
 from unshutter.frames.self_calibration import ReadoutRatio
-from unshutter.geometry.readout import Readout
-from unshutter.video.clip import Clip
+from unshutter.video.clip import Clip, ClipRequest
 from unshutter.video.clip_rectification import rectify_clip_file
 from unshutter.video.frame_warper import Warper
-from unshutter.video.options import ClipUndo, Encode, RectifyClip, Shutter
+from unshutter.options.clip_options import ClipUndo, Encode, RectifyClip, Shutter
 from unshutter.video.pipeline import Pipeline
 
 cv2.setNumThreads(1)
@@ -82,7 +81,7 @@ options = RectifyClip(
     overwrite=True,
 )
 clip = Clip.look(source)
-pipeline = Pipeline(clip, options, ReadoutRatio(ratio, 0.0, "given"), Readout.TOP_TO_BOTTOM)
+pipeline = Pipeline(ClipRequest.of(clip, options), ReadoutRatio(ratio, 0.0, "given"))
 
 def count(items):
     with closing(items) as items:

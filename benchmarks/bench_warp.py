@@ -32,7 +32,7 @@ photo.with_pixels(rectify_pixels(photo.pixels, motion, '{edges}')).save(sys.argv
 WRITE = "out.jpegsave(sys.argv[2], Q=92)"
 SHAKE = """
 from unshutter.motion import Motion, RowMotion
-from unshutter.warp.pixels import rectify_pixels
+from unshutter.motion.warp import rectify_pixels
 unit = image.width / 100
 motion = RowMotion.from_polynomials([0, 3 * unit, -2 * unit], [0, 0.02, -0.01], image.height, image.width)
 """

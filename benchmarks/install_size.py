@@ -15,7 +15,7 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-EXTRAS = ["onnx", "plot", "exr", "heic", "raw", "video", "dask", "web", "colmap"]
+EXTRAS = ["plot", "exr", "heic", "raw", "video", "dask", "web", "colmap"]
 
 
 def installed_bytes(requirement: str) -> int:

@@ -35,9 +35,9 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.batch import commands
-from unshutter.batch.job import Job, Outcome
 from unshutter.cli import main as unshutter
+from unshutter.run import commands
+from unshutter.run.work import Job, Outcome
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 STILL, ROLLING = EXAMPLES / "original" / "basilica.webp", EXAMPLES / "demo.jpg"

@@ -1,11 +1,10 @@
-"""What others may build on: every public name of what docs/reference/api.md documents, and how it is called.
+"""What others may build on: the names in ``unshutter.__all__``, the members of their classes, and how they are called.
 
 A name that is renamed, dropped or called in another way breaks programs of others. Where that is meant, say it in
 CHANGELOG.md and write the list again: ``python tests/test_api_surface.py --write``.
 """
 
 import json
-import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,15 +17,13 @@ SURFACE = Path(__file__).with_name("api_surface.json")
 
 def surface() -> dict[str, str]:
     """Path of every public name -> what it is, as its source says it."""
-    extensions = griffe.load_extensions(ROOT / "docs" / "keywords.py")
-    package = griffe.load("unshutter", search_paths=[ROOT / "src"], extensions=extensions)
-    face = {f"unshutter.{name}": package[name].target_path for name in package.exports if name in package.members}
-    documented = re.findall(r"^::: unshutter\.(\S+)$", (ROOT / "docs/reference/api.md").read_text(), re.MULTILINE)
-    return face | {path: said for name in documented for path, said in described(f"unshutter.{name}", package[name])}
+    package = griffe.load("unshutter", search_paths=[ROOT / "src"])
+    names = sorted(name for name in package.exports if name in package.members)
+    return dict(entry for name in names for entry in described(f"unshutter.{name}", package[name]))
 
 
 def described(path: str, item: griffe.Object | griffe.Alias) -> Iterator[tuple[str, str]]:
-    """An object and, of a module or class, its public members, with what a class inherits; nothing imported."""
+    """An object and, of a class, its public members, with what a class inherits; nothing imported."""
     item = item.final_target if isinstance(item, griffe.Alias) else item
     if isinstance(item, griffe.Class):
         yield path, " ".join(["class", *map(str, item.bases), called(item)]).strip()
@@ -38,11 +35,10 @@ def described(path: str, item: griffe.Object | griffe.Alias) -> Iterator[tuple[s
         said = f"{item.annotation}" if item.annotation else f"= {item.value}"
         yield path, " ".join([*kind, said])
     else:
-        yield path, "module"
+        raise TypeError(f"{path} is neither a class, a function nor a value")
     inherited = item.inherited_members if isinstance(item, griffe.Class) else {}
     for name, member in {**item.members, **{name: each.final_target for name, each in inherited.items()}}.items():
-        exported = isinstance(item, griffe.Module) and item.exports and name in item.exports
-        if exported or (not member.is_alias and member.is_public and not name.startswith("_")):
+        if not member.is_alias and member.is_public and not name.startswith("_"):
             yield from described(f"{path}.{name}", member)
 
 

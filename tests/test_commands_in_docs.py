@@ -23,8 +23,8 @@ from support.camera_files import dng, heic, linear
 from support.gyro_logs import write_gcsv
 from unshutter.cli import command_named, main
 from unshutter.cli.arguments import parse
-from unshutter.gyro.log import GyroLog
 from unshutter.motion import RowMotion
+from unshutter.video.gyro_log import GyroLog
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE, EXAMPLE_MOTION = ROOT / "examples" / "demo.jpg", ROOT / "examples" / "demo.motion.json"
@@ -43,13 +43,10 @@ SKIPPED = {
     "ffmpeg ": "is another program",
     "oiiotool ": "is another program",
     "colmap ": "is another program",
-    "dask ": "starts a cluster: tests/batch/test_cluster.py does",
-    "curl ": "talks to the page: tests/serve/test_server.py does",
-    "header=": "talks to the page: tests/serve does",
-    "id=": "talks to the page: tests/serve does",
-    "unshutter serve": "runs until it is stopped: tests/serve does",
-    "unshutter rectify s3://": "needs a store: tests/batch/test_urls.py uses one in memory",
-    "unshutter rectify /photos": "needs a cluster: tests/batch/test_cluster.py has one",
+    "dask ": "starts a cluster: tests/run/test_cluster.py does",
+    "unshutter serve": "runs until it is stopped: tests/page does",
+    "unshutter rectify s3://": "needs a store: tests/run/test_urls.py uses one in memory",
+    "unshutter rectify /photos": "needs a cluster: tests/run/test_cluster.py has one",
     "unshutter train": "trains for hours: lab/tests/training trains a little",
     "unshutter calibrate": "measures for hours: lab/tests/calibration calibrates a little",
     "unshutter evaluate": "measures on pictures that are not in the repository: lab/tests/evaluation draws some",

@@ -3,7 +3,6 @@
 UNSHUTTER_FUZZ_CASES=20000 python -m pytest tests/test_fuzz_texts.py
 """
 
-from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,13 +13,12 @@ from hypothesis import strategies as st
 
 from support.batches import make_motion, make_photos, rectify
 from support.fuzzing import check, damaged, thorough
-from support.networks import made
 from unshutter import Motion, RotationMotion, RowMotion
-from unshutter.batch.job import Job
-from unshutter.batch.manifest import Manifest
-from unshutter.estimators import onnx
-from unshutter.estimators.register import check_name, method
-from unshutter.export.points import PointTable
+from unshutter.export import PointTable
+from unshutter.options import Rectify
+from unshutter.run.manifest import Manifest
+from unshutter.run.work import Job
+from unshutter.single.register import check_name, method
 
 ODD = ["", "1e999", "1e308", "-1", "null", "[]", "{}", '"', "NaN", "9" * 400, "[" * 3000, '"last"', "true", "\x00"]
 ODD += ["/", "..", "@", ",", ";", "\n", "\ufeff", "\\"]
@@ -74,11 +72,10 @@ def test_damaged_manifests(finished: tuple[Path, Job, str], data: st.DataObject)
     (out / "unshutter-manifest.jsonl").write_bytes(data.draw(changed([text])))
 
     def read() -> str:
-        manifest = Manifest(out, "options")
-        prepared = manifest.prepared(job)
+        manifest = Manifest(out, Rectify(), read_only=True)
+        state, prepared = manifest.compared(job)
         assert all(isinstance(left, (str, type(None))) for left in prepared.left)
-        assert not manifest.finished_by_another(job)
-        return manifest.verdict(job)
+        return state
 
     assert check(read) in ("finished", "another's", "open", None)
 
@@ -96,38 +93,3 @@ def test_damaged_tables_of_points(folder: Path, data: bytes) -> None:
 def test_odd_names_of_methods(data: bytes) -> None:
     name = data.decode("utf-8", "surrogateescape")
     check(lambda: (check_name(name), method(name)))
-
-
-def convolution(helper, types) -> list:
-    weights = helper.make_tensor("weights", types.FLOAT, [3, 3, 3, 3], np.linspace(-1, 1, 81))
-    return [
-        helper.make_node("Constant", [], ["kernel"], value=weights),
-        helper.make_node("Conv", ["rs", "kernel"], ["filtered"], pads=[1, 1, 1, 1]),
-        helper.make_node("Relu", ["filtered"], ["key_rows"]),
-    ]
-
-
-def same_size(helper, kind) -> list:
-    return [helper.make_tensor_value_info("key_rows", kind, [1, 3, 8, 8])]
-
-
-@pytest.fixture(scope="module")
-def network(folder: Path) -> bytes:
-    """A convolution of a small picture."""
-    return made(folder / "network.onnx", convolution, same_size, (1, 3, 8, 8)).read_bytes()
-
-
-@pytest.fixture(scope="module")
-def runner() -> onnx.Runner:
-    return onnx.Runner()
-
-
-@thorough
-@given(data=st.data())
-def test_damaged_networks(folder: Path, network: bytes, runner: onnx.Runner, data: st.DataObject) -> None:
-    """They are refused by the process that runs networks, which goes on."""
-    path = folder / "damaged.onnx"
-    path.write_bytes(damaged(data.draw, network))
-    with suppress(onnx.RefusedError):
-        runner.ask({"open": str(path), "opens_fast": False})
-        runner.ask({"inputs": ["rs"]}, [np.zeros((1, 3, 8, 8), np.float32)])

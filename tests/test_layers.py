@@ -28,9 +28,9 @@ def test_decoding_begins_before_anything_slow_is_imported() -> None:
     names = [
         "unshutter",
         "unshutter.cli",
-        "unshutter.batch",
-        "unshutter.estimators.register",
-        "unshutter.batch.commands",
+        "unshutter.run",
+        "unshutter.single.register",
+        "unshutter.run.commands",
     ]
     code = f"import sys; sys.modules |= dict.fromkeys({slow}); import {', '.join(names)}"  # to import None fails
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -40,7 +40,7 @@ def test_decoding_begins_before_anything_slow_is_imported() -> None:
 def test_libraries_are_silent() -> None:
     """What a person reads is written by the command line, the page's server, the progress bar and a batch's report."""
     package = Path(unshutter.__file__).parent
-    surfaces = ("cli", "serve", "progress.py", "batch/report.py", "batch/commands.py")
+    surfaces = ("cli", "page", "progress.py", "run/report.py", "run/commands.py")
     loud = []
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package).as_posix()

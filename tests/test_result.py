@@ -55,7 +55,7 @@ def test_without_a_least_confidence_the_likeliest_motion_is_undone(facade_canvas
 
 def test_who_asks_for_the_likeliest_motion() -> None:
     def asks(**options) -> bool:
-        return Rectify.of(undo=Undo(min_confidence=0), **options).find.camera.at_any_odds
+        return Rectify(undo=Undo(min_confidence=0), **options).settled().find.camera.at_any_odds
 
     alone, between = Path("m.json"), Neighbours(after=Path("b.jpg"))
     assert asks() and asks(neighbours=replace(between, fallback=True))
@@ -65,10 +65,10 @@ def test_who_asks_for_the_likeliest_motion() -> None:
 
 def test_what_is_left_as_it_is_comes_back_the_same(photo: Path) -> None:
     data = photo.read_bytes()
-    assert unshutter.rectify(data, estimator=UNSURE) == data
-    assert unshutter.rectify(data, estimator=SURE) != data
+    assert unshutter.rectify(data, estimator=UNSURE).bytes == data
+    assert unshutter.rectify(data, estimator=SURE).bytes != data
     pixels = drawn(120, 160)
-    same = unshutter.rectify(pixels, estimator=UNSURE)
+    same = unshutter.rectify(pixels, estimator=UNSURE).array
     np.testing.assert_array_equal(same, pixels, strict=True)
     assert same is not pixels
 
@@ -96,7 +96,7 @@ def test_a_copy_needs_no_pixels(photo: Path, tmp_path: Path, monkeypatch: pytest
     original = kind.decode
     monkeypatch.setattr(kind, "decode", lambda *given: decoded.append(1) or original(*given))
     opened = Photo.open(photo)
-    from unshutter.result import undo
+    from unshutter.motion.rectified import undo
 
     undo(opened, unshutter.RowMotion.zero(120, 160), Undo()).save(tmp_path / "out.jpg")
     assert decoded == []
@@ -113,3 +113,13 @@ def test_a_copy_replaces_nothing_and_not_the_original(photo: Path, tmp_path: Pat
     with pytest.raises(UnshutterError, match="exists already"):
         left.save(tmp_path / "there.jpg")
     assert (tmp_path / "there.jpg").read_bytes() == b"mine" and photo.read_bytes() == before
+
+
+def test_what_is_wrong_with_saving_is_said_in_pythons_words(photo: Path, tmp_path: Path) -> None:
+    left = unshutter.rectify(photo, estimator=UNSURE)
+    (tmp_path / "there.jpg").write_bytes(b"mine")
+    for save in (left.save, left.photo.save):
+        with pytest.raises(UnshutterError, match="exists already: use overwrite to replace it"):
+            save(tmp_path / "there.jpg")
+        with pytest.raises(UnshutterError, match="quality must be a whole number, got 'high'"):
+            save(tmp_path / "new.jpg", quality="high")  # type: ignore[arg-type]

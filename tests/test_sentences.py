@@ -8,7 +8,7 @@ import pytest
 import unshutter
 
 HERE = Path(unshutter.__file__).parent
-ROOMS = ("frames", "video", "batch/sequences.py", "serve/jobs/clip.py")
+ROOMS = ("frames", "video", "run/plan.py", "page/clip_jobs.py")
 _SENTENCE = r"(?:str\((?:error|reason|told|message)\)|(?:\w+\.)*(?:reason|message|why))"
 _LOOKS = re.compile(
     rf"\bin {_SENTENCE}(?!\.?\w|\()"  # "words" in str(error)

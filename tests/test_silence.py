@@ -10,15 +10,12 @@ import signal
 import subprocess
 import sys
 import time
-from importlib.resources import files
 from pathlib import Path
 
 import httpx
 import pytest
 
 from support.connections import Watch, strace_works
-from unshutter import UnshutterError
-from unshutter.estimators.onnx import open_network
 from unshutter.photo import Photo
 
 LIFE_S = float(os.environ.get("SILENCE_S", "1"))
@@ -37,17 +34,6 @@ def watch(tmp_path: Path) -> Watch:
     """The better one of the two that this system allows."""
     (tmp_path / "watch").mkdir()
     return Watch(tmp_path / "watch", strace_works())
-
-
-def test_telemetry_is_off_before_onnxruntime_is_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is read once, when the library is loaded."""
-    monkeypatch.delenv("ORT_DISABLE_TELEMETRY")
-    stand_in = "import os\nraise ImportError('telemetry off: ' + os.environ.get('ORT_DISABLE_TELEMETRY', 'no'))\n"
-    (tmp_path / "onnxruntime.py").write_text(stand_in)
-    monkeypatch.syspath_prepend(tmp_path)
-    weights = files("unshutter") / "weights" / "kandula2020.onnx"
-    with pytest.raises(UnshutterError, match="cannot load onnxruntime: telemetry off: 1"):
-        open_network("kandula2020", Path(str(weights)), ["rs"], "motion")
 
 
 @pytest.mark.parametrize("with_strace", [True, False])

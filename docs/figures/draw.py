@@ -57,7 +57,7 @@ def burst() -> None:
     basilica = Photo.open(HERE.parent.parent / "examples" / "original" / "basilica.webp").to_array()
     camera = TurningCamera(hand(), 0.8, 3, 30.0, 0.7, 480, 640, 560.0)
     frames = list(camera.rendered(basilica, noise=2.0))
-    straight = list(unshutter.rectify_frames(frames, readout_ratio=0.7, edges="crop"))[1]
+    straight = list(unshutter.rectify_frames(frames, readout_ratio=0.7, edges="crop"))[1].array
     before, after = (Photo.from_array(np.ascontiguousarray(each)).image for each in (frames[1], straight))
     both = before.join(after, "horizontal", expand=True, shim=10, background=255, align="centre")
     both.jpegsave(str(HERE / "burst.jpg"), Q=86)
@@ -72,7 +72,8 @@ def clip() -> None:
 
     with av.open(str(HERE.parent.parent / "examples" / "walk.mp4")) as film:
         frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
-    straight = unshutter.rectify_frames(frames, readout_ms=20, fps=30, model="camera", edges="fill", reference="middle")
+    results = unshutter.rectify_frames(frames, readout_ms=20, fps=30, model="camera", edges="fill", reference="middle")
+    straight = (result.array for result in results)
     pairs = [np.hstack([before[::2, ::2], after[::2, ::2]]) for before, after in zip(frames, straight, strict=False)]
     first, *others = [Image.fromarray(pair) for pair in pairs[6:66:2]]
     first.save(HERE / "clip.webp", save_all=True, append_images=others, duration=67, loop=0, quality=60, method=6)
@@ -130,10 +131,10 @@ def two_frames() -> None:
     for picture, start in ((basilica, 0.8), (skimage.data.coffee(), 0.8)):
         camera = TurningCamera(hand(), start, 2, 30.0, 0.75, 360, 480, 480.0)
         frames = list(camera.rendered(picture, noise=2.0))
-        one = unshutter.rectify(frames[0], reference="middle")
+        one = unshutter.rectify(frames[0], reference="middle", edges="keep")
         two = next(unshutter.rectify_frames(frames, readout_ratio=camera.readout_ratio, reference="middle"))
-        true = unshutter.rectify(frames[0], motion=camera.motion(0, "middle"))
-        shown = [panel[30:330, 60:420] for panel in (frames[0], one, two, true)]  # without the edges
+        true = unshutter.rectify(frames[0], motion=camera.motion(0, "middle"), edges="keep")
+        shown = [panel[30:330, 60:420] for panel in (frames[0], one.array, two.array, true.array)]  # without the edges
         panels = [np.pad(panel, ((0, 6), (0, 6), (0, 0)), constant_values=255) for panel in shown]
         print("PSNR [dB]:", *(round(cv2.PSNR(panel, shown[-1]), 1) for panel in shown[:-1]))
         rows.append(cv2.hconcat(panels))

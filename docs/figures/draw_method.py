@@ -21,15 +21,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Rectangle
 from torch import Tensor
 
-from unshutter.estimators.onnx_process import onnx_runtime
-from unshutter.geometry.rows import rs_to_gs
+from unshutter.motion.geometry import rs_to_gs
 from unshutter.photo import Photo
-from unshutter_lab.methods.square import SIZE
-from unshutter_lab.training.data.motions import draw_motions
-from unshutter_lab.training.data.pixels import synthesise
-from unshutter_lab.training.kandula2020.losses import edge_loss, sobel, visible_mse
-from unshutter_lab.training.kandula2020.network import rectify, regenerate
-from unshutter_lab.training.warping import pixel_grid, rs_positions
+from unshutter_lab.methods.networks import SIZE
+from unshutter_lab.methods.onnx import onnx_runtime
+from unshutter_lab.training.kandula2020 import edge_loss, rectify, regenerate, sobel, visible_mse
+from unshutter_lab.training.motions import draw_motions
+from unshutter_lab.training.pixels import pixel_grid, rs_positions, synthesise
 
 HERE = Path(__file__).parent
 PHOTO = HERE.parent.parent / "examples" / "original" / "basilica.webp"

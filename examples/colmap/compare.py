@@ -30,14 +30,13 @@ import cv2
 import numpy as np
 import pycolmap
 from scene import Camera, Frame, Plane, draw_scene, photograph, walk
-from unshutter.frames.wanted import Wanted
 
 import unshutter
-from unshutter.frames.sequence import CameraMotion, known_ratio
-from unshutter.frames.sequence_rectification import rectify_between
-from unshutter.geometry.readout import Readout
-from unshutter.geometry.rotations import rotation_matrix
+from unshutter.frames.sequence import CameraMotion
+from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
+from unshutter.motion.rotations import rotation_matrix
 from unshutter.options import DEFAULT_ESTIMATOR, Clock, FrameModel, Undo
+from unshutter.orientation import Readout
 from unshutter.photo import Photo
 
 RATIO = 0.9  # readout time / frame interval: 30 ms at 30 frames/s
@@ -101,7 +100,9 @@ class Walk:
             "ratio_found": partial(self._with_neighbours, found=True),
             "dense": partial(self._picture, model="dense"),
             "chosen": partial(self._picture, model=None),
-            "true_motion": lambda k: unshutter.rectified(self.seen(k), motion=self.frames[k].motion(self.camera)),
+            "true_motion": lambda k: unshutter.rectify(
+                self.seen(k), edges="keep", motion=self.frames[k].motion(self.camera)
+            ),
         }
 
     def seen(self, k: int, later: float = 0) -> np.ndarray:
@@ -113,7 +114,7 @@ class Walk:
         if told:
             held = attitude(self.frames[k], self.camera, self.seed + k)
             known = {"focal_px": self.camera.focal_px, **held}
-        return unshutter.rectified(self.seen(k), estimator=self.estimator, reference="middle", **known)
+        return unshutter.rectify(self.seen(k), estimator=self.estimator, reference="middle", edges="keep", **known)
 
     def _with_neighbours(self, k: int, found: bool) -> unshutter.Rectified:
         clip = (self.seen(k, later) for later in range(-self.around, self.around + 1))
@@ -121,16 +122,21 @@ class Walk:
         motions = unshutter.estimate_frames(
             clip, readout_ratio=ratio, focal_px=self.camera.focal_px, reference="middle"
         )
-        return unshutter.rectified(self.seen(k), motion=list(motions)[self.around])
+        return unshutter.rectify(self.seen(k), motion=list(motions)[self.around], edges="keep")
 
     def _picture(self, k: int, model: FrameModel | None) -> unshutter.RectifiedFrame:
         """As ``rectify --sequence`` makes it: what is known of the camera comes from all frames of the clip."""
         clip = [Photo.from_array(self.seen(k, later)) for later in range(-self.around, self.around + 1)]
-        finder = CameraMotion(known_ratio(RATIO), self.camera.focal_px)
+        finder = CameraMotion(Clock(RATIO).readout_time, self.camera.focal_px)
         found = list(finder.frames(clip))[self.around]
         before, photo, after = clip[self.around - 1 : self.around + 2]
-        how = Wanted(
-            Clock(RATIO), Undo("middle", edges="keep"), Readout.TOP_TO_BOTTOM, None, model, self.camera.focal_px
+        how = SequenceOptions(
+            Clock(RATIO).readout_time,
+            Undo("middle", edges="keep"),
+            Readout.TOP_TO_BOTTOM,
+            None,
+            model,
+            self.camera.focal_px,
         )
         return rectify_between(photo, before, after, how, found)
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from unshutter.geometry.rotations import rotation_matrix
 from unshutter.motion import RotationMotion
+from unshutter.motion.rotations import rotation_matrix
 
 TEXTURE_PX = 110  # per metre
 FRAME = (235, 235, 225)  # colour of the windows' frames

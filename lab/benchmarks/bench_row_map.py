@@ -16,12 +16,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from unshutter.estimators.onnx_process import onnx_runtime
-from unshutter_lab.methods.square import SIZE
-from unshutter_lab.training.data.motions import draw_motions
-from unshutter_lab.training.data.pictures import load_photos
-from unshutter_lab.training.data.pixels import synthesise
-from unshutter_lab.training.warping import pixel_grid, rs_positions
+from unshutter_lab.methods.networks import SIZE
+from unshutter_lab.methods.onnx import onnx_runtime
+from unshutter_lab.training.motions import draw_motions
+from unshutter_lab.training.pixels import load_photos, pixel_grid, rs_positions, synthesise
 
 WEIGHTS = Path(__file__).parents[1] / "src" / "unshutter_lab" / "weights" / "kandula2020.onnx"
 CANVAS = 356

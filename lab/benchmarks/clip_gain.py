@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from unshutter.frames.tracks import follow
-from unshutter_lab.evaluation.cases.video import agreeing_matches
+from unshutter_lab.evaluation.clip_cases import agreeing_matches
 
 EVERY = 10  # frames; between them |R_F| is not measured
 

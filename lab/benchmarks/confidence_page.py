@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from unshutter_lab.evaluation.metrics import RIGHT_PX, RIGHT_SHARE
-from unshutter_lab.evaluation.pages.plots import looks_of
-from unshutter_lab.evaluation.pages.reliability import ENOUGH, LEFT, Bin, Judged, draw_reliability, mean_gap, widest
-from unshutter_lab.evaluation.pages.table import Table, as_csv
+from unshutter_lab.evaluation.plots import looks_of
+from unshutter_lab.evaluation.reliability import ENOUGH, LEFT, Bin, Judged, draw_reliability, mean_gap, widest
 from unshutter_lab.evaluation.results import Results
+from unshutter_lab.evaluation.tables import Table, as_csv
 
 PAGE = "confidence.md"
 CSV = "confidence.csv"
@@ -72,7 +72,7 @@ def _judged(results: Results) -> _Groups:
     for photos, criteria in places.items():
         for name in results.estimators:
             records = results.chosen(suite=SUITE, estimator=name, **criteria)
-            if any(record.get("confidence") is not None for record in records):
+            if "confidence" in records and records["confidence"].notna().any():
                 groups.setdefault(photos, {})[name] = Judged.of(records)
     return groups
 
@@ -118,11 +118,8 @@ def _gaps(kind: str, groups: _Groups) -> Table:
     for photos, methods in groups.items():
         for name, judged in methods.items():
             answered, bins = judged.answered, judged.bins()
-            stated, right = (
-                f"{np.average(figure, weights=answered.weight):.2f}" if bins else "–"
-                for figure in (answered.trust, answered.right)
-            )
-            cells = [photos, name, f"{len(answered.epe)}", stated, right]
+            both = (answered.stated, answered.right_share) if bins else ()
+            cells = [photos, name, f"{len(answered)}", *([f"{share:.2f}" for share in both] or ["–", "–"])]
             rows.append([*cells, f"{mean_gap(bins):.2f}" if bins else "–", *_worst(widest(bins))])
     titles = ["photos", "estimator", "answered", "mean confidence", "right"]
     return Table(kind.lower(), [*titles, "mean gap", "largest gap", "in the bin", "of pictures"], rows)
@@ -152,7 +149,7 @@ def _of_kinds(methods: dict[str, Judged]) -> list[str]:
         for kind, each in judged.by_kind().items():
             gap = each.right_share - each.stated
             within = abs(float(f"{gap:.2f}")) <= AIM_KIND
-            cells = [name, kind, f"{len(each.epe)}", f"{each.stated:.2f}", f"{each.right_share:.2f}"]
+            cells = [name, kind, f"{len(each)}", f"{each.stated:.2f}", f"{each.right_share:.2f}"]
             rows.append([*cells, f"**{gap:+.2f}**" if within else f"{gap:+.2f}"])
     if not rows:
         return []
@@ -197,7 +194,7 @@ def _drops(kind: str, groups: _Groups) -> Table:
         for name, judged in methods.items():
             kept = judged.mean_without(DROPPED)
             drop, best = _share(judged, kept), _best(judged)
-            cells = [f"{len(judged.epe)}", f"{judged.declined:.0%}", f"{judged.mean:.2f}", f"{kept:.2f}"]
+            cells = [f"{len(judged)}", f"{judged.declined:.0%}", f"{judged.mean:.2f}", f"{kept:.2f}"]
             cells += [f"**{_percent(drop)}**" if drop >= AIM else _percent(drop), _percent(best)]
             cells.append(_percent(_share(judged.answered, judged.answered.mean_without(DROPPED))))
             rows.append([photos, name, *cells])

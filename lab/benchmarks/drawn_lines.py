@@ -17,21 +17,20 @@ from pathlib import Path
 
 import numpy as np
 
-from unshutter.estimators.base import View
-from unshutter.estimators.find import chosen, find_candidates
-from unshutter.estimators.register import load
-from unshutter.estimators.right_angles.beliefs import CAMERA, LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
-from unshutter.estimators.right_angles.drawn_lines import DrawnLine
-from unshutter.estimators.right_angles.residuals import AngleResiduals, EndPoints, VanishingPoints
-from unshutter.estimators.right_angles.search import descend
-from unshutter.estimators.right_angles.view import likelihood_of, segments_of
+from unshutter.api import motion_of_lines
 from unshutter.motion import Motion, RowMotion
 from unshutter.motion.verdict import Verdict
 from unshutter.options import Undo
 from unshutter.photo import Photo
-from unshutter.rectification import motion_of_lines
-from unshutter_lab.evaluation.cases.synthetic import Exam, Suite, SyntheticCase
+from unshutter.single.drawn_lines import DrawnLine
+from unshutter.single.estimator import View
+from unshutter.single.likelihood import AngleResiduals, EndPoints, VanishingPoints, likelihood_of, segments_of
+from unshutter.single.methods import chosen, find_candidates
+from unshutter.single.prior import CAMERA, LOG_FOCAL, ROLL, TILT, UNKNOWNS, YAW
+from unshutter.single.register import load
+from unshutter.single.search import descend
 from unshutter_lab.evaluation.metrics import motion_error
+from unshutter_lab.evaluation.synthetic import Exam, Suite, SyntheticCase
 
 _DRAWS = 2  # motions of each photo
 _OFF = math.radians(0.3)  # of a drawn line, at most

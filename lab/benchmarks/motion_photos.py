@@ -18,15 +18,15 @@ import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators.base import View
+from unshutter.frames.motion_photo import film_motion
 from unshutter.motion import RowMotion
-from unshutter.motion_photo.motion import film_motion
+from unshutter.motion.rectified import judged
 from unshutter.options import Camera, Undo
 from unshutter.photo import Photo
 from unshutter.reasons import Code
-from unshutter.result import judged
+from unshutter.single.estimator import View
 from unshutter_lab.evaluation.metrics import motion_error
-from unshutter_lab.synthesis.motion_photo import FilmedStill, Stabilisation
+from unshutter_lab.synthesis.clip import FilmedStill, Stabilisation
 from unshutter_lab.synthesis.rotation_log import RotationLog
 from unshutter_lab.synthesis.sequences import TurningCamera
 

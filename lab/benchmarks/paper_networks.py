@@ -30,21 +30,13 @@ DRAWS = 4000  # of photos and seeds, for an interval
 def epe(results: Results, network: str, folder: str) -> dict[str, list[float]]:
     """Photo -> errors [px] of its pictures."""
     records = results.chosen(estimator=network, group=folder, suite="256 px")
-    return _by_photo(records, lambda record: record["epe"])
+    return records.groupby("photo", sort=False)["epe"].apply(list).to_dict()
 
 
 def gain_db(results: Results, network: str, folder: str) -> dict[str, list[float]]:
     """Photo -> gains [dB] of its pictures."""
-    records = results.chosen(estimator=network, group=folder, suite="middle row")
-    pictures = [record for record in records if record.get("psnr") is not None]
-    return _by_photo(pictures, lambda record: record["psnr"] - record["psnr_input"])
-
-
-def _by_photo(records: list[dict[str, Any]], value: Callable[[dict[str, Any]], float]) -> dict[str, list[float]]:
-    values: dict[str, list[float]] = {}
-    for record in records:
-        values.setdefault(record["photo"], []).append(value(record))
-    return values
+    records = results.chosen(estimator=network, group=folder, suite="middle row").dropna(subset="psnr")
+    return (records["psnr"] - records["psnr_input"]).groupby(records["photo"], sort=False).apply(list).to_dict()
 
 
 Figure = Callable[[Results, str, str], dict[str, list[float]]]

@@ -18,14 +18,13 @@ from confidence_page import PAGE as CONFIDENCE
 from confidence_page import write_confidence_page
 from summary_page import summary
 
-from unshutter import installation
+from unshutter import errors
 from unshutter.errors import UnshutterError
-from unshutter_lab.evaluation.cases.protocols import PROTOCOLS
-from unshutter_lab.evaluation.pages.plots import draw_plots
-from unshutter_lab.evaluation.pages.report import page, write_text
-from unshutter_lab.evaluation.pages.table import Table, as_csv, legend, short_tables
-from unshutter_lab.evaluation.pages.tables import all_tables
+from unshutter_lab.evaluation.plots import draw_plots
+from unshutter_lab.evaluation.protocols import PROTOCOLS
 from unshutter_lab.evaluation.results import Results
+from unshutter_lab.evaluation.run import page, write_text
+from unshutter_lab.evaluation.tables import LEGENDS, Table, all_tables, as_csv, short_tables
 
 READING = "reading.md"  # written by hand, kept
 READINGS = "readings.toml"  # by hand, too: the line at the top of each page
@@ -108,7 +107,7 @@ def _scores(results: Results, of_lab: bool) -> str:
     """JSON: estimator of a package -> set of photos -> median EPE [px at 256 rows] and share of photos improved."""
     scores: dict[str, dict[str, dict[str, float]]] = {}
     for name in results.estimators:
-        if (name in installation.LAB_METHODS) != of_lab:
+        if (name in errors.LAB_METHODS) != of_lab:
             continue
         for group in results.distinct("group"):
             error, nothing = (results.values(key, estimator=name, group=group) for key in ("epe", "epe_nothing"))
@@ -132,7 +131,7 @@ def _page(name: str, results: Results, docs: Path) -> str:
 def figures_of(name: str, results: Results, every: list[Table]) -> str:
     """What stands between a page's command and its plots."""
     kind = PROTOCOLS[results.request.protocol].kind
-    return f"{legend(kind)} [All figures, as CSV]({name}.csv).\n\n{short_tables(every, kind)}"
+    return f"{LEGENDS[kind]} [All figures, as CSV]({name}.csv).\n\n{short_tables(every, kind)}"
 
 
 def _with_reading(text: str, line: str | None) -> str:

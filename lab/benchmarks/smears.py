@@ -18,19 +18,20 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 
-from unshutter.estimators.base import View
-from unshutter.estimators.find import find_motion
-from unshutter.estimators.methods import segment_manhattan
-from unshutter.estimators.register import load
 from unshutter.motion import Motion, RowMotion
+from unshutter.motion.rectified import judged
 from unshutter.options import Camera, Undo
 from unshutter.photo import Photo
-from unshutter.photo.tags.readout_time import PHONE, ReadoutTime
-from unshutter.result import judged
+from unshutter.photo.exposure import PHONE
+from unshutter.readout_time import ReadoutTime
+from unshutter.single import methods
+from unshutter.single.estimator import View
+from unshutter.single.methods import find_motion
+from unshutter.single.register import load
 from unshutter_lab.evaluation.metrics import motion_error
-from unshutter_lab.synthesis.exposure import distorted
+from unshutter_lab.synthesis.row_motions import distorted
 
-KNOWN = ReadoutTime(0.03, 0.03, "given")
+KNOWN = ReadoutTime.of_ms(30, "given")
 EXPOSURES_S = (1 / 30, 1 / 60, 1 / 125)
 
 
@@ -65,7 +66,7 @@ def main() -> None:
     wanted = parser.parse_args()
     photos = sorted(wanted.photos.rglob("*.jpg"))
     rng, estimator, with_smears = np.random.default_rng(wanted.seed), load("segment-manhattan"), []
-    by_smear = segment_manhattan.candidates_by_smear
+    by_smear = methods.candidates_by_smear
     for case in range(wanted.cases):
         pixels = np.ascontiguousarray(cv2.imread(str(photos[rng.integers(len(photos))]))[..., ::-1])
         truth, exposure_s = drawn(rng, *pixels.shape[:2]), EXPOSURES_S[case % 3]
@@ -75,12 +76,10 @@ def main() -> None:
         data = cv2.imencode(".jpg", noisy[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
         view = TimedView(Photo.from_bytes(data), Camera(exposure_s=exposure_s), time=PHONE if wanted.phone else KNOWN)
         used = []
-        with patch.object(
-            segment_manhattan, "candidates_by_smear", lambda *a, used=used: used.append(by_smear(*a)) or used[-1]
-        ):
+        with patch.object(methods, "candidates_by_smear", lambda *a, used=used: used.append(by_smear(*a)) or used[-1]):
             motion = find_motion(estimator, view)
         if used and used[-1] is not None:
-            with patch.object(segment_manhattan, "candidates_by_smear", lambda *_: None):
+            with patch.object(methods, "candidates_by_smear", lambda *_: None):
                 alone = find_motion(estimator, view)
             zero = RowMotion.zero(truth.height, truth.width)
             with_smears.append([undone_error(each, truth) for each in (alone, motion, zero)])

@@ -10,7 +10,7 @@ import statistics
 from dataclasses import dataclass
 from pathlib import Path
 
-from unshutter_lab.evaluation.pages.plots import new_figure, save_figure
+from unshutter_lab.evaluation.plots import new_figure, save_figure
 
 DOCS = Path("docs/results")
 TEST = ("yorkurban", "eurasiancities", "urban100")

@@ -1,8 +1,17 @@
-"""unshutter removes rolling-shutter distortion from photos and video.
+"""Removes rolling-shutter distortion from photos and video.
 
-import unshutter
-unshutter.rectify("street.jpg").save("street.rectified.jpg")
-motion = unshutter.estimate("street.jpg")
+    import unshutter
+    unshutter.rectify("street.jpg").save("street.rectified.jpg")
+    motion = unshutter.estimate("street.jpg")
+
+Everything listed here is public; the modules that hold it are not.
+
+One photo       rectify -> Rectified, estimate -> Motion, candidates -> Candidate, Photo, DrawnLine
+Frames          rectify_frames -> RectifiedFrame, estimate_frames -> Motion
+Clips           rectify_clip -> ClipOutcome, rectify_clip_frames -> arrays
+Motions         Motion: RowMotion, RotationMotion; Readout
+Methods         load -> Estimator, which gets a View; Method
+Errors          UnshutterError: UsageError, MissingFileError
 """
 
 from typing import TYPE_CHECKING
@@ -11,21 +20,21 @@ from unshutter.errors import MissingFileError, UnshutterError, UsageError
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
-    from unshutter.estimators.base import Estimator, View
-    from unshutter.estimators.method import Method
-    from unshutter.estimators.register import load
-    from unshutter.estimators.right_angles.drawn_lines import DrawnLine
-    from unshutter.frames.frame import RectifiedFrame
+    from unshutter.api import candidates, estimate, rectify
     from unshutter.frames.sequence import estimate_frames
-    from unshutter.frames.sequence_rectification import rectify_frames
-    from unshutter.geometry.readout import Readout
-    from unshutter.motion import Motion, RotationMotion, RowMapMotion, RowMotion
-    from unshutter.motion.candidate import Candidate
+    from unshutter.frames.sequence_rectification import RectifiedFrame, rectify_frames
+    from unshutter.motion import Motion, RotationMotion, RowMotion
+    from unshutter.motion.rectified import Rectified
+    from unshutter.motion.verdict import Candidate
+    from unshutter.orientation import Readout
     from unshutter.photo import Photo
-    from unshutter.rectification import candidates, estimate, rectified, rectify
-    from unshutter.result import Rectified
+    from unshutter.single import Method
+    from unshutter.single.drawn_lines import DrawnLine
+    from unshutter.single.estimator import Estimator, View
+    from unshutter.single.register import load
     from unshutter.video.clip_functions import rectify_clip, rectify_clip_frames
     from unshutter.video.outcome import ClipOutcome
+
 
 __all__ = [
     "Candidate",
@@ -40,7 +49,6 @@ __all__ = [
     "Rectified",
     "RectifiedFrame",
     "RotationMotion",
-    "RowMapMotion",
     "RowMotion",
     "UnshutterError",
     "UsageError",
@@ -50,7 +58,6 @@ __all__ = [
     "estimate",
     "estimate_frames",
     "load",
-    "rectified",
     "rectify",
     "rectify_clip",
     "rectify_clip_frames",
@@ -59,25 +66,23 @@ __all__ = [
 
 _HOMES = {
     "ClipOutcome": "video.outcome",
-    "Candidate": "motion.candidate",
-    "DrawnLine": "estimators.right_angles.drawn_lines",
-    "Estimator": "estimators.base",
-    "Method": "estimators.method",
+    "Candidate": "motion.verdict",
+    "DrawnLine": "single.drawn_lines",
+    "Estimator": "single.estimator",
+    "Method": "single",
     "Motion": "motion",
     "Photo": "photo",
-    "Readout": "geometry.readout",
-    "Rectified": "result",
-    "RectifiedFrame": "frames.frame",
+    "Readout": "orientation",
+    "Rectified": "motion.rectified",
+    "RectifiedFrame": "frames.sequence_rectification",
     "RotationMotion": "motion",
-    "RowMapMotion": "motion",
     "RowMotion": "motion",
-    "View": "estimators.base",
-    "candidates": "rectification",
-    "estimate": "rectification",
+    "View": "single.estimator",
+    "candidates": "api",
+    "estimate": "api",
     "estimate_frames": "frames.sequence",
-    "load": "estimators.register",
-    "rectified": "rectification",
-    "rectify": "rectification",
+    "load": "single.register",
+    "rectify": "api",
     "rectify_clip": "video.clip_functions",
     "rectify_clip_frames": "video.clip_functions",
     "rectify_frames": "frames.sequence_rectification",

@@ -1,15 +1,22 @@
-"""The exceptions that users see."""
+"""The exceptions that users see, and the commands that install optional parts."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shlex
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from typing import Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
 
 from unshutter.reasons import Code, Reason
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
+
 
 # Names of files and methods may contain line breaks and terminal control codes.
 _FIELD = re.compile(r"\{(\w+)\}")
@@ -26,30 +33,19 @@ def suggestion(word: str, choices: Iterable[str]) -> str:
     import difflib  # imported here because it is rarely needed
 
     known = list(choices)
-    close = [
-        *difflib.get_close_matches(word, known, n=1, cutoff=0.7),
-        *(each for each in known if each.startswith(word)),
-    ]
+    close = difflib.get_close_matches(word, known, n=1, cutoff=0.7) or [k for k in known if k.startswith(word)]
     return f"did you mean {close[0]}?" if close else ""
 
 
 class UnshutterError(Exception):
     """The input cannot be processed; the message is one line for the user (exit code 1).
 
-    Files that a message mentions are fields of the error, so that each interface can use its own names for them: the
-    command line shows paths, the page says "the photo".
+    Files that a message mentions are fields of the error (``files``: field -> path), so that each interface can show
+    its own ``names`` (path -> name) for them: the command line shows paths, the page says "the photo".
 
         raise UnshutterError("{photo} is empty (0 bytes)", photo=path)
 
-    Args:
-        message: one line, with a field in braces for each file.
-        more: further arguments of a subclass.
-        files: field -> file.
-
-    Attributes:
-        files: field -> path, as text.
-        subject: path of the file being processed; a message that does not mention it is prefixed with it. Empty: none.
-        names: path -> name to show instead.
+    ``subject`` is the path of the file being processed: a message that does not mention it is prefixed with it.
     """
 
     def __init__(self, message: str = "", *more: object, **files: object):
@@ -84,22 +80,13 @@ class WeightsError(UnshutterError):
 
 
 class CropTooSmallError(UnshutterError):
-    """Cropping would leave almost nothing of the picture.
+    """Cropping would leave almost nothing of the picture."""
 
-    Attributes:
-        share_left: share of the picture's area that would be left; None: unknown.
-    """
-
-    share_left: float | None = None
+    share_left: float | None = None  # share of the picture's area that would be left; None: unknown
 
     @classmethod
     def leaving(cls, share_left: float, subject: str) -> CropTooSmallError:
-        """Creates the error with its message.
-
-        Args:
-            share_left: share of the area that the crop would leave.
-            subject: word for the picture in the message: ``photo``, ``frame``.
-        """
+        """Creates the error of a crop that would leave this share of a subject: ``photo``, ``frame``."""
         percent = 100 * share_left
         error = cls(f"cropping would leave {percent:.0f} % of the {subject}: use other edges, keep or fill")
         error.share_left = share_left
@@ -111,12 +98,7 @@ class UsageError(UnshutterError):
 
 
 class UnknownRatioError(UnshutterError):
-    """The frames do not show their camera's readout ratio, and the user has not specified it.
-
-    Attributes:
-        reason: why the frames do not show it; its code is ``RATIO_UNKNOWN``, or ``READOUT_TIME_UNKNOWN`` for a clip.
-        advice: what the user can do, phrased for the command line, Python or the page; each adds its own.
-    """
+    """The frames do not show their camera's readout ratio, and the user has not specified it."""
 
     def __init__(self, message: str, reason: Reason | None = None, advice: str = ""):
         super().__init__(message, reason, advice)  # all three, so that the error can be pickled
@@ -150,12 +132,7 @@ class UnknownRatioError(UnshutterError):
 def errors_in_one_line(subject: object = "", names: Mapping[str, str] | None = None) -> Iterator[None]:
     """Converts errors in the block to UnshutterErrors about a file; UNSHUTTER_DEBUG=1 lets unexpected ones through.
 
-    Args:
-        subject: the file that the block processes; added to messages that do not mention it. Empty: none.
-        names: path -> name to show in messages instead.
-
-    Raises:
-        UnshutterError: for any error except BrokenPipeError, which is not about the file.
+    The subject is added to messages that do not mention it, and shown by its name in ``names`` (path -> name).
     """
     try:
         yield
@@ -181,3 +158,43 @@ def _about(line: str, subject: object) -> UnshutterError:
     error = UnshutterError(line)
     error.subject = str(subject)
     return error
+
+
+LAB_METHODS = {"kandula2020", "rengarajan2017", "rengarajan2017-vanilla", "rengarajan2016", "purkait2017", "lao2018"}
+LAB_COMMANDS = {"synthesize", "evaluate", "train", "calibrate"}
+
+
+def plugins(group: str) -> EntryPoints:
+    """Returns the entry points of installed packages in ``unshutter.estimators`` or ``unshutter.commands``."""
+    from importlib.metadata import entry_points  # slow to import, and rarely needed
+
+    return entry_points(group=group)
+
+
+def extra(name: str) -> str:
+    """Returns the command that installs an extra from where unshutter itself was installed."""
+    sources = _sources()
+    return f"pip install {shlex.quote(f'{sources}[{name}]' if sources else f'unshutter[{name}]')}"
+
+
+def lab(name: str = "") -> str:
+    """Returns the command that installs unshutter-lab, or one of its extras, from the place of unshutter itself."""
+    sources = _sources()
+    package = str(sources / "lab") if sources else "unshutter-lab"
+    return f"pip install {shlex.quote(f'{package}[{name}]' if name else package)}"
+
+
+def _sources() -> Path | None:
+    """Returns the source folder that this package is in or was installed from; None if installed from an index."""
+    here = Path(__file__).resolve().parents[2]
+    if (here / "pyproject.toml").is_file():
+        return here
+    from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.request import url2pathname  # also slow to import: it loads the HTTP client
+
+    with suppress(PackageNotFoundError, ValueError, KeyError, TypeError):
+        url = json.loads(distribution("unshutter").read_text("direct_url.json") or "")["url"]
+        folder = Path(url2pathname(url.removeprefix("file://")))
+        if url.startswith("file://") and (folder / "pyproject.toml").is_file():
+            return folder
+    return None

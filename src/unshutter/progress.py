@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeAlias, TypeVar
 
 from unshutter.errors import visible
 
+_T = TypeVar("_T")
 Watch: TypeAlias = Callable[[str, int, int], None]  # called with the items' name, the number done and the total
 
 
 class Progress:
-    """A progress bar on standard error; shows nothing if that is not a terminal or there is only one item.
-
-    Args:
-        total: number of items.
-        what: plural noun for the items.
-    """
+    """A progress bar on standard error; shows nothing if that is not a terminal or there is only one item."""
 
     def __init__(self, total: int, what: str = "photos"):
         self._bar: Any = None
@@ -49,13 +45,7 @@ class Progress:
 
 
 class Steps:
-    """Counts the steps of a task and reports each to a callback; prints nothing.
-
-    Args:
-        what: plural noun for the steps.
-        total: number of steps.
-        watch: the callback; None: no reports.
-    """
+    """Counts the steps of a task and reports each to a callback, if there is one; prints nothing."""
 
     def __init__(self, what: str, total: int, watch: Watch | None):
         self._what, self._total, self._watch, self._done = what, total, watch, 0
@@ -70,6 +60,14 @@ class Steps:
         """Sets the number of completed steps; does nothing if that many are done already."""
         if done > self._done:
             self.advance(done - self._done)
+
+
+def counted(what: str, items: Sequence[_T], watch: Watch | None) -> Iterator[_T]:
+    """Yields the items, and counts each once it is used."""
+    steps = Steps(what, len(items), watch)
+    for item in items:
+        yield item
+        steps.advance()
 
 
 class Bars:

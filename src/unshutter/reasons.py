@@ -1,7 +1,7 @@
 """Reasons why no motion was found or a motion is not undone: a code with its figures, and the English sentences.
 
 The program branches on codes, never on sentences. Each interface has its own wording: Python, the command line and the
-logs use the sentences below; the page has its own (serve/page/words.js). Advice on what to do next belongs to the
+logs use the sentences below; the page has its own (page/web/words.js). Advice on what to do next belongs to the
 interface, since it names a flag or a button.
 """
 
@@ -26,128 +26,91 @@ class Cause(StrEnum):
 class MotionSource(StrEnum):
     """Source of a motion that was not estimated from the photo's pixels."""
 
-    FILM = "film"
-    FLIGHT = "flight"
-
-
-SOURCES = {MotionSource.FILM: "by the film inside it", MotionSource.FLIGHT: "by its flight data"}
+    FILM = "film"  # the film inside the photo
 
 
 class Code(StrEnum):
     """Code of a reason, as used in logs, manifests and the API of ``unshutter serve``."""
 
+    sentence: str  # English, with the names of the reason's figures in braces
+
+    def __new__(cls, code: str, sentence: str) -> Code:
+        """Creates a code, whose value is its word."""
+        member = str.__new__(cls, code)
+        member._value_, member.sentence = code, sentence
+        return member
+
     # one photo: from an estimator
-    STATED = "stated"  # a sentence from another package's method
-    TOO_LONG = "too-long"
-    TOO_FEW_SEGMENTS = "too-few-segments"
-    NO_RIGHT_ANGLES = "no-right-angles"
-    TOO_FAST_FOR_HANDS = "too-fast-for-hands"
-    TOO_SHARP = "too-sharp"
-    NO_ROLLING_SHUTTER = "no-rolling-shutter"
-    HOVERED = "hovered"
-    FILM_STOOD_STILL = "film-stood-still"
+    STATED = "stated", "{sentence}"  # a sentence from another package's method
+    TOO_LONG = "too-long", "the photo's sides differ by more than {aspect:g} times"
+    TOO_FEW_SEGMENTS = "too-few-segments", "only {segments} straight segments found"
+    NO_RIGHT_ANGLES = "no-right-angles", "the photo shows no right angles"
+    TOO_FAST_FOR_HANDS = "too-fast-for-hands", "the lines would mean more motion than a hand-held camera makes"
+    TOO_SHARP = "too-sharp", "it is too sharp for a camera that moved during an exposure of {exposure}"
+    NO_ROLLING_SHUTTER = "no-rolling-shutter", "its camera has no rolling shutter"
+    FILM_STOOD_STILL = "film-stood-still", "the camera stood still"
     # the film inside a photo: why it cannot be used
-    FILM_TOO_SHORT = "film-too-short"
-    FILM_DIFFERS = "film-differs"
-    FILM_STABILISED = "film-stabilised"
-    IMPOSSIBLE_MOTION = "impossible-motion"
-    ASKED_FOR_NOTHING = "asked-for-nothing"
+    FILM_TOO_SHORT = "film-too-short", "the film inside it is too short"
+    FILM_DIFFERS = "film-differs", "the film inside it shows something else"
+    FILM_STABILISED = "film-stabilised", "the film inside it is stabilised"
+    IMPOSSIBLE_MOTION = "impossible-motion", "what was found is not a motion that a camera can make: {detail}"
+    ASKED_FOR_NOTHING = "asked-for-nothing", "asked to do nothing"
     # one photo: from the verdict
-    NO_MOTION = "no-motion"
-    NO_VISIBLE_MOTION = "no-visible-motion"
-    STRENGTH_0 = "strength-0"
-    UNSURE = "unsure"
-    UNSURE_WHETHER_MOVED = "unsure-whether-moved"
-    TOO_SMALL = "too-small"
+    NO_MOTION = "no-motion", "no motion"
+    NO_VISIBLE_MOTION = "no-visible-motion", "no visible motion"
+    STRENGTH_0 = "strength-0", "a strength of 0 undoes nothing"
+    UNSURE = "unsure", "not sure: confidence {confidence:.2f}"
+    UNSURE_WHETHER_MOVED = "unsure-whether-moved", "not sure whether the camera moved: confidence {confidence:.2f}"
+    TOO_SMALL = "too-small", "it would move by less than half a pixel"
     # frames and clips
-    STOOD_STILL = "stood-still"
-    NOTHING_MOVED = "nothing-moved"
-    NOTHING_TO_SEE = "nothing-to-see"
-    HARDLY_MOVED = "hardly-moved"
-    ONLY_OTHERS_MOVED = "only-others-moved"
-    NO_COMMON_MOTION = "no-common-motion"
-    NO_NEIGHBOUR = "no-neighbour"
-    SHOT_TOO_SHORT = "shot-too-short"
-    OTHER_SIZE = "other-size"
-    TOO_LITTLE_TO_FOLLOW = "too-little-to-follow"
-    SCENES_DIFFER = "scenes-differ"
-    FRAMES_DISAGREE = "frames-disagree"
-    RATIO_UNKNOWN = "ratio-unknown"  # for frames
-    READOUT_TIME_UNKNOWN = "readout-time-unknown"  # for a clip
-    GYRO_TOO_CALM = "gyro-too-calm"
-    GYRO_TOO_SHORT = "gyro-too-short"
-    GYRO_DISAGREES = "gyro-disagrees"
+    STOOD_STILL = "stood-still", "the camera stood still"
+    NOTHING_MOVED = "nothing-moved", "nothing moved between the frames"
+    NOTHING_TO_SEE = "nothing-to-see", "nothing to see: at most {px:.1f} px at any plausible readout time"
+    HARDLY_MOVED = "hardly-moved", "the camera hardly moved"
+    ONLY_OTHERS_MOVED = "only-others-moved", "the camera stood still; what moved in front of it is not straightened"
+    NO_COMMON_MOTION = "no-common-motion", "near and far move too differently for one motion of the camera"
+    NO_NEIGHBOUR = "no-neighbour", "there is no frame before or after it"
+    SHOT_TOO_SHORT = "shot-too-short", "the shot is too short to show how the camera moved"
+    OTHER_SIZE = "other-size", "the frames before and after it have another size"
+    TOO_LITTLE_TO_FOLLOW = "too-little-to-follow", "there is too little to follow"
+    SCENES_DIFFER = (
+        "scenes-differ",
+        "the neighbouring frames show another scene, or near and far move too differently in them",
+    )
+    FRAMES_DISAGREE = "frames-disagree", "the frames do not show how the camera moved"
+    RATIO_UNKNOWN = "ratio-unknown", "the readout ratio cannot be found from these frames ({why})"  # for frames
+    READOUT_TIME_UNKNOWN = "readout-time-unknown", "this clip does not show its readout time ({why})"  # for a clip
+    GYRO_TOO_CALM = (
+        "gyro-too-calm",
+        "the camera hardly turned: the clip does not show which moment of its gyro log is which",
+    )
+    GYRO_TOO_SHORT = "gyro-too-short", "the gyro log ends before the clip, or has gaps"
+    GYRO_DISAGREES = (
+        "gyro-disagrees",
+        "the picture does not follow the gyro log (correlation {correlation:.2f}): "
+        "the clip was stabilised, or the log is of another clip",
+    )
+    GYRO_UNREAD = "gyro-unread", "reading it needs the extra gyro"
+    STABILISED_IN_CAMERA = "stabilised-in-camera", "its camera stabilised the clip: when its rows were taken is unknown"
     # frames and clips: why the readout ratio is unknown
-    TOO_FEW_FRAMES = "too-few-frames"
-    SHOOK_TOO_FAST = "shook-too-fast"
-    TOO_EVEN = "too-even"
-    IMPRECISE = "imprecise"
-    NO_ANGLES_OR_MOTION = "no-angles-or-motion"
-    PARTS_DISAGREE = "parts-disagree"
-    NO_CLEAR_PART = "no-clear-part"
-
-
-# Code -> sentence, with the names of its figures in braces.
-SENTENCES = {
-    Code.STATED: "{sentence}",
-    Code.TOO_LONG: "the photo's sides differ by more than {aspect:g} times",
-    Code.TOO_FEW_SEGMENTS: "only {segments} straight segments found",
-    Code.NO_RIGHT_ANGLES: "the photo shows no right angles",
-    Code.TOO_FAST_FOR_HANDS: "the lines would mean more motion than a hand-held camera makes",
-    Code.TOO_SHARP: "it is too sharp for a camera that moved during an exposure of {exposure}",
-    Code.NO_ROLLING_SHUTTER: "its camera has no rolling shutter",
-    Code.HOVERED: "the drone hovered",
-    Code.FILM_STOOD_STILL: "the camera stood still",
-    Code.FILM_TOO_SHORT: "the film inside it is too short",
-    Code.FILM_DIFFERS: "the film inside it shows something else",
-    Code.FILM_STABILISED: "the film inside it is stabilised",
-    Code.IMPOSSIBLE_MOTION: "what was found is not a motion that a camera can make: {detail}",
-    Code.ASKED_FOR_NOTHING: "asked to do nothing",
-    Code.NO_MOTION: "no motion",
-    Code.NO_VISIBLE_MOTION: "no visible motion",
-    Code.STRENGTH_0: "a strength of 0 undoes nothing",
-    Code.UNSURE: "not sure: confidence {confidence:.2f}",
-    Code.UNSURE_WHETHER_MOVED: "not sure whether the camera moved: confidence {confidence:.2f}",
-    Code.TOO_SMALL: "it would move by less than half a pixel",
-    Code.STOOD_STILL: "the camera stood still",
-    Code.NOTHING_MOVED: "nothing moved between the frames",
-    Code.NOTHING_TO_SEE: "nothing to see: at most {px:.1f} px at any plausible readout time",
-    Code.HARDLY_MOVED: "the camera hardly moved",
-    Code.NO_COMMON_MOTION: "near and far move too differently for one motion of the camera",
-    Code.ONLY_OTHERS_MOVED: "the camera stood still; what moved in front of it is not straightened",
-    Code.NO_NEIGHBOUR: "there is no frame before or after it",
-    Code.SHOT_TOO_SHORT: "the shot is too short to show how the camera moved",
-    Code.OTHER_SIZE: "the frames before and after it have another size",
-    Code.TOO_LITTLE_TO_FOLLOW: "there is too little to follow",
-    Code.SCENES_DIFFER: "the neighbouring frames show another scene, or near and far move too differently in them",
-    Code.FRAMES_DISAGREE: "the frames do not show how the camera moved",
-    Code.RATIO_UNKNOWN: "the readout ratio cannot be found from these frames ({why})",
-    Code.READOUT_TIME_UNKNOWN: "this clip does not show its readout time ({why})",
-    Code.TOO_FEW_FRAMES: "{frames} frames are too few to show it",
-    Code.SHOOK_TOO_FAST: "the motion changes too abruptly from frame to frame: fast shaking, or missing frames",
-    Code.TOO_EVEN: "the camera moved too evenly, or too little could be followed",
-    Code.IMPRECISE: "{evidence} give {value:.2f} ± {error:.2f}",
-    Code.NO_ANGLES_OR_MOTION: "they show no right angles, or barely move from side to side",
-    Code.PARTS_DISAGREE: "parts of the clip disagree: {ratios}",
-    Code.GYRO_TOO_CALM: "the camera hardly turned: the clip does not show which moment of its gyro log is which",
-    Code.GYRO_TOO_SHORT: "the gyro log ends before the clip, or has gaps",
-    Code.GYRO_DISAGREES: "the picture does not follow the gyro log (correlation {correlation:.2f}): "
-    "the clip was stabilised, or the log is of another clip",
-    Code.NO_CLEAR_PART: "no {frames} frames in a row show one scene clearly",
-}
+    TOO_FEW_FRAMES = "too-few-frames", "{frames} frames are too few to show it"
+    SHOOK_TOO_FAST = (
+        "shook-too-fast",
+        "the motion changes too abruptly from frame to frame: fast shaking, or missing frames",
+    )
+    TOO_EVEN = "too-even", "the camera moved too evenly, or too little could be followed"
+    IMPRECISE = "imprecise", "{evidence} give {value:.2f} ± {error:.2f}"
+    NO_ANGLES_OR_MOTION = "no-angles-or-motion", "they show no right angles, or barely move from side to side"
+    PARTS_DISAGREE = "parts-disagree", "parts of the clip disagree: {ratios}"
+    NO_CLEAR_PART = "no-clear-part", "no {frames} frames in a row show one scene clearly"
 
 
 @dataclass(frozen=True)
 class Reason:
-    """A reason why no motion was found, or why a motion is not undone.
+    """A reason why no motion was found, or why a motion is not undone."""
 
-    Attributes:
-        code: the kind of reason.
-        figures: (name, value) pairs to insert into the sentence.
-    """
-
-    code: Code
-    figures: tuple[tuple[str, float | int | str], ...] = ()
+    code: Code  # the kind of reason
+    figures: tuple[tuple[str, float | int | str], ...] = ()  # (name, value) pairs to insert into the sentence
 
     @classmethod
     def of(cls, code: Code, **figures: float | int | str) -> Reason:
@@ -161,11 +124,7 @@ class Reason:
 
     @classmethod
     def from_json(cls, data: Any) -> Reason:
-        """Reads the output of :meth:`as_json`; a reason with an unknown code keeps its sentence.
-
-        Raises:
-            TypeError, ValueError, KeyError: the data do not have this form.
-        """
+        """Reads the output of :meth:`as_json`; a reason with an unknown code keeps its sentence."""
         code, figures = str(data["code"]), dict(data["figures"])
         if code not in set(Code):
             return cls.stated(str(data["sentence"]))
@@ -175,7 +134,7 @@ class Reason:
 
     def __str__(self) -> str:
         """The reason as an English sentence."""
-        return SENTENCES[self.code].format(**dict(self.figures))
+        return self.code.sentence.format(**dict(self.figures))
 
     def as_json(self) -> dict[str, Any]:
         """Returns code, figures and sentence for use by programs."""

@@ -7,9 +7,10 @@ from typing import Literal
 import pytest
 
 from unshutter.cli import command_named, main, summaries
-from unshutter.cli.arguments import Command, parse, positional, required
+from unshutter.cli.arguments import Command, parse
 from unshutter.errors import UsageError
 from unshutter.options import option
+from unshutter.options.fields import positional, required
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,12 @@ def test_each_field_is_an_argument() -> None:
 def test_photos_may_stand_before_between_and_after_options() -> None:
     assert parsed("a", "-o", "out", "b", "--jobs", "2", "c").photos == [Path("a"), Path("b"), Path("c")]
     assert parsed("-o", "out", "./-strange.jpg").photos == [Path("-strange.jpg")]
+
+
+def test_words_after_two_dashes_are_names() -> None:
+    names = ("-o.jpg", "--help.jpg", "--help", "--unknown")
+    assert parsed("a", "-o", "out", "--", *names).photos == [Path(name) for name in ("a", *names)]
+    assert parsed("-o", "out", "--", *names).photos == [Path(name) for name in names]
 
 
 @pytest.mark.parametrize(

@@ -221,7 +221,7 @@ def test_synthesize_then_rectify_with_the_true_motion(
     assert main(["rectify", str(first), "--motion", str(motion), "-o", str(back), "--edges", "keep"]) == 0
     truth = unshutter.Motion.load(motion)
     gs, rectified = (Photo.open(p).to_array().astype(float) for p in (out / "gs" / first.name, back))
-    from unshutter.warp.pixels import validity_mask
+    from unshutter.motion.warp import validity_mask
 
     inside = validity_mask(truth)
     assert np.abs(gs - rectified)[inside].mean() < 0.4 * np.abs(gs - Photo.open(first).to_array())[inside].mean()
@@ -233,19 +233,19 @@ def test_synthesize_then_rectify_with_the_true_motion(
 # ---- from Python --------------------------------------------------------------------------------------------
 
 
-def test_python_gives_back_the_type_it_was_given(photo: Path, rolling_facade: np.ndarray) -> None:
+def test_python_takes_files_bytes_and_arrays(photo: Path, rolling_facade: np.ndarray) -> None:
     by_path = unshutter.rectify(photo)
     assert by_path.motion.estimator == "segment-manhattan"
     assert by_path.valid.shape == by_path.original.pixels.shape[:2]  # before any crop
     by_path.save(photo.parent / "a.png")
-    data = unshutter.rectify(photo.read_bytes())
+    data = unshutter.rectify(photo.read_bytes()).bytes
     assert Photo.from_bytes(data).format == "jpeg"
-    array = unshutter.rectify(rolling_facade)
+    array = unshutter.rectify(rolling_facade, edges="keep").array
     assert array.dtype == np.uint8
     assert array.shape == rolling_facade.shape
-    grey = unshutter.rectify(rolling_facade[..., 1].copy())
+    grey = unshutter.rectify(rolling_facade[..., 1].copy(), edges="keep").array
     assert grey.shape == rolling_facade.shape[:2]
-    deep = unshutter.rectify(rolling_facade.astype(np.uint16) * 257)
+    deep = unshutter.rectify(rolling_facade.astype(np.uint16) * 257, edges="keep").array
     assert deep.dtype == np.uint16
     np.testing.assert_allclose(deep / 257, array, atol=1.5)
 

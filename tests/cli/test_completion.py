@@ -9,8 +9,8 @@ import pytest
 import shtab
 
 from unshutter.cli import main, summaries
-from unshutter.cli.commands.completion import SHELLS
-from unshutter.estimators.register import names
+from unshutter.cli.other_commands import SHELLS
+from unshutter.single.register import names
 
 # bash calls a function with the words so far; _shtab_unshutter is the one that the script registers
 BASH = """

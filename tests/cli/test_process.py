@@ -97,3 +97,14 @@ def test_names_that_the_output_cannot_show(photo: Path, encoding: str) -> None:
         assert done.returncode == 0, done.stderr
         assert b"ro.rectified.jpg" in done.stdout
         assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
+def test_an_estimate_onto_a_full_disc_is_told_in_one_line(tmp_path: Path, rolling_facade: np.ndarray) -> None:
+    photo = tmp_path / "photo.png"
+    Photo.from_array(np.kron(rolling_facade, np.ones((4, 1, 1), np.uint8))).save(photo)
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "unshutter", "estimate", str(photo), "--estimator", "none"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].endswith("No space left on device") and "unexpected" not in done.stderr

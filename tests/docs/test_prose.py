@@ -28,6 +28,20 @@ def test_the_readme_can_be_read_in_five_minutes(prose: ModuleType) -> None:
     assert 400 <= prose.words((ROOT / "README.md").read_text(encoding="utf-8")) <= 650
 
 
+def test_a_file_that_a_page_names_exists(prose: ModuleType) -> None:
+    files = {
+        path.name
+        for room in ("src", "lab", "docs", "examples", "benchmarks", "tests")
+        for path in (ROOT / room).rglob("*.py")
+    }
+    named = {
+        (page.name, file)
+        for page in prose.pages()
+        for file in re.findall(r"`(?:\w+/)*(\w+\.py)", page.read_text("utf-8"))
+    }
+    assert {each for each in named if each[1] not in files} == set()
+
+
 def test_no_page_has_a_banned_phrase(prose: ModuleType) -> None:
     read = [*prose.pages(), *prose.words_of_the_page()]
     found = {path.name: hits for path in read if (hits := prose.phrases_of_page(path.read_text("utf-8")))}

@@ -5,10 +5,10 @@ import pytest
 
 from unshutter import Photo
 from unshutter.errors import UnknownRatioError
-from unshutter.estimators.base import View
-from unshutter.frames.angles import PhotoSpeed, combined, ratio_from_angles, speed_of
-from unshutter.frames.self_calibration import ReadoutRatio
+from unshutter.frames.sequence import PhotoSpeed, combined, ratio_from_angles, speed_of
 from unshutter.frames.tracks import Tracks
+from unshutter.readout_time import ReadoutTime
+from unshutter.single.estimator import View
 
 RATIO, HEIGHT, WIDTH = 0.6, 480, 640
 
@@ -54,9 +54,9 @@ def test_speed_of_tracks():
 
 
 def test_two_findings_weigh_by_their_errors():
-    both = combined(ReadoutRatio(0.5, 0.02, "motion"), ReadoutRatio(0.6, 0.04, "right angles"))
+    both = combined(ReadoutTime(0.5, 0.02, "motion"), ReadoutTime(0.6, 0.04, "right angles"))
     assert both.value == pytest.approx(0.52)
     assert both.source == "motion and right angles"
     assert both.error == pytest.approx(0.1 / np.hypot(0.02, 0.04) / np.sqrt(1 / 0.02**2 + 1 / 0.04**2))
-    alike = combined(ReadoutRatio(0.5, 0.02, "motion"), ReadoutRatio(0.5, 0.02, "right angles"))
+    alike = combined(ReadoutTime(0.5, 0.02, "motion"), ReadoutTime(0.5, 0.02, "right angles"))
     assert alike.error == pytest.approx(0.02 / np.sqrt(2))

@@ -7,7 +7,7 @@ from support.hand_held import FOCAL, HEIGHT, WIDTH, camera, exact_tracks, hand, 
 from unshutter.frames.camera import ROWS, Problem, steady, turn_between
 from unshutter.frames.self_calibration import focal_from_motion
 from unshutter.frames.tracks import Tracks
-from unshutter.geometry.rotations import rotation_vector
+from unshutter.motion.rotations import rotation_vector
 
 UNIT = ROWS / HEIGHT
 

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from unshutter.frames.dense import Field, field_between, joined
-from unshutter.frames.flow import Flow, pixel_grid
-from unshutter.frames.timing import Timing
+from unshutter.frames.flow import Field, Flow, field_between, joined, pixel_grid
+from unshutter.frames.frame_motion import Timing
 
 HEIGHT, WIDTH = 40, 60
 BLANK = np.zeros((HEIGHT, WIDTH), np.uint8)

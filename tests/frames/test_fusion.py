@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from unshutter.frames.fusion import Warped, fuse
-from unshutter.frames.timing import Timing
-from unshutter.warp.grid import SamplingGrid
+from unshutter.frames.frame_motion import Timing
+from unshutter.frames.neighbours import Warped, fuse
+from unshutter.motion.grid import SamplingGrid
 
 HEIGHT, WIDTH = 20, 30
 TIMING = Timing(1e-6, HEIGHT)  # nearly a global shutter: frame k is of the moment k

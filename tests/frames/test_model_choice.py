@@ -11,9 +11,10 @@ from support.frame_pairs import Scene, off
 from support.hand_held import FOCAL, HEIGHT, WIDTH, clip, hand, still
 from unshutter.cli import main
 from unshutter.frames.flow import Flow
-from unshutter.frames.model_choice import camera_misses, flow_misses
-from unshutter.frames.sequence import CameraMotion, known_ratio
+from unshutter.frames.sequence import CameraMotion
+from unshutter.frames.sequence_rectification import camera_misses, flow_misses
 from unshutter.frames.tracks import follow
+from unshutter.options import Clock
 from unshutter.photo import Photo
 from unshutter_lab.evaluation.metrics import motion_error
 
@@ -70,7 +71,7 @@ def test_errors_of_both_are_in_pixels_of_256_rows():
     tracks = follow(np.ascontiguousarray(first), np.ascontiguousarray(second))
     wrong = np.broadcast_to((SHIFT + np.array([2, 0])).astype(np.float32), (HEIGHT, WIDTH, 2))
     assert flow_misses(Flow(wrong, -wrong, np.eye(3), 1.0), tracks) == pytest.approx(2 * 256 / HEIGHT, abs=0.1)
-    camera = next(CameraMotion(known_ratio(0.5), 20 * FOCAL).frames([first.copy(), second.copy()]))
+    camera = next(CameraMotion(Clock(0.5).readout_time, 20 * FOCAL).frames([first.copy(), second.copy()]))
     assert camera_misses(camera, tracks, 0) < 0.15
     assert camera_misses(camera, tracks.only(np.zeros(len(tracks), bool)), 0) == np.inf
 

@@ -4,8 +4,8 @@ import pytest
 
 from support.frame_pairs import HEIGHT, WIDTH, Scene, off
 from unshutter.errors import UnshutterError
+from unshutter.frames.frame_motion import Timing
 from unshutter.frames.neighbours import link, render
-from unshutter.frames.timing import Timing
 from unshutter.reasons import Code
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unshutter.frames.path_smoothing import Room, Smoothing, stiffness_for
+from unshutter.frames.smoothing import Room, Smoothing, stiffness_for
 
 RNG = np.random.default_rng(0)
 

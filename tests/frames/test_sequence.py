@@ -8,7 +8,8 @@ import pytest
 from support.drawn_photos import one_line, textured
 from support.hand_held import FOCAL, HEIGHT, WIDTH, clip, hand, pan, still
 from unshutter import Photo, UsageError
-from unshutter.frames.sequence import CameraMotion, estimate_frames, known_ratio
+from unshutter.frames.sequence import CameraMotion, estimate_frames
+from unshutter.options import Clock
 from unshutter.reasons import Code, Reason
 from unshutter_lab.evaluation.metrics import motion_error
 
@@ -135,7 +136,7 @@ def test_frames_are_not_kept():
 
     def most_memory(count):
         tracemalloc.start()
-        for _ in CameraMotion(known_ratio(0.6), FOCAL).frames(endless(count)):
+        for _ in CameraMotion(Clock(0.6).readout_time, FOCAL).frames(endless(count)):
             pass
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
@@ -165,5 +166,5 @@ def test_what_cannot_be_is_refused_at_once(options, says):
 
 
 def test_a_readout_time_and_a_frame_rate_make_a_ratio():
-    assert known_ratio(readout_ms=20, fps=30).value == pytest.approx(0.6)
-    assert known_ratio() is None
+    assert Clock(readout_ms=20, fps=30).readout_time.value == pytest.approx(0.6)
+    assert Clock().readout_time is None

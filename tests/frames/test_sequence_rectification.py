@@ -35,7 +35,7 @@ def test_every_frame_of_a_sequence() -> None:
         truth = SCENE.at(number + RATIO / 2)
         inner = np.s_[10:-10, 25:-25]
         assert off(FRAMES[number][inner], truth[inner]) > 8
-        assert off(picture[inner], truth[inner]) < 1.5
+        assert off(picture.array[inner], truth[inner]) < 1.5
 
 
 def test_frames_are_taken_as_they_are_needed() -> None:
@@ -55,13 +55,13 @@ def test_frames_are_taken_as_they_are_needed() -> None:
 
 def test_readout_time_and_frame_rate_say_the_ratio() -> None:
     first = next(unshutter.rectify_frames(FRAMES, readout_ms=16, fps=50))
-    np.testing.assert_array_equal(first, next(unshutter.rectify_frames(FRAMES, readout_ratio=RATIO)))
+    np.testing.assert_array_equal(first.array, next(unshutter.rectify_frames(FRAMES, readout_ratio=RATIO)).array)
 
 
 def test_slow_motion() -> None:
     for at in (0.25, 0.5, 0.75):
         first = next(unshutter.rectify_frames(FRAMES[:2], readout_ratio=RATIO, at=at, edges="fill"))
-        assert off(first[10:-10, 25:-25], SCENE.at(at)[10:-10, 25:-25]) < 1.5
+        assert off(first.array[10:-10, 25:-25], SCENE.at(at)[10:-10, 25:-25]) < 1.5
 
 
 @pytest.mark.parametrize(("readout", "turns"), [("bottom-to-top", 2), ("left-to-right", 1), ("right-to-left", 3)])
@@ -69,7 +69,7 @@ def test_other_readout_directions_are_the_same_turned(readout, turns) -> None:
     turned = [np.ascontiguousarray(np.rot90(frame, turns)) for frame in FRAMES[:2]]
     results = next(unshutter.rectify_frames(turned, readout_ratio=RATIO, readout=readout, edges="fill"))
     upright = next(unshutter.rectify_frames(FRAMES[:2], readout_ratio=RATIO, edges="fill"))
-    np.testing.assert_allclose(np.rot90(results, -turns), upright, atol=1)
+    np.testing.assert_allclose(np.rot90(results.array, -turns), upright.array, atol=1)
 
 
 def test_paths_give_what_can_be_saved(shot: list[Path], tmp_path: Path) -> None:
@@ -82,18 +82,18 @@ def test_paths_give_what_can_be_saved(shot: list[Path], tmp_path: Path) -> None:
 
 def test_grey_pixels_stay_grey() -> None:
     grey = [frame[..., 0] for frame in FRAMES[:2]]
-    assert next(unshutter.rectify_frames(grey, readout_ratio=RATIO)).shape == grey[0].shape
+    assert next(unshutter.rectify_frames(grey, readout_ratio=RATIO)).array.shape == grey[0].shape
 
 
 @pytest.mark.parametrize(
     ("frames", "options", "message"),
     [
         (FRAMES, {"readout_ratio": 0.5, "model": "curved"}, "choose camera or dense"),
-        (FRAMES, {"readout_ratio": 0.5, "model": "dense", "strength": 0.5}, "leave out --strength"),
-        (FRAMES, {"readout_ratio": 0.5, "model": "camera", "edges": "borrow"}, "leave out --model camera"),
-        (FRAMES, {"readout_ratio": 0.5, "at": 0.5, "strength": 0.5}, "leave out --strength"),
+        (FRAMES, {"readout_ratio": 0.5, "model": "dense", "strength": 0.5}, "leave out strength"),
+        (FRAMES, {"readout_ratio": 0.5, "model": "camera", "edges": "borrow"}, "leave out model camera"),
+        (FRAMES, {"readout_ratio": 0.5, "at": 0.5, "strength": 0.5}, "leave out strength"),
         (FRAMES, {"readout_ratio": 1.5}, "above 0 and at most 1"),
-        (FRAMES, {"readout_ratio": 0.5, "fps": 30}, "either --readout-ratio, or"),
+        (FRAMES, {"readout_ratio": 0.5, "fps": 30}, "either readout_ratio, or"),
         (FRAMES, {"fps": 30}, "go together"),
         (FRAMES, {"readout_ratio": 0.5, "at": 2}, "between -1 and 1"),
         (FRAMES, {"readout_ratio": 0.5, "edges": "bend"}, "choose auto, keep, crop or fill"),

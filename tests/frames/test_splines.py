@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unshutter.frames.splines import basis, log_determinant, roughness, solve_banded
+from unshutter.frames.smoothing import basis, log_determinant, roughness, solve_banded
 
 
 def test_splines_sum_to_one_and_hold_straight_lines():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from unshutter.errors import UsageError
-from unshutter.frames.timing import Timing
+from unshutter.frames.frame_motion import Timing
 
 
 def test_rows_are_exposed_one_after_the_other() -> None:

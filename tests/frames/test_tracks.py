@@ -25,6 +25,12 @@ def test_a_shift_is_found_however_large(shift):
     assert np.median(tracks.end - tracks.start, axis=0) == pytest.approx(shift, abs=0.05)
 
 
+@pytest.mark.parametrize("size", [(64, 16_384), (9_000, 64)])
+def test_strips_are_no_error(size):
+    tracks = follow(wall(*size), wall(*size))
+    assert (tracks.height, tracks.width) == size
+
+
 def test_tracks_end_where_the_camera_says():
     moving, frames = clip(hand(), ratio=0.9, frames=6)
     tracks = follow(frames[3], frames[4])

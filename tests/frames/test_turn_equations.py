@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unshutter.frames.turn_equations import TurnEquations, student_weights
+from unshutter.frames.camera import TurnEquations, student_weights
 
 PAIRS, MOST, LOCAL, UNKNOWNS = 3, 20, 6, 4
 

@@ -1,6 +1,6 @@
 """Mutated requests to the page: an answer of one line for each, no trace of a fault, and a server as fast as before.
 
-python tests/fuzz/page.py [--requests 5000] [--seed 0] [json] [forms] [queries]
+python tests/fuzz/page.py [--requests 5000] [--seed 0] [json] [queries]
 """
 
 import argparse
@@ -21,8 +21,8 @@ from support.drawn_photos import encoded, textured
 from support.odd_requests import TEXTS, Odd
 from support.page_server import Server, events, rss, served, temporary_folders
 from unshutter.errors import visible
-from unshutter.serve.fields import PhotoOptions, fields
-from unshutter.video.options import RectifyClip
+from unshutter.options.clip_options import RectifyClip
+from unshutter.page.settings import PhotoOptions, fields
 
 MOST_FAILURES, LONGEST_S, MORE_MEMORY, SHOWN = 20, 60.0, 400_000_000, 800
 METHODS = ["none", "none", "segment-manhattan"]  # of which one takes no time
@@ -63,22 +63,8 @@ class Fuzz:
         kind = self.odd.one(("photos", "photos", "photos", "clips"))
         some = PHOTO_FIELDS if kind == "photos" else CLIP_FIELDS
         items = [{"id": self.ids[kind], "options": self.odd.options(some)} for _ in range(self.odd.one((1, 1, 2)))]
-        whole = {"to": self.odd.one(("file", "zip", "zip", "folder")), "photos": items}
+        whole = {"to": self.odd.one(("file", "zip", "zip")), "photos": items}
         self._ask("POST", "/api/saves", content=self.odd.json(whole))
-
-    def forms(self) -> None:
-        """The addresses for programs: a file with its options in one form."""
-        path = self.odd.one(("/api/rectify", "/api/rectify", "/api/estimate", "/api/video"))
-        if path == "/api/video":
-            files, some = {"clip": ("walk.mp4", self.film)}, CLIP_FIELDS
-        else:
-            files, some = {"photo": ("a.jpg", self.photo)}, PHOTO_FIELDS
-            if self.odd.chance(0.2):
-                files[self.odd.one(("before", "after"))] = ("b.jpg", self.photo)
-            if self.odd.chance(0.1):
-                files["motion"] = ("m.json", b'{"format": "unshutter-motion/1", "width": 80, "height": 60}')
-        body, headers = self.odd.form(files, self.odd.options(some))
-        self._ask("POST", path, content=body, headers=headers)
 
     def queries(self) -> None:
         """What the page asks of open files, and names of files that come in."""
@@ -164,9 +150,8 @@ def run(family: str, requests: int, seed: int) -> int:
     photo, motion = encoded(textured(120, 160), "JPEG"), clips.moving(12)[1]
     with TemporaryDirectory() as name:
         film = clips.write(Path(name) / "walk.mp4", motion, options={"preset": "ultrafast"}).read_bytes()
-        folder, home = Path(name) / "results", Path(name) / "home"
-        folder.mkdir()
-        with served(home, "--folder", folder) as server, server.client() as client:
+        home = Path(name) / "home"
+        with served(home) as server, server.client() as client:
             fuzz = Fuzz(server, client, seed, photo, film)
             ask: Callable[[], None] = getattr(fuzz, family)
             ask()
@@ -200,7 +185,7 @@ def _check_after(fuzz: Fuzz, home: Path, memory: int, before: int) -> None:
     start = time.monotonic()
     about = fuzz.client.get("/api/about")
     took_s = time.monotonic() - start
-    again = fuzz.client.post("/api/rectify", files={"photo": ("a.jpg", fuzz.photo)}, data={"estimator": "none"})
+    again = fuzz.client.get(f"/api/photos/{fuzz.ids['photos']}/picture", params={"estimator": "none"})
     more = rss(fuzz.server.process.pid) - memory
     wrong = {
         "it does not answer": about.status_code != 200 or again.status_code != 200,
@@ -213,7 +198,7 @@ def _check_after(fuzz: Fuzz, home: Path, memory: int, before: int) -> None:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("families", nargs="*", default=["json", "forms", "queries"])
+    parser.add_argument("families", nargs="*", default=["json", "queries"])
     parser.add_argument("--requests", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()

@@ -7,7 +7,7 @@ import pytest
 
 import unshutter
 from unshutter import Candidate, Motion, RowMotion
-from unshutter.motion.candidate import alone
+from unshutter.motion.verdict import alone
 
 
 def pan(tx_px: float, rows: int = 100) -> RowMotion:
@@ -59,8 +59,8 @@ def test_the_shares_of_the_kinds_are_kept_in_motion_files() -> None:
 def test_a_rectified_photo_has_its_candidates(basilica: tuple[np.ndarray, Motion]) -> None:
     picture, _ = basilica
     listed = unshutter.candidates(picture)
-    result = unshutter.rectified(picture)
+    result = unshutter.rectify(picture)
     assert [each.kind for each in result.candidates] == [each.kind for each in listed]
     assert listed[0].motion == unshutter.estimate(picture)
     assert sum(each.kind == "still" for each in listed) == 1
-    assert unshutter.rectified(picture, motion=listed[0].motion).candidates == ()
+    assert unshutter.rectify(picture, motion=listed[0].motion).candidates == ()

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from scipy.spatial.transform import Rotation
 
 from support.looking_back import backward_map
 from unshutter import Motion, RowMotion, UnshutterError, UsageError
-from unshutter.geometry import rotations as rotation_geometry
 from unshutter.motion import RotationMotion
+from unshutter.motion import rotations as rotation_geometry
 
 FOCAL = 400.0
 
@@ -210,6 +209,7 @@ def test_one_row_is_enough() -> None:
 
 
 def test_torch_agrees_and_has_gradients() -> None:
+    torch = pytest.importorskip("torch", reason="compares with torch")
     motion = turning(height=60, width=80, focal_px=100.0)
     col, row = grid(motion)
     samples = rotation_geometry.rotation_matrix(motion.rotations)
@@ -227,7 +227,7 @@ def test_torch_agrees_and_has_gradients() -> None:
     for a, b in zip(ours, theirs, strict=True):
         np.testing.assert_allclose(a, b.numpy(), atol=1e-10)
 
-    def positions(vectors: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
+    def positions(vectors, at):
         look_up = rotation_geometry.row_rotation_from_samples(rotation_geometry.rotation_matrix(vectors))
         there = rotation_geometry.rotated_gs_to_rs(at[0], at[1], look_up, 30.0, (9.5, 4.5))
         back = rotation_geometry.rotated_rs_to_gs(at[0], at[1], look_up, 30.0, (9.5, 4.5))

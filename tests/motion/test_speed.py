@@ -9,7 +9,7 @@ import pytest
 from unshutter import Motion, RowMotion, UnshutterError, UsageError
 from unshutter.cli import main
 from unshutter.motion import RotationMotion
-from unshutter.motion.speed import Speed, json_with_speed
+from unshutter.motion.verdict import Speed, json_with_speed
 
 
 def test_a_steady_turn_and_shift() -> None:

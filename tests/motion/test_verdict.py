@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from unshutter.batch.report import about
 from unshutter.errors import UsageError
 from unshutter.motion import RotationMotion, RowMotion
 from unshutter.motion.verdict import Verdict
 from unshutter.options import MIN_CONFIDENCE, Rectify, Undo
 from unshutter.reasons import Cause, Code, Reason
+from unshutter.run.report import about
 
 
 def sheared(px: float, confidence: float | None = None) -> RowMotion:
@@ -95,7 +95,7 @@ def test_the_largest_displacement_counts_turns_at_the_sides() -> None:
 
 
 def test_a_given_motion_is_undone_however_sure() -> None:
-    assert Rectify.of(motion="m.json").undo.min_confidence == 0  # pyright: ignore[reportArgumentType]
+    assert Rectify(motion="m.json").settled().undo.min_confidence == 0  # pyright: ignore[reportArgumentType]
     assert Rectify().undo.min_confidence == MIN_CONFIDENCE
     with pytest.raises(UsageError, match="leave out the least confidence"):
         Undo(min_confidence=0.7).at_any_confidence()

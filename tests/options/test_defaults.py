@@ -1,4 +1,4 @@
-"""An option has one default: in Python, on the command line, in forms, in OpenAPI and, where it has it, for clips."""
+"""An option has one default: in Python, on the command line, in forms, on the page and, where it has it, for clips."""
 
 import inspect
 import json
@@ -10,15 +10,12 @@ import pytest
 
 import unshutter
 from unshutter.cli.arguments import parse
-from unshutter.cli.commands.photos import RECTIFY
-from unshutter.cli.commands.video import COMMAND as VIDEO
+from unshutter.cli.clip_command import COMMAND as VIDEO
+from unshutter.cli.photo_commands import RECTIFY
 from unshutter.options import Camera, Rectify, Undo
-from unshutter.options.description import Option, options_of
-from unshutter.serve import openapi
-from unshutter.serve.app import routes
-from unshutter.serve.fields import fields, read, read_clip
-from unshutter.serve.schemas import page_module
-from unshutter.video.options import RectifyClip
+from unshutter.options.clip_options import RectifyClip
+from unshutter.options.fields import Option, in_python, options_of
+from unshutter.page.settings import fields, page_module, read, read_clip
 
 PHOTO = {option.key: option.default for option in options_of(Rectify)}
 CLIP = {option.key: option.default for option in options_of(RectifyClip)}
@@ -37,7 +34,7 @@ def test_clips_have_the_defaults_of_photos_but_for_three() -> None:
     assert (PHOTO["model"], CLIP["model"]) == tuple(MODEL.values())
 
 
-@pytest.mark.parametrize("name", ["rectify", "rectified", "estimate", "rectify_frames", "estimate_frames"])
+@pytest.mark.parametrize("name", ["rectify", "estimate", "rectify_frames", "estimate_frames"])
 def test_python_has_the_command_lines_defaults(name: str) -> None:
     parameters = inspect.signature(getattr(unshutter, name)).parameters
     shared = parameters.keys() & PHOTO.keys()
@@ -49,16 +46,13 @@ def test_python_has_the_command_lines_defaults(name: str) -> None:
 def test_an_option_is_on_every_surface_with_its_help(option: Option, capsys: pytest.CaptureFixture[str]) -> None:
     help = " ".join(option.help.split())
     assert option.key in inspect.signature(unshutter.rectify).parameters
-    assert help in " ".join((unshutter.rectify.__doc__ or "").split())
+    assert in_python(help) in " ".join((unshutter.rectify.__doc__ or "").split())
     with pytest.raises(SystemExit):
         parse("rectify", RECTIFY, ["--help-all"])
     assert f"--{option.name} " in (text := capsys.readouterr().out)
     assert "".join(help.split()) in "".join(text.split())
     assert {each.name: each.help for each in fields()}[option.name] == option.help
-    form = openapi.description(routes())["paths"]["/api/rectify"]["post"]["requestBody"]["content"][
-        "multipart/form-data"
-    ]
-    assert form["schema"]["properties"][option.name]["description"] == option.help
+    assert json.dumps(option.help) in page_module()
 
 
 def _flat(value: Any) -> dict[str, Any]:
@@ -76,15 +70,6 @@ def test_forms_have_the_command_lines_defaults() -> None:
     clip = _flat(parse("video", VIDEO, ["in.mp4", "-o", "out.mp4"]))
     form = _flat(read_clip({}))
     assert {key: clip[key] for key in form} == form
-
-
-@pytest.mark.parametrize(("address", "defaults"), [("/api/rectify", PHOTO), ("/api/video", CLIP)])
-def test_openapi_has_the_command_lines_defaults(address: str, defaults: dict[str, Any]) -> None:
-    body = openapi.description(routes())["paths"][address]["post"]["requestBody"]["content"]["multipart/form-data"]
-    stated = {name.replace("-", "_"): schema.get("default") for name, schema in body["schema"]["properties"].items()}
-    shared = stated.keys() & defaults.keys() - {"motion"}
-    assert len(shared) > 10
-    assert {key: stated[key] for key in shared} == {key: defaults[key] for key in shared}
 
 
 @pytest.mark.parametrize(("kind", "defaults"), [("photo", PHOTO), ("clip", CLIP)])

@@ -1,87 +1,140 @@
-"""Python's keywords are the options of the dataclasses: the same types, defaults and help."""
+"""Python's keywords are the options of the dataclasses: the same types, defaults, help and checks."""
 
+import dataclasses
 import inspect
 import re
-import types
 import typing
+from pathlib import Path
 
 import pytest
 
 import unshutter
-from unshutter import rectification
-from unshutter.frames import sequence, sequence_rectification
-from unshutter.options import (
-    Camera,
-    CameraKeywords,
-    Clock,
-    ClockKeywords,
-    Edges,
-    FrameModel,
-    Neighbours,
-    Reference,
-    Undo,
-    UndoKeywords,
-)
-from unshutter.options.description import Option, describe, options_of
+from unshutter.errors import UsageError
+from unshutter.options import Camera, Clock, Find, Neighbours, Save, Undo
+from unshutter.options.clip_options import ClipUndo, RectifyClip, Steadiness
+from unshutter.options.fields import describe, for_python, from_keywords, in_python, option, options_of
 
-KEYWORDS = {
-    "rectify": rectification.RectifyOptions,
-    "rectified": rectification.RectifyOptions,
-    "candidates": rectification.EstimateOptions,
-    "estimate": rectification.LinesOptions,
-    "rectify_frames": sequence_rectification.RectifyFramesOptions,
-    "estimate_frames": sequence.FramesOptions,
+PHOTO, FRAMES = (Camera, Undo, Find), (Clock, Camera, Undo, Neighbours)
+KINDS: dict[str, tuple[type, ...]] = {
+    "rectify": PHOTO,
+    "estimate": PHOTO,
+    "candidates": PHOTO,
+    "rectify_frames": FRAMES,
+    "estimate_frames": FRAMES,
+    "rectify_clip": (RectifyClip,),
+    "rectify_clip_frames": (Clock, Camera, ClipUndo, Steadiness),
 }
-FUNCTIONS = [getattr(unshutter, name) for name in KEYWORDS]
+DEMO = Path(__file__).parents[2] / "examples" / "demo.jpg"
+WIDER = {"estimator": "str | Estimator", "motion": "Motion | str | os.PathLike[str] | None"}  # than on the command line
 
 
-@pytest.mark.parametrize(("keywords", "kind"), [(CameraKeywords, Camera), (UndoKeywords, Undo), (ClockKeywords, Clock)])
-def test_keywords_are_the_fields_with_their_types(keywords: type, kind: type) -> None:
-    fields = [each.key for each in describe(kind) if isinstance(each, Option)]
+def fields_of(kind: type) -> typing.Iterator[tuple[str, str]]:
+    """Name and annotation of the options of a dataclass and of those in it."""
     hints = typing.get_type_hints(kind)
-    assert typing.get_type_hints(keywords) == {key: hints[key] for key in fields}
+    for field in dataclasses.fields(kind):
+        if dataclasses.is_dataclass(hints[field.name]):
+            yield from fields_of(hints[field.name])
+        else:
+            yield field.name, str(field.type)
 
 
-@pytest.mark.parametrize("function", FUNCTIONS)
-def test_signature_and_docstring_have_every_option_with_its_default_and_help(function: typing.Any) -> None:
-    parameters = inspect.signature(function).parameters
-    source = inspect.unwrap(function).__doc__ or ""
-    text = " ".join(inspect.cleandoc(function.__doc__).split())
-    assert "options" not in parameters and "**options" not in text
-    described = {each.key: each for kind in (Camera, Undo, Clock, Neighbours) for each in options_of(kind)}
-    for name in parameters:
-        assert f" {name}: " in text
-        if name in described:
-            assert parameters[name].default == described[name].default
-            assert f" {name}: " in source or f"{name}: {' '.join(described[name].help.split())}" in text
+@pytest.mark.parametrize(("name", "kinds"), KINDS.items())
+def test_keywords_have_the_types_defaults_and_help_of_the_options(name: str, kinds: tuple[type, ...]) -> None:
+    function = getattr(unshutter, name)
+    parameters, text = inspect.signature(function).parameters, " ".join(inspect.cleandoc(function.__doc__).split())
+    source = inspect.getsource(inspect.unwrap(function))
+    types = dict(pair for kind in reversed(kinds) for pair in fields_of(kind))
+    options = {each.key: each for kind in reversed(kinds) for each in options_of(kind)}
+    shared = parameters.keys() & options.keys()
+    assert len(shared) > 5 and {"readout", "focal_px"} < shared
+    for key in shared:
+        path = types[key].replace("Path", "str | Path")
+        assert parameters[key].kind is inspect.Parameter.KEYWORD_ONLY
+        assert parameters[key].default == options[key].default
+        assert parameters[key].annotation in (types[key], path, WIDER.get(key))
+        help = " ".join(in_python(options[key].help).split())
+        assert f" {key}: " in source or f" {key}: {help}" in text
+    assert all(f" {key}: " in text for key in parameters)
 
 
-@pytest.mark.parametrize(("name", "keywords"), KEYWORDS.items())
-def test_types_of_keywords_are_those_of_the_fields(name: str, keywords: type) -> None:
-    hints = {
-        key: hint for kind in (Camera, Undo, Clock, Neighbours) for key, hint in typing.get_type_hints(kind).items()
-    }
-    own = {key: hint for key, hint in keywords.__annotations__.items() if key in hints}
-    assert len(own) > 5
-    assert {key: hint.__forward_arg__ for key, hint in own.items()} == {key: _written(hints[key]) for key in own}
+def test_clips_take_every_option_in_python() -> None:
+    assert {each.key for each in options_of(RectifyClip)} < inspect.signature(unshutter.rectify_clip).parameters.keys()
 
 
-def _written(hint: typing.Any) -> str:
-    """A type as annotations write it."""
-    names = {Reference: "Reference", Edges: "Edges", FrameModel: "FrameModel"}
-    if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        return " | ".join(_written(each) for each in typing.get_args(hint) if each is not types.NoneType) + " | None"
-    return names.get(hint) or hint.__name__
+@pytest.mark.parametrize("name", KINDS)
+def test_unknown_keywords_are_refused_as_python_refuses_them(name: str) -> None:
+    with pytest.raises(TypeError, match=re.escape(f"{name}() got an unexpected keyword argument 'strenght'")):
+        getattr(unshutter, name)("photo.jpg", strenght=1)
 
 
-@pytest.mark.parametrize("function", FUNCTIONS)
-def test_unknown_keywords_are_refused_as_python_refuses_them(function: typing.Any) -> None:
-    message = re.escape(f"{function.__name__}() got an unexpected keyword argument 'strenght'")
-    with pytest.raises(TypeError, match=message):
-        function("photo.jpg", strenght=1)
+@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("strength", "half", "strength must be a number, got 'half'"),
+        ("focal_px", [1], "focal_px must be a number, got [1]"),
+        (
+            "readout",
+            3,
+            "readout must be one of auto, top-to-bottom, ",
+        ),
+        ("edges", None, "edges must be one of "),
+        ("estimator", 3, "estimator must be the name of a method or an Estimator, got 3"),
+        ("motion", 3, "motion must be a"),
+        ("lines", 3, "lines must be a list of DrawnLine or the path of a file of lines, got 3"),
+        ("candidate", 1.5, "candidate must be a whole number, got 1.5"),
+        ("moving", "no", "moving must be True or False, got 'no'"),
+        ("fps", "30", "fps must be a number, got '30'"),
+        ("crf", "low", "crf must be a number, got 'low'"),
+    ],
+)
+def test_values_of_another_type_are_refused_in_a_sentence(name: str, key: str, value: object, message: str) -> None:
+    function = getattr(unshutter, name)
+    if key not in inspect.signature(function).parameters:
+        return
+    photo = ["no.mp4", "out.mp4"] if name == "rectify_clip" else [DEMO]
+    with pytest.raises(UsageError, match=re.escape(message)):
+        function(*photo, **{key: value})
 
 
-@pytest.mark.parametrize(("name", "keywords"), KEYWORDS.items())
-def test_what_editors_read_is_what_runs(name: str, keywords: type) -> None:
-    parameters = inspect.signature(getattr(unshutter, name)).parameters
-    assert {*parameters} == {*list(parameters)[:1], *keywords.__annotations__}
+def test_errors_in_python_name_keywords() -> None:
+    with pytest.raises(UsageError, match=r"^say either readout_ratio, or readout_ms with fps$"):
+        unshutter.estimate_frames([], readout_ratio=0.5, fps=30)
+    with pytest.raises(UsageError, match=r"^level needs stabilize$"):
+        unshutter.rectify_clip("in.mp4", "out.mp4", level=True)
+    assert in_python("see `unshutter estimate --candidates`, --zoom-limit") == (
+        "see `unshutter estimate --candidates`, zoom_limit"
+    )
+
+
+def test_a_number_of_any_kind_is_a_number() -> None:
+    np = pytest.importorskip("numpy")
+    assert from_keywords(Undo, {"strength": np.float32(0.5)}) == Undo(strength=0.5)
+    assert from_keywords(Save, {"quality": np.int64(80), "other": 1}) == Save(quality=80)
+
+
+def test_help_is_added_once_for_each_option() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Kind:
+        """A kind."""
+
+        one: int = option(1, "The first, see --two-too.")
+        two_too: int = option(2, "Not shown.")
+
+    @for_python(Kind)
+    def function(*, one: int = 1, two_too: int = 2) -> None:
+        """Does.
+
+        Args:
+            two_too: own words.
+
+        Returns:
+            Nothing.
+        """
+
+    assert [each.key for each in describe(Kind)] == ["one", "two_too"]
+    assert inspect.cleandoc(function.__doc__ or "").splitlines()[2:5] == [
+        "Args:",
+        "    two_too: own words.",
+        "    one: The first, see two_too.",
+    ]

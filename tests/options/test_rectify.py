@@ -24,13 +24,13 @@ def test_a_value_has_the_options_that_it_was_made_with() -> None:
 
 
 def test_what_follows_from_options_for_others() -> None:
-    assert Rectify.of(motion=Path("m.json")).undo == Undo(min_confidence=0)
-    assert Rectify.of(neighbours=SEQUENCE).undo == Undo(edges="keep")
-    assert Rectify.of(neighbours=SEQUENCE, undo=Undo(edges="crop")).undo == Undo(edges="crop")
-    assert Rectify.of(undo=Undo(min_confidence=0)).find == Find(camera=Camera(at_any_odds=True))
-    assert Rectify.of() == Rectify()
+    assert Rectify(motion=Path("m.json")).settled().undo == Undo(min_confidence=0)
+    assert Rectify(neighbours=SEQUENCE).settled().undo == Undo(edges="keep")
+    assert Rectify(neighbours=SEQUENCE, undo=Undo(edges="crop")).settled().undo == Undo(edges="crop")
+    assert Rectify(undo=Undo(min_confidence=0)).settled().find == Find(camera=Camera(at_any_odds=True))
+    assert Rectify().settled() == Rectify()
 
 
 def test_a_given_motion_has_no_least_confidence() -> None:
     with pytest.raises(UsageError, match="leave out the least confidence"):
-        Rectify.of(motion=Path("m.json"), undo=Undo(min_confidence=0.5))
+        Rectify(motion=Path("m.json"), undo=Undo(min_confidence=0.5)).settled()

@@ -1,4 +1,4 @@
-"""What Python takes for a photo, and gives back in kind."""
+"""What Python takes for a photo, and the kinds of what it gives back."""
 
 import io
 from pathlib import Path
@@ -24,35 +24,58 @@ def pixels() -> np.ndarray:
     return drawn(120, 160)
 
 
-def test_rectified_tells_of_whatever_it_is_given(pixels: np.ndarray) -> None:
-    result = unshutter.rectified(pixels, motion=MOTION)
-    assert result.changed and result.motion == MOTION
-    np.testing.assert_array_equal(result.to_array(), unshutter.rectify(pixels, motion=MOTION))
-    encoded = Photo.from_array(pixels).to_bytes("png")
-    np.testing.assert_array_equal(unshutter.rectified(encoded, motion=MOTION, edges="keep").pixels, result.pixels)
-    assert not unshutter.rectified(pixels, estimator=UNSURE).changed
+def kinds(pixels: np.ndarray, folder: Path) -> list[Any]:
+    """All that stands for a photo of these pixels."""
+    photo = Photo.from_array(pixels)
+    photo.save(folder / "a.png", overwrite=True)
+    data = photo.to_bytes("png")
+    return [folder / "a.png", str(folder / "a.png"), data, io.BytesIO(data), pixels, Image.fromarray(pixels), photo]
 
 
-def test_automatic_edges_keep_the_coordinates_of_pixels_and_crop_files(pixels: np.ndarray) -> None:
-    encoded = Photo.from_array(pixels).to_bytes("png")
-    choices: tuple[dict[str, Any], ...] = ({}, {"edges": "auto"})
-    for edges in choices:
-        assert unshutter.rectify(pixels, motion=MOTION, **edges).shape == pixels.shape
-        assert unshutter.rectified(Image.fromarray(pixels), motion=MOTION, **edges).edges == "keep"
-        cropped = unshutter.rectified(encoded, motion=MOTION, **edges)
-        assert cropped.edges == "crop" and cropped.pixels.shape < pixels.shape
+def test_the_result_is_the_same_whatever_is_given(pixels: np.ndarray, tmp_path: Path) -> None:
+    expected = unshutter.rectify(pixels, motion=MOTION)
+    assert expected.edges == "crop" and expected.array.shape < pixels.shape
+    for given in kinds(pixels, tmp_path):
+        result = unshutter.rectify(given, motion=MOTION)
+        assert isinstance(result, unshutter.Rectified) and result.changed and result.motion == MOTION
+        for made in (result.array, np.asarray(result.image), Photo.from_bytes(result.bytes).pixels):
+            np.testing.assert_array_equal(made, expected.pixels)
+        result.save(tmp_path / "b.png", overwrite=True)
+        np.testing.assert_array_equal(Photo.open(tmp_path / "b.png").pixels, expected.pixels)
+    assert not unshutter.rectify(pixels, estimator=UNSURE).changed
+    assert unshutter.rectify(pixels, motion=MOTION, edges="keep").array.shape == pixels.shape
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_an_array_is_a_copy(pixels: np.ndarray) -> None:
+    result = unshutter.rectify(pixels, motion=MOTION)
+    result.array[:] = 0
+    assert result.array.any()
+
+
+def test_an_image_of_a_file_has_its_exif_and_profile(pixels: np.ndarray) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    stream = io.BytesIO()
+    Image.fromarray(pixels).save(stream, "JPEG", exif=exif, icc_profile=b"profile")
+    image = unshutter.rectify(stream.getvalue(), motion=MOTION).image
+    assert image.getexif()[0x0112] == 6 and image.info["icc_profile"] == b"profile"
+
+
+def test_an_image_of_16_bit_colours_has_8(pixels: np.ndarray) -> None:
+    image = unshutter.rectify(pixels.astype(np.uint16) * 257, estimator=UNSURE).image
+    np.testing.assert_array_equal(np.asarray(image), pixels)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
 @pytest.mark.parametrize("bands", [None, 1, 3])
 def test_floating_point_from_0_to_1(dtype: type, bands: int | None, pixels: np.ndarray) -> None:
     given = pixels[..., :bands] if bands else pixels[..., 0]
-    found = unshutter.rectify((given / 255).astype(dtype), motion=MOTION)
+    found = unshutter.rectify((given / 255).astype(dtype), motion=MOTION, edges="keep").array
     assert (found.dtype, found.shape) == (dtype, given.shape)
     # 16 bits in between, where 8 bits are rounded
-    assert np.abs(found - unshutter.rectify(given, motion=MOTION) / 255).max() < 1.5 / 255
+    assert np.abs(found - unshutter.rectify(given, motion=MOTION, edges="keep").array / 255).max() < 1.5 / 255
     same = (given / 255).astype(dtype)
-    np.testing.assert_array_equal(unshutter.rectify(same, estimator=UNSURE), same, strict=True)
+    np.testing.assert_array_equal(unshutter.rectify(same, estimator=UNSURE).array, same, strict=True)
 
 
 @pytest.mark.parametrize("wrong", [-0.01, 1.01, np.nan, np.inf])
@@ -70,11 +93,11 @@ def test_pillow_images_come_back_as_such(mode: str, pixels: np.ndarray) -> None:
     else:
         given = Image.fromarray(pixels).convert(mode)
     given.info = {"icc_profile": b"as it was"}
-    found = unshutter.rectify(given, motion=MOTION)
-    assert isinstance(found, Image.Image)
+    found = unshutter.rectify(given, motion=MOTION, edges="keep").image
     assert (found.mode, found.size, found.info) == (mode, given.size, given.info)
-    np.testing.assert_array_equal(np.asarray(found), unshutter.rectify(np.asarray(given), motion=MOTION))
-    left = unshutter.rectify(given, estimator=UNSURE)
+    expected = unshutter.rectify(np.asarray(given), motion=MOTION, edges="keep").array
+    np.testing.assert_array_equal(np.asarray(found), expected)
+    left = unshutter.rectify(given, estimator=UNSURE).image
     assert left is not given and left.tobytes() == given.tobytes()
 
 
@@ -93,7 +116,7 @@ def test_open_files_and_buffers(pixels: np.ndarray, tmp_path: Path) -> None:
         np.testing.assert_array_equal(unshutter.rectify(stream, motion=MOTION).pixels, expected)
     np.testing.assert_array_equal(unshutter.rectify(io.BytesIO(data), motion=MOTION).pixels, expected)
     for kind in (bytearray, memoryview):
-        assert unshutter.rectify(kind(data), estimator=UNSURE) == data
+        assert unshutter.rectify(kind(data), estimator=UNSURE).bytes == data
     with (
         pytest.raises(UnshutterError, match="binary mode"),
         (tmp_path / "text").open("w+") as stream,
@@ -104,14 +127,14 @@ def test_open_files_and_buffers(pixels: np.ndarray, tmp_path: Path) -> None:
 def test_a_motion_by_the_name_of_its_file(pixels: np.ndarray, tmp_path: Path) -> None:
     MOTION.save(tmp_path / "m.json")
     for name in (tmp_path / "m.json", str(tmp_path / "m.json")):
-        expected = unshutter.rectify(pixels, motion=MOTION)
-        np.testing.assert_array_equal(unshutter.rectify(pixels, motion=name), expected)
+        expected = unshutter.rectify(pixels, motion=MOTION).pixels
+        np.testing.assert_array_equal(unshutter.rectify(pixels, motion=name).pixels, expected)
 
 
 @pytest.mark.parametrize("nothing", [None, {"a": 1}, object()])
 def test_what_is_no_photo_gets_a_sentence(nothing: object) -> None:
     with pytest.raises(UnshutterError, match=r"a photo is a path, bytes, .*; got"):
-        unshutter.rectify(nothing, motion=MOTION)  # type: ignore[call-overload]
+        unshutter.rectify(nothing, motion=MOTION)  # type: ignore[arg-type]
 
 
 def test_what_is_missing_is_a_file_that_is_not_found(tmp_path: Path) -> None:
@@ -128,10 +151,8 @@ def test_what_is_missing_is_a_file_that_is_not_found(tmp_path: Path) -> None:
 
 def test_frames_are_opened_as_photos_are(tmp_path: Path) -> None:
     pixels = drawn(120, 160)
-    Photo.from_array(pixels).save(tmp_path / "a.png")
-    data = (tmp_path / "a.png").read_bytes()
-    kinds = [tmp_path / "a.png", data, io.BytesIO(data), pixels, Image.fromarray(pixels), Photo.from_array(pixels)]
-    for kind, again in zip(kinds, [*kinds[:2], io.BytesIO(data), *kinds[3:]], strict=True):
-        assert all(motion.is_zero for motion in unshutter.estimate_frames([kind, again], readout_ratio=0.5))
-    made = list(unshutter.rectify_frames([Image.fromarray(pixels)] * 2, readout_ratio=0.5))
-    assert all(isinstance(each, Image.Image) for each in made)
+    for pair in zip(kinds(pixels, tmp_path), kinds(pixels, tmp_path), strict=True):
+        assert all(motion.is_zero for motion in unshutter.estimate_frames(pair, readout_ratio=0.5))
+    made = list(unshutter.rectify_frames(kinds(pixels, tmp_path), readout_ratio=0.5))
+    assert len(made) == 7 and all(isinstance(each, unshutter.RectifiedFrame) for each in made)
+    np.testing.assert_array_equal(made[5].image, pixels)

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from support.drawn_photos import drawn, encoded, one_line, textured
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
-from unshutter.storage import large_arrays
+from unshutter.storage import files
 
 
 @pytest.mark.parametrize("format", ["JPEG", "PNG", "TIFF"])
 def test_pictures_too_large_for_memory_are_decoded_all_the_same(format, monkeypatch):
-    monkeypatch.setattr(large_arrays, "SPILL_BYTES", 1000)
+    monkeypatch.setattr(files, "SPILL_BYTES", 1000)
     pixels = textured(300, 200)
     photo = Photo.from_bytes(encoded(pixels, format, **({"quality": 95} if format == "JPEG" else {})))
     assert np.abs(photo.to_array().astype(int) - pixels).mean() <= (5 if format == "JPEG" else 0)

@@ -2,6 +2,7 @@
 
 import io
 import struct
+import sys
 
 import cv2
 import numpy as np
@@ -12,11 +13,11 @@ from PIL import Image
 from PIL.JpegImagePlugin import get_sampling
 
 from support.drawn_photos import drawn, encoded, textured
+from support.fuzzing import memory
 from support.tagged_files import (
     SRGB,
 )
-from unshutter.photo import Photo
-from unshutter.photo.containers import boxes
+from unshutter.photo import Photo, boxes
 from unshutter.photo.formats import WRITTEN
 
 LOSSLESS = ("png", "tiff")
@@ -150,3 +151,12 @@ def test_subsampling_is_the_inputs_unless_told(given: str, told) -> None:
         assert get_sampling(picture) == {"4:4:4": 0, "4:2:0": 2}[told or given]
     avif = io.BytesIO(photo.to_bytes("avif", subsampling=told))
     assert boxes.read_coding(avif).subsampled == ((told or given) == "4:2:0")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak can only be lowered on Linux")
+def test_what_the_avif_encoder_used_goes_back_to_the_system() -> None:
+    photo = Photo.from_array(textured(1200, 1600))
+    before = memory()
+    for _ in range(5):
+        photo.to_bytes("avif")
+    assert memory() - before < 60_000_000

@@ -5,7 +5,7 @@ import pytest
 
 from support.drawn_photos import drawn, encoded, textured
 from unshutter.photo import Photo
-from unshutter.photo.copies import grey_copy
+from unshutter.photo.decoder import grey_copy
 
 
 def area_average(luminance, height, width):

@@ -10,7 +10,7 @@ from support.drawn_photos import drawn, encoded
 from support.tagged_files import TITLE, full_exif, image_resources, jpeg_with
 from unshutter import RowMotion, rectify
 from unshutter.photo import Photo
-from unshutter.photo.encoding import not_written
+from unshutter.photo.saving import not_written
 
 WITH_IPTC = jpeg_with(drawn(96, 128), (0xED, b"Photoshop 3.0\0" + image_resources((1028, TITLE))), exif=full_exif())
 

@@ -59,7 +59,7 @@ def test_existing_files_need_overwrite_and_the_original_is_never_replaced(tmp_pa
     (tmp_path / "hard.jpg").hardlink_to(original)
     photo = Photo.open(original)
     changed = photo.with_pixels(~photo.pixels)
-    with pytest.raises(UnshutterError, match="use --overwrite"):
+    with pytest.raises(UnshutterError, match="use overwrite"):
         changed.save(target)
     assert target.read_bytes() == b"precious"
     for own in (original, tmp_path / "symbolic.jpg", tmp_path / "hard.jpg", other / ".." / "in.jpg"):

@@ -16,9 +16,8 @@ from support.tagged_files import (
     jpeg_with,
     small_jpeg,
 )
-from unshutter.photo import Photo
+from unshutter.photo import Photo, exif
 from unshutter.photo.formats import WRITTEN
-from unshutter.photo.tags import exif
 
 
 @pytest.mark.parametrize("order", ["<", ">"])

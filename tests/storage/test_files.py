@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from unshutter.errors import UnshutterError
-from unshutter.storage.files import check_target, remove_leftovers, remove_own_parts, times_of, written_whole
-from unshutter.storage.plain_files import digest
+from unshutter.storage.files import check_target, digest, remove_leftovers, remove_own_parts, times_of, written_whole
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links, pipes and permissions")
 
@@ -79,13 +78,12 @@ def test_only_files_are_replaced(tmp_path: Path) -> None:
 
 
 def test_originals_are_known_by_any_name(tmp_path: Path) -> None:
-    photo, motion = tmp_path / "a.jpg", tmp_path / "a.json"
+    photo = tmp_path / "a.jpg"
     photo.write_bytes(b"photo")
-    motion.write_bytes(b"{}")
     (tmp_path / "hard.jpg").hardlink_to(photo)
-    for target in (photo, motion, tmp_path / "hard.jpg", tmp_path / "." / "a.jpg"):
+    for target in (photo, tmp_path / "hard.jpg", tmp_path / "." / "a.jpg"):
         with pytest.raises(UnshutterError, match="never overwritten"):
-            check_target(target, True, None, photo, motion)
+            check_target(target, True, photo)
 
 
 @posix

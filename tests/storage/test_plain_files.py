@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from unshutter.errors import UnshutterError
-from unshutter.storage.plain_files import check_plain, digest, digest_of, open_plain, same_bytes
+from unshutter.storage.files import check_plain, digest, new_hash, open_plain, same_bytes
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs links, pipes and devices")
 ADDING = os.O_RDWR | os.O_CREAT | os.O_APPEND
@@ -52,7 +52,7 @@ def test_what_is_missing(tmp_path: Path) -> None:
 
 def test_content_has_a_digest(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"content")
-    assert digest(tmp_path / "a") == digest_of(b"content") != digest_of(b"contenu")
+    assert digest(tmp_path / "a") == new_hash(b"content").hexdigest() != new_hash(b"contenu").hexdigest()
     assert digest(tmp_path / "missing") is None
 
 

@@ -71,7 +71,7 @@ def write(path, greys, codec="libx264", pixel_format="yuv420p", times=None, soun
             out.set_chapters(more["chapters"])
         heard = out.add_stream(sound if isinstance(sound, str) else "aac", rate=48000) if sound else None
         words = out.add_mux_stream(more["subtitles"]) if "subtitles" in more else None
-        noted = out.add_data_stream(more["data"]) if "data" in more else None
+        noted = _data_stream(out, **more)
         out.start_encoding()
         if noted is not None:
             _note(out, noted)
@@ -105,6 +105,14 @@ def _ring(out, stream, k):
     frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(planes), format=kind, layout="stereo")
     frame.sample_rate, frame.pts, frame.time_base = 48000, 1600 * k, Fraction(1, 48000)
     out.mux(stream.encode(frame))
+
+
+def _data_stream(out, data=None, handler="", **_):
+    if data is None:
+        return None
+    stream = out.add_data_stream(data)
+    stream.metadata.update({"handler_name": handler} if handler else {})
+    return stream
 
 
 def _note(out, stream):
@@ -198,4 +206,4 @@ def beside(path):
     """The first frame's side data."""
     with av.open(str(path)) as clip:
         frame = next(clip.decode(video=0))
-        return {data.type.name: bytes(data) for data in frame.side_data}
+        return {data.type.name: bytes(data) for data in (frame.side_data[k] for k in range(len(frame.side_data)))}

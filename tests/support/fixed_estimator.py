@@ -1,7 +1,7 @@
 """An estimator whose answer is known beforehand."""
 
 from unshutter import Motion
-from unshutter.estimators.base import Estimator, View
+from unshutter.single.estimator import Estimator, View
 
 
 class Fixed:

@@ -255,7 +255,7 @@ def quality(column: str) -> str:
     if column == RAW:
         return {8: "deflate"}.get(opened(rich_result(column)).tag_v2[259], "other")
     if column == "PNG":
-        exact = unshutter.rectify(pixels, motion=MOTION, edges="crop")
+        exact = unshutter.rectify(pixels, motion=MOTION, edges="crop").array
         return "lossless" if np.array_equal(opened(rectified(column, file_of(column, pixels))), exact) else "lossy"
     return told_quality(column, 80)
 

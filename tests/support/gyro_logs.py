@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from unshutter.gyro.alignment import Pair
-from unshutter.gyro.log import GRAVITY, GyroLog
+from unshutter.video.gyro_log import GRAVITY, GyroLog, Pair
 
 # Device axes (columns) in the camera's (right, down, forward): x up, y back, z right.
 AXES = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

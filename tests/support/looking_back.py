@@ -3,7 +3,7 @@
 import numpy as np
 
 from unshutter import Motion
-from unshutter.export.maps import PixelMap
+from unshutter.export import PixelMap
 
 
 def backward_map(motion: Motion) -> tuple[np.ndarray, np.ndarray]:

@@ -1,12 +1,11 @@
-"""Requests to the page that are almost right: fields, JSON and forms with something odd in them."""
+"""Requests to the page that are almost right: fields and JSON with something odd in them."""
 
 import json
 import random
-from collections.abc import Callable
 from typing import Any
 
 from support.fuzzing import CHANGES
-from unshutter.options.description import Option
+from unshutter.options.fields import Option
 
 TEXTS = (
     *("", " ", "0", "-1", "1e999", "1e308", "1e-320", "nan", "-inf", "0x10", "\uff11\uff12", "9" * 400, "1_0", "true"),
@@ -105,44 +104,6 @@ class Odd:
             nested = [nested]
         return nested if nested is not value else self.one(VALUES)
 
-    # ---- forms -----------------------------------------------------------------------------------------------
-
-    def form(self, files: dict[str, tuple[str, bytes]], options: dict[str, str]) -> tuple[bytes, dict[str, str]]:
-        """A multipart form and its headers: as it should be, with parts exchanged, or with bytes changed."""
-        parts: list[tuple[str, str | None, bytes]] = [(part, name, data) for part, (name, data) in files.items()]
-        parts += [(name, None, text.encode("utf-8", "replace")) for name, text in options.items()]
-        kind = self.random.random()
-        if kind > 0.3:
-            for _ in range(self.one((0, 1, 2))):
-                parts = self._exchanged(parts)
-        boundary = self.one(("x", "----WebKitFormBoundary7MA4YWxk", "-" * 70)) if kind > 0.1 else "x"
-        body = b"".join(_part(boundary, *each) for each in parts) + f"--{boundary}--\r\n".encode()
-        if kind > 0.75:
-            body = self.damaged(body)
-        return body, {"Content-Type": self._content_type(boundary) if kind > 0.9 else _form_type(boundary)}
-
-    def _exchanged(self, parts: list[tuple[str, str | None, bytes]]) -> list[tuple[str, str | None, bytes]]:
-        if not parts:
-            return parts
-        at = self.random.randrange(len(parts))
-        part, name, data = parts[at]
-        changes: tuple[Callable[[], list], ...] = (
-            lambda: [],
-            lambda: [parts[at]] * self.one((2, 5, 45)),
-            lambda: [(self.one((*TEXTS, "photo", "clip", "motion", "before")), name, data)],
-            lambda: [(part, self.one((None, *TEXTS, "x%05d.png", "../a.jpg", "a.heic", "\u6f22" * 82 + ".jpg")), data)],
-            lambda: [(part, name, self.one(TEXTS).encode("utf-8", "surrogatepass"))],
-            lambda: [(part, name, self.damaged(data))],
-        )
-        return [*parts[:at], *self.one(changes)(), *parts[at + 1 :]]
-
-    def _content_type(self, boundary: str) -> str:
-        form, charset = "multipart/form-data", self.one(("utf-16", "latin-1", "none", "rot13"))
-        without = ("", form, f"{form}; boundary=", "application/x-www-form-urlencoded", "application/json", "x" * 5_000)
-        given = ("boundary=other", f"charset={charset}; boundary={boundary}", f'boundary="{boundary}"')
-        other = f"multipart/mixed; boundary={boundary}"
-        return self.one((*without, other, *(f"{form}; {each}" for each in given)))
-
     def damaged(self, data: bytes) -> bytes:
         """The same with one to four changes."""
         changed = bytearray(data)
@@ -151,13 +112,3 @@ class Odd:
                 at = self.random.randrange(min(len(changed), 400) if self.chance(0.5) else len(changed))
                 self.one(CHANGES)(changed, at, self.random.randint(1, 64), self.random.randrange(1 << 16))
         return bytes(changed)
-
-
-def _form_type(boundary: str) -> str:
-    return f"multipart/form-data; boundary={boundary}"
-
-
-def _part(boundary: str, part: str, name: str | None, data: bytes) -> bytes:
-    file = "" if name is None else f'; filename="{name}"'
-    head = f'--{boundary}\r\nContent-Disposition: form-data; name="{part}"{file}\r\n\r\n'
-    return head.encode("utf-8", "surrogatepass") + data + b"\r\n"

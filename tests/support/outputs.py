@@ -11,8 +11,16 @@ import unshutter
 from support import clips
 from support.batches import make_motion, make_photos
 from unshutter.cli import main
+from unshutter.single.drawn_lines import DrawnLine, lines_to_json
 
 WEIGHTS = Path(unshutter.__file__).parent / "weights" / "segment-transformer.npz"
+
+
+PHOTO = {"--output": ".jpg .png", "--save-motion": ".json", "--masks": "", "--preview": ".png .jpg"}
+PHOTOS = {"--output": "", "--save-motion": "", "--masks": "", "--preview": ".png .jpg", "--manifest": ""}
+VIDEO = {"--output": ".mp4", "--save-motion": ".json", "--preview": ".png .mp4", "--plot": ".png"}
+LOG = {"--json-log": ".jsonl .json .png .jpg .mp4"}  # any name
+GCSV = "GYROFLOW IMU LOG\nt,gx,gy,gz\n" + "".join(f"{k / 100},0.1,0.2,0.1\n" for k in range(99))
 
 
 @dataclass
@@ -22,9 +30,9 @@ class Scene:
     Attributes:
         words: the command and its inputs.
         inputs: all files that it then reads.
-        outputs: option -> ending of the files that it writes.
+        outputs: option -> endings of the files that it writes; empty: a folder.
         needed: options that cannot be left out -> where they may go.
-        code: with which it ends where all goes well.
+        any_name: inputs that may have any ending.
     """
 
     words: list[object]
@@ -32,93 +40,107 @@ class Scene:
     outputs: dict[str, str]
     needed: dict[str, Path] = field(default_factory=dict)
     overwrite: tuple[str, ...] = ("--overwrite",)
+    any_name: list[Path] = field(default_factory=list)
+
+
+def with_film(photo: Path) -> list[Path]:
+    """A photo and a film next to it, which a phone may have taken with it."""
+    photo.with_suffix(".MOV").write_bytes(b"film")
+    return [photo, photo.with_suffix(".MOV")]
 
 
 def photo(folder: Path) -> Scene:
     make_photos(folder, ["a.jpg"])
     motion = make_motion(folder / "m.json")
     words = ["rectify", folder / "a.jpg", "--motion", motion]
-    ends = {"--output": ".jpg", "--save-motion": ".json", "--masks": "", "--json-log": ".jsonl", "--preview": ".png"}
-    return Scene(words, [folder / "a.jpg", motion], ends)
+    return Scene(words, [*with_film(folder / "a.jpg"), motion], PHOTO | LOG)
 
 
 def photos(folder: Path) -> Scene:
     """A folder, and weights of one's own."""
     make_photos(folder, ["in/a.jpg", "in/b.png"])
+    with_film(folder / "in" / "a.jpg")
     weights = shutil.copyfile(WEIGHTS, folder / "w.npz")
     inputs = [*sorted((folder / "in").iterdir()), weights]
     words = ["rectify", folder / "in", "--estimator", f"segment-transformer@{weights}", "--keep-names"]
-    ends = {"--output": "", "--save-motion": "", "--masks": "", "--json-log": ".jsonl", "--preview": ".png"}
-    return Scene(words, inputs, ends | {"--manifest": ""}, {"--output": folder / "out"})
+    return Scene(words, inputs, PHOTOS | LOG, {"--output": folder / "out"})
+
+
+def sequence(folder: Path) -> Scene:
+    make_photos(folder, ["in/1.jpg", "in/2.jpg"])
+    words = ["rectify", folder / "in", "--sequence", "--readout-ratio", "0.5", "--keep-names"]
+    return Scene(words, sorted((folder / "in").iterdir()), PHOTOS | LOG, {"--output": folder / "out"})
 
 
 def neighbours(folder: Path) -> Scene:
     make_photos(folder, ["a.jpg", "b.jpg", "c.jpg"])
     words = ["rectify", folder / "b.jpg", "--before", folder / "a.jpg", "--after", folder / "c.jpg"]
-    ends = {"--output": ".jpg", "--save-motion": ".json", "--masks": "", "--json-log": ".jsonl", "--preview": ".png"}
-    return Scene([*words, "--readout-ratio", "0.5"], sorted(folder.glob("*.jpg")), ends)
+    inputs = [*with_film(folder / "b.jpg"), folder / "a.jpg", folder / "c.jpg"]
+    return Scene([*words, "--readout-ratio", "0.5"], inputs, PHOTO | LOG)
 
 
 def estimate(folder: Path) -> Scene:
     make_photos(folder, ["a.jpg"])
-    weights = shutil.copyfile(WEIGHTS, folder / "w.npz")
-    words = ["estimate", folder / "a.jpg", "--estimator", f"segment-transformer@{weights}"]
-    return Scene(words, [folder / "a.jpg", weights], {"--output": ".json", "--plot": ".png"})
+    weights, lines = shutil.copyfile(WEIGHTS, folder / "w.npz"), folder / "lines.json"
+    lines.write_text(lines_to_json([DrawnLine("upright", ((x, 9), (x, 60))) for x in (10, 80)]))
+    words = ["estimate", folder / "a.jpg", "--estimator", f"segment-transformer@{weights}", "--lines", lines]
+    inputs = [*with_film(folder / "a.jpg"), weights, lines]
+    return Scene(words, inputs, {"--output": ".json", "--plot": ".png"}, any_name=[lines])
+
+
+def estimates(folder: Path) -> Scene:
+    make_photos(folder, ["in/a.jpg", "in/b.jpg"])
+    return Scene(["estimate", folder / "in"], sorted((folder / "in").iterdir()), {"--output": ""})
 
 
 def map_photo(folder: Path) -> Scene:
     make_photos(folder, ["a.tif"])
     weights = shutil.copyfile(WEIGHTS, folder / "w.npz")
     words = ["map", folder / "a.tif", "--estimator", f"segment-transformer@{weights}"]
-    return Scene(words, [folder / "a.tif", weights], {"--output": ".tif"})
+    return Scene(words, [*with_film(folder / "a.tif"), weights], {"--output": ".tif"})
 
 
 def points(folder: Path) -> Scene:
     motion, table = make_motion(folder / "m.json"), folder / "t.csv"
     table.write_text("x,y\n1,2\n")
-    return Scene(["points", motion, table], [motion, table], {"--output": ".csv"})
-
-
-VIDEO = {"--output": ".mp4", "--save-motion": ".json", "--preview": ".png", "--plot": ".png", "--json-log": ".jsonl"}
+    return Scene(["points", motion, table], [motion, table], {"--output": ".csv"}, any_name=[motion, table])
 
 
 def film(folder: Path) -> Scene:
-    film = clips.write(folder / "a.mp4", clips.moving(6)[1])
-    words = ["video", film, "--readout-ratio", "0.6"]
-    return Scene(words, [film], VIDEO, {"--output": folder / "out.mp4"})
+    """A film, and its gyro log next to it."""
+    film, log = clips.write(folder / "a.mp4", clips.moving(6)[1]), folder / "a.gcsv"
+    log.write_text(GCSV)
+    words = ["video", film, "--readout-ratio", "0.6", "--gyro", log]
+    return Scene(words, [film, log], VIDEO | LOG, {"--output": folder / "out.mp4"}, any_name=[log])
 
 
 def film_by_motion(folder: Path) -> Scene:
-    scene = film(folder)
-    motion = folder / "m.json"
-    assert main([*map(str, scene.words), "-o", str(folder / "first.mp4"), "--save-motion", str(motion)]) == 0
-    words = ["video", *scene.inputs, "--motion", motion]
-    return Scene(words, [*scene.inputs, motion], VIDEO, scene.needed)
-
-
-def frames(folder: Path, pattern: str = "") -> Scene:
-    (folder / "in").mkdir()
-    made = clips.write(folder / "a.mp4", clips.moving(6)[1])
-    assert main(["video", str(made), "-o", str(folder / "in" / "%05d.png"), "--readout-ratio", "0.6"]) == 0
-    words = ["video", folder / "in" / pattern, "--readout-ratio", "0.6"]
-    ends = {**VIDEO, "--output": ".png"}
-    return Scene(words, sorted((folder / "in").iterdir()), ends, {"--output": folder / "out"})
-
-
-def pattern(folder: Path) -> Scene:
-    return frames(folder, "%05d.png")
+    film, motion = clips.write(folder / "a.mp4", clips.moving(6)[1]), folder / "m.json"
+    words = ["video", film, "--readout-ratio", "0.6", "-o", folder / "first.mp4", "--save-motion", motion]
+    assert main(list(map(str, words))) == 0
+    words = ["video", film, "--motion", motion]
+    return Scene(words, [film, motion], VIDEO | LOG, {"--output": folder / "out.mp4"}, any_name=[motion])
 
 
 def evaluate(folder: Path) -> Scene:
     make_photos(folder, ["in/a.jpg"])
+    log = turns(folder / "log.npz")
     words = ["evaluate", "--data", folder / "in", "--estimators", "none", "--photos", 1, "--per-photo", 1]
-    return Scene([*words, "--jobs", 1], [folder / "in" / "a.jpg"], {"--output": ""})
+    return Scene([*words, "--trajectory", log, "--jobs", 1], [folder / "in" / "a.jpg", log], {"--output": ""})
+
+
+def turns(path: Path) -> Path:
+    path.parent.mkdir(exist_ok=True)
+    np.savez(path, t_s=np.arange(300) / 100, gyro_rad_s=np.zeros((300, 3)))
+    return path
 
 
 def synthesize(folder: Path) -> Scene:
     make_photos(folder, ["in/a.jpg"])
-    words = ["synthesize", folder / "in", "--size", 64, "--canvas", 70]
-    return Scene(words, [folder / "in" / "a.jpg"], {"--output": ""}, overwrite=())
+    log = turns(folder / "log.npz")
+    words = ["synthesize", folder / "in", "--size", 64, "--canvas", 70, "--motion", "trajectory", "--trajectory", log]
+    words = [*words, "--readout-ms", 20, "--focal-px", 60]
+    return Scene(words, [folder / "in" / "a.jpg", log], {"--output": ""}, overwrite=())
 
 
 TINY = """
@@ -137,29 +159,31 @@ drawn = 4
 
 def train(folder: Path) -> Scene:
     (folder / "tiny.toml").write_text(TINY)
-    return Scene(["train", "--config", folder / "tiny.toml"], [folder / "tiny.toml"], {"--out": ""}, overwrite=())
+    (folder / "base.toml").write_text(TINY)
+    make_photos(folder, ["in/a.jpg"])
+    start = shutil.copyfile(WEIGHTS, folder / "w.npz")
+    words = ["train", "--config", folder / "tiny.toml", "--base", folder / "base.toml", "--photos", folder / "in"]
+    inputs = [folder / "tiny.toml", folder / "base.toml", folder / "in" / "a.jpg", start]
+    return Scene([*words, "--start", start], inputs, {"--out": ""}, overwrite=())
 
 
 def calibrate(folder: Path) -> Scene:
     make_photos(folder, [f"{name}/{name}.jpg" for name in ("val", "train", "ordinary")])
-    log = folder / "trajectories" / "log.npz"
-    log.parent.mkdir()
-    np.savez(log, t_s=np.arange(300) / 100, gyro_rad_s=np.zeros((300, 3)))
+    log = turns(folder / "trajectories" / "log.npz")
     inputs = [*sorted(folder.rglob("*.jpg")), log]
     return Scene(["calibrate", folder, "--jobs", 1], inputs, {"--output": ""})
 
 
 SCENES: dict[str, list[Callable[[Path], Scene]]] = {
-    "rectify": [photo, photos, neighbours],
-    "estimate": [estimate],
+    "rectify": [photo, photos, sequence, neighbours],
+    "estimate": [estimate, estimates],
     "map": [map_photo],
     "points": [points],
-    "video": [film, film_by_motion, frames, pattern],
+    "video": [film, film_by_motion],
     "evaluate": [evaluate],
     "synthesize": [synthesize],
     "train": [train],
     "calibrate": [calibrate],
 }
-ELSEWHERE = {("serve", "--folder")}  # test_the_page_never_takes_a_name_that_is_there (tests/cli/test_outputs.py)
-NEEDS = {film: "av", film_by_motion: "av", frames: "av", pattern: "av", evaluate: "matplotlib", train: "torch"}
+NEEDS = {film: "av", film_by_motion: "av", evaluate: "matplotlib", train: "torch"}
 NEEDS |= {calibrate: "sklearn"}

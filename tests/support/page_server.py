@@ -17,9 +17,8 @@ import httpx
 from starlette.types import ASGIApp
 
 from support.installed import install
-from unshutter.serve.desk import Desk
-from unshutter.serve.settings import Settings
-from unshutter.serve.store import temporary_folder
+from unshutter.page.settings import Settings
+from unshutter.page.store import Desk, temporary_folder
 
 TOKEN = "test-token"
 TESTS = Path(__file__).parent.parent
@@ -68,7 +67,7 @@ def served(home: Path, *arguments: object, port: int = 0, token: str | None = TO
             process.wait(20)
 
 
-def start(home: Path, *arguments: object) -> subprocess.Popen:
+def start(home: Path, *arguments: object, **environment: str) -> subprocess.Popen:
     """The command, with all its output in one stream."""
     home.mkdir(exist_ok=True)
     package = home / "package"
@@ -82,7 +81,7 @@ def start(home: Path, *arguments: object) -> subprocess.Popen:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        env=os.environ | {"PYTHONPATH": path, "TMPDIR": str(home)},
+        env=os.environ | {"PYTHONPATH": path, "TMPDIR": str(home)} | environment,
     )
 
 
@@ -147,10 +146,6 @@ def becomes(true: Callable[[], bool], within_s: float = 5) -> bool:
     while not true() and time.monotonic() < deadline:
         time.sleep(0.02)
     return true()
-
-
-def part(photo: Path) -> dict[str, tuple[str, bytes]]:
-    return {"photo": (photo.name, photo.read_bytes())}
 
 
 def opened(client: httpx.Client, photo: Path) -> str:

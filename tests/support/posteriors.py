@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from unshutter.estimators.right_angles.posterior import Optima, Pose, Posterior
+from unshutter.single.search import Optima, Pose, Posterior
 
 
 def posterior_of(motion: np.ndarray, evidence: float, sigma: float = 0.004, lines_gain: float = 1.0) -> Posterior:

@@ -14,7 +14,7 @@ from support.camera_files import dng, heic, linear
 from support.drawn_photos import drawn, encoded
 from support.tagged_files import TITLE, image_resources, jpeg_with, small_jpeg
 from unshutter.photo import Photo
-from unshutter.photo.tags.exif import add_to_tiff
+from unshutter.photo.exif import add_to_tiff
 
 HEIGHT, WIDTH = 96, 160
 COLUMNS = {"JPEG": ".jpg", "PNG": ".png", "WebP": ".webp", "TIFF": ".tif", "AVIF": ".avif", "HEIC": ".heic"}

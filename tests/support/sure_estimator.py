@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from unshutter.estimators import register
-from unshutter.estimators.base import Estimator, View
 from unshutter.motion import Motion, RowMotion
+from unshutter.single import register
+from unshutter.single.estimator import Estimator, View
 
 
 class Sure(Estimator):

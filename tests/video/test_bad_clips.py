@@ -3,9 +3,11 @@
 import os
 import resource
 import signal
+import struct
 import subprocess
 import sys
 import time
+import tracemalloc
 
 import av
 import numpy as np
@@ -14,6 +16,7 @@ import pytest
 from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
+from unshutter.video import mp4
 
 GREYS = clips.moving(16)[1]
 
@@ -34,8 +37,8 @@ def test_no_film_at_all(tmp_path, capsys):
 
 
 def test_what_cannot_be_is_reported_before_the_work(tmp_path, capsys, clip, monkeypatch):
-    monkeypatch.setattr("unshutter.video.clip_rectification.readout_ratio_of_clip", None)  # the long search
-    refused(capsys, [clip, "-o", tmp_path / "out.txt"], 1, "no film ends in '.txt': use .mp4, .mov or .mkv")
+    monkeypatch.setattr("unshutter.video.readout.readout_time_of_clip", None)  # the long search
+    refused(capsys, [clip, "-o", tmp_path / "out.txt"], 1, "ends in '.txt': use .mp4, .mov or .mkv")
     refused(capsys, [clip, "-o", tmp_path / "out.jpg"], 1, "'.jpg' is not a film", "out/%05d.jpg")
     refused(capsys, [clip, "-o", tmp_path / "out.mp4", "--start", 99], 1, "in.mp4 ends at", "--start")
     refused(capsys, [tmp_path / "photo.jpg"], 2, "is a photo, not a clip: unshutter rectify")
@@ -97,13 +100,16 @@ def test_so_large_that_memory_would_not_do(tmp_path, capsys):
     refused(capsys, [path, "-o", tmp_path / "out.mkv"], 1, "8000x8000 px (64 megapixels)", "limit of 38 megapixels")
 
 
+@pytest.mark.parametrize("focal", ["1", "7", "1e308"])
+def test_a_focal_length_that_no_camera_has(tmp_path, capsys, clip, focal):
+    words = [clip, "-o", tmp_path / "out.mp4", "--readout-ratio", "0.6", "--focal-px", focal]
+    refused(capsys, words, 2, "the focal length must lie between", "px")
+
+
 def test_a_pipe_is_not_waited_for(tmp_path, capsys, clip):
-    pipe, folder = tmp_path / "pipe.mp4", tmp_path / "pictures"
-    folder.mkdir()
-    for path in (pipe, folder / "0001.png"):
-        os.mkfifo(path)
-    for source in (pipe, folder, folder / "%04d.png"):
-        refused(capsys, [source, "-o", tmp_path / "out.mp4"], 1, "it is a pipe or a device, not a file")
+    pipe = tmp_path / "pipe.mp4"
+    os.mkfifo(pipe)
+    refused(capsys, [pipe, "-o", tmp_path / "out.mp4"], 1, "it is a pipe or a device, not a file")
     refused(capsys, [clip, "-o", tmp_path / "out.mp4", "--motion", pipe], 1, "it is a pipe or a device, not a file")
 
 
@@ -148,7 +154,6 @@ def test_a_clip_that_is_too_short_does_not_say_that_the_camera_stood_still(tmp_p
         (["--start", "50", "--readout-ratio", "0.6"], 1, ": --start must come before that"),
         (["--start", "999999999", "--readout-ratio", "0.6"], 1, ": --start must come before that"),
         (["--motion", "none.json"], 1, "none.json"),
-        (["--fps", "25", "--readout-ratio", "0.6"], 2, "pictures"),
     ],
 )
 def test_options_that_cannot_be(tmp_path, capsys, clip, flags, code, message):
@@ -231,19 +236,6 @@ def test_killed_and_begun_anew(tmp_path, long_clip, capsys):
     assert left_behind(tmp_path) == ["out.mp4"]
 
 
-@pytest.mark.parametrize("name", ["out", "out/%04d.png"])
-def test_pictures_of_a_killed_run_are_removed_by_the_next(tmp_path, long_clip, capsys, name):
-    words = ["video", str(long_clip), "-o", str(tmp_path / name), "--readout-ratio", "0.6"]
-    process = subprocess.Popen([sys.executable, "-m", "unshutter", *words], stderr=subprocess.PIPE, text=True)
-    at_work(tmp_path)
-    process.kill()
-    process.communicate(timeout=60)
-    assert len(left_behind(tmp_path)) == 1
-    assert main([*words, "--end", "0.2"]) == 0
-    assert "started from the beginning" in capsys.readouterr().err
-    assert left_behind(tmp_path) == ["out"]
-
-
 def test_no_room_on_the_disc(tmp_path, clip):
     def small():
         resource.setrlimit(resource.RLIMIT_FSIZE, (4000, 4000))
@@ -258,3 +250,42 @@ def test_no_room_on_the_disc(tmp_path, clip):
 def test_no_folder_for_it(tmp_path, capsys, clip):
     refused(capsys, [clip, "-o", tmp_path / "no" / "out.mp4", "--readout-ratio", "0.6"], 1, "no folder")
     assert not os.path.exists(tmp_path / "no")
+
+
+def test_ctrl_c_while_the_library_is_loaded(clip):
+    """What was imported so far stays behind: a module without its parts."""
+    script = (
+        "import sys\n"
+        "class Stop:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'av.container': sys.meta_path.remove(self); raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Stop())\n"
+        "from unshutter.video.clip import Clip\n"
+        "try: Clip.look(sys.argv[1])\n"
+        "except KeyboardInterrupt: sys.exit(130)"
+    )
+    ended = subprocess.run([sys.executable, "-c", script, str(clip)], capture_output=True, text=True, check=False)
+    assert ended.returncode == 130 and not ended.stderr
+
+
+def test_a_time_scale_of_0(tmp_path, capsys, clip):
+    data = bytearray(clip.read_bytes())
+    at = data.index(b"mdhd")
+    data[at + 16 : at + 20] = bytes(4)
+    path = tmp_path / "false.mp4"
+    path.write_bytes(data)
+    refused(capsys, [path, "-o", tmp_path / "out.mp4"], 1, "the times of its frames cannot be right")
+
+
+def test_a_false_count_of_samples_takes_no_memory(tmp_path, clip):
+    data = bytearray(clip.read_bytes())
+    at = data.rindex(b"stsz")
+    data[at + 8 : at + 16] = struct.pack(">II", 1, 1 << 26)
+    path = tmp_path / "false.mp4"
+    path.write_bytes(data)
+    tracemalloc.start()
+    try:
+        assert not mp4.can_take(str(path))
+        assert tracemalloc.get_traced_memory()[1] < 1e6
+    finally:
+        tracemalloc.stop()

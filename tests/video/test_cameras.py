@@ -1,6 +1,7 @@
 """The table of cameras: what is in it, how it is listed, and when a clip takes its readout time from it."""
 
 import json
+import re
 from importlib.resources import files
 
 import pytest
@@ -8,8 +9,9 @@ import pytest
 from support import clips
 from unshutter.cli import main
 from unshutter.errors import UsageError
+from unshutter.readout_time import ReadoutTime
 from unshutter.video import cameras
-from unshutter.video.cameras import CameraMode, ListedReadout, Match
+from unshutter.video.cameras import CameraMode
 
 SIZE = (clips.WIDTH, clips.HEIGHT)
 NEMO = [
@@ -58,7 +60,7 @@ def test_the_table_says_where_it_is_from_and_its_licence():
 def test_a_camera_is_found_by_make_model_size_and_rate(nemo):
     time = cameras.find("Nemo", "One", SIZE, 29.97)
     assert time == cameras.find("nemo inc.", "Nemo One", SIZE[::-1], 30)  # held upright
-    assert time == ListedReadout(20, 20, 20, "Nemo One", Match.MODE, 1) and time.is_certain
+    assert time == ReadoutTime.of_ms(20, "table of cameras", "Nemo One")
     assert cameras.find("", "one", SIZE, 30) == time
     assert cameras.find("Ahab", "One", SIZE, 30) is cameras.find("Nemo", "Three", SIZE, 30) is None
     assert cameras.find("Nemo", "", SIZE, 30) is cameras.find("", "", SIZE, 30) is None
@@ -66,16 +68,17 @@ def test_a_camera_is_found_by_make_model_size_and_rate(nemo):
 
 def test_profiles_and_lenses_that_disagree_give_a_range(nemo):
     two = cameras.find("Nemo", "Two", SIZE, 30)
-    assert (two.low, two.typical, two.high, two.profiles) == (8, 12, 16, 3) and not two.is_certain
+    assert (two.ms, two.plausible_ms, two.camera) == (12, (8, 16), "Nemo Two, this mode")
     pro = cameras.find("Nemo", "One Pro", SIZE, 30)
-    assert (pro.low, pro.high, pro.match) == (10, 15, Match.MODE) and not pro.is_certain
+    assert (pro.plausible_ms, pro.camera) == ((10, 15), "Nemo One Pro, this mode")
 
 
 def test_other_modes_of_a_camera_say_something_of_a_mode_that_is_not_listed(nemo):
     faster = cameras.find("Nemo", "Two", SIZE, 100)
-    assert (faster.low, faster.high, faster.match) == (8, 10, Match.OTHER_RATE)  # never longer than a frame takes
+    assert faster.plausible_ms == (8, 10)  # never longer than a frame takes
+    assert faster.camera == "Nemo Two, this frame size at another rate"
     other = cameras.find("Nemo", "One", (640, 480), 30)
-    assert (other.typical, other.match, other.is_certain) == (20, Match.OTHER_MODE, False)
+    assert (other.ms, other.plausible_ms, other.camera) == (20, (20, 20), "Nemo One, other modes of this camera")
 
 
 @pytest.mark.parametrize(
@@ -90,13 +93,13 @@ def test_other_modes_of_a_camera_say_something_of_a_mode_that_is_not_listed(nemo
     ],
 )
 def test_cameras_are_known_by_the_names_that_their_files_give_them(tags, camera):
-    entry = cameras.find_tagged(tags, (3840, 2160), 29.97)
-    assert entry is not None and cameras._spelled(entry.camera) == cameras._spelled(camera)
+    entry = cameras.find(*cameras.camera_of(tags), (3840, 2160), 29.97)
+    assert entry is not None and cameras._spelled(entry.camera.partition(",")[0]) == cameras._spelled(camera)
 
 
 @pytest.mark.parametrize("tags", [{"make": "Nemo"}, {"model": "On"}, {"firmware": "1.0"}, {}])
 def test_tags_that_name_no_camera_find_none(nemo, tags):
-    assert cameras.find_tagged(tags, SIZE, 30.0) is None
+    assert cameras.find(*cameras.camera_of(tags), SIZE, 30.0) is None
 
 
 # ---- names --------------------------------------------------------------------------------------------------
@@ -114,6 +117,13 @@ def test_cameras_are_listed_by_a_word(capsys):
     assert "no camera of the table is called 'no such camera'" in capsys.readouterr().err
 
 
+def test_no_brand_is_said_twice(capsys):
+    assert main(["cameras"]) == 0
+    assert not [line for line in capsys.readouterr().out.splitlines() if re.match(r"(\w+) ?\1", line, re.IGNORECASE)]
+    assert {"Hawkeye", "XTU MAX2"} <= {mode.camera for mode in cameras.table()}
+    assert cameras.find_named("XTUMAX2", (3840, 2160), 30.0).camera == "XTU MAX2"
+
+
 @pytest.mark.parametrize("words", [["alpha", "7c"], ["ILCE-7C"], ["a7c"]])
 def test_a_camera_is_listed_by_any_of_its_names(capsys, words):
     assert main(["cameras", *words]) == 0
@@ -124,7 +134,7 @@ def test_a_camera_is_listed_by_any_of_its_names(capsys, words):
     ("name", "time"), [("nemo one", 20), ("One", 20), ("ONE PRO tele", 15), ("wide", 10), ("one-pro wide", 10)]
 )
 def test_a_name_needs_as_much_as_tells_the_camera(nemo, name, time):
-    assert cameras.find_named(name, SIZE, 29.97).typical == time
+    assert cameras.find_named(name, SIZE, 29.97).ms == time
 
 
 @pytest.mark.parametrize(

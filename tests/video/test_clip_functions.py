@@ -1,8 +1,5 @@
 """Clips from Python: a whole file with its progress, and frames of another decoder."""
 
-import inspect
-import typing
-
 import numpy as np
 import pytest
 
@@ -10,9 +7,6 @@ import unshutter
 from support import clips
 from support.hand_held import pan
 from unshutter.errors import UnknownRatioError
-from unshutter.options.description import options_of
-from unshutter.video import clip_functions
-from unshutter.video.options import RectifyClip
 
 CAMERA, GREYS = clips.moving(24)
 TRUTH = np.stack(clips.truth(CAMERA)).astype(float)
@@ -34,21 +28,8 @@ def test_a_whole_clip(tmp_path, capfd):
     assert clips.psnr(clips.luma(tmp_path / "out.mkv"), TRUTH) > clips.psnr(np.stack(GREYS).astype(float), TRUTH) + 5
 
 
-def test_keywords_are_the_options_of_the_command():
-    options = {each.key: each for each in options_of(RectifyClip)}
-    assert clip_functions.RectifyClipOptions.__annotations__.keys() == options.keys()
-    parameters = inspect.signature(unshutter.rectify_clip).parameters
-    assert {name: parameters[name].default for name in options} == {
-        name: each.default for name, each in options.items()
-    }
-    for function in (unshutter.rectify_clip, unshutter.rectify_clip_frames):
-        assert "**options" not in (function.__doc__ or "") and " strength: How much of the motion" in function.__doc__
-        with pytest.raises(TypeError, match="unexpected keyword argument 'strenght'"):
-            typing.cast(typing.Any, function)("a.mp4", "b.mp4", strenght=1)
-
-
 def test_options_are_checked(tmp_path):
-    for options, complaint in (({"crf": 80}, "between 0 and 63"), ({"edges": "borrow"}, "needs --model dense")):
+    for options, complaint in (({"crf": 80}, "between 0 and 63"), ({"edges": "borrow"}, "needs model dense")):
         with pytest.raises(unshutter.UsageError, match=complaint):
             unshutter.rectify_clip("in.mp4", tmp_path / "out.mp4", **options)
 

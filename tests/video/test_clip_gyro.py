@@ -1,13 +1,17 @@
 """Clips with gyro logs: what the log is found to be, what is done by it, and what is left to the pictures."""
 
 import json
+import struct
 
 import numpy as np
 import pytest
 
 from support import clips, hand_held
-from support.gyro_logs import gyro_log, write_gcsv
+from support.gyro_logs import gyro_log as drawn_log
+from support.gyro_logs import write_gcsv
 from unshutter.cli import main
+from unshutter.video import gyro_log
+from unshutter.video.mp4 import box
 
 FRAMES, SHIFT = 40, 0.137
 
@@ -26,7 +30,7 @@ def shaken(tmp_path_factory):
     """(camera, its clip, its log's file)."""
     folder = tmp_path_factory.mktemp("gyro")
     camera, greys = clips.moving(FRAMES, vibration())
-    log = gyro_log(camera, SHIFT, bias=(0.01, -0.005, 0.003))
+    log = drawn_log(camera, SHIFT, bias=(0.01, -0.005, 0.003))
     return camera, clips.write(folder / "in.mkv", greys, "ffv1"), write_gcsv(folder / "in.gcsv", log)
 
 
@@ -59,15 +63,58 @@ def test_a_motion_file_keeps_the_vibration(tmp_path, capsys, shaken):
 
 def test_a_log_that_the_picture_does_not_follow_is_left_alone_and_named(tmp_path, capsys, shaken):
     _, clip, _ = shaken
-    other = write_gcsv(tmp_path / "other.gcsv", gyro_log(hand_held.camera(hand_held.hand(seed=7)), 0.0))
+    other = write_gcsv(tmp_path / "other.gcsv", drawn_log(hand_held.camera(hand_held.hand(seed=7)), 0.0))
     _, record, printed = straighten(clip, tmp_path, capsys, "--gyro", str(other), "--readout-ratio", "0.6")
     assert not record["gyro"]["used"] and record["gyro"]["declined"]["code"] == "gyro-disagrees"
     assert "not used: the picture does not follow the gyro log" in printed
 
 
+@pytest.fixture(scope="module")
+def even(tmp_path_factory):
+    """A clip that does not show its readout time, and the log of a camera that moved otherwise."""
+    folder = tmp_path_factory.mktemp("even")
+    log = write_gcsv(folder / "other.gcsv", drawn_log(hand_held.camera(hand_held.hand(seed=7)), 0.0))
+    return clips.write(folder / "in.mkv", clips.moving(30, hand_held.pan(9.0))[1], "ffv1", "gray"), log
+
+
+def test_a_stabilised_clip_is_copied_where_its_readout_time_would_be_guessed(tmp_path, capsys, even):
+    clip, log = even
+    _, record, printed = straighten(clip, tmp_path, capsys, "--gyro", str(log))
+    assert (tmp_path / "out.mkv").read_bytes() == clip.read_bytes()
+    assert (record["frames"], record["rectified"]) == (30, 0)
+    assert [reason["code"] for reason in record["declined"]] == ["gyro-disagrees"]
+    assert printed.count("the clip was stabilised") == 1 and "--readout-ms" in printed and "taking" not in printed
+    _, record, printed = straighten(clip, tmp_path, capsys, "--gyro", str(log), "--readout-ms", "20")
+    assert record["rectified"] == 30 and "not used: the picture does not follow" in printed
+    _, record, _ = straighten(clip, tmp_path, capsys, "--gyro", str(log), "--stabilize", "1", "--start", "0.1")
+    assert record["stabilised"] and record["rectified"] == 0
+
+
+def test_gopros_settings_tell_that_it_stabilised_the_clip(tmp_path, capsys):
+    clip = clips.write(tmp_path / "in.mp4", clips.moving(30, hand_held.pan(9.0))[1])
+    data = clip.read_bytes()
+    at, extra = data.rindex(b"moov") - 4, box(b"udta", box(b"GPMF", b"EISEc\x01\x00\x01Y\0\0\0"))
+    size = struct.pack(">I", int.from_bytes(data[at : at + 4], "big") + len(extra))
+    clip.write_bytes(data[:at] + size + data[at + 4 :] + extra)
+    for flags, rectified in (([], 0), (["--readout-ms", "20"], 30)):
+        out, log = tmp_path / "out.mp4", tmp_path / "log.jsonl"
+        assert main(["video", str(clip), "-o", str(out), "--overwrite", "--json-log", str(log), *flags]) == 0
+        assert json.loads(log.read_text().splitlines()[-1])["rectified"] == rectified
+        assert (out.read_bytes() == clip.read_bytes()) is not bool(rectified)
+        assert ("its camera stabilised the clip" in capsys.readouterr().err) is not bool(rectified)
+
+
+def test_a_log_that_cannot_be_read_is_named_with_what_to_install(tmp_path, capsys, monkeypatch):
+    clip = clips.write(tmp_path / "in.mp4", clips.standing(10), data="bin_data", handler="GoPro MET")
+    monkeypatch.setattr(gyro_log, "find_spec", lambda name: None)
+    assert main(["video", str(clip), "-o", str(tmp_path / "out.mp4")]) == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if "gyro" in line]
+    assert len(lines) == 1 and "GoPro MET" in lines[0] and "pip install" in lines[0] and "[gyro]" in lines[0]
+
+
 def test_a_log_shorter_than_the_clip_is_left_alone(tmp_path, capsys, shaken):
     camera, clip, _ = shaken
-    log = gyro_log(camera)
+    log = drawn_log(camera)
     kept = (log.t_s > 0) & (log.t_s < 0.6)
     short = write_gcsv(tmp_path / "short.gcsv", type(log)(log.t_s[kept], log.rates[kept], "", log.force))
     _, record, _ = straighten(clip, tmp_path, capsys, "--gyro", str(short), "--readout-ratio", "0.6")
@@ -76,7 +123,7 @@ def test_a_log_shorter_than_the_clip_is_left_alone(tmp_path, capsys, shaken):
 
 def test_the_logs_own_readout_time_is_taken(tmp_path, capsys, shaken):
     camera, clip, _ = shaken
-    log = write_gcsv(tmp_path / "told.gcsv", gyro_log(camera, SHIFT), readout_ms=19.0)
+    log = write_gcsv(tmp_path / "told.gcsv", drawn_log(camera, SHIFT), readout_ms=19.0)
     _, record, _ = straighten(clip, tmp_path, capsys, "--gyro", str(log))
     assert record["readout_ms"] == pytest.approx(19.0) and record["found_by"] == "gyro log"
 
@@ -89,3 +136,11 @@ def test_a_file_that_is_no_log_is_refused_before_anything_is_written(tmp_path, c
     printed = capsys.readouterr().err
     assert printed.count("\n") == 1 and "no gyro log that can be read" in printed
     assert not (tmp_path / "out.mkv").exists()
+
+
+def test_one_late_time_in_a_log_does_not_stretch_the_search(tmp_path, capsys, shaken):
+    _, clip, log = shaken
+    stray = tmp_path / "stray.gcsv"
+    stray.write_text(log.read_text() + "1e13,0,0,0,0,1000,0\n")  # of 1e-6 s: 116 days later
+    _, record, _ = straighten(clip, tmp_path, capsys, "--gyro", str(stray))
+    assert record["gyro"]["used"] and abs(record["gyro"]["offset_s"] - SHIFT) < 0.02

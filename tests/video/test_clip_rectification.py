@@ -10,11 +10,11 @@ import pytest
 
 from support import clips
 from unshutter.cli import main
+from unshutter.options.clip_options import Encode, RectifyClip, Shutter
 from unshutter.reasons import Code
 from unshutter.video import cameras
 from unshutter.video.cameras import CameraMode
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.options import Encode, RectifyClip, Shutter
 
 FRAMES = 16
 CAMERA, GREYS = clips.moving(FRAMES)
@@ -102,9 +102,9 @@ def test_all_but_the_frames_stays_as_it_was(tmp_path, name):
         one["tags"].pop("encoder", None), other["tags"].pop("encoder", None)
         one["tags"].pop("DURATION", None), other["tags"].pop("DURATION", None)
     assert now["streams"] == was["streams"]
-    remade = {"encoder", *(["compatible_brands"] if name == "h264-fragments" else [])}
-    assert {k: v for k, v in now["tags"].items() if k not in remade} == {
-        k: v for k, v in was["tags"].items() if k not in remade
+    remade = {"encoder", "software", *(["compatible_brands"] if name == "h264-fragments" else [])}
+    assert {k: v for k, v in now["tags"].items() if k.lower() not in remade} == {
+        k: v for k, v in was["tags"].items() if k.lower() not in remade
     }
     assert now["chapters"] == was["chapters"]
     assert sorted(clips.packets(after)) == sorted(clips.packets(before))
@@ -188,24 +188,6 @@ def test_a_cut_is_told_and_parts_the_motion(tmp_path):
     record = json.loads(log.read_text())
     assert record["cuts_s"] == [pytest.approx(FRAMES / 30, abs=1e-3)]
     assert record["frames"] == record["rectified"] == 2 * FRAMES
-
-
-def test_pictures_in_and_out(tmp_path):
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    for k, grey in enumerate(GREYS):
-        cv2.imwrite(str(folder / f"{k + 7:05d}.png"), np.repeat(grey[..., None], 3, axis=2))
-    out = tmp_path / "out"
-    assert main(["video", str(folder), "-o", str(out), "--readout-ratio", "0.6"]) == 0
-    names = sorted(path.name for path in out.iterdir())
-    assert len(names) == FRAMES
-    now = np.stack([cv2.imread(str(out / name), 0) for name in names]).astype(float)
-    was, truth = np.stack(GREYS).astype(float), np.stack(clips.truth(CAMERA)).astype(float)
-    assert clips.psnr(now, truth) > clips.psnr(was, truth) + 5
-    film = tmp_path / "film.mkv"
-    flags = ["--codec", "ffv1", "--readout-ratio", "0.6", "--fps", "25"]
-    assert main(["video", str(folder / "%05d.png"), "-o", str(film), *flags]) == 0
-    assert clips.times(film) == pytest.approx(np.arange(FRAMES) / 25, abs=1e-3)
 
 
 @pytest.mark.parametrize("name", ["moments.jpg", "film.mp4"])

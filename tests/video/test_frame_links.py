@@ -9,12 +9,11 @@ import pytest
 
 from support import clips, two_layers
 from unshutter.cli import main
-from unshutter.geometry.readout import Readout
 from unshutter.motion import RowMotion
-from unshutter.video.clip import Clip
-from unshutter.video.frame_links import linked
-from unshutter.video.moving_frames import MovingFrame
-from unshutter.video.planes import PixelFormat
+from unshutter.options import MAX_PIXELS
+from unshutter.options.clip_options import ClipUndo, RectifyClip
+from unshutter.video.clip import Clip, ClipRequest, PixelFormat
+from unshutter.video.frame_warper import MovingFrame, linked
 
 FRAMES = 12
 GREYS = [two_layers.frame(k) for k in range(FRAMES)]
@@ -154,7 +153,8 @@ def test_what_does_not_go_together_is_refused(tmp_path, clip, flags, said, capsy
 
 def test_three_frames_are_held_at_a_time(tmp_path):
     before = clips.write(tmp_path / "in.mkv", [two_layers.frame(k) for k in range(30)], "ffv1", "gray")
-    clip = Clip.look(str(before), None)
+    clip = Clip.look(str(before), MAX_PIXELS)
+    request = ClipRequest.of(clip, RectifyClip(undo=ClipUndo(model="dense", edges="borrow")))
     held = weakref.WeakSet()
 
     def moved():
@@ -164,6 +164,6 @@ def test_three_frames_are_held_at_a_time(tmp_path):
             yield item
 
     most = 0
-    for _ in linked(clip, moved(), two_layers.RATIO, Readout.TOP_TO_BOTTOM, True):
+    for _ in linked(request, moved(), two_layers.RATIO):
         most = max(most, len(held))
     assert most <= 5  # three, the one that is yielded, and the one that is read

@@ -9,6 +9,7 @@ from support import clips
 from support.refusals import left_behind, refused
 from unshutter.cli import main
 from unshutter.video.clip import Clip
+from unshutter.video.film_file import writing
 
 GREYS = clips.moving(16)[1]
 RATIO = ["--readout-ratio", "0.6"]
@@ -63,6 +64,73 @@ def test_a_film_that_begins_before_0(tmp_path):
     assert np.allclose(np.diff(times(tmp_path / "out.mkv")), 1 / 30, atol=0.0015)
 
 
+def sound_from(path):
+    """Times of the sound's packets after that of the first frame [s]."""
+    with clips.av.open(str(path)) as film:
+        packets = [packet for packet in film.demux(film.streams.audio[0]) if packet.size]
+        heard = [float((packet.pts or 0) * packet.time_base) for packet in packets]
+    return np.array(heard) - times(path)[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "from_s", "ending"),
+    [("in.mkv", -0.2, ".mp4"), ("in.ts", 100.0, ".mp4"), ("in.ts", 100.0, ".mkv"), ("in.ts", 100.0, ".ts")],
+)
+def test_where_a_film_begins(tmp_path, name, from_s, ending):
+    """MP4 hides what is before 0, and shows nothing until a clock's 100 s; all sound stays where it was."""
+    container = {"avoid_negative_ts": "disabled", "output_ts_offset": str(from_s)}
+    path = clips.write(tmp_path / name, GREYS, sound="mp2", container=container)
+    target = tmp_path / f"out{ending}"
+    straightened(path, target)
+    assert len(clips.times(target)) == len(GREYS)
+    assert np.allclose(sound_from(target), sound_from(path), atol=0.002)
+    assert (clips.times(target)[0] > 99) if ending == ".ts" else (0 <= clips.times(target)[0] < 0.05)
+
+
+def test_sound_before_the_beginning_of_an_edited_film(tmp_path):
+    """An edit list hides 0.3 s of a cut film; other containers have no such list."""
+    whole = clips.write(tmp_path / "whole.mp4", GREYS, sound=True)
+    with clips.av.open(str(whole)) as old, clips.av.open(str(tmp_path / "in.mp4"), "w") as new:
+        copies = [new.add_stream_from_template(each, opaque=True) for each in old.streams]
+        for packet in old.demux():
+            if packet.size:
+                by = round(0.3 / packet.time_base)
+                packet.pts, packet.dts = (packet.pts or 0) - by, (packet.dts or 0) - by
+                packet.stream = copies[packet.stream_index]
+                new.mux(packet)
+    straightened(tmp_path / "in.mp4", tmp_path / "out.mkv")
+    assert len(times(tmp_path / "out.mkv")) == len(times(tmp_path / "in.mp4")) < len(GREYS)
+    assert -0.12 < sound_from(tmp_path / "out.mkv")[0] < 0
+
+
+def test_sound_of_an_unknown_codec(tmp_path, capsys):
+    path = clips.write(tmp_path / "in.mp4", GREYS, sound=True)
+    path.write_bytes(path.read_bytes().replace(b"mp4a", b"?!?!").replace(b"esds", b"!?!?"))
+    straightened(path, tmp_path / "out.mkv")
+    assert "stream 1 (SoundHandler)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("ending", "codec"), [(".mkv", "libx264"), (".mxf", "mpeg2video")])
+def test_containers_hold_nothing_random(tmp_path, ending, codec):
+    path = clips.write(tmp_path / f"in{ending}", GREYS, codec)
+    for name in ("a", "b"):
+        with clips.av.open(str(path)) as old, writing(tmp_path / name, ending) as new:
+            copy = new.add_stream_from_template(old.streams.video[0], opaque=True)
+            for packet in old.demux():
+                if packet.size:
+                    packet.stream = copy
+                    new.mux(packet)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_prores_4444(tmp_path, capsys):
+    """It is decoded to 12 bits, and encoded from 10."""
+    path = clips.write(tmp_path / "in.mov", GREYS, "prores_ks", "yuv444p10le", options={"profile": "4444"})
+    straightened(path, tmp_path / "out.mov")
+    assert clips.facts(tmp_path / "out.mov")["streams"][0]["profile"] == "4444"
+    assert "2 of 12 bits" in capsys.readouterr().err
+
+
 def test_a_stream_without_times(tmp_path):
     path = clips.write(tmp_path / "in.h264", GREYS, "libx264")
     straightened(path, tmp_path / "out.mp4")
@@ -89,31 +157,8 @@ def test_a_percent_sign_in_names_that_are_written(tmp_path):
     assert len(clips.luma(tmp_path / "50% %d" / "50%.mp4")) == len(GREYS)
 
 
-def pictures(folder, numbers, name="%05d.png"):
-    """A folder of pictures."""
-    import cv2
-
-    folder.mkdir()
-    for number, grey in zip(numbers, GREYS, strict=False):
-        cv2.imwrite(str(folder / name.replace("%05d", f"{number:05d}")), grey)
-    return folder
-
-
-@pytest.mark.parametrize("name", ["%05d.png", "100% %05d.png"])
-def test_pictures_in_folders_with_a_percent_sign(tmp_path, name):
-    folder = pictures(tmp_path / "50%d %s", range(7, 19), name)
-    (tmp_path / "a%d").mkdir()
-    straightened(folder, tmp_path / "a%d" / "out%")
-    assert len(list((tmp_path / "a%d" / "out%").iterdir())) == 12
-
-
-def test_a_picture_that_is_missing(tmp_path, capsys):
-    folder = pictures(tmp_path / "in", [1, 2, 3, 5, 6])
-    for source in (folder, folder / "%05d.png"):
-        refused(capsys, [source, "-o", tmp_path / "out", *RATIO], 1, "00004.png is missing")
-
-
 def test_a_single_picture_is_no_film(tmp_path, capsys):
     path = clips.write(tmp_path / "in.mp4", GREYS)
-    refused(capsys, [path, "-o", tmp_path / "out.png", *RATIO], 1, "name a new folder")
+    refused(capsys, [path, "-o", tmp_path / "out.png", *RATIO], 1, "ffmpeg -i film.mkv out/%05d.png")
+    refused(capsys, [tmp_path, "-o", tmp_path / "out.mp4", *RATIO], 1, "is a folder", "ffmpeg -framerate 30 -i")
     assert left_behind(tmp_path) == []

@@ -8,9 +8,10 @@ import pytest
 from support import clips
 from support.hand_held import log_of, pan, shaking
 from unshutter.cli import main
-from unshutter.frames.self_calibration import RatioRange, ReadoutRatio
+from unshutter.cli.clip_command import _line_of
+from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video import cameras, readout_choice
+from unshutter.video import cameras, readout
 from unshutter.video.cameras import CameraMode
 
 SIZE = (clips.WIDTH, clips.HEIGHT)
@@ -67,6 +68,13 @@ def test_other_modes_of_a_known_camera_give_a_range(tmp_path, run):
     assert "taking 30.0 ms, typical of GoPro HERO5 Black, other modes of this camera (8.3 to 33.3 ms)" in shown
 
 
+@pytest.mark.parametrize(("low", "high", "span"), [(0.3, 0.9, " (10.0 to 30.0 ms)"), (0.9, 0.9, ""), (0.9, 0.9001, "")])
+def test_one_value_is_not_a_range(low, high, span):
+    reason = Reason(Code.TOO_EVEN)
+    ratio = ReadoutTime(0.9, 0.0, "table of cameras", "GoPro Max", reason, (low, high), unit_s=1 / 30)
+    assert _line_of(ratio).endswith(f": taking 30.0 ms, typical of GoPro Max{span}; to set it: --readout-ms")
+
+
 TAGS = {"container": {"movflags": "use_metadata_tags"}}
 
 
@@ -94,10 +102,10 @@ def test_first_row_as_reference_shows_twice_as_much(tmp_path, run):
 def test_only_changed_writes_nothing(tmp_path, run):
     """Neither where nothing is to be seen nor, at a stated readout time, where nothing moved."""
     clip = clips.write(tmp_path / "in.mkv", clips.standing(30), "ffv1")
-    for flags in ((), ("--readout-ms", "20"), ("--readout-ms", "20", "-o", str(tmp_path / "pictures"))):
+    for flags in ((), ("--readout-ms", "20")):
         record, shown, out = run(clip, "--only-changed", *flags)
         assert not record["written"] and "in.mkv -> not written: 0 of 30 frames straightened" in shown
-        assert not out.exists() and not (tmp_path / "pictures").exists()
+        assert not out.exists()
     moving = clips.write(tmp_path / "in.mkv", clips.moving(16)[1], "ffv1")
     assert run(moving, "--only-changed", "--readout-ratio", "0.6")[2].exists()
 
@@ -125,7 +133,7 @@ def test_people_who_walk_by_are_not_straightened_and_do_not_count(tmp_path, run)
 def test_a_mode_of_the_table_needs_no_search(tmp_path, run, monkeypatch):
     one = CameraMode("Nemo", "One", "", *SIZE, 30.0, 20.0, 20.0, 20.0)
     monkeypatch.setattr(cameras, "table", lambda: (one,))
-    monkeypatch.delattr(readout_choice, "find_ratio")
+    monkeypatch.delattr(readout, "find_ratio")
     clip = clips.write(tmp_path / "in.mkv", clips.moving(16)[1], "ffv1", tags={"make": "Nemo", "model": "One"})
     record, shown, _ = run(clip)
     assert record["readout_ms"] == pytest.approx(20) and "plausible_ms" not in record
@@ -159,6 +167,9 @@ def test_ten_clips_of_unknown_cameras(tmp_path, run, camera):
 
 
 def test_a_ratio_can_be_kept_as_json():
-    ratio = ReadoutRatio(0.5, 0.0, "usual value", "", Reason(Code.STOOD_STILL), RatioRange(0.1, 0.9, "phones"))
-    for each in (ratio, ReadoutRatio(0.6, 0.01, "motion")):
-        assert ReadoutRatio.from_json(json.loads(json.dumps(each.as_json()))) == each
+    usual = ReadoutTime(0.5, 0.0, "usual value", "phones", Reason(Code.STOOD_STILL), (0.1, 0.9), unit_s=0.04)
+    for each in (usual, ReadoutTime(0.6, 0.01, "motion")):
+        assert ReadoutTime.from_json(json.loads(json.dumps(each.as_json()))) == each
+    earlier = usual.as_json() | {"camera": ""}  # as version 1.0 kept it
+    del earlier["unit_s"]
+    assert ReadoutTime.from_json(earlier).in_frames(0.04) == usual

@@ -6,13 +6,13 @@ import pytest
 
 from support import clips
 from unshutter.cli import main
-from unshutter.frames.self_calibration import ReadoutRatio
-from unshutter.geometry.readout import Readout
-from unshutter.video import pipeline as steps
-from unshutter.video.clip import Clip, frame_bytes
+from unshutter.options.clip_options import Encode, RectifyClip
+from unshutter.readout_time import ReadoutTime
+from unshutter.video import clip as clip_module
+from unshutter.video import clip_rectification as steps
+from unshutter.video.clip import Clip, ClipRequest
+from unshutter.video.clip_rectification import Pipeline
 from unshutter.video.encoders import Encoder
-from unshutter.video.options import Encode, RectifyClip
-from unshutter.video.pipeline import Pipeline
 
 
 @pytest.fixture(scope="module")
@@ -57,12 +57,13 @@ def test_a_quality_or_another_codec_is_followed_instead(tmp_path, greys, encode)
 def test_frames_that_wait_are_bounded_by_their_bytes(tmp_path, greys, monkeypatch):
     small = Clip.look(str(clips.write(tmp_path / "in.mp4", greys[:5])))
     large = replace(small, height=2160, width=3840)
-    assert frame_bytes(large) == 2160 * 3840 * 1.5
+    assert large.frame_bytes == 2160 * 3840 * 1.5
     bounds = []
-    monkeypatch.setattr(steps, "ahead", lambda items, most: bounds.append(most))
+    for module in (clip_module, steps):
+        monkeypatch.setattr(module, "ahead", lambda items, most: bounds.append(most))
     monkeypatch.setattr(steps, "with_motion", lambda *_: None)
     for clip in (small, large):
-        Pipeline(clip, RectifyClip(), ReadoutRatio(0.6, 0.0, "given"), Readout.TOP_TO_BOTTOM).moving()
+        Pipeline(ClipRequest.of(clip, RectifyClip()), ReadoutTime(0.6, 0.0, "given")).moving()
     assert bounds == [2, 8, 2, 2]
 
 

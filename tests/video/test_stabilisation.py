@@ -11,8 +11,8 @@ import unshutter
 from support import clips, hand_held
 from support.gyro_logs import AXES, gyro_log, write_gcsv
 from unshutter.cli import main
-from unshutter.gyro.log import GRAVITY, GyroLog
-from unshutter.video.options import RectifyClip, Steadiness
+from unshutter.options.clip_options import RectifyClip, Steadiness
+from unshutter.video.gyro_log import GRAVITY, GyroLog
 
 FRAMES, DARKEST = 45, 60
 
@@ -208,6 +208,7 @@ def test_a_level_horizon_needs_gravity(tmp_path, capsys, gravity, gyro, complain
         ({"zoom_limit": 5.0}, "--zoom-limit needs --stabilize"),
         ({"stabilize": 0.0}, "positive"),
         ({"stabilize": float("nan")}, "positive"),
+        ({"stabilize": 1e300}, "at most 1e\\+09 s"),
         ({"stabilize": 1.0, "zoom_limit": 60.0}, "between 0 and 50"),
     ],
 )

@@ -8,11 +8,11 @@ import pytest
 from support import clips
 from support.hand_held import log_of, pan
 from unshutter.cli import main
-from unshutter.frames.shots import Shot
+from unshutter.frames.self_calibration import Shot
 from unshutter.frames.tracks import Tracks, background
+from unshutter.options.clip_options import RectifyClip
 from unshutter.reasons import Code, Reason
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.options import RectifyClip
 
 
 @pytest.fixture

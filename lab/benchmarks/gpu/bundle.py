@@ -17,8 +17,7 @@ from pathlib import Path
 import cv2
 from bundle_names import PHOTOS, SOURCES
 
-from unshutter_lab.training.data.pictures import load_photos
-from unshutter_lab.training.data.pixels import PixelConfig
+from unshutter_lab.training.pixels import PixelConfig, load_photos
 from unshutter_lab.training.recipes import RECIPES
 
 PACKAGES = ("unshutter", "unshutter_lab", "array_api_compat")  # of which training imports modules; pure Python

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from unshutter.cli import main
-from unshutter.estimators.base import View
-from unshutter.estimators.methods.segment_manhattan import SegmentManhattan
-from unshutter.estimators.register import method
-from unshutter.estimators.right_angles import odds
-from unshutter.estimators.right_angles.calibration import Calibration, Forest
 from unshutter.motion import RowMotion
 from unshutter.photo import Photo
-from unshutter_lab.calibration.distributions import coefficients_of, fit_motion_kinds, fit_network_errors
+from unshutter.single import candidates
+from unshutter.single.estimator import View
+from unshutter.single.methods import SegmentManhattan
+from unshutter.single.prior import Calibration, Forest
+from unshutter.single.register import method
+from unshutter_lab.calibration.cases import coefficients_of, fit_motion_kinds, fit_network_errors
 
 pytest.importorskip("sklearn")
 
@@ -57,7 +57,7 @@ def test_the_file_is_one_that_the_default_method_runs_on(
     calibrated: Path, data: Path, facade: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = Calibration.read(calibrated / "calibration.json")
-    monkeypatch.setattr(odds, "shipped", lambda: file)
+    monkeypatch.setattr(candidates, "shipped", lambda: file)
     known = method("segment-manhattan")
     motion = SegmentManhattan(known, known.weights, file.network_errors, file.kinds).estimate(
         View(Photo.from_array(facade))

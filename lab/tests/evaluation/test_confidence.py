@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from unshutter.photo import Photo
-from unshutter_lab.evaluation.cases.case import Record
-from unshutter_lab.evaluation.pages.reliability import (
+from unshutter_lab.evaluation.case import Record
+from unshutter_lab.evaluation.reliability import (
     LEFT,
     Judged,
     draw_reliability,
@@ -24,7 +25,7 @@ def judged(epe: Sequence[float], confidence: Sequence[float | None], order: Sequ
     records: list[Record] = [
         {"epe": e, "epe_nothing": 4.0, "confidence": c} for e, c in zip(epe, confidence, strict=True)
     ]
-    return Judged.of([records[k] for k in order or range(len(records))])
+    return Judged.of(pd.DataFrame([records[k] for k in order or range(len(records))]))
 
 
 def test_the_least_confident_are_dropped() -> None:
@@ -54,7 +55,7 @@ def test_who_declines_is_trusted_least() -> None:
     assert some.mean_without(0.2) == pytest.approx(11 / 4)
     assert some.declined == pytest.approx(0.2)
     assert some.answered.mean_without(0.25) == pytest.approx(1)
-    assert not len(judged([1, 2], [None, None]).answered.epe)
+    assert not len(judged([1, 2], [None, None]).answered)
 
 
 def test_two_kinds_of_pictures_count_alike_however_many_there_are() -> None:
@@ -83,7 +84,7 @@ def test_ten_bins_of_stated_against_true_shares(step: int) -> None:
 def test_a_tenth_of_a_large_motion_is_right() -> None:
     """3 of 40 px are; 3 of 20 are not, nor is just a tenth."""
     records = [{"epe": 3.0, "epe_nothing": nothing, "confidence": 0.6} for nothing in (40.0, 20.0, 30.0)]
-    (only,) = Judged.of(records).bins()
+    (only,) = Judged.of(pd.DataFrame(records)).bins()
     assert (only.count, only.right) == (3, pytest.approx(1 / 3))
 
 
@@ -93,7 +94,7 @@ def test_kinds_are_those_of_the_answers() -> None:
         {"epe": epe, "epe_nothing": 4.0, "kind": kind, "left_alone": left, "confidence": confidence}
         for kind, left, confidence, epe in answers
     ]
-    kinds = Judged.of(records).by_kind()
+    kinds = Judged.of(pd.DataFrame(records)).by_kind()
     assert {kind: (each.stated, each.right_share) for kind, each in kinds.items()} == {
         "pan": (0.5, 0.5),
         LEFT: (0.9, 1.0),

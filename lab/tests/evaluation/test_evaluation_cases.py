@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import cv2
 import numpy as np
@@ -12,14 +13,13 @@ from support.drawn_photos import textured
 from support.fixed_estimator import Fixed
 from support.looking_back import backward_map
 from unshutter import Motion, RowMotion
-from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.register import load
 from unshutter.motion import RotationMotion
+from unshutter.motion.warp import validity_mask
 from unshutter.photo import Photo
-from unshutter.warp.pixels import validity_mask
-from unshutter_lab.evaluation.cases.disturbances import DISTURBANCES
-from unshutter_lab.evaluation.cases.synthetic import Suite, SyntheticCase
-from unshutter_lab.evaluation.cases.true_attitude import true_attitude
+from unshutter.single.estimator import Estimator, View
+from unshutter.single.register import load
+from unshutter_lab.evaluation.case import Disturbance, disturbed, true_attitude
+from unshutter_lab.evaluation.synthetic import Suite, SyntheticCase
 
 
 class Broken:
@@ -237,11 +237,11 @@ def test_a_picture_without_lines_tells_no_attitude() -> None:
 # ---- disturbances -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", DISTURBANCES)
+@pytest.mark.parametrize("name", get_args(Disturbance))
 def test_disturbances_repeat_and_change_something(name: str) -> None:
     picture = textured(90, 120)
     before = picture.copy()
-    a, b = (DISTURBANCES[name](picture, np.random.default_rng(4)) for _ in range(2))
+    a, b = (disturbed(picture, name, np.random.default_rng(4)) for _ in range(2))
     np.testing.assert_array_equal(a, b)
     np.testing.assert_array_equal(picture, before)
     assert a.shape == picture.shape and a.dtype == np.uint8
@@ -251,11 +251,11 @@ def test_disturbances_repeat_and_change_something(name: str) -> None:
 def test_disturbances_are_as_strong_as_they_say() -> None:
     grey = np.full((200, 200, 3), 128, np.uint8)
     rng = np.random.default_rng(0)
-    assert (DISTURBANCES["noise"](grey, rng).astype(float) - 128).std() == pytest.approx(10, rel=0.02)
-    night = DISTURBANCES["night"](grey, rng).astype(float)
+    assert (disturbed(grey, "noise", rng).astype(float) - 128).std() == pytest.approx(10, rel=0.02)
+    night = disturbed(grey, "night", rng).astype(float)
     assert night.mean() == pytest.approx(0.5 * 255 * (128 / 255) ** 2, rel=0.02)
     assert night.std() == pytest.approx(6, rel=0.02)
     edge = np.repeat(np.where(np.arange(100) < 50, 0, 255)[None, :, None], 100, 0).repeat(3, 2).astype(np.uint8)
-    step = np.diff(DISTURBANCES["blur"](edge, rng)[50, :, 0].astype(float))
+    step = np.diff(disturbed(edge, "blur", rng)[50, :, 0].astype(float))
     spread = np.sqrt((step * (np.arange(99) - 49) ** 2).sum() / step.sum())
     assert spread == pytest.approx(1.5, rel=0.05)

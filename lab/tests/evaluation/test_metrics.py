@@ -4,8 +4,8 @@ import skimage.metrics as skimage
 
 from support.drawn_photos import textured
 from unshutter import RowMotion
-from unshutter.motion import RowMap, RowMapMotion
 from unshutter_lab.evaluation.metrics import motion_error, psnr, ssim
+from unshutter_lab.methods.row_map import RowMapMotion
 
 
 def test_the_truth_has_no_error() -> None:
@@ -73,7 +73,7 @@ def test_an_estimate_that_runs_away_counts_as_far_off_not_as_nothing() -> None:
 def test_any_kind_of_motion_is_judged_by_where_it_looks() -> None:
     """A row map that sends every pixel four rows too far down a shear of 0.5 px per row: two columns off."""
     truth = RowMotion.from_polynomials([0, 0.5 * 255], [0], 256, 256)
-    off = RowMapMotion(256, truth.tx_px, truth.rz_rad, RowMap(np.full((2, 2), 4.0), (0, 0), (256, 256)))
+    off = RowMapMotion(256, truth.tx_px, truth.rz_rad, np.full((2, 2), 4.0), (0, 0), (256, 256))
     error = motion_error(off, truth)
     assert error.epe == pytest.approx(2, rel=0.02)  # the last four rows have nothing below them
     assert error.tx_rmse == 0

@@ -10,14 +10,13 @@ import pytest
 from support.drawn_photos import textured
 from support.fixed_estimator import Fixed
 from unshutter import Motion, RowMotion
-from unshutter.estimators.register import load
 from unshutter.photo import Photo
-from unshutter_lab.evaluation.cases.case import in_8_bits
-from unshutter_lab.evaluation.cases.ceiling import fit_to_pair
-from unshutter_lab.evaluation.cases.folders import Frame
-from unshutter_lab.evaluation.cases.pairs import PairCase
-from unshutter_lab.evaluation.cases.video import VideoCase, agreeing_matches
+from unshutter.single.register import load
+from unshutter_lab.evaluation.case import in_8_bits
+from unshutter_lab.evaluation.ceiling import fit_to_pair
+from unshutter_lab.evaluation.clip_cases import VideoCase, agreeing_matches
 from unshutter_lab.evaluation.metrics import motion_error
+from unshutter_lab.evaluation.pair_cases import Frame, PairCase
 from unshutter_lab.synthesis.pairs import synthesize
 from unshutter_lab.synthesis.row_motions import draw_quadratic
 

@@ -8,10 +8,10 @@ import pytest
 from support.evaluations import cells_of, rows_of, run, sequence
 from support.frame_pairs import Scene
 from unshutter.photo import Photo
-from unshutter_lab.evaluation.cases.protocols import Request
-from unshutter_lab.evaluation.pages.tables import tables
+from unshutter_lab.evaluation.protocols import Request
 from unshutter_lab.evaluation.results import Results
-from unshutter_lab.synthesis.pair_folder import synthesize_folder
+from unshutter_lab.evaluation.tables import tables
+from unshutter_lab.synthesis.pairs import synthesize_folder
 
 
 def test_pairs(tmp_path: Path) -> None:

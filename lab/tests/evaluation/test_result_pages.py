@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from unshutter_lab.evaluation.cases.protocols import Request
+from unshutter_lab.evaluation.protocols import Request
 from unshutter_lab.evaluation.results import Results
 
 ROOT = Path(__file__).parents[3]

@@ -4,11 +4,10 @@ import csv
 import json
 from pathlib import Path
 
-from unshutter_lab.evaluation.cases.case import Record
-from unshutter_lab.evaluation.cases.protocols import PROTOCOLS, Request
-from unshutter_lab.evaluation.pages.table import as_csv, short_tables
-from unshutter_lab.evaluation.pages.tables import all_tables, tables
+from unshutter_lab.evaluation.case import Record
+from unshutter_lab.evaluation.protocols import PROTOCOLS, Request
 from unshutter_lab.evaluation.results import Results
+from unshutter_lab.evaluation.tables import all_tables, as_csv, short_tables, tables
 
 
 def record(estimator: str, epe: float, group: str = "g", **more: object) -> Record:
@@ -63,6 +62,6 @@ def test_results_come_back_from_their_file(tmp_path: Path) -> None:
 def test_the_command_line_knows_every_protocol() -> None:
     from typing import get_args
 
-    from unshutter_lab.commands.evaluate import ProtocolName
+    from unshutter_lab.commands import ProtocolName
 
     assert set(get_args(ProtocolName)) == set(PROTOCOLS)

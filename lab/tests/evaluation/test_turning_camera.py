@@ -6,17 +6,17 @@ import pytest
 from support.drawn_photos import textured
 from support.hand_held import hand
 from unshutter import Photo
-from unshutter.estimators.register import load
-from unshutter_lab.evaluation.cases import turning_camera
-from unshutter_lab.evaluation.cases.protocols import PROTOCOLS, Request
-from unshutter_lab.evaluation.cases.turning_camera import RATIO_ESTIMATED, RATIO_KNOWN, RATIOS
+from unshutter.single.register import load
+from unshutter_lab.evaluation import clip_cases
+from unshutter_lab.evaluation.clip_cases import RATIO_ESTIMATED, RATIO_KNOWN, RATIOS
+from unshutter_lab.evaluation.protocols import PROTOCOLS, Request
 
 
 @pytest.fixture
 def cases(tmp_path, monkeypatch):
     """Of one photo and one log; shorter and smaller than the protocol's own."""
     for name, value in {"_FRAMES": 16, "_HEIGHT": 180, "_WIDTH": 320, "_FOCAL": 275.0, "_EVERY": 8}.items():
-        monkeypatch.setattr(turning_camera, name, value)
+        monkeypatch.setattr(clip_cases, name, value)
     (tmp_path / "photos").mkdir()
     Photo.from_array(textured(240, 400)).save(tmp_path / "photos" / "wall.png")
     log = hand(4)

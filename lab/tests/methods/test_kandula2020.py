@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-import torch
-from torch import nn
+
+torch = pytest.importorskip("torch", reason="training needs torch")
+nn = torch.nn
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.geometry import rows as geometry
+from unshutter_lab.methods.row_map import gs_to_rs_by_row_map
 from unshutter_lab.training.config import TrainConfig
-from unshutter_lab.training.data.pictures import draw_picture
-from unshutter_lab.training.kandula2020.recipe import KandulaRecipe
-from unshutter_lab.training.warping import rs_positions
+from unshutter_lab.training.kandula2020 import KandulaRecipe
+from unshutter_lab.training.pixels import draw_picture, rs_positions
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -34,9 +34,9 @@ def exported(tmp_path_factory):
 
 
 def test_the_estimator_runs_what_was_trained(exported):
-    from unshutter.estimators.base import View
-    from unshutter.estimators.register import load
     from unshutter.photo import Photo
+    from unshutter.single.estimator import View
+    from unshutter.single.register import load
 
     network, path = exported
     pixels = draw_picture(256, 7)
@@ -54,7 +54,7 @@ def test_the_estimator_runs_what_was_trained(exported):
     row, col = np.mgrid[0:256, 0:256]
     # the network's GS picture, seen from the first row's pose
     tx, rz = motion[0, :, 0].double().numpy()
-    from_first = geometry.gs_to_rs_by_row_map(col, row, tx, rz, (127.5, 127.5))
+    from_first = gs_to_rs_by_row_map(col, row, tx, rz, (127.5, 127.5))
     positions = found.gs_to_rs(*from_first)
     np.testing.assert_allclose(np.stack(positions), torch.cat(expected), atol=0.01)
     assert np.abs(row_map[0].numpy() - row).max() > 0.5
@@ -66,7 +66,7 @@ def test_the_estimator_runs_what_was_trained(exported):
 
 def test_what_runs_is_the_row_map(exported):
     import unshutter
-    from unshutter.estimators.register import load
+    from unshutter.single.register import load
 
     estimator, pixels = (
         load(f"kandula2020@{exported[1]}"),
@@ -74,18 +74,18 @@ def test_what_runs_is_the_row_map(exported):
     )
     motion = unshutter.estimate(pixels, estimator=estimator)
     plain = motion.row_motion
-    by_row_map = unshutter.rectify(pixels, estimator=estimator)
-    assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=motion))
-    assert not np.array_equal(by_row_map, unshutter.rectify(pixels, motion=plain))
-    assert np.array_equal(pixels, unshutter.rectify(pixels, estimator=estimator, strength=0))
+    by_row_map = unshutter.rectify(pixels, estimator=estimator, edges="keep").array
+    assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=motion, edges="keep").array)
+    assert not np.array_equal(by_row_map, unshutter.rectify(pixels, motion=plain, edges="keep").array)
+    assert np.array_equal(pixels, unshutter.rectify(pixels, estimator=estimator, strength=0).array)
     saved = unshutter.Motion.from_json(motion.to_json())
-    assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=saved))
+    assert np.array_equal(by_row_map, unshutter.rectify(pixels, motion=saved, edges="keep").array)
 
 
 def test_the_estimator_scales_to_the_photo(exported):
-    from unshutter.estimators.base import View
-    from unshutter.estimators.register import load
     from unshutter.photo import Photo
+    from unshutter.single.estimator import View
+    from unshutter.single.register import load
 
     estimator = load(f"kandula2020@{exported[1]}")
     small = np.ascontiguousarray(draw_picture(256, 7).transpose(1, 2, 0))
@@ -105,11 +105,11 @@ def test_the_estimator_scales_to_the_photo(exported):
 
 @pytest.mark.parametrize("shape", [(300, 200), (70, 90, 4), (64, 64, 1)])
 def test_the_estimator_takes_any_photo(exported, shape):
-    from unshutter.estimators.base import View
-    from unshutter.estimators.register import load
-    from unshutter.geometry.readout import Readout
     from unshutter.options import Camera
+    from unshutter.orientation import Readout
     from unshutter.photo import Photo
+    from unshutter.single.estimator import View
+    from unshutter.single.register import load
 
     photo = Photo.from_array(np.full(shape, 40_000, np.uint16))
     found = load(f"kandula2020@{exported[1]}").estimate(View(photo, Camera("left-to-right")))
@@ -117,7 +117,7 @@ def test_the_estimator_takes_any_photo(exported, shape):
 
 
 def test_weights_of_ones_own(exported, tmp_path):
-    from unshutter.estimators.register import load
+    from unshutter.single.register import load
 
     assert load(f"kandula2020@{exported[1]}").name == "kandula2020"
     with pytest.raises(UnshutterError, match="no such file"):

@@ -3,14 +3,7 @@ import pytest
 
 from support.gradients import check_jacobian
 from support.line_scenes import FOCAL, HEIGHT, WIDTH, seen_curves, turning
-from unshutter_lab.methods.curves import RotatedCurves
-from unshutter_lab.methods.least_squares import (
-    cauchy,
-    forward_differences,
-    geman_mcclure,
-    minimise,
-    squared,
-)
+from unshutter_lab.methods.curves import RotatedCurves, cauchy, forward_differences, geman_mcclure, minimise, squared
 
 
 def test_least_squares_agrees_with_scipy() -> None:

@@ -18,7 +18,7 @@ from support.line_scenes import (
 )
 from unshutter.motion import RotationMotion
 from unshutter_lab.evaluation.metrics import motion_error
-from unshutter_lab.methods.least_squares import forward_differences
+from unshutter_lab.methods.curves import forward_differences
 from unshutter_lab.methods.rengarajan2016 import DEGREE, _Costs, fit_rotations, polynomial_rotations
 
 

@@ -6,7 +6,7 @@ import pytest
 from unshutter import View
 from unshutter.options import Camera
 from unshutter.photo import Photo
-from unshutter_lab.methods.square import SIZE, corner_of, motion_of_square, side_of, square_of
+from unshutter_lab.methods.networks import SIZE, corner_of, motion_of_square, side_of, square_of
 
 
 def test_the_square_is_the_middle_of_the_readout_frame() -> None:

@@ -8,11 +8,11 @@ import pytest
 from support.drawn_photos import encoded, one_line, textured
 from unshutter.errors import UsageError
 from unshutter.motion import RowMotion
+from unshutter.motion.warp import distort_pixels
 from unshutter.photo import Photo
-from unshutter.warp.pixels import distort_pixels
-from unshutter_lab.synthesis.exposure import distorted
 from unshutter_lab.synthesis.options import Synthesize
-from unshutter_lab.synthesis.pair_folder import synthesize_folder
+from unshutter_lab.synthesis.pairs import synthesize_folder
+from unshutter_lab.synthesis.row_motions import distorted
 
 
 def _light(pixels: np.ndarray) -> np.ndarray:

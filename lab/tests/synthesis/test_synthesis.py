@@ -9,8 +9,7 @@ from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
 from unshutter.photo import Photo
 from unshutter_lab.synthesis.options import Synthesize
-from unshutter_lab.synthesis.pair_folder import synthesize_folder
-from unshutter_lab.synthesis.pairs import synthesize, synthesize_native
+from unshutter_lab.synthesis.pairs import synthesize, synthesize_folder, synthesize_native
 from unshutter_lab.synthesis.row_motions import DrawnMotion, draw_quadratic
 
 

@@ -1,20 +1,21 @@
 """Networks made small: what is left out is what does not count, and files hold the same network in fewer bits."""
 
-import io
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import onnx
 import onnxruntime
 import pytest
-import torch
-from torch import nn
+
+torch = pytest.importorskip("torch", reason="training needs torch")
+nn = torch.nn
 
 from unshutter.errors import UsageError
-from unshutter.estimators.register import method, names
+from unshutter.single.register import method, names
 from unshutter_lab.training.compact import compact, narrow, store_in_fewer_bits
-from unshutter_lab.training.onnx_export import export_onnx
 from unshutter_lab.training.train import run
+from unshutter_lab.training.weights import export_onnx
 
 torch.set_num_threads(1)
 
@@ -37,9 +38,9 @@ validation_motions = 1
 
 
 def exported(network: nn.Sequential, given: torch.Tensor) -> onnx.ModelProto:
-    stream = io.BytesIO()
-    export_onnx(network.eval(), (given,), stream, ["rs"], ["answer"], {"rs": {0: "batch"}, "answer": {0: "batch"}})
-    return onnx.load_from_string(stream.getvalue())
+    with tempfile.TemporaryDirectory() as folder:
+        export_onnx(network.eval(), given, Path(folder, "model.onnx"), ["answer"])
+        return onnx.load(Path(folder, "model.onnx"))
 
 
 def answer_of(model: onnx.ModelProto, given: torch.Tensor) -> np.ndarray:

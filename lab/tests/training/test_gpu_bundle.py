@@ -10,10 +10,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import torch
+
+torch = pytest.importorskip("torch", reason="training needs torch")
 
 from support.small_kandula2020 import DATA, NETWORK
-from unshutter_lab.training.data.pictures import draw_picture
+from unshutter_lab.training.pixels import draw_picture
 from unshutter_lab.training.train import run
 
 GPU = Path(__file__).parents[2] / "benchmarks" / "gpu"
@@ -25,7 +26,7 @@ sys.modules |= dict.fromkeys({_LACKING})  # each import of them fails
 sys.path.insert(0, {str(GPU)!r})
 sys.argv = sys.argv[1:]
 runpy.run_path(sys.argv[0], run_name="__main__")
-import unshutter.geometry.rows, unshutter_lab, array_api_compat
+import unshutter.motion.geometry, unshutter_lab, array_api_compat
 for module in (unshutter, unshutter_lab, array_api_compat):
     assert "packages" in module.__file__, module.__file__
 """

@@ -4,23 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
-from torch import nn
+
+torch = pytest.importorskip("torch", reason="training needs torch")
+nn = torch.nn
 
 from support.small_kandula2020 import DATA, NETWORK, PICTURE_LOSSES
 from unshutter.errors import UsageError
 from unshutter.motion import RowMotion
-from unshutter_lab.training.data.pixels import PixelConfig, PixelData
-from unshutter_lab.training.kandula2020.losses import LossConfig
-from unshutter_lab.training.kandula2020.network import (
+from unshutter_lab.training.config import from_table
+from unshutter_lab.training.kandula2020 import (
     Kandula2020,
     Kandula2020Config,
+    LossConfig,
     Trajectory,
+    picture_losses,
     rectify,
     regenerate,
 )
-from unshutter_lab.training.kandula2020.recipe import picture_losses
-from unshutter_lab.training.warping import from_first_row, rs_positions
+from unshutter_lab.training.pixels import PixelConfig, PixelData, from_first_row, rs_positions
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -74,7 +75,7 @@ def test_shapes_and_the_row_map_before_training():
 )
 def test_impossible_networks_are_refused(change):
     with pytest.raises(UsageError):
-        Kandula2020Config(**change)
+        from_table(Kandula2020Config, change, "[network]")
 
 
 def test_the_mirror_average_answers_to_mirror_images_alike():

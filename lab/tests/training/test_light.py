@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-import torch
+
+torch = pytest.importorskip("torch", reason="training needs torch")
 
 from unshutter.errors import UsageError
-from unshutter_lab.training.data.light import Light, LightConfig, blur, compress
+from unshutter_lab.training.variation import Light, LightConfig, blur, compress
 
 
 def pictures(count: int = 4, size: int = 32) -> torch.Tensor:

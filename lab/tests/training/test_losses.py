@@ -3,18 +3,13 @@
 import cv2
 import numpy as np
 import pytest
-import torch
+
+torch = pytest.importorskip("torch", reason="training needs torch")
 
 from unshutter.errors import UsageError
-from unshutter_lab.training.kandula2020.losses import (
-    LossConfig,
-    edge_loss,
-    literal_edge_loss,
-    not_black,
-    sobel,
-    visible_mse,
-)
-from unshutter_lab.training.motion_errors import motion_distance, motion_mse
+from unshutter_lab.training.config import from_table
+from unshutter_lab.training.kandula2020 import LossConfig, edge_loss, literal_edge_loss, not_black, sobel, visible_mse
+from unshutter_lab.training.recipes import motion_distance, motion_mse
 
 torch.set_num_threads(1)
 
@@ -105,7 +100,7 @@ def test_motion_gradients():
 
 def test_unknown_mask_is_refused():
     with pytest.raises(UsageError, match="grid or black"):
-        LossConfig(mask="grey")
+        from_table(LossConfig, {"mask": "grey"}, "[loss]")
 
 
 def test_motion_distance_by_hand():

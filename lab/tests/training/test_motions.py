@@ -1,10 +1,11 @@
 """Random motions of all kinds."""
 
 import pytest
-import torch
+
+torch = pytest.importorskip("torch", reason="training needs torch")
 
 from unshutter.errors import UsageError
-from unshutter_lab.training.data.motions import MotionConfig, draw_kind, draw_mixture, draw_motions
+from unshutter_lab.training.motions import MotionConfig, draw_kind, draw_mixture, draw_motions
 
 
 def dice(seed: int = 0) -> torch.Generator:

@@ -5,16 +5,25 @@ import math
 import cv2
 import numpy as np
 import pytest
-import torch
+
+torch = pytest.importorskip("torch", reason="training needs torch")
 
 from unshutter.errors import UsageError
 from unshutter.motion import RowMotion
-from unshutter_lab.training.data.facades import draw_facades
-from unshutter_lab.training.data.pictures import draw_picture, load_photos
-from unshutter_lab.training.data.pixels import PixelConfig, PixelData, Samples, synthesise
-from unshutter_lab.training.data.views import view_homography
-from unshutter_lab.training.motion_errors import epe, epe_of_nothing
-from unshutter_lab.training.warping import pixel_grid, sample
+from unshutter_lab.training.config import from_table
+from unshutter_lab.training.facades import draw_facades
+from unshutter_lab.training.pixels import (
+    PixelConfig,
+    PixelData,
+    Samples,
+    draw_picture,
+    load_photos,
+    pixel_grid,
+    sample,
+    synthesise,
+)
+from unshutter_lab.training.recipes import epe
+from unshutter_lab.training.variation import view_homography
 
 torch.set_num_threads(1)
 CPU = torch.device("cpu")
@@ -85,7 +94,7 @@ def test_sampling_between_pixels():
 def test_epe_of_a_shear_is_its_mean_shift_over_what_is_seen():
     samples = synthesise(noise(88), *shear(0.5), 64)
     shifts = [0.5 * row for row in range(64) for col in range(64) if col + 0.5 * row <= 63]
-    assert epe_of_nothing(samples).item() == pytest.approx(np.mean(shifts), rel=1e-5)
+    assert epe(*pixel_grid(samples.size, samples.rs), samples).item() == pytest.approx(np.mean(shifts), rel=1e-5)
 
 
 def test_epe_of_the_truth_is_zero():
@@ -266,4 +275,4 @@ def test_training_on_drawn_facades_alone():
     data = varied(drawn_kind="facades")
     assert np.array_equal(data.photos[0].numpy(), draw_facades(88, int(np.random.default_rng(0).permutation(6)[2])))
     with pytest.raises(UsageError, match="unknown drawn_kind"):
-        varied(drawn_kind="castles")
+        from_table(PixelConfig, {"drawn_kind": "castles"}, "[data]")

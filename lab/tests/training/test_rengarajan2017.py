@@ -4,16 +4,16 @@ import csv
 
 import numpy as np
 import pytest
-import torch
-from torch import nn
+
+torch = pytest.importorskip("torch", reason="training needs torch")
+nn = torch.nn
 
 from unshutter.errors import UsageError
-from unshutter.estimators.base import View
-from unshutter.estimators.register import load
 from unshutter.photo import Photo
-from unshutter_lab.training.config import TrainConfig
-from unshutter_lab.training.rengarajan2017.network import KEY_ROWS, Rengarajan2017Config, build, quadratic
-from unshutter_lab.training.rengarajan2017.recipe import RengarajanRecipe
+from unshutter.single.estimator import View
+from unshutter.single.register import load
+from unshutter_lab.training.config import TrainConfig, from_table
+from unshutter_lab.training.rengarajan2017 import KEY_ROWS, Rengarajan2017Config, RengarajanRecipe, build, quadratic
 from unshutter_lab.training.train import run
 
 torch.set_num_threads(1)
@@ -120,6 +120,6 @@ def test_rowcol_takes_a_step():
 
 def test_bad_requests():
     with pytest.raises(UsageError, match="vanilla or rowcol"):
-        Rengarajan2017Config(network="plain")
+        from_table(Rengarajan2017Config, {"network": "plain"}, "[network]")
     with pytest.raises(UsageError, match="256"):
         RengarajanRecipe(TrainConfig("rengarajan2017", data={"size": 128, "canvas": 178}), CPU)

@@ -2,12 +2,13 @@ import math
 from dataclasses import replace
 
 import pytest
-import torch
+
+torch = pytest.importorskip("torch", reason="training needs torch")
 
 from unshutter.errors import UsageError
-from unshutter.estimators.segment_transformer.features import moved
-from unshutter_lab.training.data.motions import draw_motions
-from unshutter_lab.training.data.scenes import SceneConfig, draw_scenes
+from unshutter.single.network import moved
+from unshutter_lab.training.motions import draw_motions
+from unshutter_lab.training.scenes import SceneConfig, draw_scenes
 
 
 def scenes(batch: int = 64, seed: int = 0, **changes):

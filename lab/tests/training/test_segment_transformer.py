@@ -2,23 +2,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
+
+torch = pytest.importorskip("torch", reason="training needs torch")
 
 from unshutter import Motion, RowMotion
-from unshutter.estimators.register import method
-from unshutter.estimators.segment_network import SegmentNetwork
-from unshutter.estimators.segment_transformer.weights import read_weights
+from unshutter.single.network import SegmentNetwork, read_weights
+from unshutter.single.register import method
 from unshutter_lab.training.config import TrainConfig
-from unshutter_lab.training.data.scenes import SceneConfig, Scenes, draw_scenes
-from unshutter_lab.training.segment_transformer import weights
-from unshutter_lab.training.segment_transformer.network import (
+from unshutter_lab.training.scenes import SceneConfig, Scenes, draw_scenes
+from unshutter_lab.training.segment_transformer import (
+    SegmentRecipe,
     SegmentTransformer,
     SegmentTransformerConfig,
     _legendre_to_powers,
+    motion_epe,
+    network_of,
 )
-from unshutter_lab.training.segment_transformer.recipe import MirroredStep, SegmentRecipe, motion_epe
-from unshutter_lab.training.segment_transformer.weights import network_of
 
+MIRROR = torch.tensor([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
 SMALL = SegmentTransformerConfig(width=16, layers=1, heads=2)
 
 
@@ -59,13 +60,14 @@ def test_masked_segments_do_not_matter(network: SegmentTransformer, scenes: Scen
     torch.testing.assert_close(network(other, mask)[0], network(scenes.tokens, mask)[0])
 
 
-def test_the_exported_form_is_antisymmetric_under_mirroring(network: SegmentTransformer, scenes: Scenes) -> None:
-    step = MirroredStep(network).eval()
-    mirrored = scenes.tokens * torch.tensor([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0])
-    motion = torch.full((4, 2, 3), 0.01)
-    torch.testing.assert_close(
-        step(mirrored, scenes.mask, -motion), -step(scenes.tokens, scenes.mask, motion), atol=1e-6, rtol=1e-4
-    )
+def in_use(network: SegmentTransformer, tokens: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+    """Motions [B, 2, 3]: each iteration's correction is averaged over the picture and its mirror image."""
+    motion = torch.zeros(len(tokens), 2, 3)
+    for _ in range(network.config.iterations_in_use):
+        straight, _ = network.correct(tokens, mask, motion)
+        mirrored, _ = network.correct(tokens * MIRROR, mask, -motion)
+        motion = motion + (straight - mirrored) / 2
+    return motion.detach()
 
 
 def recipe_of(network: SegmentTransformer) -> SegmentRecipe:
@@ -73,57 +75,28 @@ def recipe_of(network: SegmentTransformer) -> SegmentRecipe:
     return SegmentRecipe(TrainConfig("segment-transformer", network=sizes), torch.device("cpu"))
 
 
-def test_both_exported_files_give_what_torch_gives(network: SegmentTransformer, tmp_path: Path) -> None:
-    onnxruntime = pytest.importorskip("onnxruntime", reason="compares with onnxruntime")
-    recipe_of(network).export(network, tmp_path / "m.onnx")
-    session = onnxruntime.InferenceSession(tmp_path / "m.onnx")
-    numpy_network = SegmentNetwork(tmp_path / "m.npz").open()
+def test_the_exported_file_gives_what_torch_gives(network: SegmentTransformer, tmp_path: Path) -> None:
+    recipe_of(network).export(network, tmp_path / "m.npz")
+    numpy_network = SegmentNetwork(tmp_path / "m.npz").of_tokens
     for batch, count in ((1, 5), (3, 77)):  # any number of segments
         drawn = draw_scenes(batch, SceneConfig(tokens=count), torch.Generator().manual_seed(count))
-        (ours,) = session.run(None, {"tokens": drawn.tokens.numpy(), "mask": drawn.mask.numpy()})
-        theirs = torch.zeros(batch, 2, 3)
-        for _ in range(network.config.iterations_in_use):
-            theirs = MirroredStep(network).eval()(drawn.tokens, drawn.mask, theirs)
-        np.testing.assert_allclose(ours, theirs.detach().numpy(), atol=1e-4)
-        for tokens, mask, expected in zip(drawn.tokens.numpy(), drawn.mask.numpy(), theirs.detach(), strict=True):
+        theirs = in_use(network, drawn.tokens, drawn.mask)
+        for tokens, mask, expected in zip(drawn.tokens.numpy(), drawn.mask.numpy(), theirs, strict=True):
             np.testing.assert_allclose(numpy_network(tokens[mask]), expected.numpy(), atol=1e-4)
 
 
-def test_the_shipped_network_gives_the_same_in_numpy_onnxruntime_and_torch(tmp_path: Path) -> None:
-    onnxruntime = pytest.importorskip("onnxruntime", reason="compares with onnxruntime")
+def test_the_shipped_network_gives_the_same_in_numpy_and_torch(tmp_path: Path) -> None:
     shipped = method("segment-transformer").weights
     assert shipped is not None
-    network = network_of(read_weights(shipped, "segment-transformer")).eval()
-    recipe_of(network).export(network, tmp_path / "shipped.onnx")
+    network = network_of(read_weights(shipped)).eval()
+    recipe_of(network).export(network, tmp_path / "shipped.npz")
     assert (tmp_path / "shipped.npz").read_bytes() == shipped.read_bytes()
-    session = onnxruntime.InferenceSession(tmp_path / "shipped.onnx")
-    numpy_network = SegmentNetwork(shipped).open()
+    numpy_network = SegmentNetwork(shipped).of_tokens
     generator = np.random.default_rng(0)
     for count in (3, 40, 320):
         tokens = generator.uniform(-0.5, 0.5, (count, 6)).astype(np.float32)
-        ours = numpy_network(tokens)
-        (theirs,) = session.run(None, {"tokens": tokens[None], "mask": np.ones((1, count), bool)})
-        np.testing.assert_allclose(ours, theirs[0], atol=2e-6)
-        motion, mask = torch.zeros(1, 2, 3), torch.ones(1, count, dtype=torch.bool)
-        for _ in range(network.config.iterations_in_use):
-            motion = MirroredStep(network)(torch.from_numpy(tokens[None]), mask, motion)
-        np.testing.assert_allclose(ours, motion.detach()[0].numpy(), atol=2e-6)
-
-
-def test_an_exported_onnx_file_becomes_the_same_npz(
-    network: SegmentTransformer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for parameter in network.parameters():  # as after a training: of equal ones, ONNX keeps one
-        torch.nn.init.normal_(parameter)
-    recipe_of(network).export(network, tmp_path / "m.onnx")
-    words = ["weights", str(tmp_path / "m.onnx"), "--heads", "2", "-o", str(tmp_path / "again.npz")]
-    monkeypatch.setattr("sys.argv", words)
-    weights.main()
-    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "m.npz").read_bytes()
-    (tmp_path / "m.onnx").write_text("no network")
-    with pytest.raises(SystemExit, match="2"):
-        weights.main()
-    assert capsys.readouterr().err.count("\n") == 1
+        theirs = in_use(network, torch.from_numpy(tokens[None]), torch.ones(1, count, dtype=torch.bool))
+        np.testing.assert_allclose(numpy_network(tokens), theirs[0], atol=2e-6)
 
 
 def test_legendre_rows_are_the_polynomials_less_their_start() -> None:

@@ -3,10 +3,11 @@
 import math
 
 import pytest
-import torch
+
+torch = pytest.importorskip("torch", reason="training needs torch")
 
 from unshutter.errors import UsageError
-from unshutter_lab.training.data.views import ViewConfig, draw_views, move, view_homography
+from unshutter_lab.training.variation import ViewConfig, draw_views, move, view_homography
 
 
 def view(roll=0.0, tilt=0.0, yaw=0.0, zoom=1.0, place=(0.0, 0.0)):

@@ -1,34 +1,61 @@
-"""The command line: names, arguments and output of the commands, whose work is done elsewhere."""
+"""The command line: names, arguments and output of the commands, whose work is done elsewhere.
+
+SIGTERM and SIGHUP end the program as Ctrl-C does: finished results are kept, partial files removed.
+"""
 
 from __future__ import annotations
 
 import gc
 import io
 import os
+import signal
 import sys
 from contextlib import suppress
 from importlib import import_module
 from pathlib import PurePath
 from typing import NoReturn
 
-from unshutter import installation
+from unshutter import errors
 from unshutter.cli.arguments import Command, parse
-from unshutter.cli.signals import Stopped, stop_on_signals
 from unshutter.errors import UnshutterError, UsageError, suggestion
 from unshutter.version import __version__
 
+
+class Stopped(KeyboardInterrupt):
+    """Raised when a signal asks the program to end."""
+
+    def __init__(self, number: int):
+        super().__init__()
+        self.exit_code = 128 + number
+
+
+def stop_on_signals() -> None:
+    """Makes these signals raise :class:`Stopped`; signals that are ignored, as under ``nohup``, remain ignored."""
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _stop)
+
+
+def _stop(number: int, _frame: object) -> None:
+    raise Stopped(number)
+
+
 # name -> (its variable in commands/, summary). Other packages add commands by entry points.
 COMMANDS = {
-    "rectify": ("photos:RECTIFY", "straighten photos: write what a global shutter would have seen"),
-    "video": ("video:COMMAND", "straighten a clip: every frame as a global shutter would have seen it"),
-    "cameras": ("lists:CAMERAS", "list the cameras whose readout time is known, for clips"),
-    "estimate": ("photos:ESTIMATE", "find the camera's motion during each photo, as JSON"),
-    "map": ("coordinates:MAP", "write a photo's correction as a map for other programs"),
-    "serve": ("serve:COMMAND", "open a page for photos in the browser: before and after, corrections, saving"),
-    "points": ("coordinates:POINTS", "move points of a photo to where they are in the straightened picture, or back"),
-    "models": ("lists:MODELS", "list the methods: what each does, how large it is, how well it did"),
+    "rectify": ("photo_commands:RECTIFY", "straighten photos: write what a global shutter would have seen"),
+    "video": ("clip_command:COMMAND", "straighten a clip: every frame as a global shutter would have seen it"),
+    "cameras": ("other_commands:CAMERAS", "list the cameras whose readout time is known, for clips"),
+    "estimate": ("photo_commands:ESTIMATE", "find the camera's motion during each photo, as JSON"),
+    "map": ("other_commands:MAP", "write a photo's correction as a map for other programs"),
+    "serve": ("other_commands:SERVE", "open a page for photos in the browser: before and after, corrections, saving"),
+    "points": (
+        "other_commands:POINTS",
+        "move points of a photo to where they are in the straightened picture, or back",
+    ),
+    "models": ("other_commands:MODELS", "list the methods: what each does, how large it is, how well it did"),
     "completion": (
-        "completion:COMPLETION",
+        "other_commands:COMPLETION",
         "print what a shell needs to complete these commands and their options",
     ),
 }
@@ -104,7 +131,7 @@ def command_for_file(name: str) -> str:
     """Returns the command for a first word that is a file, ``rectify`` or ``video``; empty if it is not one."""
     if name.startswith("-") or name in (*COMMANDS, "help"):
         return ""
-    from unshutter.batch.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES  # imported here: most first words are commands
+    from unshutter.run.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES  # imported here: most first words are commands
 
     suffix = PurePath(name).suffix.lower()
     if suffix in FILM_SUFFIXES:
@@ -117,18 +144,14 @@ def _exit_code(stop: KeyboardInterrupt) -> int:
 
 
 def command_named(name: str) -> Command:
-    """Finds a command by name, built in or from another installed package.
-
-    Raises:
-        UsageError: it does not exist, or it comes with unshutter-lab, which is not installed.
-    """
+    """Finds a command by name, built in or from another installed package."""
     if name in COMMANDS:
         module, _, variable = COMMANDS[name][0].partition(":")
-        return getattr(import_module(f"unshutter.cli.commands.{module}"), variable)
-    for entry in installation.plugins(_GROUP).select(name=name):
+        return getattr(import_module(f"unshutter.cli.{module}"), variable)
+    for entry in errors.plugins(_GROUP).select(name=name):
         return entry.load()
-    if name in installation.LAB_COMMANDS:
-        raise UsageError(f"the command '{name}' comes with unshutter-lab: {installation.lab()}")
+    if name in errors.LAB_COMMANDS:
+        raise UsageError(f"the command '{name}' comes with unshutter-lab: {errors.lab()}")
     if name.startswith("-"):
         raise UsageError(f"options come after the command: unshutter rectify PHOTO {name} ... (see unshutter --help)")
     guess = suggestion(name, summaries()) or f"choose one of {', '.join(summaries())}"
@@ -137,7 +160,7 @@ def command_named(name: str) -> Command:
 
 def summaries() -> dict[str, str]:
     """Returns the summaries of all commands by name, those of other installed packages last."""
-    installed = {entry.name: entry.load().summary for entry in installation.plugins(_GROUP)}
+    installed = {entry.name: entry.load().summary for entry in errors.plugins(_GROUP)}
     return {name: summary for name, (_, summary) in COMMANDS.items()} | installed
 
 

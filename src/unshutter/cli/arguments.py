@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeGuard
 
 from unshutter.errors import UsageError, suggestion
-from unshutter.options.description import Group, Names, Option, describe, options_of, with_values
-from unshutter.storage.places import local_file
+from unshutter.options.fields import Group, Option, describe, options_of, with_values
+from unshutter.storage.files import check_plain
+from unshutter.storage.locations import local_file
 
 HELP_ALL = "--help-all"
 _HELP = frozenset(("-h", "--help", HELP_ALL))
@@ -29,20 +30,14 @@ _METAVAR = {int: "N", float: "NUMBER", Path: "PATH", str: "TEXT"}
 
 @dataclass(frozen=True)
 class Command:
-    """A command of the program.
+    """A command of the program."""
 
-    Attributes:
-        description: what it does: a one-line summary, then an empty line and further details.
-        arguments: dataclass of its arguments.
-        run: runs it with such a value; returns the exit code.
-        when_stopped: message for a command that was interrupted: the state of its results.
-        essentials: options in the short help with their one-line descriptions; empty: the help shows all options.
-    """
-
-    description: str
-    arguments: type
-    run: Callable[[Any], int]
+    description: str  # what it does: a one-line summary, then an empty line and further details
+    arguments: type  # dataclass of its arguments
+    run: Callable[[Any], int]  # runs it with such a value; returns the exit code
+    # message for a command that was interrupted: the state of its results
     when_stopped: str = "what was finished is kept"
+    # options in the short help with their one-line descriptions; empty: the help shows all options
     essentials: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -52,31 +47,22 @@ class Command:
         return line[:1].lower() + line[1:]
 
 
-def positional(help: str, names: Names, optional: bool = False) -> Any:
-    """Defines a positional argument; an optional list may be empty."""
-    return field(metadata={"help": help, "names": names, "positional": True, "optional": optional})
-
-
-def required(help: str, names: Names, short: str | None = None) -> Any:
-    """Defines an option that must be given."""
-    return field(metadata={"help": help, "names": names, "short": short})
-
-
 def parse(name: str, command: Command, words: Sequence[str]) -> Any:
-    """Parses the words that follow a command's name into its arguments.
-
-    Raises:
-        UsageError: unknown words or invalid values.
-        SystemExit: help was requested and printed.
-    """
+    """Parses the words that follow a command's name into its arguments."""
     parser = _Parser(name, command)
     add_arguments(parser, command.arguments)
+    end = words.index("--") if "--" in words else len(words)
+    # "--" itself remains, because it also ends lists of values
+    names = [*words[end : end + 1], *(f"./{word}" if word.startswith("-") else word for word in words[end + 1 :])]
+    words = words[:end]
     if not _HELP.isdisjoint(words):
         print((parser if HELP_ALL in words else _short_parser(name, command)).format_help())
         raise SystemExit
     parser.check_flags(words)
-    words = _with_bare_values(words, command.arguments)
-    values = vars(parser.parse_intermixed_args(words))
+    values = vars(parser.parse_intermixed_args([*_with_bare_values(words, command.arguments), *names]))
+    for each in options_of(command.arguments):
+        if each.more.get("names") == "input" and not each.several and values[each.key] is not None:
+            check_plain(Path(values[each.key]))
     return with_values(command.arguments, lambda option: values[option.key])
 
 
@@ -117,11 +103,7 @@ class _Parser(argparse.ArgumentParser):
             self.add_argument(*names, action="store_true", help=f"show {shown}", default=argparse.SUPPRESS)
 
     def check_flags(self, words: Sequence[str]) -> None:
-        """Checks that the command has all flags among the words.
-
-        Raises:
-            UsageError: a flag is unknown; the message suggests a similar one.
-        """
+        """Checks that the command has all flags among the words."""
         known = self._option_string_actions  # argparse offers no public access
         for word in words:
             flag = word.partition("=")[0]
@@ -181,11 +163,6 @@ def _usage(kind: type) -> str:
     return " ".join([*(f"[{name}]" if each.more.get("optional") else name for each, name in places), "[options]"])
 
 
-def outputs(kind: type) -> list[str]:
-    """Lists the flags of a command's options that name outputs, such as ``--output``."""
-    return [_flag(each) for each in options_of(kind) if each.more.get("names") == "output"]
-
-
 def add_arguments(parser: argparse.ArgumentParser, kind: type) -> None:
     """Adds the arguments of a dataclass, with a group for each nested dataclass."""
     _add_to(parser, parser, kind)
@@ -225,11 +202,7 @@ def _argument(option: Option) -> tuple[list[str], dict[str, Any]]:
 
 
 def _path(word: str) -> Path:
-    """Parses a path, or a URL that leads to a file on this machine.
-
-    Raises:
-        UsageError: the URL leads elsewhere.
-    """
+    """Parses a path, or a URL that leads to a file on this machine."""
     if "://" not in word:
         return Path(word)
     if (file := local_file(word)) is None:

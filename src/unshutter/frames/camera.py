@@ -1,6 +1,6 @@
 """Estimates the camera's rotation from tracks between consecutive frames: a spline over time, by linear least squares.
 
-The unknown is the rotation T(t) of the picture [rad, about three axes], with the rate defined in geometry/rotations.py.
+The unknown is the rotation T(t) of the picture [rad, about three axes], with the rate defined in motion/rotations.py.
 Time t is counted in frame intervals, and row y of frame k is exposed at k + ratio (y + 1/2) / height. A track from
 (x0, y0) in frame k to (x1, y1) in frame k + 1 measures the difference of T between the times of its two rows. With
 directions (x, y, 1) half way between both,
@@ -27,15 +27,90 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.frames.splines import ORDER, basis, log_determinant, roughness, solve_banded
+from unshutter.frames.smoothing import ORDER, basis, log_determinant, roughness, solve_banded
 from unshutter.frames.tracks import Tracks
-from unshutter.frames.turn_equations import DEGREES, TurnEquations, student_weights
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float64
+    from unshutter.motion.shapes import Bool, Float64
+
+
+DEGREES = 3.0  # degrees of freedom of Student's t, the model of the tracks' errors
+_FINEST = 0.02  # px; lower limit of the tracks' noise
+
+
+@dataclass(frozen=True, eq=False)
+class TurnEquations:
+    """For each track: moved = jacobian @ (spline @ coefficients).
+
+    The product of both factors is six times as large as the two together, and is never formed.
+    """
+
+    # difference of each spline, among those that a pair's times overlap, between a track's two ends
+    spline: Float64[np.ndarray, "pairs most local"]
+    jacobian: Float64[np.ndarray, "pairs most 2 unknowns"]  # displacement of a track per unknown
+    moved: Float64[np.ndarray, "pairs most 2"]  # measured displacement [px]
+
+    def squared(self, coefficients: Float64[np.ndarray, "pairs local unknowns"]) -> Float64[np.ndarray, "pairs most"]:
+        """Squared distance of each track's end from its predicted position [px^2]."""
+        turned = self.spline @ coefficients
+        left = self.moved - (self.jacobian @ turned[..., None])[..., 0]
+        return (left**2).sum(axis=-1)
+
+    def normal(
+        self, weights: Float64[np.ndarray, "pairs most"]
+    ) -> tuple[Float64[np.ndarray, "pairs n n"], Float64[np.ndarray, "pairs n"]]:
+        """Returns each pair's normal equations for its coefficients, spline by spline: matrix and right-hand side."""
+        pairs, _, local = self.spline.shape
+        unknowns = self.jacobian.shape[-1]
+        first, second = np.triu_indices(local)
+        half = self._spline_products @ (self._jacobian_products * weights[..., None])
+        blocks = np.empty((pairs, local, unknowns, local, unknowns))
+        half = half.reshape(pairs, -1, unknowns, unknowns).swapaxes(0, 1)
+        blocks[:, first, :, second], blocks[:, second, :, first] = half, half
+        right = self.spline.swapaxes(1, 2) @ (self._moved_products * weights[..., None])
+        return blocks.reshape(pairs, local * unknowns, -1), right.reshape(pairs, -1)
+
+    @cached_property
+    def _spline_products(self) -> np.ndarray:
+        """[pairs, local (local + 1) / 2, most] products of every two splines."""
+        first, second = np.triu_indices(self.spline.shape[-1])
+        each = np.ascontiguousarray(self.spline.swapaxes(1, 2))
+        return each[:, first] * each[:, second]
+
+    @cached_property
+    def _jacobian_products(self) -> np.ndarray:
+        """[pairs, most, unknowns^2] J^T J of each track."""
+        products = self.jacobian.swapaxes(2, 3) @ self.jacobian
+        return products.reshape(*products.shape[:2], -1)
+
+    @cached_property
+    def _moved_products(self) -> np.ndarray:
+        """[pairs, most, unknowns] J^T moved of each track."""
+        return (self.jacobian * self.moved[..., None]).sum(axis=2)
+
+
+def student_weights(
+    squared: Float64[np.ndarray, "pairs most"], used: Bool[np.ndarray, "pairs most"], noise: float
+) -> tuple[Float64[np.ndarray, "pairs most"], float]:
+    """Returns weights of the tracks under Student's t, which limits the influence of outliers, and their noise [px].
+
+    Args:
+        squared: squared distance of each track's end from its expected position [px^2].
+        used: which entries of the padded arrays hold a track; the others get zero weight.
+        noise: current estimate [px]; NaN for none.
+    """
+    known = squared[used]
+    noise = np.sqrt(np.median(known) / 1.4) if np.isnan(noise) else noise
+    for _ in range(3):
+        noise = max(noise, _FINEST)
+        share = (DEGREES + 2) / (DEGREES + known / noise**2)
+        noise = np.sqrt((share * known).mean() / 2)
+    noise = max(noise, _FINEST)
+    return used * (DEGREES + 2) / (DEGREES + squared / noise**2) / noise**2, noise
+
 
 ROWS = 256  # errors and curvatures are in pixels of a picture with this many rows
-_PER_FRAME = 4  # knots
+PER_FRAME = 4  # knots
 _UNKNOWNS = 4  # at any time: three rotations and the change of scale
 _RIDGE = 1e-6  # px^-2; T has an arbitrary origin, which this fixes
 _STIFFNESS = tuple(10.0**k for k in range(-3, 6))  # px^-2 frames^3: values tried
@@ -47,58 +122,47 @@ _SLACK = 0.5  # px of ROWS rows, added to that
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The camera's rotation over time, estimated from tracks.
+    """The camera's rotation over time, estimated from tracks."""
 
-    Attributes:
-        coefficients: [knots, 4] of the spline [px of ROWS rows; divided by the focal length: rad].
-        focal_px: focal length [px of ROWS rows].
-        noise_px: noise of the tracks [px of ROWS rows].
-        stiffness: weight of the spline's curvature.
-        log_evidence: log probability of the tracks, up to a constant.
-    """
-
+    # [knots, 4] of the spline [px of ROWS rows; divided by the focal length: rad]
     coefficients: Float64[np.ndarray, "knots 4"]
-    focal_px: float
-    noise_px: float
-    stiffness: float
-    log_evidence: float
+    focal_px: float  # focal length [px of ROWS rows]
+    noise_px: float  # noise of the tracks [px of ROWS rows]
+    stiffness: float  # weight of the spline's curvature
+    log_evidence: float  # log probability of the tracks, up to a constant
 
     @classmethod
     def none(cls, focal_px: float) -> Fit:
         """Returns the fit of a camera that does not move."""
         return cls(np.zeros((ORDER, _UNKNOWNS)), focal_px, 0.0, _STIFFNESS[-1], 0.0)
 
-    @property
-    def knots_per_frame(self) -> int:
-        """Number of spline knots per frame interval."""
-        return _PER_FRAME
-
     def turn(self, at: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3"]:
         """T [rad] at times [frame intervals since the first frame's first row]; constant beyond the ends."""
-        last = (len(self.coefficients) - 3) / _PER_FRAME
+        last = (len(self.coefficients) - 3) / PER_FRAME
         inside = np.clip(at, 0.0, last)
-        turn = basis(inside * _PER_FRAME, len(self.coefficients)) @ self.coefficients[:, :3]
+        turn = basis(inside * PER_FRAME, len(self.coefficients)) @ self.coefficients[:, :3]
         return turn / self.focal_px
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The linear equations for the tracks between consecutive frames.
+    """The linear equations for the tracks between consecutive frames."""
 
-    Attributes:
-        pairs: tracks from each frame to the next.
-        focal_px: focal length [px of ROWS rows].
-        starts: times of the first frame and of each later one [usual frame intervals], the first below 1; None if
-            frames were taken at even intervals.
-    """
-
-    pairs: Sequence[Tracks]
-    focal_px: float
+    pairs: Sequence[Tracks]  # tracks from each frame to the next
+    focal_px: float  # focal length [px of ROWS rows]
+    # times of the first frame and of each later one [usual frame intervals], the first below 1; None if frames were
+    # taken at even intervals
     starts: Sequence[float] | None = None
     _unit: float = field(init=False)
+    # [2, pairs, most, 2] starts and ends of the tracks, (col, row) [px of ROWS rows]
+    _ends: Float64[np.ndarray, "2 pairs most 2"] = field(init=False)
+    _used: Bool[np.ndarray, "pairs most"] = field(init=False)  # which entries of the padded arrays hold a track
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_unit", ROWS / self.pairs[0].height)
+        ends, used = padded_ends(self.pairs)
+        unit = ROWS / self.pairs[0].height
+        for name, value in (("_unit", unit), ("_ends", ends * unit), ("_used", used)):
+            object.__setattr__(self, name, value)
 
     # ---- the equations ---------------------------------------------------------------------------------
 
@@ -112,21 +176,7 @@ class Problem:
     def _local(self) -> int:
         """Number of splines that overlap the times of two frames, counted from the last whole interval before them."""
         spans = np.ceil(self._taken[:, 1] - np.floor(self._taken[:, 0]) - 1e-9)
-        return _PER_FRAME * (int(spans.max()) + 1) + 4
-
-    @cached_property
-    def _used(self) -> np.ndarray:
-        """[pairs, most] bool: which entries of the padded arrays hold a track."""
-        most = max(1, *(len(pair) for pair in self.pairs))
-        return np.array([np.arange(most) < len(pair) for pair in self.pairs])
-
-    @cached_property
-    def _ends(self) -> np.ndarray:
-        """[2, pairs, most, 2] starts and ends of the tracks, (col, row) [px of ROWS rows]."""
-        ends = np.zeros((2, *self._used.shape, 2))
-        for k, pair in enumerate(self.pairs):
-            ends[0, k, : len(pair)], ends[1, k, : len(pair)] = pair.start, pair.end
-        return (ends + 0.5) * self._unit
+        return PER_FRAME * (int(spans.max()) + 1) + 4
 
     @cached_property
     def _moved(self) -> np.ndarray:
@@ -141,23 +191,23 @@ class Problem:
     def _equations(self, ratio: float) -> TurnEquations:
         since = self._taken - np.floor(self._taken[:, :1])
         times = ratio * np.clip(self._ends[..., 1] / ROWS, 0, 1) + since.T[:, :, None]
-        spline = basis(np.minimum(times, self._local / _PER_FRAME - 0.76) * _PER_FRAME, self._local)
+        spline = basis(np.minimum(times, self._local / PER_FRAME - 0.76) * PER_FRAME, self._local)
         return TurnEquations(spline[1] - spline[0], self._jacobian, self._moved)
 
     @property
     def _knots(self) -> int:
-        return int(np.floor(self._taken[:, 0]).max()) * _PER_FRAME + self._local
+        return int(np.floor(self._taken[:, 0]).max()) * PER_FRAME + self._local
 
     @cached_property
     def _places(self) -> np.ndarray:
         """[pairs, 4 local] indices of the unknowns that each pair's times involve."""
         first = np.floor(self._taken[:, :1]).astype(int)
-        return _UNKNOWNS * _PER_FRAME * first + np.arange(_UNKNOWNS * self._local)
+        return _UNKNOWNS * PER_FRAME * first + np.arange(_UNKNOWNS * self._local)
 
     @cached_property
     def _prior(self) -> np.ndarray:
         """[unknowns, unknowns] quadratic form of the prior for a stiffness of 1."""
-        return np.kron(roughness(self._knots) * _PER_FRAME**3, np.eye(_UNKNOWNS))
+        return np.kron(roughness(self._knots) * PER_FRAME**3, np.eye(_UNKNOWNS))
 
     @property
     def moments(self) -> Float64[np.ndarray, "frames"]:
@@ -234,11 +284,6 @@ def steady(problem: Problem, ratio: float, stiffness: float | None) -> Fit:
     An oscillation that repeats with every frame leaves no trace in the tracks, and one that grows from frame to
     frame looks like a scene whose lower rows move faster, as near ground does. Such a fit is rejected in favour of a
     stiffer spline.
-
-    Args:
-        problem: the tracks.
-        ratio: readout time in frame intervals.
-        stiffness: see :meth:`Problem.fit`.
     """
     fit = problem.fit(ratio, stiffness)
     most = _FASTER * ratio / 2 * problem.fastest + _SLACK
@@ -256,15 +301,8 @@ def _within_frames(fit: Fit, problem: Problem, ratio: float) -> float:
 
 
 def turn_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"]:
-    """Returns the rotation [rad] between two frames that most tracks support, ignoring the readout time.
-
-    Args:
-        tracks: from one frame to the other; outliers are tolerated.
-        focal_px: focal length [px of ROWS rows].
-    """
-    unit = ROWS / tracks.height
-    start, end = (tracks.start + 0.5) * unit, (tracks.end + 0.5) * unit
-    jacobian, moved = turn_jacobian((start + end) / 2, tracks.width * unit, focal_px), end - start
+    """Returns the rotation [rad] between two frames that most tracks support, ignoring the readout time."""
+    jacobian, moved = track_jacobian(tracks, focal_px)
     weights = np.ones(len(tracks))
     unknowns = np.zeros(_UNKNOWNS)
     for _ in range(_PAIR_ROUNDS):
@@ -277,6 +315,26 @@ def turn_between(tracks: Tracks, focal_px: float) -> Float64[np.ndarray, "3"]:
     return unknowns[:3] / focal_px
 
 
+def track_jacobian(
+    tracks: Tracks, focal_px: float
+) -> tuple[Float64[np.ndarray, "tracks 2 4"], Float64[np.ndarray, "tracks 2"]]:
+    """Returns the :func:`turn_jacobian` half way along each track, and the track's displacement [px of ROWS rows]."""
+    unit = ROWS / tracks.height
+    start, end = (tracks.start + 0.5) * unit, (tracks.end + 0.5) * unit
+    return turn_jacobian((start + end) / 2, tracks.width * unit, focal_px), end - start
+
+
+def padded_ends(
+    pairs: Sequence[Tracks],
+) -> tuple[Float64[np.ndarray, "2 pairs most 2"], Bool[np.ndarray, "pairs most"]]:
+    """Returns the starts and ends of tracks, (col, row) from the corner of the copy, and which entries hold a track."""
+    most = max(1, *(len(pair) for pair in pairs))
+    ends = np.zeros((2, len(pairs), most, 2))
+    for k, pair in enumerate(pairs):
+        ends[0, k, : len(pair)], ends[1, k, : len(pair)] = pair.start, pair.end
+    return ends + 0.5, np.array([np.arange(most) < len(pair) for pair in pairs])
+
+
 def turn_jacobian(
     at: Float64[np.ndarray, "*points 2"], width: float, focal_px: float
 ) -> Float64[np.ndarray, "*points 2 4"]:
@@ -285,7 +343,6 @@ def turn_jacobian(
     Args:
         at: the points (col, row) [px of ROWS rows].
         width: width of the picture [px of ROWS rows].
-        focal_px: focal length [px of ROWS rows].
     """
     x, y = np.moveaxis((at - [width / 2, ROWS / 2]) / focal_px, -1, 0)
     columns = np.stack([-x * y, 1 + x * x, -y, x], axis=-1)

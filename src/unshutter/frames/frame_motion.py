@@ -1,4 +1,9 @@
-"""The motion of one frame of a sequence: within the frame, and since the previous frame."""
+"""The clock of a sequence of frames, and the motion of one frame: within it, and since the previous frame.
+
+Time is counted in frame intervals. The readout ratio is the readout time of one frame divided by the frame interval:
+row y of frame k, of H rows, is exposed at k + ratio * y / H. Frames are those of the readout frame: row 0 is read
+first.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +16,55 @@ from unshutter.errors import UnshutterError
 from unshutter.frames.camera import ROWS, Fit, turn_between, turn_jacobian
 from unshutter.frames.self_calibration import usual_focal
 from unshutter.frames.tracks import Tracks
-from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion, RotationMotion, RowMotion
-from unshutter.options import Reference
+from unshutter.options import Reference, check_ratio
+from unshutter.orientation import Readout
 from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float64
+    from unshutter.motion.shapes import Float64
+
+
+SHARES = {"first": 0.0, "middle": 0.5, "last": 1.0}
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The clock of a sequence of frames.
+
+    Raises:
+        UsageError: the readout ratio is out of range.
+    """
+
+    readout_ratio: float  # readout time / frame interval, above 0 and at most 1
+    height: int  # rows of a frame, or of the smaller copy whose rows are counted
+    # position of row 0 of that copy relative to the frame's first row, in rows of the copy; 0 for the frame itself
+    first_row: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_ratio(self.readout_ratio)
+
+    @property
+    def per_row(self) -> float:
+        """Time from one row to the next."""
+        return self.readout_ratio / self.height
+
+    def start(self, frame: float) -> float:
+        """Returns the time at which row 0 of a frame is exposed."""
+        return frame + self.per_row * self.first_row
+
+    def exposed(self, frame: float, row: np.ndarray) -> np.ndarray:
+        """Returns the times at which rows of a frame are exposed."""
+        return self.start(frame) + self.per_row * row
+
+    def moment(self, reference: Reference, frame: float = 0) -> float:
+        """Returns the time of a frame's first, middle or last row."""
+        return frame + self.readout_ratio * SHARES[reference]
+
+    def of_copy(self, height: int) -> Timing:
+        """Returns the clock of a copy of the frames with this number of rows."""
+        return replace(self, height=height, first_row=0.5 - 0.5 * height / self.height)
+
 
 NAME = "frames-camera"
 _NOTHING_PX = 0.1  # px of ROWS rows: smaller displacements within a frame count as no motion
@@ -43,51 +90,31 @@ class KnownTurns(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The camera's rotation from one frame to the next, between their middle rows.
+    """The camera's rotation from one frame to the next, between their middle rows."""
 
-    Attributes:
-        turn: [3] rotation vector [rad] (geometry/rotations.py).
-        focal_heights: focal length used, in heights of the readout frame; NaN if the camera stood still.
-    """
-
-    turn: Float64[np.ndarray, "3"]
-    focal_heights: float
+    turn: Float64[np.ndarray, "3"]  # [3] rotation vector [rad] (motion/rotations.py)
+    focal_heights: float  # focal length used, in heights of the readout frame; NaN if the camera stood still
 
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """The motion of one frame, or why it has none; stays small until the motion of all rows is requested.
-
-    Attributes:
-        height, width: size of the frame's readout frame [px].
-        readout: direction in which its stored pixels were read.
-        fit: the camera's motion around that time; None if unknown.
-        at: time of the frame in that fit [frame intervals].
-        ratio: readout time in frame intervals.
-        reason: why there is no motion to undo; None if there is one.
-        shot: number of its shot, a series of frames connected by motion.
-        scene: number of the scene that it shows.
-        turns: the camera's rotation measured by a gyro, if available; ``fit`` is then the remaining rotation.
-        time_s: time of the frame on the clip's clock [s].
-        after: time since the previous frame [frame intervals].
-        tracks: from the previous frame, if the whole path is requested; otherwise None.
-        focal: focal length [px of ROWS rows], if known without a fit.
-    """
+    """The motion of one frame, or why it has none; stays small until the motion of all rows is requested."""
 
     height: int
     width: int
-    readout: Readout
-    fit: Fit | None = None
-    at: float = 0.0
-    ratio: float = 0.0
-    reason: Reason | None = None
-    shot: int = 0
-    scene: int = 0
+    readout: Readout  # direction in which its stored pixels were read
+    fit: Fit | None = None  # the camera's motion around that time; None if unknown
+    at: float = 0.0  # time of the frame in that fit [frame intervals]
+    ratio: float = 0.0  # readout time in frame intervals
+    reason: Reason | None = None  # why there is no motion to undo; None if there is one
+    shot: int = 0  # number of its shot, a series of frames connected by motion
+    scene: int = 0  # number of the scene that it shows
+    # the camera's rotation measured by a gyro, if available; ``fit`` is then the remaining rotation
     turns: KnownTurns | None = None
-    time_s: float = 0.0
-    after: float = 1.0
-    tracks: Tracks | None = None
-    focal: float | None = None
+    time_s: float = 0.0  # time of the frame on the clip's clock [s]
+    after: float = 1.0  # time since the previous frame [frame intervals]
+    tracks: Tracks | None = None  # from the previous frame, if the whole path is requested; otherwise None
+    focal: float | None = None  # focal length [px of ROWS rows], if known without a fit
 
     @property
     def stood_still(self) -> bool:

@@ -1,7 +1,9 @@
 """Renders the picture a global shutter would have taken, at any moment between a frame and its neighbours.
 
-This is the dense model (dense.py): flow is computed on small grey copies, once for each pair of frames, whatever
-moments are requested; full-size pixels are sampled once in each frame and fused (fusion.py).
+This is the dense model (flow.py): flow is computed on small grey copies, once for each pair of frames, whatever moments
+are requested; full-size pixels are sampled once in each frame and fused. Where the frames agree, they are averaged,
+with more weight for those nearer in time; where they disagree because one shows what another hides, only the nearest
+one is used. This avoids ghosts.
 
 Frames are counted from the one being rendered: the previous frame is -1, the next one +1. Pixels are those of the
 readout frame.
@@ -9,25 +11,115 @@ readout frame.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.frames.dense import Field, field_between, joined
-from unshutter.frames.flow import Flow, bilinear, flow_between
-from unshutter.frames.fusion import Warped, fuse
-from unshutter.frames.timing import Timing
+from unshutter.frames.flow import Field, Flow, bilinear, field_between, flow_between, joined
+from unshutter.frames.frame_motion import Timing
+from unshutter.motion.grid import SamplingGrid, Tile
+from unshutter.motion.warp import sampled_pixels, thread_count
 from unshutter.reasons import Code, Reason
-from unshutter.warp.grid import SamplingGrid
-from unshutter.warp.pixels import sampled_pixels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from unshutter.geometry.shapes import Bool, UInt, UInt8
+    from unshutter.motion.shapes import Bool, Float32, UInt, UInt8
+
+
+_AGREEING = 60.0  # grey levels of 8 bits at which a frame's weight falls to 1 / e
+_NEAREST = 0.02  # frame intervals: weights do not increase further below this
+_FALL = 0.7  # exponent of the distance in time
+
+
+@dataclass(frozen=True)
+class Warped:
+    """A frame warped to the time of the picture."""
+
+    # uint8 or uint16 [H, W, bands]; content outside the frame is mirrored at its border
+    pixels: UInt[np.ndarray, "height width bands"]
+    grid: SamplingGrid  # position at which each pixel was sampled
+    frame: float  # time of its first row [frame intervals after that of frame 0]
+
+
+def fuse(
+    own: Warped, others: list[Warped], timing: Timing, moment: float, borrow: bool
+) -> tuple[UInt[np.ndarray, "height width bands"], Bool[np.ndarray, "height width"]]:
+    """Fuses frames into the picture of a moment, written into ``own.pixels``.
+
+    Args:
+        borrow: whether content that ``own`` does not show is taken from the others; otherwise left unchanged.
+
+    Returns:
+        The pixels, and a mask of those shown by any frame (``borrow``) or by ``own``.
+    """
+    height, width = own.pixels.shape[:2]
+    valid = np.empty((height, width), bool)
+
+    def make(tile: Tile) -> None:
+        at = tile.within(own.grid.whole)
+        valid[at] = _fuse_tile(tile, own, others, timing, moment, borrow)
+
+    with ThreadPoolExecutor(thread_count()) as threads:
+        for _ in threads.map(make, own.grid.whole.tiles()):
+            pass  # re-raises errors of the threads
+    return own.pixels, valid
+
+
+def _fuse_tile(
+    tile: Tile, own: Warped, others: list[Warped], timing: Timing, moment: float, borrow: bool
+) -> np.ndarray:
+    """Writes a tile into ``own.pixels`` and returns the mask of pixels that were seen.
+
+    Frames are added one by one: where one differs from the current result, whichever is farther from the moment loses
+    its weight.
+    """
+    at = tile.within(own.grid.whole)
+    visible, most = _visibility_and_weight(own, tile, timing, moment)
+    valid, mixed, total = visible, np.ascontiguousarray(own.pixels[at]), most
+    for other in others:
+        theirs = np.ascontiguousarray(other.pixels[at])
+        visible_there, weight = _visibility_and_weight(other, tile, timing, moment)
+        agreement = _agreement(mixed, theirs)
+        nearer = weight > most
+        total = np.where(nearer, total * agreement, total)
+        share = np.where(nearer, weight, weight * agreement)
+        mixed = _mixed(mixed, theirs, total, share)
+        total, most = total + share, np.maximum(most, weight)
+        valid = valid | visible_there if borrow else valid
+    np.copyto(own.pixels[at], mixed, where=True if valid.all() else valid[..., None])  # a mask takes ten times as long
+    return valid
+
+
+def _visibility_and_weight(
+    warped: Warped, tile: Tile, timing: Timing, moment: float
+) -> tuple[Bool[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
+    """Returns which pixels a frame shows, and its weight there, which grows as their time approaches the moment."""
+    column, row = warped.grid.positions(tile)
+    visible = warped.grid.inside(column, row)
+    away = cv2.absdiff(row * np.float32(timing.per_row), np.full_like(row, moment - timing.start(warped.frame)))
+    return visible, cv2.pow(np.maximum(away, np.float32(_NEAREST)), -_FALL) * visible
+
+
+def _agreement(first: np.ndarray, second: np.ndarray) -> Float32[np.ndarray, "rows cols"]:
+    """Returns 1 where two pictures are alike and 0 where they differ, with a smooth transition."""
+    difference = reduce(cv2.max, cv2.split(cv2.absdiff(first, second))).astype(np.float32)  # largest of the bands
+    scale = 255 / np.iinfo(first.dtype).max / _AGREEING
+    return cv2.exp(-((cv2.blur(difference, (3, 3)) * scale) ** 2))
+
+
+def _mixed(first: np.ndarray, second: np.ndarray, weight: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Returns the weighted average of two pictures; black where both weights are 0."""
+    if first.dtype == np.uint8:
+        return cv2.blendLinear(first, second, weight, share).reshape(first.shape)
+    mixed = cv2.blendLinear(first.astype(np.float32), second.astype(np.float32), weight, share)
+    return np.rint(mixed).astype(first.dtype).reshape(first.shape)
+
 
 _MOST_ROWS, _LEAST_SHRINK = 480, 2  # short side of the small copies [px]; how much smaller than the frame
 _LEAST_CONSISTENT = 0.35  # least consistency of the flow; below it, the frames show different scenes
@@ -39,50 +131,31 @@ _UNMOVED = 0.1  # px; if nine tenths of a picture move by less, it is left uncha
 
 @dataclass(frozen=True)
 class Link:
-    """The flow between a frame and the next, computed on small copies.
-
-    Attributes:
-        earlier, later: the copies.
-        flow: flow between them.
-        apart: time between them [frame intervals]; not 1 if frames are unevenly spaced.
-    """
+    """The flow between a frame and the next, computed on small copies."""
 
     earlier: UInt8[np.ndarray, "height width"]
     later: UInt8[np.ndarray, "height width"]
-    flow: Flow
-    apart: float = 1.0
+    flow: Flow  # flow between them
+    apart: float = 1.0  # time between them [frame intervals]; not 1 if frames are unevenly spaced
 
 
 @dataclass(frozen=True)
 class MotionField:
-    """The dense motion in the picture of one moment, around frame 0.
+    """The dense motion in the picture of one moment, around frame 0."""
 
-    Attributes:
-        field: on the small copies.
-        largest_px: largest displacement of anything in frame 0 [px of the frame].
-        reason: why the frame should be left unchanged; None if it should not.
-    """
-
-    field: Field
-    largest_px: float
-    reason: Reason | None = None
+    field: Field  # on the small copies
+    largest_px: float  # largest displacement of anything in frame 0 [px of the frame]
+    reason: Reason | None = None  # why the frame should be left unchanged; None if it should not
 
 
 @dataclass(frozen=True)
 class Rendering:
-    """A picture of one moment.
+    """A picture of one moment."""
 
-    Attributes:
-        pixels: of the frame's size and type.
-        valid: mask of the pixels whose content some frame shows.
-        largest_px: largest displacement of anything in frame 0.
-        reason: why the frame was left unchanged; None if it was changed.
-    """
-
-    pixels: UInt[np.ndarray, "height width bands"]
-    valid: Bool[np.ndarray, "height width"]
-    largest_px: float
-    reason: Reason | None = None
+    pixels: UInt[np.ndarray, "height width bands"]  # of the frame's size and type
+    valid: Bool[np.ndarray, "height width"]  # mask of the pixels whose content some frame shows
+    largest_px: float  # largest displacement of anything in frame 0
+    reason: Reason | None = None  # why the frame was left unchanged; None if it was changed
 
 
 def copy_side(height: int, width: int) -> int:
@@ -96,16 +169,7 @@ def link(
     apart: float = 1.0,
     halvings: int = 0,
 ) -> Link:
-    """Computes the flow between two successive frames from their small grey copies.
-
-    Args:
-        earlier, later: the copies.
-        apart: time between them [frame intervals].
-        halvings: see :func:`flow_between`.
-
-    Raises:
-        UnshutterError: they show different scenes.
-    """
+    """Computes the flow between two successive frames from their small grey copies."""
     if earlier.shape != later.shape:
         later = cv2.resize(later, earlier.shape[::-1], interpolation=cv2.INTER_AREA)
     flow = flow_between(earlier, later, halvings)
@@ -122,7 +186,6 @@ def motion_field(links: Mapping[int, Link], timing: Timing, moment: float) -> Mo
 
     Args:
         links: -1 or 1 or both -> the flow between frame 0 and that neighbour, the earlier frame first.
-        timing: the clock of the frames.
         moment: in frame intervals from the first row of frame 0.
     """
     copy_timing = timing.of_copy(next(iter(links.values())).earlier.shape[0])
@@ -148,7 +211,6 @@ def render(
     Args:
         frames: number -> pixels: 0, and -1 or 1 or both.
         links: -1 and 1 -> the flow between frame 0 and that neighbour, the earlier frame first.
-        timing: the clock of the frames.
         moment: in frame intervals from the first row of frame 0.
         borrow: whether content that frame 0 does not show is taken from its neighbours.
         fill: whether content that no frame shows is mirrored at the picture's border; otherwise it is black.

@@ -11,23 +11,28 @@ The width of that maximum understates the error, because the errors of tracks ar
 are also evaluated separately, and their scatter counts.
 
 The focal length shows in how much faster the corners of a picture move than its centre.
+
+Shots, consecutive frames that show one scene, collect the tracks for this.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnknownRatioError
-from unshutter.frames.camera import ROWS, Fit, Problem
-from unshutter.frames.tracks import Tracks
+from unshutter.frames.camera import PER_FRAME, ROWS, Fit, Problem
+from unshutter.frames.tracks import Background, Tracks, background, follow
+from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float64
+    from unshutter.motion.shapes import Float64, UInt8
+    from unshutter.photo import Photo
+
 
 _PART = 20  # pairs of frames per part
 _MOST_TRACKS = 100  # per pair: more only take longer
@@ -48,74 +53,12 @@ _FOCAL_STEPS = (0.12, 0.04)  # successive step sizes of its logarithm
 _FOCAL_COMMON = 20.0  # divisor of the evidence: errors of tracks are correlated, and lenses distort
 
 
-@dataclass(frozen=True)
-class RatioRange:
-    """The plausible readout ratios if the true one is unknown.
-
-    Attributes:
-        lowest, highest: readout time in frame intervals, 0 ... 1.
-        cameras: the cameras, and their modes, that the range covers.
-    """
-
-    lowest: float
-    highest: float
-    cameras: str
-
-
-@dataclass(frozen=True)
-class ReadoutRatio:
-    """A readout ratio and its uncertainty.
-
-    Attributes:
-        value: readout time in frame intervals, 0 ... 1.
-        error: its standard deviation.
-        source: the evidence it was derived from.
-        camera: name of the camera if the source is the table of cameras; otherwise empty.
-        instead_of: why the clip does not reveal its own ratio, if a usual one was used; otherwise None.
-        plausible: the range around a usual ratio; None if the ratio is known.
-    """
-
-    value: float
-    error: float
-    source: str
-    camera: str = ""
-    instead_of: Reason | None = None
-    plausible: RatioRange | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """Returns all attributes, ready for JSON, as read by :meth:`from_json`."""
-        plausible = self.plausible and [self.plausible.lowest, self.plausible.highest, self.plausible.cameras]
-        reason = self.instead_of and self.instead_of.as_json()
-        own = {"value": self.value, "error": self.error, "source": self.source, "camera": self.camera}
-        return {**own, "instead_of": reason, "plausible": plausible}
-
-    @classmethod
-    def from_json(cls, data: dict[str, Any]) -> ReadoutRatio:
-        """Reads the data written by :meth:`as_json`."""
-        reason, plausible = data["instead_of"], data["plausible"]
-        return cls(
-            data["value"],
-            data["error"],
-            data["source"],
-            data["camera"],
-            None if reason is None else Reason.from_json(reason),
-            None if plausible is None else RatioRange(*plausible),
-        )
-
-    def __str__(self) -> str:
-        return f"{self.value:.3f} +- {self.error:.3f} (from {self.source})"
-
-
-def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None) -> ReadoutRatio:
+def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence[float] | None = None) -> ReadoutTime:
     """Estimates the readout ratio of a sequence from how smoothly its camera moved.
 
     Args:
         pairs: tracks of the background from each frame to the next; two seconds of them usually suffice.
-        focal_px: focal length [px of ROWS rows].
         starts: times of the frames [usual frame intervals], one more than pairs; None if intervals are even.
-
-    Raises:
-        UnknownRatioError: the camera stood still, moved evenly, or shook faster than frames were taken.
     """
     taken = range(len(pairs) + 1) if starts is None else starts
     times = [taken[k] for k, pair in enumerate(pairs) if len(pair)]
@@ -141,7 +84,7 @@ def ratio_from_motion(pairs: Sequence[Tracks], focal_px: float, starts: Sequence
     error = float(np.hypot(width * _disagreement(at, curves, best), _FLOOR))
     if error > _TOO_UNSURE or best > _LARGEST:
         raise UnknownRatioError.because(_cause(pairs, Code.TOO_EVEN))
-    return ReadoutRatio(min(max(best, 0.0), 1.0), error, "motion")
+    return ReadoutTime(min(max(best, 0.0), 1.0), error, "motion")
 
 
 def _cause(pairs: Sequence[Tracks], code: Code) -> Reason:
@@ -185,9 +128,9 @@ def _disagreement(at: np.ndarray, curves: np.ndarray, best: float) -> float:
 
 def _cycles(fit: Fit) -> float:
     """Returns the frequency of an oscillation whose speed varies as the camera's does [cycles per frame]."""
-    speed = np.diff(fit.coefficients[:, :3], axis=0) * fit.knots_per_frame  # [knots - 1, 3], px per frame
+    speed = np.diff(fit.coefficients[:, :3], axis=0) * PER_FRAME  # [knots - 1, 3], px per frame
     varying = np.sqrt(((speed - speed.mean(axis=0)) ** 2).sum(axis=1).mean())
-    change = np.sqrt((np.diff(speed, axis=0) ** 2).sum(axis=1).mean()) * fit.knots_per_frame
+    change = np.sqrt((np.diff(speed, axis=0) ** 2).sum(axis=1).mean()) * PER_FRAME
     return float(change / varying / (2 * np.pi)) if varying > _EVEN_PX else 0.0
 
 
@@ -223,10 +166,6 @@ def focal_from_motion(pairs: Sequence[Tracks], ratio: float) -> float:
 
     The prior decides if the camera rotated too little. Cameras that translate rather than rotate yield a very long
     focal length, which describes them best.
-
-    Args:
-        pairs: tracks of the background from each frame to the next.
-        ratio: readout time in frame intervals; a guess will do.
     """
     unit = usual_focal(pairs[0]) / _USUAL_FOCAL
     near = Problem(pairs, _USUAL_FOCAL * unit).fit(ratio)
@@ -251,3 +190,115 @@ def _vertex(at: np.ndarray, heights: np.ndarray) -> float:
     if bend >= 0:
         return float(at[heights.argmax()])
     return float(np.clip(at[k] + (before - after) / (2 * bend) * (at[1] - at[0]), at[k - 1], at[k + 1]))
+
+
+_LEAST_CORNERS = 24  # fewest corners of a usable picture
+_CHANCE = 2  # pairs of frames in which apparent motion may be a mistake
+
+
+@dataclass(eq=False)
+class GreyFrame:
+    """A frame as used for estimating motion.
+
+    It holds the full size, a small grey copy, the photo if it may be examined closely, and the time since the
+    previous frame: ``after`` is in usual frame intervals, and so is ``at``, the time since the shot began. ``time_s``
+    is its time on the clip's clock [s], if there is one, and ``tracks`` are those from the previous frame.
+    """
+
+    height: int
+    width: int
+    grey: UInt8[np.ndarray, "rows columns"]
+    number: int = 0
+    photo: Photo | None = None
+    after: float = 1.0
+    at: float = 0.0
+    time_s: float = 0.0
+    tracks: Tracks | None = None
+
+
+@dataclass(eq=False)
+class Shot:
+    """Frames that show one scene: those awaiting their motion and a few before them."""
+
+    broken_by: Reason | None = None  # why the shot began here; None for the first one, and after a gap
+    number: int = 0  # number of the shot in its sequence
+    scene: int = 0  # number of the scene it shows; several shots may show the same one
+    pairs: list[Tracks] = field(default_factory=list)  # tracks of the background from each kept frame to the next
+    # times of the frames of ``pairs``, one more than those [frame intervals]
+    times: list[float] = field(default_factory=list)
+    clock_s: list[float] = field(default_factory=list)  # times of those frames on the clip's clock [s]
+    waiting: list[GreyFrame] = field(default_factory=list)  # frames awaiting their motion
+    first: int = 0  # number of the frame at which ``pairs`` begin
+    before: int = 0  # number of kept frames that are no longer waiting
+    # why the readout ratio could not be estimated; None if it was, or was not attempted
+    why_unknown: Reason | None = None
+    _last: GreyFrame | None = None
+    _next: Background | None = None
+    _moving: list[bool] = field(default_factory=list)
+    _passing: list[bool] = field(default_factory=list)
+
+    @property
+    def still(self) -> bool:
+        """Whether there is no sign that the camera moved."""
+        return not any(self._moving)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the camera was at rest, without even the slight motion that is too small to count."""
+        return all(drift(pair) < REST_PX for pair in self.pairs if len(pair))
+
+    @property
+    def passed(self) -> bool:
+        """Whether something moved in front of the camera."""
+        return sum(self._passing) > _CHANCE
+
+    def joins(self, frame: GreyFrame, ratio: ReadoutTime | None) -> bool:
+        """Whether a frame shows the same scene as the previous one."""
+        self._next = None
+        if self._last is None:
+            return True
+        if (frame.height, frame.width) != (self._last.height, self._last.width):
+            self.broken_by = Reason(Code.OTHER_SIZE)
+            return False
+        tracks = follow(self._last.grey, frame.grey)
+        self._next = background(tracks, ratio.value if ratio else None)
+        frame.tracks = self._next.tracks if self._next.joined else tracks
+        if not self._next.joined:
+            few = tracks.looked_for < _LEAST_CORNERS
+            near_and_far = Code.SCENES_DIFFER if self._next.cut else Code.NO_COMMON_MOTION
+            self.broken_by = Reason(Code.TOO_LITTLE_TO_FOLLOW if few else near_and_far)
+        return self._next.joined
+
+    def next_shot(self) -> Shot:
+        """Returns the shot that begins with a frame that does not join this one."""
+        cut = self.broken_by is not None and self.broken_by.code in (Code.SCENES_DIFFER, Code.OTHER_SIZE)
+        return Shot(broken_by=self.broken_by, number=self.number + 1, scene=self.scene + cut)
+
+    def add(self, frame: GreyFrame) -> None:
+        """Adds the next frame, after :meth:`joins`."""
+        if self._last is not None and self._next is not None:
+            self.pairs.append(self._next.tracks)
+            self._moving.append(not self._next.still and flow(self._next.tracks) > STILL_PX)
+            self._passing.append(self._next.passing)
+            frame.at = self._last.at + frame.after
+            frame.number = self._last.number + 1
+            self._last.grey = frame.grey[:0]  # no longer needed
+        self.times.append(frame.at)
+        self.clock_s.append(frame.time_s)
+        self.waiting.append(frame)
+        self._last = frame
+
+    def pair_beside(self, frame: GreyFrame) -> Tracks:
+        """Returns the tracks from a frame to the next; for the last frame, those from the previous one."""
+        at = min(frame.number - self.first, len(self.pairs) - 1)
+        return self.pairs[at]
+
+    def drop(self, many: int, margin: int) -> None:
+        """Removes frames from the waiting list, keeping a few of them."""
+        del self.waiting[:many]
+        self.before += many
+        surplus = max(self.before - margin, 0)
+        del self.pairs[:surplus], self._moving[:surplus], self._passing[:surplus]
+        del self.times[:surplus], self.clock_s[:surplus]
+        self.first += surplus
+        self.before -= surplus

@@ -1,33 +1,121 @@
-"""Estimates the motion of each frame of a sequence, given in the order in which the frames were taken."""
+"""Estimates the motion of each frame of a sequence, given in the order in which the frames were taken.
+
+If the frames' motion does not reveal the readout ratio, right angles do: a scene that moves by v from frame to frame is
+sheared by ratio * v over a frame's height. Tracks between frames give v; right angles in each photo give the shear,
+though imprecisely: a camera tilted sideways by a degree looks much the same. The evidence of all photos for each ratio
+is therefore summed, with one error of the shear common to all: a line through the shears of frames that move
+differently. It is the only source of the ratio if the camera moves evenly.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from unshutter.errors import UnknownRatioError, UsageError
-from unshutter.estimators.base import View
-from unshutter.frames.angles import SURE_ENOUGH, PhotoSpeed, combined, ratio_from_angles, speed_of
 from unshutter.frames.camera import ROWS, Fit, Problem, steady
 from unshutter.frames.frame_motion import FrameMotion, KnownTurns
-from unshutter.frames.self_calibration import ReadoutRatio, fewer, focal_from_motion, ratio_from_motion, usual_focal
-from unshutter.frames.shots import GreyFrame, Shot
-from unshutter.frames.tracks import TRACKED_SIDE
-from unshutter.geometry.readout import Readout
+from unshutter.frames.self_calibration import (
+    GreyFrame,
+    Shot,
+    fewer,
+    focal_from_motion,
+    ratio_from_motion,
+    usual_focal,
+)
+from unshutter.frames.tracks import GUESSED_RATIO, TRACKED_SIDE, Tracks
 from unshutter.motion import Motion
-from unshutter.options import Camera, Clock, ClockKeywords, Reference, Undo
-from unshutter.options.description import from_keywords, takes_options
+from unshutter.options import Camera, Clock, Reference, Undo, check_focal
+from unshutter.options.fields import for_python, from_keywords
+from unshutter.orientation import Readout
 from unshutter.photo import Photo
-from unshutter.photo.argument import open_photo
+from unshutter.photo.photo import open_photo
+from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
+from unshutter.single.estimator import View
+from unshutter.single.likelihood import ManhattanLikelihood, known_camera, segments_of, unusable
+from unshutter.single.search import evidence_of
 
 if TYPE_CHECKING:
-    pass
+    from unshutter.motion.shapes import Float64
+
+
+_RATIO_GRID = np.linspace(-0.4, 1.4, 19)  # ratios for which each photo's evidence is computed
+_RATIOS = np.linspace(0.01, 1.0, 100)
+_LEANS = np.linspace(-0.15, 0.15, 61)  # rows: shear errors common to all photos
+_ASKEW = np.radians(2.5)  # their standard deviation: video cameras are held less carefully than still cameras
+_COMMON_ANGLES = 4.0  # segments' errors are correlated: divisor of the evidence, as for single photos (candidates.py)
+_SLOWEST = 0.01  # rows per frame: slower frames are sheared by less than cameras are tilted
+_ANGLES_TOO_UNSURE = 0.1
+SURE_ENOUGH = 0.03  # error of a ratio that right angles could not reduce
+
+
+@dataclass(frozen=True)
+class PhotoSpeed:
+    """A photo of a sequence with the speed of its scene."""
+
+    view: View  # the photo
+    # [3] t_x and t_y [rows] and r_z [rad] per frame interval, from its neighbouring frames
+    speed: Float64[np.ndarray, "3"]
+
+
+def speed_of(pair: Tracks) -> Float64[np.ndarray, "3"]:
+    """Returns t_x and t_y [rows] and r_z [rad] per frame interval, from the tracks between two frames."""
+    x, y = ((pair.start + pair.end + 1) / 2 - [pair.width / 2, pair.height / 2]).T / pair.height
+    moved = (pair.end - pair.start) / pair.height
+    moved = moved / (1 + GUESSED_RATIO * moved[:, 1:])
+    one, none = np.ones_like(x), np.zeros_like(x)
+    columns, rows = np.stack([one, none, -y, x], axis=-1), np.stack([none, one, x, y], axis=-1)  # last: scale
+    return np.linalg.lstsq(np.concatenate([columns, rows]), moved.T.ravel(), rcond=None)[0][:3]
+
+
+def ratio_from_angles(photos: Sequence[PhotoSpeed]) -> ReadoutTime:
+    """Estimates the readout ratio of a sequence from the right angles in some of its photos."""
+    total = np.zeros((len(_RATIOS), len(_LEANS)))
+    count = 0
+    for photo in photos:
+        sideways = photo.speed[0]
+        likelihood = _likelihood(photo.view)
+        if likelihood is None or abs(sideways) < _SLOWEST:
+            continue
+        motions = _RATIO_GRID[:, None] * np.array([sideways, 0, 0, photo.speed[2], 0, 0])
+        evidence = evidence_of(likelihood, motions) / _COMMON_ANGLES
+        total += np.interp(_RATIOS[:, None] + _LEANS / sideways, _RATIO_GRID, evidence)
+        count += 1
+    if not count:
+        raise UnknownRatioError.because(Reason(Code.NO_ANGLES_OR_MOTION))
+    total -= 0.5 * (_LEANS / _ASKEW) ** 2
+    share = np.exp(total - total.max()).sum(axis=1)
+    share /= share.sum()
+    mean = float(share @ _RATIOS)
+    error = float(np.sqrt(share @ (_RATIOS - mean) ** 2))
+    if error > _ANGLES_TOO_UNSURE:
+        cause = Reason.of(Code.IMPRECISE, evidence="right angles", value=mean, error=error)
+        raise UnknownRatioError.because(cause)
+    return ReadoutTime(mean, error, "right angles")
+
+
+def combined(first: ReadoutTime, second: ReadoutTime) -> ReadoutTime:
+    """Combines two estimates of the ratio; if they disagree, the error grows accordingly."""
+    weights = np.array([first.error, second.error]) ** -2.0
+    value = float(weights @ [first.value, second.value] / weights.sum())
+    apart = abs(first.value - second.value) / np.hypot(first.error, second.error)
+    return ReadoutTime(value, float(max(1.0, apart) / np.sqrt(weights.sum())), f"{first.source} and {second.source}")
+
+
+def _likelihood(view: View) -> ManhattanLikelihood | None:
+    """Returns the likelihood of a photo's segments for any motion, or None if there are too few segments."""
+    segments, (height, width) = segments_of(view)
+    if unusable(segments, view.height, view.width):
+        return None
+    # no speed limit from the photo's sharpness: a prior on the motion would favour a ratio of 0
+    return ManhattanLikelihood(segments, height, width / height, known=replace(known_camera(view), speed=None))
+
 
 _CORE, _MARGIN = 24, 6  # frames of a window whose motion is kept, and extra frames on both sides for stability
 SEARCHED = 60  # frames from which the readout ratio is estimated
@@ -36,34 +124,24 @@ _STIFFNESS_EVERY = 4  # windows
 _TOO_NOISY_PX = 2.0  # px of ROWS rows: above this, no camera rotation explains the tracks
 _FEW_PAIRS, _EVEN = 2, 100.0  # below this many pairs the speed is kept even, by this stiffness
 _LEAST_TRACKS = 12  # fewest for a speed
-_GUESSED_RATIO = 0.5  # assumed when estimating the focal length
 _PATH_ONLY = (Code.HARDLY_MOVED, Code.SHOT_TOO_SHORT)  # reasons that still allow estimating the camera's path
 _FRAME = str | os.PathLike[str] | bytes | np.ndarray | Photo
 
 
 @dataclass(eq=False)
 class CameraMotion:
-    """Estimates the motion of each frame of a sequence from one camera, remembering what it learns about the camera.
+    """Estimates the motion of each frame of a sequence from one camera, remembering what it learns about the camera."""
 
-    Attributes:
-        ratio: readout time in frame intervals; None to estimate it from the frames.
-        focal_px: focal length [px of the frames]; None to use EXIF's, or estimate it from the frames.
-        readout: direction in which stored pixels were read.
-        every_angle: right angles are evaluated in one of this many photos if motion does not reveal the ratio.
-        fewest: shots with fewer frames are left unchanged.
-        window: number of frames whose motion is found together, and of extra frames on both sides for stability.
-        turns: the camera's rotation measured by a gyro, if available; the frames then give the remaining rotation.
-        whole_path: whether the camera's rotation is estimated even if it is too small, or the shot too short, to be
-            corrected.
-    """
-
-    ratio: ReadoutRatio | None = None
-    focal_px: float | None = None
-    readout: Readout = Readout.TOP_TO_BOTTOM
-    every_angle: int = 6
+    ratio: ReadoutTime | None = None  # readout time in frame intervals; None to estimate it from the frames
+    focal_px: float | None = None  # focal length [px of the frames]; None to use EXIF's, or estimate it from the frames
+    readout: Readout = Readout.TOP_TO_BOTTOM  # direction in which stored pixels were read
+    every_angle: int = 6  # right angles are evaluated in one of this many photos if motion does not reveal the ratio
+    # number of frames whose motion is found together, and of extra frames on both sides for stability
     window: tuple[int, int] = (_CORE, _MARGIN)
-    fewest: int = 2
+    fewest: int = 2  # shots with fewer frames are left unchanged
+    # the camera's rotation measured by a gyro, if available; the frames then give the remaining rotation
     turns: KnownTurns | None = None
+    # whether the camera's rotation is estimated even if it is too small, or the shot too short, to be corrected
     whole_path: bool = False
     _photos: int = field(default=0, init=False)
     _focal: float | None = field(default=None, init=False)  # px of ROWS rows
@@ -87,6 +165,7 @@ class CameraMotion:
                 shot = Shot(number=shot.number + 1, scene=shot.scene + 1)
                 continue
             if self._focal is None and self.focal_px:
+                check_focal(self.focal_px, frame.height)
                 self._focal = self.focal_px * ROWS / frame.height
             if not shot.joins(frame, self.ratio):
                 yield from self._ready(shot, ended=True)
@@ -96,11 +175,7 @@ class CameraMotion:
         yield from self._ready(shot, ended=True)
 
     def look(self, frame: _FRAME) -> GreyFrame:
-        """Returns the grey copy of a frame from which its motion is estimated.
-
-        Raises:
-            UnshutterError: the frame cannot be read.
-        """
+        """Returns the grey copy of a frame from which its motion is estimated."""
         photo = open_photo(frame)
         height, width = self.readout.frame_size(photo.height, photo.width)
         if self._focal is None and self.focal_px is None and (focal_px := photo.focal_px()):
@@ -137,7 +212,7 @@ class CameraMotion:
             return
         by_motion = None
         try:
-            focal = self._focal or focal_from_motion(pairs[: SEARCHED // 2], _GUESSED_RATIO)
+            focal = self._focal or focal_from_motion(pairs[: SEARCHED // 2], GUESSED_RATIO)
             by_motion = ratio_from_motion(pairs, focal)
         except UnknownRatioError as error:
             shot.why_unknown = error.reason
@@ -145,7 +220,7 @@ class CameraMotion:
             by_motion = self._with_angles(shot, by_motion)
         self.ratio = by_motion
 
-    def _with_angles(self, shot: Shot, by_motion: ReadoutRatio | None) -> ReadoutRatio | None:
+    def _with_angles(self, shot: Shot, by_motion: ReadoutTime | None) -> ReadoutTime | None:
         """Combines the readout ratio from motion with that from right angles, as far as available."""
         photos = [
             PhotoSpeed(View(frame.photo, Camera(self.readout, self.focal_px)), speed_of(pair))
@@ -212,17 +287,17 @@ class CameraMotion:
 # ---- for users ---------------------------------------------------------------------------------------------------
 
 
-class FramesOptions(ClockKeywords, total=False):
-    """Keywords of :func:`estimate_frames`."""
-
-    readout_ms: float | None
-    focal_px: float | None
-    readout: str
-    reference: Reference | None
-
-
-@takes_options(FramesOptions, Clock, Camera, Undo)
-def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) -> Iterator[Motion]:
+@for_python(Clock, Camera, Undo)
+def estimate_frames(
+    frames: Iterable[_FRAME],
+    *,
+    readout_ratio: float | None = None,
+    readout_ms: float | None = None,
+    fps: float | None = None,
+    focal_px: float | None = None,
+    readout: str = "auto",
+    reference: Reference | None = None,
+) -> Iterator[Motion]:
     """Estimates the camera's motion during the readout of each frame of a sequence, from its neighbouring frames.
 
     Exact where a single photo is not: a scene moving by v from frame to frame is sheared by ratio * v over a frame's
@@ -235,7 +310,6 @@ def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) 
             ``readout_ms`` and ``fps``, it is estimated from how smoothly the camera moved, which fails if the camera
             stood still, moved evenly or shook.
         focal_px: focal length [px of the frames]; by default EXIF's, otherwise it is estimated too.
-        **options: other ways to state the readout ratio, and the reference row of the motions.
 
     Yields:
         The motion of each frame, up to some 60 frames (240 while the ratio is estimated) after reading it. It is zero,
@@ -250,21 +324,14 @@ def estimate_frames(frames: Iterable[_FRAME], **options: Unpack[FramesOptions]) 
         >>> [motion.height for motion in motions]
         [360, 360, 360]
     """
-    ratio = known_ratio(options.get("readout_ratio"), options.get("readout_ms"), options.get("fps"))
-    camera, undo = from_keywords(Camera, options), from_keywords(Undo, options)
-    finder = CameraMotion(ratio, camera.focal_px, camera.direction)
-    return (frame.motion(undo.reference or "first") for frame in finder.frames(frames))
+    keywords = locals()
+    camera, row = from_keywords(Camera, keywords), from_keywords(Undo, keywords).reference or "first"
+    finder = CameraMotion(stated_time(from_keywords(Clock, keywords), camera), camera.focal_px, camera.direction)
+    return (frame.motion(row) for frame in finder.frames(frames))
 
 
-def known_ratio(
-    readout_ratio: float | None = None, readout_ms: float | None = None, fps: float | None = None
-) -> ReadoutRatio | None:
-    """Returns the readout ratio that the user states, or None if they state none.
-
-    Raises:
-        UsageError: the ratio is not above 0 and at most 1, or only part of it is stated.
-    """
-    clock = Clock(readout_ratio, fps, readout_ms)
-    if (readout_ms is None) != (fps is None):
+def stated_time(clock: Clock, camera: Camera) -> ReadoutTime | None:
+    """Returns the readout time that the keywords of a function state, or None if they state none."""
+    if (camera.readout_ms is None) != (clock.fps is None):
         raise UsageError("readout_ms and fps go together: what counts is their product")
-    return ReadoutRatio(clock.ratio, 0.0, "what was given") if clock.is_known else None
+    return replace(clock, readout_ms=camera.readout_ms).readout_time

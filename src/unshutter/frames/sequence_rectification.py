@@ -1,45 +1,249 @@
-"""Rectifies photos with the help of their neighbours in time."""
+"""Rectifies photos with the help of their neighbours in time, by one motion of the camera or a motion of every pixel.
+
+Corners tracked to the neighbours decide. Those on near or moving objects did not contribute to the camera's motion, and
+none of them contributed to the flow. If the camera's motion predicts their positions about as well as the flow does, it
+is the better model: it is smooth over time and includes how the speed changes during the readout.
+"""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain, islice, pairwise
-from typing import Any, Unpack
+from typing import Any, Literal
 
 import numpy as np
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
-from unshutter.estimators.base import View
-from unshutter.estimators.find import find_motion
-from unshutter.estimators.register import load
-from unshutter.frames.frame import Frame, RectifiedFrame, SequenceOptions, rectify_densely
-from unshutter.frames.model_choice import better_model
-from unshutter.frames.neighbours import copy_side
-from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, FramesOptions, known_ratio
-from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Undo
-from unshutter.options.description import from_keywords, takes_options
+from unshutter.frames.camera import ROWS, turn_jacobian
+from unshutter.frames.flow import Flow, bilinear
+from unshutter.frames.frame_motion import Timing
+from unshutter.frames.neighbours import Link, copy_side, link, render
+from unshutter.frames.sequence import SEARCHED, CameraMotion, FrameMotion, stated_time
+from unshutter.frames.tracks import TRACKED_SIDE, Tracks, follow
+from unshutter.motion import Motion
+from unshutter.motion.grid import EdgePolicy, valid_window
+from unshutter.motion.rectified import Rectified, Result, undo
+from unshutter.motion.verdict import Verdict
+from unshutter.options import Camera, Clock, Edges, Find, FrameModel, Neighbours, Reference, Undo, model_for
+from unshutter.options.fields import for_python, from_keywords
+from unshutter.orientation import Readout
 from unshutter.photo import Photo
-from unshutter.photo.argument import in_kind, is_bytes, is_file
+from unshutter.photo.photo import AnyPhoto, check_size, open_photo
+from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Cause
-from unshutter.result import undo
+from unshutter.single.estimator import View
+from unshutter.single.methods import find_motion
+from unshutter.single.register import load
+
+Model = Literal["camera", "dense", "alone"]
 
 
-class RectifyFramesOptions(FramesOptions, total=False):
-    """Keywords of :func:`rectify_frames`."""
+class Frame:
+    """A photo of a sequence, and the flow to the next one."""
 
-    at: float | None
-    edges: Edges
-    strength: float
-    model: FrameModel | None
-    fallback: bool
+    def __init__(self, source: Any, readout: Readout) -> None:
+        self.photo, self._readout = open_photo(source), readout
+        self.to_next: Link | None = None
+        check_size(*self._size, "{photo}", photo=self.name)
+
+    @property
+    def name(self) -> str:
+        """Name of the frame in messages."""
+        return str(self.photo.path or "the photo")
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """Pixels [H, W, bands] in the readout frame."""
+        return np.ascontiguousarray(self._readout.turn(self.photo.pixels))
+
+    @cached_property
+    def _tracked(self) -> np.ndarray:
+        """The grey copy [h, w] in which corners are tracked."""
+        return np.ascontiguousarray(self._readout.turn(self.photo.grey(TRACKED_SIDE)))
+
+    def check_like(self, following: Frame) -> None:
+        """Raises UnshutterError if the next frame has another size or number of bands."""
+        if self._size != following._size:
+            sizes = [f"{width}x{height} px" for height, width in (self._size, following._size)]
+            raise UnshutterError(
+                f"{{photo}} has {sizes[0]} but {{neighbour}} has {sizes[1]}: neighbours must be of one size",
+                photo=self.name,
+                neighbour=following.name,
+            )
+        if self.photo.bands != following.photo.bands:
+            raise UnshutterError(
+                f"{{photo}} has {self.photo.bands} bands but {{neighbour}} has {following.photo.bands}: "
+                "neighbours must be of one kind",
+                photo=self.name,
+                neighbour=following.name,
+            )
+
+    def connect(self, following: Frame) -> None:
+        """Computes the flow to the next frame, once; call :meth:`check_like` first."""
+        if self.to_next is None:
+            self.to_next = link(self._copy, following._copy)
+
+    def tracks_to(self, following: Frame) -> Tracks:
+        """Tracks corners to the next frame."""
+        return follow(self._tracked, following._tracked)
+
+    @property
+    def _size(self) -> tuple[int, int]:
+        return self.photo.height, self.photo.width
+
+    @cached_property
+    def _copy(self) -> np.ndarray:
+        """The small grey copy [h, w] in which motion is estimated."""
+        return np.ascontiguousarray(self._readout.turn(self.photo.grey(copy_side(*self._size))))
 
 
-@takes_options(RectifyFramesOptions, Clock, Camera, Undo, Neighbours)
+@dataclass(frozen=True)
+class SequenceOptions:
+    """Options for rectifying the frames of a sequence.
+
+    Raises:
+        UsageError: the options contradict each other, or the time is too far away.
+    """
+
+    time: ReadoutTime | None  # readout time in frame intervals; None if unknown
+    undo: Undo  # reference row, strength and edges
+    readout: Readout  # direction in which the stored pixels were read
+    # time of the picture, in frame intervals from the frame's first row; None for that of the reference row
+    at: float | None = None
+    # motion model; None for the one other options require, otherwise the one that fits the frames
+    model: FrameModel | None = None
+    focal_px: float | None = None  # focal length of the camera [px of the photo]; None to use EXIF's, or estimate it
+    # how motion is estimated from the photo alone if its neighbours are inconclusive; None not to
+    alone: Find | None = None
+
+    def __post_init__(self) -> None:
+        if self.at is not None and not -1 <= self.at <= 1:
+            raise UsageError(f"the moment must lie between -1 and 1 frame intervals, got {self.at:g}")
+        _ = self.needed_model  # raises if no model supports all options
+
+    @property
+    def needed_model(self) -> FrameModel | None:
+        """The motion model the options require; None if the frames decide."""
+        return model_for(self.model, self.at, self.undo)
+
+    def timing(self, height: int) -> Timing:
+        """Returns the clock of frames with this number of rows."""
+        if self.time is None:
+            raise UsageError(
+                "say how long a readout takes: --readout-ratio (readout time / time from frame to frame), or "
+                "--readout-ms with --fps"
+            )
+        return Timing(self.time.value, height)
+
+    def moment(self, timing: Timing) -> float:
+        """Returns the time of the picture, in frame intervals from the frame's first row."""
+        return timing.moment(self.undo.reference or "first") if self.at is None else self.at
+
+
+@dataclass(frozen=True)
+class RectifiedFrame(Result):
+    """A photo rectified with the help of its neighbours.
+
+    Attributes:
+        photo: the new pixels with the metadata of the original.
+        valid: bool [H, W], where the original (with ``borrow``: or a neighbour) shows the content, before any crop or
+            fill.
+        original: the photo as it was read.
+        verdict: whether its pixels were changed, and if not, why.
+        edges: ``keep``, ``crop``, ``fill`` or ``borrow``: the treatment of areas that the photo does not show.
+        whole: share of the photo's area that a crop leaves; None if no crop was considered.
+        model: motion model used: ``camera`` (one motion for the whole picture), ``dense`` (near and far objects move
+            differently), or ``alone`` (the neighbours were inconclusive, so the photo alone was used).
+        motion: the motion that was undone; None for dense motion, which is not that of the camera alone.
+    """
+
+    photo: Photo
+    valid: np.ndarray
+    original: Photo
+    verdict: Verdict
+    edges: Edges = "keep"
+    whole: float | None = None
+    model: Model = "dense"
+    motion: Motion | None = None
+
+    @classmethod
+    def of(cls, result: Rectified, model: Model) -> RectifiedFrame:
+        """Wraps the result of rectifying a photo by one motion for the whole picture."""
+        return cls(
+            result.photo,
+            result.valid,
+            result.original,
+            result.verdict,
+            result.edges,
+            result.whole,
+            model,
+            result.motion,
+        )
+
+
+def rectify_densely(
+    before: Frame | None, current: Frame, after: Frame | None, options: SequenceOptions
+) -> RectifiedFrame:
+    """Rectifies a frame by the flow between it and its neighbours; call :meth:`Frame.connect` first."""
+    frames, links = {0: current.pixels}, {}
+    for side, neighbour, connection in ((-1, before, before and before.to_next), (1, after, current.to_next)):
+        if neighbour is not None and connection is not None:
+            frames[side], links[side] = _alike(neighbour, current), connection
+    timing, edges = options.timing(frames[0].shape[0]), options.undo.edges
+    picture = render(
+        frames,
+        links,
+        timing,
+        options.moment(timing),
+        borrow=edges == "borrow",
+        fill=edges == "fill",
+        masked=current.photo.masked,
+    )
+    back = -options.readout.quarter_turns
+    pixels, valid = np.rot90(picture.pixels, back), np.rot90(picture.valid, back)
+    if picture.reason:
+        verdict = Verdict(0.0, None, picture.reason)
+        return RectifiedFrame(current.photo, valid, current.photo, verdict)
+    edges, window, whole = EdgePolicy(options.undo.edges).decide(valid.shape, lambda: valid_window(valid))
+    pixels = pixels[window.top : window.bottom, window.left : window.right]
+    photo = current.photo.with_pixels(np.ascontiguousarray(pixels))
+    return RectifiedFrame(photo, valid, current.photo, Verdict(picture.largest_px), edges, whole)
+
+
+def _alike(neighbour: Frame, frame: Frame) -> np.ndarray:
+    """Returns a neighbour's pixels after checking their type."""
+    theirs, own = neighbour.pixels, frame.photo.pixels
+    if theirs.dtype != own.dtype:
+        bits = [f"{8 * pixels.dtype.itemsize} bits" for pixels in (own, theirs)]
+        raise UnshutterError(
+            f"{{photo}} has {bits[0]} but {{neighbour}} has {bits[1]}: they must be alike",
+            photo=frame.name,
+            neighbour=neighbour.name,
+        )
+    return theirs
+
+
+# ---- a sequence, and one photo with its neighbours -----------------------------------------------------------------
+
+
+@for_python(Clock, Camera, Undo, Neighbours)
 def rectify_frames(
-    frames: Iterable[str | os.PathLike[str] | np.ndarray | Photo], **options: Unpack[RectifyFramesOptions]
-) -> Iterator[Any]:
+    frames: Iterable[AnyPhoto],
+    *,
+    readout_ratio: float | None = None,
+    readout_ms: float | None = None,
+    fps: float | None = None,
+    focal_px: float | None = None,
+    readout: str = "auto",
+    reference: Reference | None = None,
+    at: float | None = None,
+    edges: Edges = "auto",
+    strength: float = 1.0,
+    model: FrameModel | None = None,
+    fallback: bool = False,
+) -> Iterator[RectifiedFrame]:
     """Rectifies successive frames of one camera, each with the help of the previous and next ones.
 
     Three frames are held at a time; some 60 while the readout ratio is estimated.
@@ -49,10 +253,10 @@ def rectify_frames(
         focal_px: focal length [px of the frames]; by default EXIF's, otherwise it is estimated.
         at: time of the pictures, instead of a reference row, in frame intervals from each frame's first row, -1 to 1.
         fallback: whether a frame whose neighbours are inconclusive is rectified on its own.
-        **options: frame rate, readout time, and how motion is undone.
+        edges: as for :func:`rectify`, but ``auto`` is ``keep``: all frames keep their size and pixel coordinates.
 
     Yields:
-        For each frame a :class:`RectifiedFrame`; for pixels (arrays and Pillow images), pixels.
+        The result for each frame.
 
     Raises:
         UnshutterError: a frame cannot be read, is too small, or has too little in common with its neighbour; or the
@@ -66,16 +270,16 @@ def rectify_frames(
         True
         True
     """
-    ratio, milliseconds, fps = options.get("readout_ratio"), options.get("readout_ms"), options.get("fps")
-    clock, undoing = Clock(ratio, fps, milliseconds), from_keywords(Undo, options).keeping_coordinates()
-    known_ratio(ratio, milliseconds, fps)  # raises if only part of it is stated
-    camera, alone = from_keywords(Camera, options), Find() if options.get("fallback") else None
-    model = options.get("model")
-    of_frames = SequenceOptions(clock, undoing, camera.direction, options.get("at"), model, camera.focal_px, alone)
-    return _with_advice(_each(iter(frames), of_frames))
+    keywords = locals()
+    camera, undoing = from_keywords(Camera, keywords), from_keywords(Undo, keywords).keeping_coordinates()
+    time = stated_time(from_keywords(Clock, keywords), camera)
+    neighbours = from_keywords(Neighbours, {"sequence": True, **keywords})
+    alone = Find() if fallback else None
+    options = SequenceOptions(time, undoing, camera.direction, neighbours.at, neighbours.model, camera.focal_px, alone)
+    return _with_advice(_each(iter(frames), options))
 
 
-def _with_advice(pictures: Iterator[Any]) -> Iterator[Any]:
+def _with_advice(pictures: Iterator[RectifiedFrame]) -> Iterator[RectifiedFrame]:
     """Yields the pictures; adds to an UnknownRatioError the arguments that state the ratio."""
     try:
         yield from pictures
@@ -83,8 +287,8 @@ def _with_advice(pictures: Iterator[Any]) -> Iterator[Any]:
         raise error.with_advice("give readout_ratio, or readout_ms and fps") from None
 
 
-def _each(frames: Iterator[Any], options: SequenceOptions) -> Iterator[Any]:
-    if not options.clock.is_known:
+def _each(frames: Iterator[Any], options: SequenceOptions) -> Iterator[RectifiedFrame]:
+    if options.time is None:
         head = list(islice(frames, SEARCHED))
         frames = chain(head, frames)
         options = _with_ratio(head, options)
@@ -92,11 +296,11 @@ def _each(frames: Iterator[Any], options: SequenceOptions) -> Iterator[Any]:
     for source in frames:
         following = Frame(source, options.readout)
         if current is not None:
-            yield _in_kind(current, _by_any_means(before, current, following, options))
+            yield _by_any_means(before, current, following, options)
         before, current = current, following
     if before is None or current is None:
         raise UsageError("needs at least two frames: one photo alone is for unshutter.rectify")
-    yield _in_kind(current, _by_any_means(before, current, None, options))
+    yield _by_any_means(before, current, None, options)
 
 
 def _with_ratio(frames: list[Any], options: SequenceOptions) -> SequenceOptions:
@@ -104,7 +308,7 @@ def _with_ratio(frames: list[Any], options: SequenceOptions) -> SequenceOptions:
     finder = CameraMotion(None, options.focal_px, options.readout)
     silent = [motion for motion in finder.frames(frames) if not motion.stood_still]
     if finder.ratio is not None:
-        return replace(options, clock=Clock(finder.ratio.value))
+        return replace(options, time=finder.ratio)
     if silent and options.alone is None and len(frames) > 1:
         raise _error_of(next((motion for motion in silent if motion.ratio_unknown), silent[0]))
     return options
@@ -120,12 +324,7 @@ def rectify_between(
     """Rectifies one photo with the help of the previous frame, the next one, or both.
 
     Args:
-        photo, before, after: in the order before, photo, after.
-        options: how the photo is rectified.
         camera_motion: the camera's motion from a whole sequence; None to estimate it from these frames.
-
-    Raises:
-        UnshutterError, UsageError: see :func:`rectify_frames`.
     """
     for each in (before, photo, after):
         if each is not None:
@@ -166,13 +365,13 @@ def _by_neighbours(
     frames = [frame for frame in (before, current, after) if frame is not None]
     for first, second in pairwise(frames):
         first.check_like(second)
-    if camera_motion is None and (options.needed_model != "dense" or not options.clock.is_known):
+    if camera_motion is None and (options.needed_model != "dense" or options.time is None):
         camera_motion = _camera_motion(frames, frames.index(current), options)
     if camera_motion is not None:
         if (camera_motion.stood_still and options.needed_model is None) or not camera_motion.ratio:
             options = replace(options, model="camera")
         else:
-            options = replace(options, clock=Clock(camera_motion.ratio))
+            options = replace(options, time=ReadoutTime(camera_motion.ratio, 0.0, "the frames"))
         if (options.needed_model or better_model(camera_motion, before, current, after)) == "camera":
             motion = camera_motion.motion(options.undo.reference or "first")
             return RectifiedFrame.of(undo(current.photo, motion, options.undo), "camera")
@@ -182,13 +381,8 @@ def _by_neighbours(
 
 
 def _camera_motion(frames: list[Frame], number: int, options: SequenceOptions) -> FrameMotion:
-    """Returns the camera's motion around one of a few frames.
-
-    Raises:
-        UnknownRatioError: the readout ratio was not stated and the frames do not reveal it.
-    """
-    ratio = known_ratio(options.clock.ratio) if options.clock.is_known else None
-    finder = CameraMotion(ratio, options.focal_px, options.readout, every_angle=1)
+    """Returns the camera's motion around one of a few frames."""
+    finder = CameraMotion(options.time, options.focal_px, options.readout, every_angle=1)
     camera_motion = list(finder.frames(frame.photo for frame in frames))[number]
     if finder.ratio is None and not camera_motion.stood_still:
         raise _error_of(camera_motion)
@@ -203,8 +397,50 @@ def _error_of(motion: FrameMotion) -> UnknownRatioError:
     return UnknownRatioError.because(motion.reason)
 
 
-def _in_kind(frame: Frame, result: RectifiedFrame) -> Any:
-    """Returns the result itself for an encoded frame, and pixels for pixels."""
-    if is_file(frame.source) or is_bytes(frame.source):
-        return result
-    return in_kind(frame.source, result.to_array() if result.changed else None)
+# ---- the choice of the model ----------------------------------------------------------------------------------------
+
+_SHARE = 75  # percentile of the corners' errors that is compared
+_LEAST, _WORSE = 0.1, 1.5  # error always allowed [px of ROWS rows]; plus this multiple of the flow's
+_FEWEST = 12  # corners
+
+
+def better_model(camera: FrameMotion, before: Frame | None, current: Frame, after: Frame | None) -> FrameModel:
+    """Chooses the model that suits a frame better; computes optical flow only if the camera model may be poor."""
+    if camera.fit is None:
+        return "camera" if camera.stood_still else "dense"
+    for first, earlier, later in ((-1, before, current), (0, current, after)):
+        if earlier is None or later is None:
+            continue
+        tracks = earlier.tracks_to(later)
+        missed = camera_misses(camera, tracks, first)
+        if missed <= _LEAST:
+            continue
+        earlier.connect(later)
+        if earlier.to_next is None or missed > _LEAST + _WORSE * flow_misses(earlier.to_next.flow, tracks):
+            return "dense"
+    return "camera"
+
+
+def camera_misses(camera: FrameMotion, tracks: Tracks, first: int) -> float:
+    """Returns the 75th percentile of the corners' distance from the camera motion's prediction [px of ROWS rows].
+
+    Args:
+        first: number of the earlier frame, counted from ``camera``'s frame.
+    """
+    if camera.fit is None or len(tracks) < _FEWEST:
+        return np.inf
+    unit = ROWS / tracks.height
+    ends = (np.stack([tracks.start, tracks.end]) + 0.5) * unit
+    rows = np.clip(ends[..., 1] / ROWS, 0, 1)
+    turn = [camera.turn(first + k + camera.ratio * rows[k]) for k in (0, 1)]
+    J_turn = turn_jacobian(ends.mean(axis=0), tracks.width * unit, camera.fit.focal_px)[..., :3]
+    led = np.einsum("nij,nj->ni", J_turn, (turn[1] - turn[0]) * camera.fit.focal_px)
+    return float(np.percentile(np.hypot(*(ends[1] - ends[0] - led).T), _SHARE))
+
+
+def flow_misses(flow: Flow, tracks: Tracks) -> float:
+    """Returns the 75th percentile of the corners' distance from the flow's prediction [px of ROWS rows]."""
+    scale = flow.forward.shape[0] / tracks.height
+    at = ((tracks.start + 0.5) * scale - 0.5).astype(np.float32)[:, None]
+    led = bilinear(flow.forward, at)[:, 0] / scale
+    return float(np.percentile(np.hypot(*(tracks.end - tracks.start - led).T), _SHARE)) * ROWS / tracks.height

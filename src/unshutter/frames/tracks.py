@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Bool, Float64, UInt8
+    from unshutter.motion.shapes import Bool, Float64, UInt8
+
 
 TRACKED_SIDE = 360  # px, short side of the copies in which corners are tracked
 _MOST_CORNERS = 200
@@ -19,10 +20,8 @@ _RETURNS = 0.3  # px; largest forward-backward error
 _COARSE_SIDE = 128  # px, long side of the copies in which the shift of the whole picture is measured
 _FEWEST = 12  # tracks; fewer are inconclusive
 _LEAST_OF_SCENE = 0.4  # share of corners tracked: unrelated pictures have 0 to 0.02, a street from a car 0.88
-_LEAST_TRACKED, _LEAST_AGREEING = (
-    0.15,
-    0.35,
-)  # least shares of corners tracked, and of tracks that agree; below either, the shot ends
+# least shares of corners tracked, and of tracks that agree; below either, the shot ends
+_LEAST_TRACKED, _LEAST_AGREEING = 0.15, 0.35
 _NEAR_PLANE = 0.004  # of the diagonal: largest distance of a background track from the picture's homography
 _SHARP = 0.4  # least share of those tracks within a third of that distance; 0.1 to 0.35 are by chance
 _SPREAD = 4.0  # times the median distance from the homography: tracks farther away are discarded
@@ -30,25 +29,19 @@ _LEAST = 0.0005  # of the diagonal (0.4 px of 640 x 360): distance always tolera
 _STILL = 0.0003  # of the diagonal: smaller displacements count as still
 _PASSES, _FEW_PASS = 0.003, 0.05  # of the diagonal: larger displacements pass by; of the tracks: fewer may be mistakes
 _CELLS = (6, 8)  # rows and columns of the cells in which tracks are counted
-_GUESSED_RATIO = 0.5
+GUESSED_RATIO = 0.5  # readout ratio where any will do
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """Corners of one frame tracked to the next one.
+    """Corners of one frame tracked to the next one."""
 
-    Attributes:
-        start: [N, 2] (col, row) in the earlier frame [px of the tracked copy].
-        end: [N, 2] (col, row) in the later one.
-        height, width: size of the tracked copies [px].
-        looked_for: number of corners that were to be tracked.
-    """
-
-    start: Float64[np.ndarray, "tracks 2"]
+    start: Float64[np.ndarray, "tracks 2"]  # [N, 2] (col, row) in the earlier frame [px of the tracked copy]
+    # [N, 2] (col, row) in the later one. height, width: size of the tracked copies [px].
     end: Float64[np.ndarray, "tracks 2"]
     height: int
     width: int
-    looked_for: int
+    looked_for: int  # number of corners that were to be tracked
 
     def __len__(self) -> int:
         return len(self.start)
@@ -62,9 +55,6 @@ def follow(earlier: UInt8[np.ndarray, "rows columns"], later: UInt8[np.ndarray, 
     """Tracks the corners of a frame to the next, by pyramidal Lucas-Kanade, forward and backward.
 
     Frames may be shifted by a third of their width: phase correlation of small copies gives the starting point.
-
-    Args:
-        earlier, later: grey copies of both frames in their readout frame, of one size, about ``TRACKED_SIDE`` px.
     """
     import cv2
 
@@ -93,29 +83,21 @@ def _shift(earlier: np.ndarray, later: np.ndarray) -> np.ndarray:
     import cv2
 
     scale = max(1.0, max(earlier.shape) / _COARSE_SIDE)
-    size = (round(earlier.shape[1] / scale), round(earlier.shape[0] / scale))
+    size = tuple(max(round(side / scale), 2) for side in earlier.shape[::-1])
     before, after = (cv2.resize(a, size, interpolation=cv2.INTER_AREA).astype(np.float32) for a in (earlier, later))
     shift, response = cv2.phaseCorrelate(before, after, cv2.createHanningWindow(size, cv2.CV_32F))
-    return np.array(shift) * scale if response > 0.05 else np.zeros(2)
+    return np.array(shift) * earlier.shape[::-1] / size if response > 0.05 else np.zeros(2)
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """The tracks of two frames that move with the camera.
+    """The tracks of two frames that move with the camera."""
 
-    Attributes:
-        tracks: those of the background.
-        joined: whether one motion of the camera explains both frames; otherwise a new shot begins.
-        cut: whether hardly any corner of one frame is found in the other: they show different scenes.
-        still: whether the camera stood still, whatever moved in front of it.
-        passing: whether something moved in front of the camera while it stood still.
-    """
-
-    tracks: Tracks
-    joined: bool
-    cut: bool = False
-    still: bool = False
-    passing: bool = False
+    tracks: Tracks  # those of the background
+    joined: bool  # whether one motion of the camera explains both frames; otherwise a new shot begins
+    cut: bool = False  # whether hardly any corner of one frame is found in the other: they show different scenes
+    still: bool = False  # whether the camera stood still, whatever moved in front of it
+    passing: bool = False  # whether something moved in front of the camera while it stood still
 
 
 def background(tracks: Tracks, readout_ratio: float | None = None) -> Background:
@@ -128,13 +110,12 @@ def background(tracks: Tracks, readout_ratio: float | None = None) -> Background
     the rest may be arbitrarily large: people walking by do not make a camera motion.
 
     Args:
-        tracks: of two frames.
         readout_ratio: of the camera; None: half a frame interval, which is close enough for this.
     """
     if len(tracks) < max(_FEWEST, _LEAST_TRACKED * tracks.looked_for):
         cut = len(tracks) < _LEAST_OF_SCENE * tracks.looked_for
         return Background(tracks.only(np.zeros(len(tracks), bool)), joined=False, cut=cut)
-    ratio = _GUESSED_RATIO if readout_ratio is None else readout_ratio
+    ratio = GUESSED_RATIO if readout_ratio is None else readout_ratio
     diagonal = float(np.hypot(tracks.height, tracks.width))
     moved = tracks.end - tracks.start
     still = np.hypot(*moved.T) < _STILL * diagonal

@@ -2,31 +2,74 @@
 
 from __future__ import annotations
 
+import math
 import os
 from abc import ABC, abstractmethod
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from unshutter.errors import MissingFileError, UnshutterError
-from unshutter.geometry.readout import Readout
-from unshutter.motion import checks, motion_file
-from unshutter.motion.sampling import row_index
+from unshutter import errors
+from unshutter.errors import MissingFileError, UnshutterError, UsageError
+from unshutter.motion import motion_file
 from unshutter.options import Reference
+from unshutter.orientation import Readout
 from unshutter.reasons import Reason
-from unshutter.storage.files import written_whole
+from unshutter.storage.files import check_motion_name, read_text, written_whole
 from unshutter.version import __version__
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float64, Numbers
+    from unshutter.motion.shapes import Float, Float64, Numbers
+
+
+BEYOND = 128  # rows beyond the first and last to which a motion is extrapolated smoothly
+
+
+def row_index(reference: Reference, height: int) -> int:
+    """Returns the index of a reference row."""
+    rows = {"first": 0, "middle": height // 2, "last": height - 1}
+    if reference not in rows:
+        raise UsageError(f"unknown reference row '{reference}': choose first, middle or last")
+    return rows[reference]
+
+
+def matching_rows(height: int, new_height: int) -> Float64[np.ndarray, "{new_height}"]:
+    """[new_height] positions, by row centres, of the rows of a picture scaled to ``new_height`` in the original."""
+    return (np.arange(new_height) + 0.5) * (height / new_height) - 0.5
+
+
+def interpolated(
+    at: Float[np.ndarray, "rows"], known_at: Float[np.ndarray, "known"], values: Float[np.ndarray, "known"]
+) -> Float[np.ndarray, "rows"]:
+    """Interpolates linearly, extrapolating the first and last slopes beyond the ends."""
+    inner = np.interp(at, known_at, values)
+    if len(known_at) < 2:
+        return inner
+    first = (values[1] - values[0]) / (known_at[1] - known_at[0])
+    last = (values[-1] - values[-2]) / (known_at[-1] - known_at[-2])
+    before = np.minimum(at - known_at[0], 0.0) * first
+    after = np.maximum(at - known_at[-1], 0.0) * last
+    return inner + before + after
+
+
+def slope(values: Float[np.ndarray, "rows *rest"]) -> Float[np.ndarray, "rows *rest"]:
+    """Returns the change per row of values [H, ...] with at least two rows."""
+    return np.gradient(values, axis=0, edge_order=2 if len(values) > 2 else 1)
+
+
+def positions(col: object, row: object) -> tuple[Float64[np.ndarray, "*at"], Float64[np.ndarray, "*at"]]:
+    """Returns two float64 arrays broadcast to a common shape."""
+    col, row = np.broadcast_arrays(np.asarray(col, dtype=np.float64), np.asarray(row, dtype=np.float64))
+    return col, row
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(ABC):
-    """Camera motion during the readout of one photo, in its readout frame (readout.py).
+    """Camera motion during the readout of one photo, in its readout frame (orientation.py).
 
     Abstract: each kind of motion is a final class that defines how positions are mapped; none overrides
     the concrete methods below. A new kind is a subclass, ``class MyMotion(Motion, kind="my-tag")``, that
@@ -80,10 +123,17 @@ class Motion(ABC):
 
     def __post_init__(self) -> None:
         self._settle()
-        checks.check_row_motion(self.tx_px, self.rz_rad)
-        checks.check_size(self.height, self.width)
-        checks.check_confidence(self.confidence)
-        checks.check_known(roll=self.roll_deg, tilt=self.tilt_deg, exposure=self.exposure_s)
+        tx, rz = self.tx_px.shape, self.rz_rad.shape
+        if len(tx) != 1 or tx != rz or tx[0] < 1:
+            raise UnshutterError(f"a motion needs one t_x and one r_z per row, got shapes {tx} and {rz}")
+        motion_file.check_lengths(self.tx_px)
+        motion_file.check_turns(self.rz_rad)
+        motion_file.check_size(self.height, self.width)
+        if self.confidence is not None and not 0 <= self.confidence <= 1:
+            raise UnshutterError(f"a confidence lies between 0 and 1, got {self.confidence:g}")
+        for name, number in (("roll", self.roll_deg), ("tilt", self.tilt_deg), ("exposure", self.exposure_s)):
+            if number is not None and not math.isfinite(number):
+                raise UnshutterError(f"the motion's {name} is not a finite number: {number}")
         row_index(self.reference, self.height)
 
     # ---- defined by each kind --------------------------------------------------------------------------
@@ -161,12 +211,7 @@ class Motion(ABC):
     @classmethod
     @abstractmethod
     def _of_data(cls, data: dict[str, Any], common: dict[str, Any]) -> Self:
-        """Builds the motion from the contents of a motion file.
-
-        Args:
-            data: the whole file, see :meth:`_own_data`.
-            common: the validated common attributes.
-        """
+        """Builds the motion from the contents of a motion file."""
 
     # ---- shared by all kinds ---------------------------------------------------------------------------
 
@@ -233,7 +278,10 @@ class Motion(ABC):
         """
         with motion_file.reading():
             data = motion_file.parsed(text)
-            kind, height = motion_file.kind_of(data), int(data["height"])
+            first_kinds = "rotations" if "rotations_rad" in data else "rows"  # the earliest files do not name theirs
+            kind, height = str(data.get("kind", first_kinds)), int(data["height"])
+            if kind not in Motion._kinds:
+                _import_method(str(data.get("estimator")))
             if kind not in Motion._kinds:
                 raise UnshutterError(f"the motion file is of a kind that this version does not know: '{kind:.40}'")
             motion = Motion._kinds[kind]._of_data(data, motion_file.common_of(data))
@@ -245,8 +293,9 @@ class Motion(ABC):
         """Writes :meth:`to_json` to a file, replacing any existing one.
 
         Raises:
-            UnshutterError: the file cannot be written.
+            UsageError: the name does not end in ``.json``; UnshutterError: the file cannot be written.
         """
+        check_motion_name(Path(path).name)
         with written_whole(Path(path)) as part:
             part.write_text(self.to_json() + "\n", encoding="utf-8")
 
@@ -259,7 +308,7 @@ class Motion(ABC):
             UnshutterError: the file cannot be read or is not a motion.
         """
         try:
-            text = Path(path).read_text(encoding="utf-8")
+            text = read_text(Path(path))
         except (OSError, UnicodeDecodeError) as error:
             reason = error.strerror if isinstance(error, OSError) else "not a text file"
             kind = MissingFileError if isinstance(error, FileNotFoundError) else UnshutterError
@@ -273,6 +322,18 @@ class Motion(ABC):
 
 def _same(one: Any, other: Any) -> bool:
     return np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
+
+
+def _import_method(name: str) -> None:
+    """Imports the method of another package that found a motion, and with it the package's kinds of motion."""
+    points = errors.plugins("unshutter.estimators").select(name=name)
+    if name in errors.LAB_METHODS and not points:
+        raise UnshutterError(f"the motion file is of {name}, which comes with unshutter-lab: {errors.lab()}")
+    for point in points:
+        try:
+            import_module(point.load().home.partition(":")[0])
+        except Exception as error:  # another package's import may raise anything
+            raise UnshutterError(f"cannot load the installed estimator '{name}': {error}") from None
 
 
 def _made(kind: type[Motion], attributes: dict[str, Any]) -> Motion:

@@ -1,4 +1,4 @@
-"""Motion files: JSON, format ``unshutter-motion/1`` (docs/reference). Independent of the kinds of motion."""
+"""Motion files (JSON, format ``unshutter-motion/1``), and the values that motions of any kind and origin may have."""
 
 from __future__ import annotations
 
@@ -11,21 +11,75 @@ from typing import Any
 import numpy as np
 
 from unshutter.errors import UnshutterError, visible
-from unshutter.geometry.readout import Readout
+from unshutter.orientation import Readout
 from unshutter.reasons import Reason
+
+# Far beyond any real photo, so that only mistakes exceed them, and far below the limits of floating point.
+MOST_SIDE = 1_000_000  # px
+MOST_SHIFT_PX = 1e6
+MOST_TURN_RAD = 2 * math.pi
+LEAST_FOCAL_PX, MOST_FOCAL_PX = 1e-3, 1e9
+
+
+def read_only(values: Any, dtype: type = np.float64) -> np.ndarray:
+    """Returns a read-only copy of an array."""
+    array = np.array(values, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+def check_size(height: int, width: int) -> None:
+    """Raises UnshutterError if no photo can have this size."""
+    if width < 1:
+        raise UnshutterError("a motion needs a width of at least 1 px")
+    if max(height, width) > MOST_SIDE:
+        raise UnshutterError(f"the motion is for a picture of more than {MOST_SIDE} px a side, and none is that large")
+
+
+def check_finite(*values: Any) -> None:
+    """Raises UnshutterError if an array or number contains NaN or infinity."""
+    if not all(np.isfinite(value).all() for value in values):
+        raise UnshutterError("the motion contains values that are not finite numbers")
+
+
+def check_lengths(*lengths_px: Any) -> None:
+    """Raises UnshutterError if an array or number is not a plausible displacement [px]."""
+    check_finite(*lengths_px)
+    if any(np.abs(length).max() > MOST_SHIFT_PX for length in lengths_px):
+        raise UnshutterError(f"no camera moves a picture by more than {MOST_SHIFT_PX:.0f} px while it is read")
+
+
+def check_turns(*turns_rad: Any) -> None:
+    """Raises UnshutterError if an array or number is not a plausible rotation angle of a camera [rad]."""
+    check_finite(*turns_rad)
+    if any(np.abs(turn).max() > MOST_TURN_RAD for turn in turns_rad):
+        raise UnshutterError("no camera turns by more than 360 degrees while a picture is read")
+
+
+def check_focal(focal_px: float) -> None:
+    """Raises UnshutterError if no camera can have this focal length [px]."""
+    check_finite(focal_px)
+    if focal_px <= 0:
+        raise UnshutterError(f"the focal length must be positive, got {focal_px:g} px")
+    if not LEAST_FOCAL_PX <= focal_px <= MOST_FOCAL_PX:
+        raise UnshutterError(f"no camera has a focal length of {focal_px:g} px")
+
+
+def check_aspect(height: int, width: int, new_height: int, new_width: int) -> None:
+    """Raises UnshutterError if a motion for height x width cannot be resized to the new size."""
+    check_size(new_height, new_width)
+    if new_height < 1 or abs((new_width / width) / (new_height / height) - 1) > 0.02 + 1 / min(new_height, height):
+        raise UnshutterError(
+            f"cannot fit a motion of {width}x{height} px to {new_width}x{new_height} px: "
+            "the aspect ratio differs, it belongs to another photo or readout direction"
+        )
+
 
 FORMAT = "unshutter-motion/1"
 
 
 def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[str, Any]) -> str:
-    """Returns a motion as JSON text.
-
-    Args:
-        kind: tag of the motion's kind.
-        common: attributes shared by all kinds.
-        rows: height, reference_row, largest_px, tx_px and rz_rad.
-        own: additional keys of this kind.
-    """
+    """Returns a motion as JSON text."""
     data = {
         "format": FORMAT,
         "kind": kind,
@@ -58,20 +112,11 @@ def written(kind: str, common: dict[str, Any], rows: dict[str, Any], own: dict[s
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """Parses a motion file into its keys and values; call it inside :func:`reading`.
-
-    Raises:
-        UnshutterError: the file has another format.
-    """
+    """Parses a motion file into its keys and values; call it inside :func:`reading`."""
     data = json.loads(text)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise UnshutterError(f'not a motion file: its "format" is not "{FORMAT}"')
     return data
-
-
-def kind_of(data: dict[str, Any]) -> str:
-    """Returns the tag of the motion's kind; the earliest files had none."""
-    return str(data.get("kind", "rotations" if "rotations_rad" in data else "rows"))
 
 
 def common_of(data: dict[str, Any]) -> dict[str, Any]:
@@ -115,11 +160,7 @@ def numbers(values: Any) -> np.ndarray:
 
 @contextmanager
 def reading() -> Iterator[None]:
-    """Turns any error in a malformed file into a one-line message.
-
-    Raises:
-        UnshutterError: replaces the exceptions of Python and NumPy.
-    """
+    """Turns any error in a malformed file into a one-line message."""
     try:
         yield
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:

@@ -1,15 +1,68 @@
-"""Verdict: whether a photo's motion is undone, and if not, why the photo is left unchanged."""
+"""What is said about a motion: its speed, whether it is undone and how sure that is, and the other candidates."""
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
+from unshutter.errors import UnshutterError
 from unshutter.motion.motion import Motion
-from unshutter.options import Undo
-from unshutter.reasons import SOURCES, Cause, Code, MotionSource, Reason, pixels
+from unshutter.options import Undo, check_time
+from unshutter.orientation import scene_up
+from unshutter.reasons import Cause, Code, MotionSource, Reason, pixels
+
+if TYPE_CHECKING:
+    from unshutter.motion.shapes import Float64
+
+
+@dataclass(frozen=True, eq=False)
+class Speed:
+    """Speed of the scene in the picture at the time of each row; readout frame, signs as in Motion."""
+
+    readout_ms: float  # time from the first to the last row [ms]
+    # [H] angular rate about the viewing axis, positive clockwise as seen in the picture [deg/s]
+    angular_deg_s: Float64[np.ndarray, "rows"]
+    velocity_px_s: Float64[np.ndarray, "rows 2"]  # [H, 2], (col, row) of the scene in the middle of the picture [px/s]
+
+    @classmethod
+    def of(cls, motion: Motion, readout_ms: float) -> Speed:
+        """Returns the speed of a motion; independent of its reference row."""
+        check_time("readout", readout_ms, "ms")
+        if motion.height < 2:
+            raise UnshutterError("a speed needs a motion of at least two rows")
+        turning, velocity = motion.rates()
+        per_second = 1000 * (motion.height - 1) / readout_ms  # rows
+        return cls(readout_ms, np.degrees(turning) * per_second, velocity * per_second)
+
+    def summary(self) -> dict:
+        """Returns mean and peak, ready for JSON; all signed except the peak velocity, which is a magnitude."""
+        peak = self.angular_deg_s[np.abs(self.angular_deg_s).argmax()]
+        return {
+            "readout_ms": self.readout_ms,
+            "angular_deg_s": {"mean": float(self.angular_deg_s.mean()), "peak": float(peak)},
+            "velocity_px_s": {
+                "mean": self.velocity_px_s.mean(axis=0).tolist(),
+                "peak": float(np.hypot(*self.velocity_px_s.T).max()),
+            },
+        }
+
+
+def json_with_speed(motion: Motion, readout_ms: float) -> str:
+    """Returns the motion as JSON text with an added ``speed`` key; :meth:`Motion.from_json` accepts it.
+
+    Examples:
+        >>> motion = unshutter.RowMotion.from_polynomials([0, 60], [0], height=480, width=640)
+        >>> round(json.loads(json_with_speed(motion, readout_ms=30))["speed"]["velocity_px_s"]["peak"])
+        2000
+    """
+    return json.dumps(json.loads(motion.to_json()) | {"speed": Speed.of(motion, readout_ms).summary()})
+
 
 SURE, LIKELY = 0.8, 0.5  # least confidence of a verdict that is sure, or likely: calibrated probabilities
 _LARGE = 1 / 12  # of the rows: an unsure motion with a larger displacement deserves a look
@@ -22,7 +75,6 @@ _CAUSES = {
     Code.NO_VISIBLE_MOTION: Cause.NO_MOTION,
     Code.NOTHING_MOVED: Cause.NO_MOTION,
     Code.NO_ROLLING_SHUTTER: Cause.NO_ROLLING_SHUTTER,
-    Code.HOVERED: Cause.NO_MOTION,
     Code.FILM_STOOD_STILL: Cause.NO_MOTION,
     Code.UNSURE: Cause.UNSURE,
     Code.UNSURE_WHETHER_MOVED: Cause.UNSURE,
@@ -30,6 +82,15 @@ _CAUSES = {
     Code.STRENGTH_0: Cause.STRENGTH_0,
 }
 _WITH_CONFIDENCE = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION, Code.TOO_SMALL}  # their sentences do not state it
+
+
+def probability_right(size_px: float, error_px: float) -> float:
+    """Probability that a motion is right, in the sense of :attr:`Motion.confidence`.
+
+    Args:
+        size_px, error_px: mean displacement, and the standard deviation of its error [px of 256 rows].
+    """
+    return math.erf(max(1.0, 0.1 * size_px) / (math.sqrt(2) * max(error_px, 1e-9)))
 
 
 def least_visible_px(rows: int) -> float:
@@ -52,32 +113,19 @@ class Certainty(StrEnum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a motion is undone, and why if it is not.
+    """Whether a motion is undone, and why if it is not."""
 
-    Attributes:
-        largest_px: largest displacement that undoing the motion would cause [px].
-        confidence: confidence of the motion.
-        reason: why the photo is left unchanged; None if the motion is undone.
-        source: source of the motion; None if it was estimated from the photo's pixels or supplied by the user.
-        rows: number of rows of the picture; 0 if unknown.
-        film: why the film inside the photo was not used; None if it was used or the photo has none.
-    """
-
-    largest_px: float
-    confidence: float | None = None
-    reason: Reason | None = None
+    largest_px: float  # largest displacement that undoing the motion would cause [px]
+    confidence: float | None = None  # confidence of the motion
+    reason: Reason | None = None  # why the photo is left unchanged; None if the motion is undone
+    # source of the motion; None if it was estimated from the photo's pixels or supplied by the user
     source: MotionSource | None = None
-    rows: int = 0
-    film: Reason | None = None
+    rows: int = 0  # number of rows of the picture; 0 if unknown
+    film: Reason | None = None  # why the film inside the photo was not used; None if it was used or the photo has none
 
     @classmethod
     def of(cls, motion: Motion, undo: Undo) -> Verdict:
-        """Decides whether to undo a motion.
-
-        Args:
-            motion: the motion to undo, for the photo's size, with its strength and reference row.
-            undo: the user's options; only strength and minimum confidence matter here.
-        """
+        """Decides whether to undo a motion, which has the photo's size, and the strength and reference row to use."""
         largest, sure = motion.largest_px, motion.confidence
         source = MotionSource(motion.estimator) if motion.estimator in set(MotionSource) else None
         return cls(largest, sure, _reason_against(motion, largest, sure, undo), source, motion.height, motion.film)
@@ -122,7 +170,7 @@ class Verdict:
         """One-line summary, e.g. ``up to 41 px, confidence 0.93: sure``, or why the photo is left unchanged."""
         look = ", please look" if self.needs_a_look else ""
         words = f"up to {pixels(self.largest_px)}{self._at_confidence}{look}" if self.changes else self.sentence
-        return words if self.source is None else f"{words} ({SOURCES[self.source]})"
+        return words if self.source is None else f"{words} (by the film inside it)"
 
     def as_json(self) -> dict[str, Any]:
         """Returns the verdict as a JSON-ready dictionary for logs, manifests and the page's API."""
@@ -171,3 +219,95 @@ def _reason_against(motion: Motion, largest: float, sure: float | None, undo: Un
 def _two_decimals(confidence: float) -> float:
     """Rounds down, so that a value below a limit never appears to reach it."""
     return math.floor(100 * confidence + 1e-9) / 100
+
+
+KindOfMotion = Literal["still", "pan", "hand", "quadratic", "other"]
+Direction = Literal["left", "right", "up", "down"]
+
+_TURNS = {"left": "to the left", "right": "to the right", "up": "upwards", "down": "downwards"}
+_NAMES = {"hand": "hand", "quadratic": "uneven motion", "other": "motion"}
+_UPRIGHT = 1  # EXIF orientation of a photo stored upright
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A possible motion of a photo; leaving the photo unchanged is also a candidate.
+
+    Attributes:
+        kind: still (the photo is left unchanged), pan, hand (shake), quadratic (uneven motion, as drawn in benchmarks),
+            or other (for methods that do not report a kind).
+        motion: for the photo's full size, with the first row as the reference.
+        probability: that this is what happened, 0 to 1; None if the method does not report one.
+        expected_error_px: mean remaining displacement after undoing this motion [px]; None if the method does not
+            report one.
+        orientation: EXIF orientation of the photo; determines the directions in the description.
+    """
+
+    kind: KindOfMotion
+    motion: Motion
+    probability: float | None = None
+    expected_error_px: float | None = None
+    orientation: int = _UPRIGHT
+
+    @property
+    def description(self) -> str:
+        """Short description, e.g. ``pan to the left, 24 px``, ``hand, 9 px`` or ``as it is``."""
+        if self.kind == "still":
+            return "as it is"
+        name = f"pan {_TURNS[self.direction]}" if self.kind == "pan" else _NAMES[self.kind]
+        return f"{name}, {pixels(self.motion.largest_px)}"
+
+    def described(self) -> str:
+        """Description with the known figures, e.g. ``pan to the left, 24 px (probability 0.62, off by 3.1 px)``."""
+        stated = [] if self.probability is None else [f"probability {self.probability:.2f}"]
+        if self.expected_error_px is not None:
+            stated.append(f"off by {pixels(self.expected_error_px)}")
+        return f"{self.description} ({', '.join(stated)})" if stated else self.description
+
+    def as_json(self) -> dict[str, Any]:
+        """Returns ``kind``, ``description``, ``probability``, ``expected_error_px`` and ``motion``, ready for JSON."""
+        return {
+            "kind": self.kind,
+            "description": self.description,
+            "probability": _rounded(self.probability, 4),
+            "expected_error_px": _rounded(self.expected_error_px, 2),
+            "motion": json.loads(self.motion.to_json()),
+        }
+
+    def resized(self, height: int, width: int) -> Candidate:
+        """Returns the candidate for another size of the photo's readout frame."""
+        error = self.expected_error_px
+        scaled = None if error is None else error * height / self.motion.height
+        return replace(self, motion=self.motion.resized(height, width), expected_error_px=scaled)
+
+    @property
+    def direction(self) -> Direction:
+        """Direction in which the camera turned, as seen in the upright photo; the scene moves the opposite way."""
+        up = np.array(scene_up(self.orientation, self.motion.readout))
+        right = np.array([-up[1], up[0]])
+        scene = np.array([self.motion.tx_px[-1] - self.motion.tx_px[0], 0.0])
+        sideways, upwards = float(scene @ right), float(scene @ up)
+        if abs(sideways) >= abs(upwards):
+            return "left" if sideways > 0 else "right"
+        return "down" if upwards > 0 else "up"
+
+
+def alone(motion: Motion, orientation: int = _UPRIGHT) -> tuple[Candidate, ...]:
+    """Returns the candidates of a method that finds a single motion: that motion, then the unchanged photo."""
+    if motion.is_zero:
+        return (Candidate("still", motion, motion.confidence, orientation=orientation),)
+    as_it_is = replace(motion.scaled(0), confidence=None)
+    return (
+        Candidate("other", motion, motion.confidence, orientation=orientation),
+        Candidate("still", as_it_is, orientation=orientation),
+    )
+
+
+def candidates_to_json(candidates: Iterable[Candidate]) -> str:
+    """Returns the candidates of a photo as JSON text, numbered as users select them."""
+    listed = [{"number": number, **each.as_json()} for number, each in enumerate(candidates, 1)]
+    return json.dumps({"format": "unshutter-candidates/1", "candidates": listed})
+
+
+def _rounded(number: float | None, digits: int) -> float | None:
+    return None if number is None else round(number, digits)

@@ -7,62 +7,30 @@ where the work is done.
 Nothing here imports NumPy, because the photo starts being decoded before that.
 """
 
-from unshutter.options.camera import (
+# ruff: noqa: F401 (the room's face)
+
+from unshutter.options.fields import Names, check_time, option
+from unshutter.options.photo_options import (
     DEFAULT_ESTIMATOR,
+    MIN_CONFIDENCE,
     MOST_ROLL_DEG,
+    MOST_STRENGTH,
     MOST_TILT_DEG,
     Camera,
-    CameraKeywords,
-    Find,
-    check_focal,
-)
-from unshutter.options.description import Names, check_time, option
-from unshutter.options.neighbours import Clock, ClockKeywords, FrameModel, Neighbours, check_ratio, model_for
-from unshutter.options.picture import (
-    MIN_CONFIDENCE,
-    MOST_STRENGTH,
+    Clock,
     Edges,
+    Find,
+    FrameModel,
+    Neighbours,
     PictureFormat,
     Reference,
     Save,
     Subsampling,
     Undo,
-    UndoKeywords,
     check_edges,
+    check_focal,
+    check_ratio,
     check_strength,
+    model_for,
 )
-from unshutter.options.rectify import Rectify
-from unshutter.options.run import MAX_PIXELS, Run
-
-__all__ = [
-    "DEFAULT_ESTIMATOR",
-    "MAX_PIXELS",
-    "MIN_CONFIDENCE",
-    "MOST_ROLL_DEG",
-    "MOST_STRENGTH",
-    "MOST_TILT_DEG",
-    "Camera",
-    "CameraKeywords",
-    "Clock",
-    "ClockKeywords",
-    "Edges",
-    "Find",
-    "FrameModel",
-    "Names",
-    "Neighbours",
-    "PictureFormat",
-    "Rectify",
-    "Reference",
-    "Run",
-    "Save",
-    "Subsampling",
-    "Undo",
-    "UndoKeywords",
-    "check_edges",
-    "check_focal",
-    "check_ratio",
-    "check_strength",
-    "check_time",
-    "model_for",
-    "option",
-]
+from unshutter.options.rectify_options import MAX_PIXELS, Estimate, Rectify, Run

@@ -1,4 +1,7 @@
-"""Decodes encoded data to pixels and grey copies, each on first use or ahead of it."""
+"""From encoded data to pixels: recognises their format, reads their header, decodes them, and makes reduced copies.
+
+Copies are grey for finding motion and 8-bit sRGB for screens. All are made on first use, or ahead of it in a thread.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +11,73 @@ from contextlib import suppress
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from unshutter.errors import UnshutterError
-from unshutter.photo.copies import grey_copy, grey_size
-from unshutter.photo.format import Header
-from unshutter.photo.libvips import as_image
-from unshutter.photo.source import Source
+from unshutter.errors import MissingFileError, UnshutterError
+from unshutter.photo.formats import FORMATS
+from unshutter.photo.formats.picture_format import Format, Header
+from unshutter.photo.libvips import Source, as_image, computed, in_srgb, libvips, refusing, standard, to_8_bits
+from unshutter.storage.files import check_plain
 
 if TYPE_CHECKING:
-    import numpy as np  # not imported above: reading a file, which starts first, does not need it
+    import numpy as np
+    import pyvips
+
+    from unshutter.orientation import Orientation
+
+SEVERAL_PICTURES = ".mpo"  # from stereo cameras; its first bytes are those of a JPEG
+_HEAD_BYTES = 64
+# A picture this large with fewer bits per pixel has a single colour: made to exhaust memory, not by a camera.
+_MANY_PIXELS, _LEAST_BITS = 100_000_000, 0.03
+
+
+def read_header(source: Source, max_pixels: int) -> Header:
+    """Reads the header of encoded data."""
+    format = recognise(source)
+    try:
+        header, length = format.read_header(source), source.length
+    except OSError as error:
+        raise UnshutterError(f"cannot read {{photo}}: {error.strerror}", photo=source) from None
+    pixels = header.width * header.height
+    size = f"{header.width}x{header.height} px ({pixels / 1e6:.0f} megapixels)"
+    if pixels > max_pixels:
+        raise UnshutterError(
+            f"{{photo}} has {size}, more than the limit of {max_pixels / 1e6:g} megapixels", photo=source
+        )
+    if pixels >= _MANY_PIXELS and 8 * length < _LEAST_BITS * pixels:
+        raise UnshutterError(f"{{photo}} is not a photo: {size} cannot come from {length} bytes", photo=source)
+    return header
+
+
+def recognise(source: Source) -> Format:
+    """Recognises the format of encoded data by their first bytes, because extensions may be wrong."""
+    if source.path:
+        check_plain(source.path)
+    if source.suffix == SEVERAL_PICTURES:
+        raise UnshutterError("{photo} holds several pictures (MPO): unshutter takes single photos", photo=source)
+    try:
+        with source.stream() as stream:
+            head = stream.read(_HEAD_BYTES)
+        format = next((one for one in FORMATS.values() if one.recognises(source, head)), None)
+    except FileNotFoundError as error:
+        raise MissingFileError(f"cannot read {{photo}}: {error.strerror}", photo=source) from None
+    except OSError as error:
+        reason = "it is a folder, not a photo" if isinstance(error, IsADirectoryError) else error.strerror
+        raise UnshutterError(f"cannot read {{photo}}: {reason}", photo=source) from None
+    except ValueError as error:  # a NUL character in the name
+        raise UnshutterError(f"cannot read {{photo}}: {error}", photo=source) from None
+    if not head:
+        raise UnshutterError("{photo} is empty (0 bytes)", photo=source)
+    if format is None:
+        raise UnshutterError("{photo} is not a JPEG, PNG, WebP, TIFF, AVIF, HEIC or raw picture", photo=source)
+    return format
+
+
+# ---- pixels ------------------------------------------------------------------------------------------
 
 _NEARLY = 1.1  # a grey copy may be this many times smaller than requested if that is cheaper
 
 
 class Decoder:
-    """Decodes the picture in encoded data.
-
-    Args:
-        source: the encoded data.
-        header: the header of their picture.
-    """
+    """Decodes the picture in encoded data."""
 
     def __init__(self, source: Source, header: Header):
         self.source, self._header = source, header
@@ -101,3 +152,96 @@ class Decoder:
 
     def _decode(self, shrink: int = 1) -> np.ndarray:
         return self._header.format.decode(self.source, self._header, shrink)
+
+
+# ---- reduced copies ----------------------------------------------------------------------------------
+
+_BEHIND = 128  # grey level under transparent areas of small copies
+
+
+def upright(image: pyvips.Image, icc: bytes | None, orientation: Orientation, longest_px: int = 0) -> np.ndarray:
+    """Renders a picture as shown by a viewer: [H, W, 3] uint8 RGB, read-only; transparent areas are white.
+
+    Without a profile, the stored pixels are sRGB; ``longest_px`` is the long side to which they are reduced, 0 for full
+    size.
+    """
+    import numpy as np
+
+    with refusing("cannot show the picture"):
+        scale = longest_px / max(image.width, image.height) if longest_px else 1.0
+        if scale < 1:
+            image = image.resize(scale)
+        image = _flattened(image, 255)
+        if icc is not None:
+            image = in_srgb(image, icc)
+        image = to_8_bits(standard(image))
+        colour = image if image.bands == 3 else image[0].bandjoin([image[0], image[0]])
+        return np.ascontiguousarray(orientation.upright(computed(standard(colour))))
+
+
+def screen_pixels(image: pyvips.Image, height: int, width: int, profile: bytes | None) -> np.ndarray:
+    """Returns [height, width, 3] uint8 sRGB of the stored pixels of an image, scaled to that size, which is not larger.
+
+    Transparent areas become grey; without a profile, or with one that does not fit, the colours count as sRGB.
+    """
+    with refusing("cannot compute the copy for the screen"):
+        image = _flattened(image, _BEHIND)
+        if (image.height, image.width) != (height, width):
+            image = image.resize(width / image.width, vscale=height / image.height, kernel="mitchell")
+        if profile is None:
+            image = to_8_bits(image)
+        else:
+            try:
+                image = in_srgb(standard(image), profile, bits=8).copy_memory()  # computed now: it may fail
+            except libvips().Error:  # damaged, or for other colours: programs then assume sRGB
+                libvips().vips_lib.vips_error_clear()
+                image = to_8_bits(image)
+        if image.bands == 1:
+            image = image.bandjoin([image, image])
+        return _of_size(image.numpy(), height, width)
+
+
+def grey_size(height: int, width: int, short_side: int | None) -> tuple[int, int]:
+    """Returns height and width of the grey copy of a picture."""
+    scale = 1.0 if short_side is None else min(short_side / min(height, width), 1.0)
+    return max(round(height * scale), 1), max(round(width * scale), 1)
+
+
+def grey_copy(
+    image: pyvips.Image, height: int, width: int, vscale: float | None = None, hscale: float | None = None
+) -> np.ndarray:
+    """Returns the luminance [height, width] uint8 of an image, scaled by the factors or, by default, to that size."""
+    vscale, hscale = vscale or height / image.height, hscale or width / image.width
+    with refusing("cannot compute the grey copy"):
+        image = _flattened(image, _BEHIND)
+        if image.format == "ushort":
+            image = standard(image.cast("uchar", shift=True))  # first, because the rest then takes a third of the time
+        if (hscale, vscale) != (1.0, 1.0):
+            image = image.embed(*(0, 0, _aligned(image.width, hscale), _aligned(image.height, vscale)), extend="copy")
+            image = image.resize(hscale, vscale=vscale, kernel="mitchell")  # little ringing: no ghosts next to edges
+        pixels = image.numpy()[:height, :width]
+    if pixels.ndim == 3:
+        import cv2
+
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
+    return _of_size(pixels, height, width)
+
+
+def _flattened(image: pyvips.Image, level: int) -> pyvips.Image:
+    """Puts a grey level (of 255) under transparent areas."""
+    background: list[float] = [level * (257 if image.format == "ushort" else 1)]
+    return image.flatten(background=background) if image.hasalpha() else image
+
+
+def _aligned(size: int, scale: float) -> int:
+    """Enlarges a size slightly so that it scales to whole pixels: libvips shifts any difference to both sides."""
+    return min(range(size, size + 16), key=lambda padded: abs(padded * scale - round(padded * scale)))
+
+
+def _of_size(pixels: np.ndarray, height: int, width: int) -> np.ndarray:
+    """Cuts or repeats the last row and column of scaled pixels, which rounding may have added or left out."""
+    import numpy as np
+
+    pixels = pixels[:height, :width]
+    missing = [(0, height - pixels.shape[0]), (0, width - pixels.shape[1]), (0, 0)]
+    return np.ascontiguousarray(np.pad(pixels, missing[: pixels.ndim], mode="edge"))

@@ -1,54 +1,187 @@
-"""Finds the film that belongs to a photo: in its file (Google's and Samsung's phones) or next to it (Apple's).
+"""The film that belongs to a photo: in its file (Google's and Samsung's phones) or next to it (Apple's).
 
-Source: Google, Motion Photo format 1.0; Apple, Live Photos: both files hold the same content identifier, the photo in
-its maker note, the film under a key of QuickTime's metadata (names as listed by exiftool.org, facts only).
+In a HEIC, the film is the content of the box mpvd. In a JPEG, it follows the picture: Google's extends to the end of
+the file. Samsung's is in a trailer: blocks with a number and a name, followed by a directory at the very end with the
+distance from the directory back to the start of each block. Thus the trailer can be moved as a whole, and blocks can
+be left out. A Live Photo and its film hold the same content identifier, the photo in its maker note, the film under a
+key of QuickTime's metadata.
+
+Source: Google, Motion Photo format 1.0; Apple, Live Photos; for the trailer and the identifiers, ExifTool's description
+of these tags (facts only).
 """
 
 from __future__ import annotations
 
+import io
+import re
+import struct
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple
 
-from unshutter.photo.containers import motion_photo
-from unshutter.photo.tags import maker_notes
+from unshutter.photo import boxes, maker_notes
+from unshutter.photo.xmp import FilmPlace
 
 if TYPE_CHECKING:
-    from unshutter.photo.metadata import Metadata
-    from unshutter.photo.source import Source
+    from unshutter.photo.libvips import Source
 
-_SUFFIXES = (".mov", ".MOV", ".Mov")
+_FILM = 0x0A30  # number of the block MotionPhoto_Data
+# Blocks that remain valid for new pixels: the film's version, how to play it, when and in which country it was taken.
+_STILL_VALID = (_FILM, 0x0A31, 0x0A33, 0x0A01, 0x0AA1)
+_HEAD, _FOOT = b"SEFH", b"SEFT"
+_LONGEST_DIRECTORY = 1 << 16  # bytes
+_LONGEST_NAME = 100
+_BOX = b"mpvd"  # in a HEIC
+_LONGEST_FILM = 1 << 28  # bytes
+_MOMENT = rb"""(?:MotionPhoto|MicroVideo)PresentationTimestampUs\s*(?:=\s*["']|>)\s*(\d{1,12})\b"""
+
+
+_SUFFIXES = (".mov", ".MOV", ".Mov")  # of a film next to its photo
 
 
 class PhotoFilm(NamedTuple):
-    """A film that belongs to a photo.
+    """A film that belongs to a photo."""
 
-    Attributes:
-        place: an MP4 file in memory, or the path of a QuickTime file.
-        moment_s: time at which the photo was taken, in the film's time [s]; None: unknown.
-        identifier: content identifier that the film must have; empty: any.
-    """
-
-    place: bytes | Path
-    moment_s: float | None = None
-    identifier: str = ""
+    place: bytes | Path  # an MP4 file in memory, or the path of a QuickTime file
+    moment_s: float | None = None  # time at which the photo was taken, in the film's time [s]; None: unknown
+    identifier: str = ""  # content identifier that the film must have; empty: any
 
 
-def film_of(source: Source | None, format: str, metadata: Metadata) -> PhotoFilm | None:
+def film_of(
+    source: Source | None, format: str, appended: AppendedFilm | None, xmp: bytes | None, exif: bytes | None
+) -> PhotoFilm | None:
     """Finds the film that belongs to a photo; returns None if there is none.
 
-    Args:
-        source: the photo's encoded data; None: its pixels are new.
-        format: format of the encoded data.
-        metadata: metadata of the photo.
+    Without a source, the photo has new pixels; ``appended`` is the film that follows the picture.
     """
-    inside = metadata.film.content if metadata.film is not None else None
+    inside = appended and appended.content
     if source is not None and format == "heic":
-        with source.stream() as stream:
-            inside = motion_photo.film_in_boxes(stream)
+        inside = _film_in_boxes(source)
     if inside is not None:
-        return PhotoFilm(inside, motion_photo.moment_s(metadata.xmp))
-    path = source.path if source is not None else None
-    others = [path.with_suffix(suffix) for suffix in _SUFFIXES] if path is not None else []
+        moment = re.search(_MOMENT, xmp or b"")
+        return PhotoFilm(inside, int(moment[1]) / 1e6 if moment else None)
+    others = films_beside(source.path) if source is not None and source.path is not None else []
     place = next((other for other in others if other.is_file()), None)
-    identifier = maker_notes.content_identifier(metadata.exif) if place is not None else ""
+    identifier = maker_notes.content_identifier(exif) if place is not None else ""
     return PhotoFilm(place, None, identifier) if place is not None and identifier else None
+
+
+def films_beside(photo: Path) -> list[Path]:
+    """Returns the names that a film next to a photo may have."""
+    return [photo.with_suffix(suffix) for suffix in _SUFFIXES if photo.name]
+
+
+def _film_in_boxes(source: Source) -> bytes | None:
+    with source.stream() as file:
+        for name, start, end in boxes.top_level_extents(file):
+            if name == _BOX and end - start <= _LONGEST_FILM:
+                file.seek(start)
+                data = file.read(end - start)
+                return data if _is_film(data) else None
+    return None
+
+
+def _is_film(data: bytes) -> bool:
+    return data[4:8] == b"ftyp"
+
+
+# ---- films that follow the picture of a JPEG -----------------------------------------------------------
+
+
+class AppendedFilm(NamedTuple):
+    """A motion photo's film, and the data around it."""
+
+    data: bytes  # everything that follows the picture
+    at: int  # start of the film in these data
+    length: int  # length of the film [bytes]
+    taken_from: int  # number of bytes at the end of the old file that these data come from
+    left_behind: tuple[str, ...] = ()  # names of blocks that were valid only for the old pixels
+
+    @property
+    def content(self) -> bytes:
+        """The film's own data."""
+        return self.data[self.at : self.at + self.length]
+
+    @property
+    def place(self) -> FilmPlace:
+        """The position of the film."""
+        return FilmPlace(self.at, self.length, len(self.data) - self.at)
+
+
+class _Block(NamedTuple):
+    """A block of a trailer, as listed in its directory."""
+
+    kind: int
+    data: bytes  # kind, length of the name, name, content
+
+    @property
+    def name(self) -> bytes:
+        return self.data[8 : self.content_at]
+
+    @property
+    def content_at(self) -> int:
+        return 8 + int.from_bytes(self.data[4:8], "little")
+
+
+def appended_film(file: BinaryIO, film_bytes: int | None) -> AppendedFilm | None:
+    """Finds the film of a JPEG, at the end of the file if XMP states its length; returns None if there is none."""
+    in_trailer = _in_trailer(file)
+    if in_trailer is not None:
+        return in_trailer
+    if not film_bytes or film_bytes >= file.seek(0, io.SEEK_END):
+        return None
+    file.seek(-film_bytes, io.SEEK_END)
+    data = file.read(film_bytes)
+    return AppendedFilm(data, 0, film_bytes, film_bytes) if _is_film(data) else None
+
+
+def _in_trailer(file: BinaryIO) -> AppendedFilm | None:
+    """Returns the film from Samsung's trailer, with the blocks that remain valid; None if there is none."""
+    version, blocks, length = _blocks(file)
+    film = next((block for block in blocks if block.kind == _FILM), None)
+    if film is None or not _is_film(film.data[film.content_at :]):
+        return None
+    kept = [block for block in blocks if block.kind in _STILL_VALID]
+    before = sum(len(block.data) for block in kept[: kept.index(film)])
+    names = (boxes.printable(block.name, _LONGEST_NAME) for block in blocks if block.kind not in _STILL_VALID)
+    gone = tuple(f"{name or 'a block'} (Samsung)" for name in names)
+    return AppendedFilm(
+        _trailer(version, kept), before + film.content_at, len(film.data) - film.content_at, length, gone
+    )
+
+
+def _blocks(file: BinaryIO) -> tuple[int, list[_Block], int]:
+    """Returns the version of a trailer, its blocks in order, and its length [bytes].
+
+    There are no blocks if the trailer is missing or inconsistent.
+    """
+    end = file.seek(0, io.SEEK_END) - 8
+    file.seek(max(end, 0))
+    foot = file.read(8)
+    length = int.from_bytes(foot[:4], "little")
+    if foot[4:] != _FOOT or not 12 <= length <= min(_LONGEST_DIRECTORY, end):
+        return 0, [], 0
+    file.seek(end - length)
+    directory = file.read(length)
+    version, count = struct.unpack_from("<II", directory, 4)
+    if not directory.startswith(_HEAD) or 12 + 12 * count > length:
+        return 0, [], 0
+    entries = [struct.unpack_from("<2xHII", directory, 12 + 12 * k) for k in range(count)]
+    blocks, free = [], end - length  # free: bytes before the directory that are not yet assigned to a block
+    for kind, before, size in sorted(entries, key=lambda entry: -entry[1]):
+        if not 8 <= size <= before <= free:
+            return 0, [], 0
+        file.seek(end - length - before)
+        blocks.append(_Block(kind, file.read(size)))
+        free = before - size
+        if blocks[-1].content_at > size:
+            return 0, [], 0
+    return version, blocks, 8 + length + max((before for _, before, _ in entries), default=0)
+
+
+def _trailer(version: int, blocks: list[_Block]) -> bytes:
+    directory, before = [_HEAD, struct.pack("<II", version, len(blocks))], sum(len(block.data) for block in blocks)
+    for block in blocks:
+        directory.append(struct.pack("<2xHII", block.kind, before, len(block.data)))
+        before -= len(block.data)
+    length = sum(map(len, directory))
+    return b"".join([*(block.data for block in blocks), *directory, struct.pack("<I", length), _FOOT])

@@ -1,35 +1,88 @@
-"""Imports pyvips on demand, silences it and converts its errors; helpers for its images, colours and arrays."""
+"""libvips: the encoded data that it reads, its import on demand, its errors in plain words, its images as arrays."""
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.storage import large_arrays
+from unshutter.storage import files
 
 if TYPE_CHECKING:
-    import numpy as np  # not imported above: reading a file, which starts first, does not need it
+    import numpy as np
     import pyvips
+
+
+@dataclass(frozen=True)
+class Source:
+    """Encoded data: a file, or bytes in memory."""
+
+    place: Path | bytes
+
+    def __str__(self) -> str:
+        return str(self.place) if isinstance(self.place, Path) else "the picture in memory"
+
+    @property
+    def path(self) -> Path | None:
+        """The path of the file, if it is one."""
+        return self.place if isinstance(self.place, Path) else None
+
+    @property
+    def suffix(self) -> str:
+        """The extension of the file's name in lower case; empty for bytes in memory."""
+        return self.place.suffix.lower() if isinstance(self.place, Path) else ""
+
+    @property
+    def length(self) -> int:
+        """Length of the data in bytes; raises OSError if the file no longer exists."""
+        return self.place.stat().st_size if isinstance(self.place, Path) else len(self.place)
+
+    def stream(self) -> BinaryIO:
+        """Opens a new stream at the beginning; raises OSError if the file cannot be read."""
+        return self.place.open("rb") if isinstance(self.place, Path) else io.BytesIO(self.place)
+
+    def data(self) -> bytes:
+        """Returns all data."""
+        if isinstance(self.place, bytes):
+            return self.place
+        try:
+            return self.place.read_bytes()
+        except OSError as error:
+            raise UnshutterError(f"cannot read {{photo}}: {error.strerror}", photo=self) from None
+
+    def copy_to(self, path: Path) -> None:
+        """Copies the data to a file; raises OSError on failure."""
+        if isinstance(self.place, Path):
+            import shutil  # imported here: most photos are not copied
+
+            shutil.copyfile(self.place, path)
+        else:
+            path.write_bytes(self.place)
+
+    def load(self, operation: str, **options: Any) -> pyvips.Image:
+        """Opens the picture lazily with one of libvips's loaders; raises ``pyvips.Error`` if that fails."""
+        image = libvips().Image
+        if isinstance(self.place, Path):  # encoded, because names need not be valid text
+            return getattr(image, operation)(os.fsencode(self.place), **options)
+        return getattr(image, operation + "_buffer")(self.place, **options)
+
 
 _forked = False  # whether this process was forked from one that had loaded libvips
 
 
 @cache
 def libvips() -> Any:
-    """Imports pyvips, without libvips's log, which repeats errors on standard error, not always as text.
-
-    Raises:
-        UsageError: this process was forked from one that had loaded it. It would wait forever for libvips's threads,
-            which do not exist in this process and cannot be restarted (8.18).
-    """
+    """Imports pyvips, without libvips's log, which repeats errors on standard error, not always as text."""
     if _forked:
         raise UsageError(
             "this process was forked from one that had worked on photos, which libvips does not survive: start it "
@@ -66,7 +119,7 @@ def refusing(what: str, **files: object) -> Iterator[None]:
 
 
 def _take_notes() -> str:
-    """Returns libvips's messages since the last call, and clears them."""
+    """Returns libvips's messages, and clears them."""
     vips = libvips()
     notes = vips.ffi.string(vips.vips_lib.vips_error_buffer()).decode(errors="replace")
     vips.vips_lib.vips_error_clear()
@@ -100,7 +153,7 @@ def in_plain_words(complaint: str) -> str:
     return re.sub(r"^((\w+: )+)(?=\S)", "", complaint)
 
 
-# ---- threads -------------------------------------------------------------------------------------------
+# ---- threads and their memory --------------------------------------------------------------------------
 
 _encoders = Lock()  # held while these are changed
 _encoding, _usual_threads = 0, 0
@@ -129,6 +182,18 @@ def threads(count: int) -> Iterator[None]:
                 vips.vips_concurrency_set(_usual_threads)
 
 
+@contextmanager
+def memory_returned() -> Iterator[None]:
+    """Returns what the threads of libheif's coders freed to the system: glibc would keep it, a gigabyte in a batch."""
+    try:
+        yield
+    finally:
+        if sys.platform == "linux":
+            import ctypes  # imported here: most formats do not need it
+
+            getattr(ctypes.CDLL(None), "malloc_trim", int)(0)  # musl has none
+
+
 # ---- images --------------------------------------------------------------------------------------------
 
 
@@ -143,11 +208,7 @@ def set_blob(image: pyvips.Image, name: str, data: bytes) -> None:
 
 
 def standard(image: pyvips.Image) -> pyvips.Image:
-    """Returns the image with the colour interpretation for its bands and bits, on which libvips's operations depend.
-
-    Raises:
-        UnshutterError: the image does not have 1 to 4 bands of 8 or 16 bits.
-    """
+    """Returns the image with the colour interpretation for its bands and bits, on which libvips's operations depend."""
     if image.format not in ("uchar", "ushort") or not 1 <= image.bands <= 4:
         raise UnshutterError(f"a photo has 1 to 4 bands of 8 or 16 bits, not {image.bands} of {image.format}")
     deep = image.format == "ushort"
@@ -161,12 +222,9 @@ def to_8_bits(image: pyvips.Image) -> pyvips.Image:
 
 
 def in_srgb(image: pyvips.Image, profile: bytes, bits: int | None = None) -> pyvips.Image:
-    """Converts the image from the colours of an ICC profile to sRGB; raises ``pyvips.Error`` if they do not match.
+    """Converts the image, of 8 or 16 bits, from the colours of an ICC profile to sRGB.
 
-    Args:
-        image: image of 8 or 16 bits.
-        profile: profile of its colours.
-        bits: bits per sample of the result; None: as in the image.
+    Raises ``pyvips.Error`` if they do not match. Without ``bits``, samples keep their size.
     """
     image = image.copy()
     set_blob(image, "icc-profile-data", profile)
@@ -180,7 +238,7 @@ def computed(image: pyvips.Image) -> np.ndarray:
     """Computes the pixels [H, W, bands] of an image, read-only; raises ``pyvips.Error`` on failure."""
     shape = image.height, image.width, image.bands
     dtype, size = {"uchar": ("uint8", 1), "ushort": ("uint16", 2)}[str(image.format)]
-    if math.prod(shape) * size <= large_arrays.SPILL_BYTES:
+    if math.prod(shape) * size <= files.SPILL_BYTES:
         data = image.write_to_memory()  # the long part; NumPy may be imported at the same time
         import numpy as np
 
@@ -189,7 +247,7 @@ def computed(image: pyvips.Image) -> np.ndarray:
         return pixels
     import numpy as np
 
-    with large_arrays.nameless_file() as file:
+    with files.nameless_file() as file:
         image.rawsave_target(libvips().Target.new_to_descriptor(file.fileno()))
         return np.memmap(file, dtype=dtype, mode="r", shape=shape)
 
@@ -204,11 +262,7 @@ def as_image(pixels: np.ndarray) -> pyvips.Image:
 
 
 def with_bands(array: np.ndarray) -> np.ndarray:
-    """Returns the array as pixels [H, W, bands] of a photo.
-
-    Raises:
-        UnshutterError: the shape or type is not a photo's, or there are no pixels.
-    """
+    """Returns the array as pixels [H, W, bands] of a photo."""
     import numpy as np  # imported here: reading a file, which starts first, does not need it
 
     array = np.asarray(array)
@@ -224,16 +278,7 @@ _SRGB, _P3, _USUAL_TRANSFERS = (1, 2), 12, (1, 2, 6, 13)
 
 
 def profile_of(primaries: int, transfer: int, source: object) -> bytes | None:
-    """Returns the ICC profile for colours given as code points; None if they are sRGB or unspecified.
-
-    Args:
-        primaries: code point of the primaries.
-        transfer: code point of the transfer function.
-        source: source of the photo, for the message.
-
-    Raises:
-        UnshutterError: the colours are HDR or video, which look right only with these code points, which would be lost.
-    """
+    """Returns the ICC profile for colours given as code points; None if they are sRGB or unspecified."""
     if transfer in _USUAL_TRANSFERS:
         if primaries in _SRGB:
             return None

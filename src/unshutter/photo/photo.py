@@ -1,37 +1,39 @@
-"""Photo: pixels and metadata, read from a file or an array, and written to a file."""
+"""Photo: pixels and metadata, read from a file or an array and written, and what Python functions take for one."""
 
 from __future__ import annotations
 
 import os
+import sys
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias, TypeGuard
 
-from unshutter.errors import UsageError
-from unshutter.geometry.readout import Orientation
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.options import MAX_PIXELS, Save
-from unshutter.photo import copies, encoding
-from unshutter.photo.camera_facts import CameraFacts
-from unshutter.photo.copies import grey_copy, grey_size
-from unshutter.photo.decoder import Decoder
-from unshutter.photo.format import Coding, Picture, WrittenFormat
-from unshutter.photo.header import read_header
-from unshutter.photo.libvips import as_image, with_bands
-from unshutter.photo.metadata import Metadata
-from unshutter.photo.source import Source
-from unshutter.photo.writable import Writable
+from unshutter.orientation import Orientation
+from unshutter.photo import decoder, exif, saving
+from unshutter.photo.decoder import Decoder, grey_copy, grey_size, read_header
+from unshutter.photo.formats.picture_format import Coding, Metadata, Picture, WrittenFormat
+from unshutter.photo.libvips import Source, as_image, with_bands
+from unshutter.photo.saving import FileOutput
 from unshutter.storage.files import Times, times_of
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
     import numpy as np
     import pyvips
+    from PIL.Image import Image
 
+    from unshutter.photo.attitude import Attitude
     from unshutter.photo.film import PhotoFilm
+    from unshutter.readout_time import ReadoutTime
 
 
 @dataclass(frozen=True, eq=False)
-class Photo(CameraFacts, Writable):
+class Photo(FileOutput):
     """A picture as it is stored, never rotated to be upright, with all metadata of its file.
 
     Pixels are decoded once, on first use or earlier (:meth:`start_decoding`). :attr:`pixels` is always
@@ -68,6 +70,7 @@ class Photo(CameraFacts, Writable):
     _metadata: Metadata = field(repr=False)
     _new_pixels: np.ndarray | None = field(repr=False, default=None)  # pixels that differ from the source's
     _times_ns: Times | None = field(repr=False, default=None)  # of its file, before it was read
+    given: np.ndarray | Image | None = field(repr=False, default=None)  # what it was made from, if not from a file
 
     # ---- reading ---------------------------------------------------------------------------------------
 
@@ -118,7 +121,7 @@ class Photo(CameraFacts, Writable):
         height, width, bands = pixels.shape
         metadata = Metadata()
         if exposure_s is not None:
-            from unshutter.photo.tags import exposure
+            from unshutter.photo import exposure
 
             metadata = Metadata(exif=exposure.blob_of(exposure_s))
         return cls("array", height, width, bands, 1, None, None, Coding(), metadata, pixels)
@@ -149,12 +152,10 @@ class Photo(CameraFacts, Writable):
         return self.bands in (2, 4) and self._coding.masked
 
     def start_decoding(self, executor: Executor | None = None, grey_px: int | None = None, whole: bool = True) -> None:
-        """Starts decoding in a thread of the executor (by default a new thread).
+        """Starts decoding in a thread of the executor, by default a new one.
 
-        Args:
-            executor: the executor; None: a new thread.
-            grey_px: short side of a grey copy that will be needed first; None: none.
-            whole: whether all pixels will be needed.
+        A grey copy with a short side of ``grey_px`` comes first, if it will be needed, then all pixels, if they will
+        be.
         """
         if self._decoder is not None:
             thread = executor or ThreadPoolExecutor(1)
@@ -188,12 +189,36 @@ class Photo(CameraFacts, Writable):
         """Returns a copy of the stored pixels, [H, W] or [H, W, bands], uint8 or uint16."""
         return self.pixels[..., 0].copy() if self.bands == 1 else self.pixels.copy()
 
+    def to_image(self) -> Image:
+        """Returns the stored pixels as a Pillow image; colours of 16 bits are rounded to 8.
+
+        It has the EXIF and the ICC profile of the file, or the ``info`` of the Pillow image that was given.
+
+        Raises:
+            UnshutterError: Pillow is not installed.
+        """
+        try:
+            from PIL import Image
+        except ImportError:
+            raise UnshutterError("images need Pillow: pip install pillow") from None
+        pixels = self.to_array()
+        if pixels.ndim == 3 and pixels.dtype.itemsize == 2:
+            pixels = ((pixels + 128.0) / 257).astype("uint8")
+        image = Image.fromarray(pixels)
+        if _is_pillow(self.given):
+            image.info = dict(self.given.info)
+        if self._metadata.exif is not None:
+            image.info["exif"] = self._metadata.exif
+        if self._metadata.icc is not None:
+            image.info["icc_profile"] = self._metadata.icc
+        return image
+
     def film(self) -> PhotoFilm | None:
         """Returns the film that belongs to the photo; None if there is none."""
-        from unshutter.photo import film
+        from unshutter.photo.film import film_of
 
-        source = self._decoder.source if self._decoder is not None else None
-        return film.film_of(source, self.format, self._metadata)
+        source, metadata = self._decoder.source if self._decoder is not None else None, self._metadata
+        return film_of(source, self.format, metadata.film, metadata.xmp, metadata.exif)
 
     def grey(self, short_side: int | None = None) -> np.ndarray:
         """Returns a luminance copy (Rec. 601) of the stored pixels, antialiased; transparent areas are mid-grey.
@@ -240,7 +265,47 @@ class Photo(CameraFacts, Writable):
         side = max(self.height, self.width)
         scale = 1.0 if longest is None else min(longest / side, 1.0)
         height, width = (max(round(size * scale), 1) for size in (self.height, self.width))
-        return copies.screen_pixels(image, height, width, self._metadata.icc)
+        return decoder.screen_pixels(image, height, width, self._metadata.icc)
+
+    # ---- the camera ------------------------------------------------------------------------------------
+
+    def focal_px(self) -> float | None:
+        """Returns the focal length in pixels of the stored picture from EXIF's 35 mm equivalent; None if unknown."""
+        return exif.focal_px(self._metadata.exif, self.height, self.width)
+
+    def exposure_s(self) -> float | None:
+        """Returns the exposure time [s] from EXIF; None if unknown."""
+        from unshutter.photo import exposure  # imported here, as below, so that decoding can start first
+
+        return exposure.time_s(self._metadata.exif)
+
+    def taken(self) -> datetime | None:
+        """Returns the time at which the photo was taken, from EXIF, in the camera's time zone; None if unknown."""
+        from unshutter.photo import exposure
+
+        return exposure.taken(self._metadata.exif)
+
+    def is_merged(self) -> bool:
+        """Whether EXIF marks the photo as merged from several exposures (HDR); its exposure time is one of theirs."""
+        from unshutter.photo import exposure
+
+        return exposure.is_merged(self._metadata.exif)
+
+    def readout_time(self) -> ReadoutTime:
+        """Returns the likely readout time for the kind of camera named in EXIF."""
+        from unshutter.photo import exposure
+
+        return exposure.readout_time(self._metadata.exif)
+
+    @cached_property
+    def attitude(self) -> Attitude | None:
+        """The camera's attitude, as recorded by an accelerometer, level gauge or gimbal; None if unknown."""
+        from unshutter.photo import attitude
+
+        metadata = self._metadata
+        return attitude.of_photo(metadata.exif, metadata.xmp, Orientation(self.orientation), self.height, self.width)
+
+    # ---- writing ---------------------------------------------------------------------------------------
 
     @property
     def times_ns(self) -> Times:
@@ -262,17 +327,12 @@ class Photo(CameraFacts, Writable):
         Raises:
             UnshutterError: the file is damaged, incomplete, or gone.
         """
-        return copies.upright(self._picture, self._metadata.icc, Orientation(self.orientation), longest_px)
+        return decoder.upright(self._picture, self._metadata.icc, Orientation(self.orientation), longest_px)
 
     def file_as(self, format: str, how: Save) -> Source | None:
-        """Returns the photo's encoded data, if a result with these options would be a copy of them.
+        """Returns the photo's encoded data, if a result in this format with these options would be a copy of them.
 
-        Args:
-            format: format of the result.
-            how: options for encoding.
-
-        Returns:
-            None if the pixels are new, the format differs, or a quality or subsampling is requested.
+        None if the pixels are new, the format differs, or a quality or subsampling is requested.
         """
         is_same = self.format == format and how.quality is how.subsampling is None
         return self._decoder.source if self._decoder is not None and is_same else None
@@ -283,4 +343,67 @@ class Photo(CameraFacts, Writable):
         if save.subsampling is not None:
             coding = replace(coding, subsampled=save.subsampling == "4:2:0")
         picture = Picture(self.image, self._metadata, Orientation(self.orientation), coding, save.quality)
-        return encoding.fitted(picture, format, is_new=self._new_pixels is not None)
+        return saving.fitted(picture, format, is_new=self._new_pixels is not None)
+
+
+SMALLEST_SIDE = 64  # px
+_TYPES = "a path, bytes, a file opened in binary mode, an array, a Pillow image or a Photo"
+_PILLOW_MODES = ("L", "LA", "RGB", "RGBA", "I;16")
+
+
+AnyPhoto: TypeAlias = "str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO | np.ndarray | Image | Photo"
+
+
+def open_photo(argument: Any) -> Photo:
+    """Opens the photo that an argument represents.
+
+    Bytes and streams are encoded files; floating-point pixels from 0 to 1 are converted to 16 bits; of a Pillow image,
+    only the pixels are used.
+    """
+    if isinstance(argument, Photo):
+        return argument
+    if isinstance(argument, (str, os.PathLike)):
+        return Photo.open(argument)
+    if isinstance(argument, (bytes, bytearray, memoryview)):
+        return Photo.from_bytes(bytes(argument))
+    if callable(getattr(argument, "read", None)):
+        data = argument.read()
+        if not isinstance(data, bytes):
+            raise UnshutterError("the file is open in text mode: open it in binary mode ('rb')")
+        return Photo.from_bytes(data)
+    import numpy as np
+
+    photo = Photo.from_array(_pixels(argument))
+    return replace(photo, given=argument if _is_pillow(argument) else np.asarray(argument))
+
+
+def check_size(height: int, width: int, subject: str = "the photo", **files: object) -> None:
+    """Checks that a picture is large enough to find or undo a motion."""
+    if min(height, width) < SMALLEST_SIDE:
+        size = f"{width}x{height} px"
+        raise UnshutterError(f"{subject} is {size}; both sides must be at least {SMALLEST_SIDE} px", **files)
+
+
+def _is_pillow(argument: Any) -> TypeGuard[Image]:
+    """Whether the argument is a Pillow image; if it is, Pillow has been imported already."""
+    module = sys.modules.get("PIL.Image")
+    return module is not None and isinstance(argument, module.Image)
+
+
+def _pixels(argument: Any) -> Any:
+    """Returns uint8 or uint16 pixels of an array or a Pillow image."""
+    import numpy as np
+
+    if _is_pillow(argument):
+        if argument.mode not in _PILLOW_MODES:
+            message = f"a Pillow image of mode {argument.mode} is not taken: convert it first, image.convert('RGB')"
+            raise UnshutterError(message)
+        return np.asarray(argument)
+    array = np.asarray(argument)
+    if array.dtype == object or array.dtype.kind in "SU":
+        raise UnshutterError(f"a photo is {_TYPES}; got {type(argument).__name__}")
+    if array.dtype.kind != "f":
+        return array
+    if not (array.size and array.min() >= 0 and array.max() <= 1):  # also raised for NaN
+        raise UnshutterError("pixels in floating point must lie between 0 and 1: scale them first, pixels / 255")
+    return np.rint(np.multiply(array, 65535, dtype=np.result_type(array, np.float32))).astype(np.uint16)  # not float16

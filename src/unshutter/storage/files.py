@@ -1,24 +1,190 @@
-"""Writes files atomically, never over an original and never through a link.
+"""Writes files atomically, never over an original or through a link; opens only plain files in place.
 
 An existing file of the result's name may be anything: a photo of the same run, a link to one, a pipe. Therefore nothing
 is opened for writing under its final name. A file is created under a new name (``O_EXCL``) next to it and renamed
 when complete, which replaces a link rather than its target; without ``overwrite``, a hard link is used, which fails if
-the name exists. Only journals and logs are appended to in place: ``plain_files.py`` rejects anything but plain files.
+the name exists. Only journals and logs are appended to in place (:func:`open_plain`).
 """
 
 from __future__ import annotations
 
 import errno
+import json
+import math
 import os
 import re
+import stat
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TypeAlias
+from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
-from unshutter.errors import UnshutterError
-from unshutter.storage.plain_files import NEVER_FOLLOW, open_plain, same_bytes
+from unshutter.errors import UnshutterError, UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+# Do not follow links, do not wait for pipes, do not translate line ends.
+NEVER_FOLLOW = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+
+LARGEST_TEXT = 64_000_000  # bytes; a motion of 20,000 rows takes 3 million
+
+
+def open_plain(path: Path, flags: int) -> int:
+    """Opens a file in place and returns its descriptor; never blocks, as a pipe could."""
+    writing = flags & (os.O_WRONLY | os.O_RDWR)
+    doing = "write" if writing else "read"
+    try:
+        if path.is_symlink():
+            raise UnshutterError(
+                f"cannot {doing} {{file}}: it is a link, and nothing is written through links", file=path
+            )
+        if path.exists() and not path.is_file():
+            raise UnshutterError(f"cannot {doing} {{file}}: it is not a plain file", file=path)
+        descriptor = os.open(path, flags | NEVER_FOLLOW, 0o666)
+    except FileNotFoundError:
+        if flags & os.O_CREAT:
+            raise UnshutterError(
+                "cannot write {file}: there is no folder {folder}", folder=path.parent, file=path
+            ) from None
+        raise
+    except OSError as error:
+        raise UnshutterError(f"cannot {doing} {{file}}: {error.strerror}", file=path) from None
+    status = os.fstat(descriptor)
+    is_plain = stat.S_ISREG(status.st_mode)
+    if is_plain and not (writing and status.st_nlink > 1):
+        return descriptor
+    os.close(descriptor)
+    what = "it has a second name (a hard link)" if is_plain else "it is not a plain file"
+    raise UnshutterError(f"cannot {doing} {{file}}: {what}", file=path)
+
+
+def write_all(descriptor: int, data: bytes) -> None:
+    """Writes all bytes to an open file; raises OSError if that fails."""
+    while data:
+        data = data[os.write(descriptor, data) :]
+
+
+def add_text(path: Path, text: str) -> None:
+    """Appends text to a file, creating it if necessary."""
+    descriptor = open_plain(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    try:
+        write_all(descriptor, text.encode())
+    except OSError as error:
+        raise UnshutterError(f"cannot write {{file}}: {error.strerror}", file=path) from None
+    finally:
+        os.close(descriptor)
+
+
+def is_torn(descriptor: int) -> bool:
+    """Whether a text file, open for reading, ends without a line break, for example after a full disc."""
+    size = os.lseek(descriptor, 0, os.SEEK_END)
+    if not size:
+        return False
+    os.lseek(descriptor, size - 1, os.SEEK_SET)
+    return os.read(descriptor, 1) != b"\n"
+
+
+_FIRST_WORDS = b'{"event":'  # at the start of every log
+
+
+class JsonLog:
+    """A log to append to, created if missing; any other file of that name, such as a photo, is left unchanged.
+
+    Raises UnshutterError if the file cannot be written, or is not such a log.
+    """
+
+    def __init__(self, path: Path):
+        self._path = path
+        descriptor = open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+        try:
+            if os.read(descriptor, len(_FIRST_WORDS)) not in (b"", _FIRST_WORDS):
+                raise UnshutterError(f"{path} is not a log of unshutter: choose another name for --json-log")
+            if is_torn(descriptor):
+                write_all(descriptor, b"\n")
+        except OSError as error:
+            raise UnshutterError(f"cannot write {path}: {error.strerror}") from None
+        finally:
+            os.close(descriptor)
+
+    def add(self, event: str, **about: Any) -> None:
+        """Appends an event."""
+        add_text(self._path, json.dumps({"event": event, **about}) + "\n")
+
+
+def check_plain(path: Path) -> None:
+    """Checks that reading a file comes to an end; pipes and devices may block indefinitely."""
+    with suppress(OSError, ValueError):
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise UnshutterError("cannot read {file}: it is a pipe or a device, not a file", file=path)
+
+
+def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
+    """Returns the contents of a text file that a user named."""
+    check_plain(path)
+    if path.stat().st_size > most:
+        raise UnshutterError(f"cannot read {{file}}: it is larger than {most / 1e6:.0f} MB", file=path)
+    return path.read_bytes().decode("utf-8-sig")
+
+
+def digest(path: Path) -> str | None:
+    """Returns a hash of a plain file's contents; None if there is no such file."""
+    from hashlib import file_digest  # imported here: it takes 15 ms, and a single photo does not need it
+
+    try:
+        try:  # allowed only for the file's owner, and only on some systems: an access time may be a copy of a photo's
+            descriptor = open_plain(path, os.O_RDONLY | getattr(os, "O_NOATIME", 0))
+        except UnshutterError:
+            descriptor = open_plain(path, os.O_RDONLY)
+        with open(descriptor, "rb") as stream:
+            return file_digest(stream, new_hash).hexdigest()
+    except (OSError, UnshutterError):
+        return None
+
+
+def new_hash(data: bytes = b""):
+    """Returns a hash of bytes; its ``hexdigest()`` equals the :func:`digest` of a file with these contents."""
+    from hashlib import blake2b
+
+    return blake2b(data, digest_size=16)
+
+
+def same_bytes(one: Path, other: Path) -> bool:
+    """Whether both are plain files with identical contents."""
+    try:
+        with open(open_plain(one, os.O_RDONLY), "rb") as first, open(open_plain(other, os.O_RDONLY), "rb") as second:
+            if os.fstat(first.fileno()).st_size != os.fstat(second.fileno()).st_size:
+                return False
+            while chunk := first.read(1 << 20):
+                if second.read(len(chunk)) != chunk:
+                    return False
+            return True
+    except (OSError, UnshutterError):
+        return False
+
+
+SPILL_BYTES = 1 << 31  # larger arrays are kept in a file
+
+
+def new_array(shape: tuple[int, ...], dtype: np.dtype | type) -> np.ndarray:
+    """Creates an uninitialised array in memory or, if large, in a file that is removed when no longer used."""
+    import numpy as np
+
+    if math.prod(shape) * np.dtype(dtype).itemsize <= SPILL_BYTES:
+        return np.empty(shape, dtype)
+    with nameless_file() as file:
+        return np.memmap(file, dtype=dtype, mode="w+", shape=shape)
+
+
+def nameless_file() -> IO[bytes]:
+    """Opens a temporary file that is removed once it is neither open nor mapped, however its process ends."""
+    import tempfile  # imported here: most photos do not need it
+
+    return tempfile.TemporaryFile(prefix="unshutter-")
+
 
 try:
     import fcntl
@@ -33,33 +199,20 @@ _parts: set[Path] = set()  # temporary files of this process
 Times: TypeAlias = tuple[int, int]  # of the last access and the last modification [ns]
 
 
-def check_target(target: Path, overwrite: bool, *originals: Path | None) -> None:
-    """Checks that a file may be written, before its contents are computed.
-
-    Args:
-        target: file to write.
-        overwrite: whether an existing file may be replaced.
-        originals: files that are never replaced, under any name.
-
-    Raises:
-        UnshutterError: the file cannot be written or must not be replaced.
-    """
+def check_target(target: Path, overwrite: bool, original: Path | None = None) -> None:
+    """Checks that a file may be written, before its contents are computed; an original is never replaced."""
     try:
-        for original in originals:
-            if original is not None and target.exists() and original.exists() and target.samefile(original):
-                raise UnshutterError(
-                    "{target} is the original, which is never overwritten: choose another name", target=target
-                )
+        if original is not None and target.exists() and original.exists() and target.samefile(original):
+            raise UnshutterError(
+                "{target} is the original, which is never overwritten: choose another name", target=target
+            )
         if target.is_dir():
             raise UnshutterError("cannot write {target}: it is a folder", target=target)
-        if target.is_symlink():
-            raise UnshutterError(
-                "cannot write {target}: it is a link, and nothing is written through links", target=target
-            )
+        _check_no_link(target)
         if target.exists() and not target.is_file():
             raise UnshutterError("cannot write {target}: it is not a plain file", target=target)
         if not overwrite and target.exists():
-            raise _exists(target)
+            raise exists(target)
         if not target.parent.is_dir():
             raise UnshutterError(
                 "cannot write {target}: there is no folder {folder}", folder=target.parent, target=target
@@ -69,6 +222,12 @@ def check_target(target: Path, overwrite: bool, *originals: Path | None) -> None
         raise UnshutterError(f"cannot write {{target}}: {cause}", target=target) from None
 
 
+def check_motion_name(name: str) -> None:
+    """Raises UsageError if a motion file to be written is not called ``.json``: a film may have the name."""
+    if not name.lower().endswith(".json"):
+        raise UsageError(f"a motion is a .json file, not {name}: choose another name")
+
+
 @contextmanager
 def written_whole(
     target: Path, overwrite: bool = True, mode_of: Path | None = None, times_ns: Times | None = None
@@ -76,21 +235,16 @@ def written_whole(
     """Creates an empty temporary file that replaces ``target`` if the block succeeds, and is removed otherwise.
 
     The contents are flushed to disc before renaming, so that not even a power cut leaves a partial file of this name.
-
-    Args:
-        target: file to write.
-        overwrite: whether an existing file is replaced. If not, an existing file with identical bytes is kept without
-            an error, because the same work has already been done.
-        mode_of: file whose permissions are copied; by default those of any new file.
-        times_ns: times to set, if the file system can store them; by default the current time.
-
-    Raises:
-        UnshutterError: the system refuses, the target is a link, or it exists and must not be replaced.
+    Without ``overwrite``, an existing file with identical bytes is kept without an error, because the same work has
+    already been done. Permissions can be those of another file, and times [ns] are set if the file system can store
+    them; by default both are those of any new file.
     """
     part = target.with_name(f".unshutter-{os.urandom(8).hex()}.part{target.suffix}")
-    held = None
+    held = mode = None
     try:
-        mode = _permissions(mode_of)
+        if mode_of is not None:
+            with suppress(OSError):
+                mode = mode_of.stat().st_mode & 0o777
         _parts.add(part)
         held = _make_and_hold(part, 0o666 if mode is None else 0o600)  # unreadable to others until complete
         yield part
@@ -132,14 +286,14 @@ def remove_own_parts() -> None:
             part.unlink(missing_ok=True)
 
 
-def _exists(target: Path) -> UnshutterError:
+def _check_no_link(target: Path) -> None:
+    if target.is_symlink():
+        raise UnshutterError("cannot write {target}: it is a link, and nothing is written through links", target=target)
+
+
+def exists(target: object) -> UnshutterError:
+    """Returns the error for an output that exists and may not be replaced."""
     return UnshutterError("{target} exists already: use --overwrite to replace it", target=target)
-
-
-def _permissions(model: Path | None) -> int | None:
-    with suppress(OSError):
-        return None if model is None else model.stat().st_mode & 0o777
-    return None
 
 
 def _make_and_hold(part: Path, mode: int) -> int | None:
@@ -173,24 +327,18 @@ def _to_disc(part: Path, mode: int | None, times_ns: Times | None) -> None:
 def _take_name(part: Path, target: Path, overwrite: bool) -> None:
     """Renames the finished file."""
     if overwrite:
-        if target.is_symlink():
-            raise UnshutterError(
-                "cannot write {target}: it is a link, and nothing is written through links", target=target
-            )
+        _check_no_link(target)
         return os.replace(part, target)
     try:
-        os.link(part, target)  # fails if the name exists, where a rename would replace the file
-    except FileExistsError:
-        if not same_bytes(part, target):
-            raise _exists(target) from None
+        return os.link(part, target)  # fails if the name exists, where a rename would replace the file
     except OSError as error:
-        if error.errno not in _NO_HARD_LINKS:
-            raise
-        if os.path.lexists(target):
-            if not same_bytes(part, target):
-                raise _exists(target) from None
-        else:
-            os.rename(part, target)
+        if not isinstance(error, FileExistsError):
+            if error.errno not in _NO_HARD_LINKS:
+                raise
+            if not os.path.lexists(target):
+                return os.rename(part, target)
+    if not same_bytes(part, target):
+        raise exists(target)
 
 
 def _removed_if_left(part: Path) -> bool:

@@ -10,12 +10,12 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 
 from unshutter.errors import UsageError
+from unshutter.readout_time import ReadoutTime
 
 _SAME_RATE, _SAME_TIME = 0.012, 0.1  # shares: 29.97 and 30 frames per second are one mode; 16.7 and 17.7 ms agree
 # Tags of QuickTime and Android files that hold the names, as FFmpeg calls them.
@@ -47,49 +47,47 @@ _SPELLINGS = (
     (r"(?:_|(?<=[a-z0-9])m)([2-5])\b", lambda match: _ROMAN[match[1]]),
     (r"[^a-z0-9+]", ""),
 )
-
-
-class Match(StrEnum):
-    """How closely a table entry matches the mode of a clip."""
-
-    MODE = "this mode"
-    OTHER_RATE = "this frame size at another rate"
-    OTHER_MODE = "other modes of this camera"
+_PERCENTILES = (5, 50, 95)  # of the table: range of a kind of camera, and usual value
+_SIMILAR_RATE = 1.3  # ratio of frame rates within which readout times are similar
+_KINDS = {
+    "phones": "apple samsung xiaomi redmi realme poco oneplus huawei honor zte ulefone oppo vivo nothing google",
+    "action cameras and drones": (
+        "gopro dji insta360 xtu runcam walksnail hawkeye caddx tomate sioeye foxeer akaso sjcam parrot autel skydio"
+    ),
+    "cameras": "sony canon nikon panasonic fujifilm blackmagic sigma red leica kinefinity olympus om hasselblad z",
+}
 
 
 @dataclass(frozen=True)
 class CameraMode:
-    """A camera in one of its modes: one line of the table.
-
-    Attributes:
-        brand, model: brand and model, as spelled in a profile.
-        lens: one of its lenses or fields of view; empty if the profiles do not name it, or it does not matter.
-        width, height: size of a frame [px].
-        fps: frames per second.
-        readout_ms: readout time of a frame [ms], the median of the profiles.
-        least_ms, most_ms: range of the profiles [ms].
-        profiles: number of profiles.
-        upward: whether the last stored row is read first, for instance in a phone held upside down.
-        note: further conditions of the time.
-    """
+    """A camera in one of its modes: one line of the table."""
 
     brand: str
     model: str
+    # one of its lenses or fields of view; empty if the profiles do not name it, or it does not matter. width, height:
+    # size of a frame [px].
     lens: str
     width: int
     height: int
-    fps: float
+    fps: float  # frames per second
+    # readout time of a frame [ms], the median of the profiles. least_ms, most_ms: range of the profiles [ms].
     readout_ms: float
     least_ms: float
     most_ms: float
-    profiles: int = 1
-    upward: bool = False
-    note: str = ""
+    profiles: int = 1  # number of profiles
+    upward: bool = False  # whether the last stored row is read first, for instance in a phone held upside down
+    note: str = ""  # further conditions of the time
+
+    @property
+    def camera(self) -> str:
+        """Brand and model; the brand once, even if the model begins with it."""
+        begins = self.model.lower().startswith(self.brand.lower())
+        return f"{self.brand} {self.model[len(self.brand) if begins else 0 :].strip()}".strip()
 
     @property
     def name(self) -> str:
         """Name of the camera, with its lens."""
-        return " ".join(filter(None, (self.brand, self.model, self.lens)))
+        return f"{self.camera} {self.lens}".strip()
 
     @property
     def mode(self) -> str:
@@ -115,30 +113,6 @@ class CameraMode:
     def has_rate(self, rate: float) -> bool:
         """Whether it records this many frames per second."""
         return abs(rate / self.fps - 1) <= _SAME_RATE
-
-
-@dataclass(frozen=True)
-class ListedReadout:
-    """The table's readout time for a clip.
-
-    Attributes:
-        low, typical, high: range of the matching times, and the one to use [ms]; none above the frame interval.
-        camera: brand and model.
-        match: how closely the mode is matched.
-        profiles: number of profiles.
-    """
-
-    low: float
-    typical: float
-    high: float
-    camera: str
-    match: Match
-    profiles: int
-
-    @property
-    def is_certain(self) -> bool:
-        """Whether it is a single value: of this very mode, with profiles that agree."""
-        return self.match is Match.MODE and _agree(self.low, self.high)
 
 
 @cache
@@ -168,30 +142,44 @@ def table() -> tuple[CameraMode, ...]:
 # ---- the readout time of a clip ----------------------------------------------------------------------------
 
 
-def find(make: str, model: str, size: tuple[int, int], rate: float) -> ListedReadout | None:
-    """Looks up the readout time of a camera in a mode; returns None if the camera is not in the table.
+def listed_time(tags: Mapping[str, str], named: str | None, size: tuple[int, int], rate: float) -> ReadoutTime | None:
+    """Looks up the readout time of a clip's camera; returns None if it is not in the table.
+
+    It is known if the profiles of this very mode agree; otherwise it comes with their range.
 
     Args:
-        make: brand, as spelled in the camera's files; may be empty.
-        model: model, with or without the brand.
+        named: brand, model and lens of the camera, as far as needed, if the user names it.
         size: (width, height) of a frame [px], in either orientation.
         rate: frames per second.
     """
+    if named is None:
+        return find(*camera_of(tags), size, rate)
+    time = find_named(named, size, rate)
+    return time if time.plausible else replace(time, camera=named)
+
+
+def usual_time(tags: Mapping[str, str], interval_s: float) -> ReadoutTime:
+    """Returns the usual readout time of cameras of a clip's kind, with its range."""
+    import numpy as np
+
+    make = camera_of(tags)[0].lower().split()
+    kind = next((kind for kind, brands in _KINDS.items() if make and make[0] in brands.split()), "")
+    rate = 1 / interval_s
+    similar = [mode for mode in table() if 1 / _SIMILAR_RATE < mode.fps / rate < _SIMILAR_RATE]
+    brands = _KINDS.get(kind, "").split()
+    modes = [mode for mode in similar if not kind or mode.brand.lower().split()[0] in brands] or similar
+    times = [mode.readout_ms for mode in modes] or [1000 * interval_s * share for share in (0.2, 0.5, 1.0)]
+    low, usual, high = map(float, np.percentile(times, _PERCENTILES))
+    return ReadoutTime.of_ms(usual, "usual value", kind or "cameras and phones", (low, high))
+
+
+def find(make: str, model: str, size: tuple[int, int], rate: float) -> ReadoutTime | None:
+    """Looks up a camera by the brand, which may be empty, and the model that its files name."""
     return _range([mode for mode in table() if _is_of(mode, make, model)], size, rate)
 
 
-def find_tagged(tags: Mapping[str, str], size: tuple[int, int], rate: float) -> ListedReadout | None:
-    """Looks up the readout time of the camera named in a clip's tags, like :func:`find`."""
-    return find(*camera_of(tags), size, rate)
-
-
-def find_named(name: str, size: tuple[int, int], rate: float) -> ListedReadout:
-    """Looks up the readout time of a camera that the user names by brand, model and lens, as far as needed.
-
-    Raises:
-        UsageError: the camera or this frame size is not in the table, or the name fits several lenses or cameras with
-            different times.
-    """
+def find_named(name: str, size: tuple[int, int], rate: float) -> ReadoutTime:
+    """Looks up the readout time of a camera that the user names by brand, model and lens, as far as needed."""
     known = listed(name)
     known = [mode for mode in known if _spelled(name) in _names(mode)] or known
     this = f"{size[0]}x{size[1]} px at {rate:.4g} frames/s"
@@ -216,30 +204,27 @@ def camera_of(tags: Mapping[str, str]) -> tuple[str, str]:
     return ("GoPro", _GOPROS[code]) if not model and code in _GOPROS else (make, model)
 
 
-def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> ListedReadout | None:
-    """Returns the readout time from the modes of one camera that match the given one most closely."""
+def _range(modes: list[CameraMode], size: tuple[int, int], rate: float) -> ReadoutTime | None:
+    """Returns the readout time by the modes of one camera that match the given one most closely."""
     of_size = [mode for mode in modes if mode.has_size(size)]
     same = [mode for mode in of_size if mode.has_rate(rate)]
-    match = Match.MODE if same else Match.OTHER_RATE if of_size else Match.OTHER_MODE
+    match = "this mode" if same else "this frame size at another rate" if of_size else "other modes of this camera"
     closest = same or of_size or modes
     if not closest:
         return None
     times = sorted(mode.readout_ms for mode in closest for _ in range(mode.profiles))
     values = (min(mode.least_ms for mode in closest), times[len(times) // 2], max(mode.most_ms for mode in closest))
     low, typical, high = (min(value, 1000 / rate) for value in values)
-    first = closest[0]
-    return ListedReadout(low, typical, high, f"{first.brand} {first.model}", match, len(times))
+    camera, known = closest[0].camera, same and _agree(low, high)
+    about = (camera, None) if known else (f"{camera}, {match}", (low, high))
+    return ReadoutTime.of_ms(typical, "table of cameras", *about)
 
 
 # ---- names -------------------------------------------------------------------------------------------------
 
 
 def listed(word: str | None = None) -> list[CameraMode]:
-    """Returns the modes of cameras whose name contains a word, in any case and spelling; all if the word is None.
-
-    Raises:
-        UsageError: there is no such camera.
-    """
+    """Returns the modes of cameras whose name contains a word, in any case and spelling; all if the word is None."""
     plain, spelled = _plain(word or ""), _spelled(word or "")
     matches = [mode for mode in table() if plain in _plain(mode.name) or (spelled and spelled in _spelled(mode.name))]
     if not matches:
@@ -268,8 +253,7 @@ def _is_of(mode: CameraMode, make: str, model: str) -> bool:
 
 
 def _names(mode: CameraMode) -> set[str]:
-    """Returns the possible names of a camera."""
-    whole = (mode.model, f"{mode.brand} {mode.model}", f"{mode.model} {mode.lens}", mode.name)
+    whole = (mode.model, mode.camera, f"{mode.model} {mode.lens}", mode.name)
     return {_spelled(name) for name in whole}
 
 

@@ -1,42 +1,118 @@
-"""An input clip: its properties, its frames, and the packets of its other streams."""
+"""An input clip: its properties, its frames with their planes as arrays, and the packets of its other streams."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
-from contextlib import AbstractContextManager
+import threading
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from queue import Empty, Full, Queue
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import cv2
+import numpy as np
 
 from unshutter.errors import UnshutterError
-from unshutter.photo.argument import check_size
-from unshutter.video.containers import (
-    FrameTiming,
-    Times,
-    bits_per_s,
-    damaged,
-    decoded,
-    film_of,
-    first_times,
-    opened,
-    packets,
-    time_of,
-)
-from unshutter.video.ending import Ending, ExpectedLength
-from unshutter.video.file_length import FileLength, file_length
-from unshutter.video.options import MAX_CLIP_PIXELS
-from unshutter.video.pictures import PictureSequence
-from unshutter.video.planes import PixelFormat
+from unshutter.frames import pyav
+from unshutter.frames.tracks import Background, Tracks, background, follow
+from unshutter.options.clip_options import MAX_CLIP_PIXELS, RectifyClip
+from unshutter.orientation import Readout
+from unshutter.photo.photo import check_size
+from unshutter.progress import Steps, Watch
+from unshutter.video import containers
+from unshutter.video.containers import ExpectedLength, FrameTiming, film_of, opened
 
 if TYPE_CHECKING:
+    import av
     from av import Packet, VideoFrame
+
+    from unshutter.motion.shapes import UInt, UInt8
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Storage of one plane of a pixel format."""
+
+    # consecutive values per pixel (3 in packed RGB, 2 in the chroma of NV12). across, down: pixels of the frame per
+    # pixel of the plane.
+    bands: int
+    across: int
+    down: int
+    black: int  # value of black in limited-range frames
+    black_full: int  # value of black in full-range frames
+
+
+@dataclass(frozen=True)
+class PixelFormat:
+    """A pixel format whose planes can be warped."""
+
+    name: str  # FFmpeg's name of the format
+    depth: int  # bits per value
+    planes: tuple[Plane, ...]  # in the order of the format
+
+    @classmethod
+    def of(cls, pixel_format: av.VideoFormat | None) -> PixelFormat:
+        """Returns the planes of an FFmpeg pixel format."""
+        if pixel_format is None:
+            raise UnshutterError("the clip does not say how its pixels are stored")
+        name, components = pixel_format.name, pixel_format.components
+        by_plane = [[c for c in components if c.plane == k] for k in range(1 + max(c.plane for c in components))]
+        depth = components[0].bits
+        odd = any(len({(c.bits, c.width) for c in inside}) > 1 for inside in by_plane)
+        packed = max(map(len, by_plane)) > 1
+        if odd or pixel_format.has_palette or pixel_format.is_bit_stream or not 8 <= depth <= 16 or name.endswith("be"):
+            raise UnshutterError(f"cannot work on pixels of the format {name}: convert the clip to yuv420p first")
+        if packed and depth not in (8, 16):  # P010 and similar formats place their bits differently
+            raise UnshutterError(f"cannot work on pixels of the format {name}: convert the clip to yuv420p10le first")
+        planes = []
+        for k, inside in enumerate(by_plane):
+            across, down = -(-pixel_format.width // inside[0].width), -(-pixel_format.height // inside[0].height)
+            chroma = not pixel_format.is_rgb and k in (1, 2)
+            luma = not pixel_format.is_rgb and k == 0
+            black = (1 << depth) // 2 if chroma else 0
+            planes.append(Plane(len(inside), across, down, (1 << depth) // 16 if luma else black, black))
+        return cls(name, depth, tuple(planes))
+
+    def arrays(self, frame: av.VideoFrame) -> list[UInt[np.ndarray, "rows columns *bands"]]:
+        """Returns the planes of a frame: views of its memory, valid as long as the frame exists."""
+        dtype = np.dtype(np.uint8 if self.depth == 8 else "<u2")
+        views = []
+        for stored, plane in zip(frame.planes, self.planes, strict=True):
+            shape, size = (-(-frame.height // plane.down), -(-frame.width // plane.across)), dtype.itemsize
+            strides = (stored.line_size, plane.bands * size)
+            if plane.bands > 1:
+                shape, strides = (*shape, plane.bands), (*strides, size)
+            views.append(np.ndarray(shape, dtype, buffer=memoryview(stored), strides=strides))
+        return views
+
+    def grey(self, frame: av.VideoFrame, side: int) -> UInt8[np.ndarray, "rows columns"]:
+        """Returns a small grey copy of a frame, with a short side of about ``side`` px; never larger than the frame."""
+        return small_grey(self.arrays(frame)[0], side, self.depth)
+
+
+def small_grey(
+    plane: UInt[np.ndarray, "height width *bands"], side: int, depth: int
+) -> UInt8[np.ndarray, "rows columns"]:
+    """Returns a small grey copy of a plane: of luma, of packed luma and chroma, or of red, green and blue."""
+    luma = plane
+    if luma.ndim == 3:
+        luma = luma[..., 1] if luma.shape[2] > 2 else luma[..., 0]
+    scale = min(1.0, side / min(luma.shape))
+    size = (max(1, round(luma.shape[1] * scale)), max(1, round(luma.shape[0] * scale)))
+    luma = luma if luma.strides[1] == luma.itemsize else np.ascontiguousarray(luma)
+    small = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA))
+    return np.right_shift(small, depth - 8, dtype=small.dtype, casting="unsafe").astype(np.uint8)
+
 
 _WHOLE = 0.03  # of a frame interval: times this close to even ones are taken as even
 _LONGEST_GAP = 4  # frame intervals; frames farther apart are not neighbours
 _PROGRESSIVE = (0, 1)  # FFmpeg's field orders: unknown, progressive
 _LEAD_S = 10.0  # s within which files without an index have a key frame
 _LARGE = 6_000_000  # px: such frames are decoded one at a time, to save memory; other steps take longer
+_DECODED_AHEAD = 2  # frames, if they are small
+_AHEAD_BYTES = 25_000_000  # of frames queued between two steps
 _NO_TABLES = ("mpegts", "mpeg", "h264", "hevc", "mpegvideo", "m4v", "mjpeg", "obu")  # FFmpeg estimates their length
 
 
@@ -49,58 +125,34 @@ class SidePacket:
 
 @dataclass(frozen=True)
 class Clip:
-    """A clip, described by its file's headers and first frames; each reader opens the file separately.
+    """A clip, described by its file's headers and first frames; each reader opens the file separately."""
 
-    Attributes:
-        path: path of the file, or the pattern of pictures (``frames/%05d.png``).
-        pixels: pixel format.
-        codec: codec of the frames, as FFmpeg calls it.
-        height, width: size of the stored frames [px].
-        interval_s: the usual time from one frame to the next [s].
-        frames: number of frames; 0 if unknown.
-        duration_s: duration [s]; 0 if unknown.
-        tags: tags of the container and of the video stream; the latter take precedence.
-        ticks: time units per second of its frames, at most a million.
-        side_data: side data of the first frame, by FFmpeg's names; not read from later frames, since PyAV would then
-            never free it.
-        lead_s: how much earlier reading must begin so that a key frame comes first [s].
-        expected: how much of the clip there should be.
-        timing: how its frames get their times.
-        pictures: the sequence of pictures; None for a film.
-        bits_per_s: bit rate of the frames; 0 if unknown.
-    """
-
-    path: str
+    path: str  # path of the file
     pixels: PixelFormat
-    codec: str
+    codec: str  # codec of the frames, as FFmpeg calls it. height, width: size of the stored frames [px].
     height: int
     width: int
-    interval_s: float
-    frames: int
-    duration_s: float
-    tags: dict[str, str]
-    ticks: int
+    interval_s: float  # the usual time from one frame to the next [s]
+    frames: int  # number of frames; 0 if unknown
+    duration_s: float  # duration [s]; 0 if unknown
+    tags: dict[str, str]  # tags of the container and of the video stream; the latter take precedence
+    ticks: int  # time units per second of its frames, at most a million
+    # side data of the first frame, by FFmpeg's names; not read from later frames, since PyAV would then never free it
     side_data: dict[str, bytes]
-    lead_s: float = field(repr=False)
-    expected: ExpectedLength = field(repr=False)
-    timing: FrameTiming = field(repr=False)
-    pictures: PictureSequence | None = None
-    bits_per_s: float = 0.0
+    lead_s: float = field(repr=False)  # how much earlier reading must begin so that a key frame comes first [s]
+    expected: ExpectedLength = field(repr=False)  # how much of the clip there should be
+    timing: FrameTiming = field(repr=False)  # how its frames get their times
+    bits_per_s: float = 0.0  # bit rate of the frames; 0 if unknown
 
     @classmethod
-    def look(cls, path: str | os.PathLike[str], fps: float | None = None, max_pixels: int = MAX_CLIP_PIXELS) -> Clip:
+    def look(cls, path: str | os.PathLike[str], max_pixels: int = MAX_CLIP_PIXELS) -> Clip:
         """Reads the headers and the first frames of a file.
 
         Args:
-            path: a film, a folder of pictures, or a pattern of their names.
-            fps: frames per second of pictures; a film states its own.
             max_pixels: clips with larger frames are rejected.
-
-        Raises:
-            UnshutterError: the file is not a film, or not a usable one.
         """
-        place, pictures = os.fspath(path), PictureSequence.at(path)
-        with opened(place, pictures, fps) as container:
+        place = os.fspath(path)
+        with opened(place) as container:
             stream = film_of(container, place)
             context = stream.codec_context
             _check_size(place, stream.width, stream.height, max_pixels)
@@ -108,24 +160,16 @@ class Clip:
                 raise _interlaced(place)
             kind, base = container.format.name, float(stream.time_base)
             length = stream.duration * stream.time_base if stream.duration else (container.duration or 0) / 1_000_000
-            tags = {**dict(container.metadata), **dict(stream.metadata)}
+            tags = {**pyav.tags(container), **pyav.tags(stream)}
             stored = (place, PixelFormat.of(context.format), context.name, stream.height, stream.width)
             ticks = min(stream.time_base.denominator, 1_000_000)
-            start_s = (stream.start_time or 0) * base
             by_tables = bool(stream.duration) and kind not in _NO_TABLES
-            interval, first, before = first_times(container, stream)
-            rate = 0.0 if pictures else bits_per_s(container, stream)
-            frames = stream.frames or (round(float(length) / interval) if pictures else 0)
-        end_s = start_s + float(length) if by_tables else None
-        expected = ExpectedLength(
-            file_length(place, kind) if pictures is None else FileLength(),
-            0 if pictures else frames,
-            kind == "avi",
-            interval,
-            start_s,
-            end_s,
-        )
-        beside, delay = _first_frame(place, pictures, fps)
+            interval, first, before = containers.first_times(container, stream)
+            rate = containers.bits_per_s(container, stream)
+            if stream.frames > 1 and 0 < length < interval:
+                raise UnshutterError("{clip} is damaged: the times of its frames cannot be right", clip=place)
+            frames, expected = stream.frames, ExpectedLength.of(container, stream, interval, by_tables)
+        beside, delay = _first_frame(place)
         if "SPHERICAL" in beside:
             raise UnshutterError("{clip} is a 360-degree clip: its rows are not rows of the sensor", clip=place)
         step = max(1, round(interval / base))
@@ -133,83 +177,58 @@ class Clip:
         timing = FrameTiming(begin, step, delay if kind == "avi" else None)
         lead_s = math.inf if first is None else _LEAD_S if kind in _NO_TABLES else 0.0
         times = (interval, frames, float(length), tags, ticks, beside, lead_s, expected, timing)
-        return cls(*stored, *times, pictures, rate)
-
-    @property
-    def of_pictures(self) -> bool:
-        """Whether it is a sequence of pictures."""
-        return self.pictures is not None
-
-    def expected_frames(self, start: float | None = None, end: float | None = None) -> int:
-        """Returns the expected number of frames between two times [s], as far as the file states it; at least 2."""
-        if start is None and end is None and self.frames:
-            return self.frames
-        last = min(end or self.duration_s, self.duration_s or math.inf)
-        return max(round((last - (start or 0.0)) / self.interval_s), 2)
+        return cls(*stored, *times, rate)
 
     def opened(self) -> AbstractContextManager[Any]:
         """Opens the file with PyAV; raises UnshutterError if it can no longer be read."""
-        return opened(self.path, self.pictures, 1 / self.interval_s if self.pictures else None)
+        return opened(self.path)
+
+    @property
+    def frame_bytes(self) -> float:
+        """Memory size of a decoded frame [bytes]."""
+        size = sum(plane.bands / plane.across / plane.down for plane in self.pixels.planes)
+        return size * self.height * self.width * (1 if self.pixels.depth == 8 else 2)
 
     def iter_frames(self, start: float | None = None, end: float | None = None) -> Iterator[VideoFrame]:
-        """Yields the frames between two times [s] in presentation order; None means no limit.
-
-        Raises:
-            UnshutterError: the file is damaged, or ends early.
-        """
-        for item in self.items(start, end):
+        """Yields the frames between two times [s] in presentation order; None means no limit."""
+        for item in self._items(start, end):
             if not isinstance(item, SidePacket):
                 yield item
 
     def items(
         self, start: float | None = None, end: float | None = None, all_streams: bool = False
-    ) -> Iterator[VideoFrame | SidePacket]:
+    ) -> Generator[VideoFrame | SidePacket]:
         """Yields frames in presentation order, and packets of the other streams where they lie between them.
 
-        Args:
-            start, end: limits of the presentation time [s]; None for no limit.
-            all_streams: also yield the other streams' packets.
-
-        Raises:
-            UnshutterError: the file is damaged, or ends early.
+        A separate thread decodes the next frames.
         """
+        return ahead(self._items(start, end, all_streams), self.most_ahead(_DECODED_AHEAD))
+
+    def most_ahead(self, frames: int) -> int:
+        """Returns how many frames may wait between two steps: as many as given, or fewer if they are large."""
+        return min(frames, max(1, int(_AHEAD_BYTES / self.frame_bytes)))
+
+    def _items(
+        self, start: float | None, end: float | None, all_streams: bool = False
+    ) -> Iterator[VideoFrame | SidePacket]:
         with self.opened() as container:
             film = film_of(container, self.path)
             film.thread_type = "AUTO" if self.height * self.width < _LARGE else "SLICE"
             if start and start - self.lead_s > self.expected.start_s:
                 container.seek(int((start - self.lead_s) / film.time_base), stream=film)
-            times, ending = Times(self.timing), Ending(self.path, self.expected)
-            for packet in packets(container, None, self.path):
+            times = containers.Times(self.timing)
+            for packet in containers.packets(container, None, self.path):
                 of_film = packet.stream.index == film.index  # packet.stream_index is 0 in the final, empty packets
-                ending.add(packet, of_film)
                 if not of_film:
-                    if all_streams and packet.dts is not None and _is_within(time_of(packet), start, end):
+                    if all_streams and packet.dts is not None and _is_within(containers.time_of(packet), start, end):
                         yield SidePacket(packet)
                     continue
-                for frame in decoded(packet, self.path):
+                for frame in containers.decoded(packet, self.path):
                     times.set(frame)
                     if _is_within(frame.time, start, end):
                         yield self._checked(frame)
                     elif not all_streams and end is not None and (frame.time or 0) >= end:
                         return
-            ending.check(start, end)
-
-    def check_whole(self, start: float | None = None, end: float | None = None) -> None:
-        """Checks that a film whose file is cut off still contains all of the selected part.
-
-        Args:
-            start, end: the selected part [s]; None for no limit.
-
-        Raises:
-            UnshutterError: the film ends before that part does.
-        """
-        if not self.expected.length.cut:
-            return
-        with self.opened() as container:
-            film, ending = film_of(container, self.path), Ending(self.path, self.expected)
-            for packet in packets(container, None, self.path):
-                ending.add(packet, packet.stream.index == film.index)
-            ending.check(None, end)
 
     def since(self, before: VideoFrame | None, frame: VideoFrame) -> float | None:
         """Returns the time from one frame to the next in usual frame intervals, or None if they are not neighbours."""
@@ -223,7 +242,7 @@ class Clip:
 
     def _checked(self, frame: VideoFrame) -> VideoFrame:
         if frame.is_corrupt:
-            raise damaged(self.path, frame.time)
+            raise containers.damaged(self.path, frame.time)
         if frame.interlaced_frame:
             raise _interlaced(self.path)
         if (frame.width, frame.height, frame.format.name) != (self.width, self.height, self.pixels.name):
@@ -233,10 +252,47 @@ class Clip:
         return frame
 
 
-def frame_bytes(clip: Clip) -> float:
-    """Returns the memory size of a decoded frame of a clip [bytes]."""
-    size = sum(plane.bands / plane.across / plane.down for plane in clip.pixels.planes)
-    return size * clip.height * clip.width * (1 if clip.pixels.depth == 8 else 2)
+@dataclass(frozen=True)
+class ClipRequest:
+    """A clip, and what the user wants from it."""
+
+    clip: Clip
+    options: RectifyClip
+    readout: Readout  # direction in which the stored pixels were read
+    watch: Watch | None = None  # called for every step of the work
+
+    @classmethod
+    def of(cls, clip: Clip, options: RectifyClip, watch: Watch | None = None) -> ClipRequest:
+        """Returns the request of a clip whose readout direction is that of the options."""
+        return cls(clip, options, Readout.parse(options.shutter.readout), watch)
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """Height and width of the readout frame [px]."""
+        return self.readout.frame_size(self.clip.height, self.clip.width)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Begin and end of the selected part [s]."""
+        return self.options.span(self.clip.duration_s)
+
+    def grey(self, frame: VideoFrame, side: int) -> UInt8[np.ndarray, "rows columns"]:
+        """Returns a small grey copy of a frame, as it was read out, with a short side of about ``side`` px."""
+        return np.ascontiguousarray(self.readout.turn(self.clip.pixels.grey(frame, side)))
+
+    def steps(self, what: str) -> Steps:
+        """Returns a counter for the frames of the selected part, as many as the file states; at least 2."""
+        start, end, clip = self.options.start, self.options.end, self.clip
+        frames = clip.frames
+        if start is not None or end is not None or not frames:
+            last = min(end or clip.duration_s, clip.duration_s or math.inf)
+            frames = max(round((last - (start or 0.0)) / clip.interval_s), 2)
+        return Steps(what, frames, self.watch)
+
+
+def upright(pixels: UInt8[np.ndarray, "rows columns 3"], turned_as: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
+    """Returns pixels turned as the frame is to be shown: its file states an angle, anticlockwise."""
+    return np.ascontiguousarray(np.rot90(pixels, round(turned_as.rotation / 90)))
 
 
 def _check_size(place: str, width: int, height: int, most: int) -> None:
@@ -250,22 +306,17 @@ def _check_size(place: str, width: int, height: int, most: int) -> None:
     check_size(height, width, "{clip}: a frame", clip=place)
 
 
-def _first_frame(place: str, pictures: PictureSequence | None, fps: float | None) -> tuple[dict[str, bytes], int]:
-    """Returns the first frame's side data, and the delay of its decoding time after that of its packet [ticks].
-
-    Raises:
-        UnshutterError: the clip has no frame, or is interlaced, which only its frames reveal.
-    """
-    with opened(place, pictures, fps) as container:
+def _first_frame(place: str) -> tuple[dict[str, bytes], int]:
+    """Returns the first frame's side data, and the delay of its decoding time after that of its packet [ticks]."""
+    with opened(place) as container:
         film, first_dts = film_of(container, place), None
-        for packet in packets(container, film, place):
+        for packet in containers.packets(container, film, place):
             first_dts = packet.dts if first_dts is None else first_dts
-            for frame in decoded(packet, place):
+            for frame in containers.decoded(packet, place):
                 if frame.interlaced_frame:
                     raise _interlaced(place)
-                beside: Any = frame.side_data
                 delay = frame.dts - first_dts if frame.dts is not None and first_dts is not None else 0
-                return {data.type.name: bytes(data) for data in beside}, delay
+                return pyav.side_data(frame), delay
     raise UnshutterError("{clip} has no frame that can be decoded", clip=place)
 
 
@@ -275,3 +326,82 @@ def _is_within(at: float | None, start: float | None, end: float | None) -> bool
 
 def _interlaced(place: str) -> UnshutterError:
     return UnshutterError("{clip} is interlaced: its rows are of two moments; deinterlace it first", clip=place)
+
+
+# ---- frames ahead of their use, and tracks between them ----------------------------------------------------------
+
+_T = TypeVar("_T")
+_END = object()
+_ASK_S = 0.1  # interval at which a waiting step checks whether to stop
+
+
+def ahead(items: Iterable[_T], most: int) -> Generator[_T]:
+    """Yields the items, computed by a separate thread up to ``most`` ahead; re-raises its errors.
+
+    When the iterator is closed, the thread ends after its current item and closes its own source.
+    """
+    waiting: Queue[Any] = Queue(most)
+    stopped = threading.Event()
+    thread = threading.Thread(target=_work, args=(iter(items), waiting, stopped), daemon=True)
+    thread.start()
+    try:
+        while True:
+            item, error = waiting.get()
+            if error is not None:
+                raise error
+            if item is _END:
+                return
+            yield item
+    finally:
+        stopped.set()
+        while thread.is_alive():
+            with suppress(Empty):
+                waiting.get_nowait()
+            thread.join(_ASK_S)
+
+
+def _work(source: Iterator[Any], waiting: Queue[Any], stopped: threading.Event) -> None:
+    """Puts items into a queue, followed by an end marker or an error."""
+
+    def put(item: Any, error: BaseException | None) -> bool:
+        while not stopped.is_set():
+            with suppress(Full):
+                waiting.put((item, error), timeout=_ASK_S)
+                return True
+        return False
+
+    try:
+        for item in source:
+            if not put(item, None):
+                break
+        put(_END, None)
+    except BaseException as error:  # re-raised by the consumer, whatever it is
+        put(_END, error)
+    finally:
+        if isinstance(source, Generator):
+            source.close()
+
+
+COPY_SIDE = 270  # px, short side of the copies in which corners are tracked
+_FOLLOWED_AHEAD = 3  # frames
+
+
+def followed(
+    request: ClipRequest, start: float | None, end: float | None, side: int = COPY_SIDE
+) -> Iterator[tuple[VideoFrame, float | None, Tracks | None, Background | None]]:
+    """Yields the frames between two times [s], each with tracks of corners since the previous one.
+
+    Args:
+        start, end: the times; None means no limit.
+        side: short side of the grey copies in which corners are tracked [px].
+
+    Yields:
+        The frame; the time since the previous one (:meth:`Clip.since`); and, except for the first frame, all tracks
+        and those of the background.
+    """
+    clip, before, grey_before = request.clip, None, None
+    for frame in ahead(clip.iter_frames(start, end), _FOLLOWED_AHEAD):
+        grey = request.grey(frame, side)
+        tracks = None if grey_before is None else follow(grey_before, grey)
+        yield frame, clip.since(before, frame), tracks, None if tracks is None else background(tracks)
+        before, grey_before = frame, grey

@@ -7,83 +7,71 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
 
-import cv2
 import numpy as np
 
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.frames.frame_motion import FrameMotion
-from unshutter.frames.self_calibration import ReadoutRatio
-from unshutter.frames.sequence import CameraMotion, known_ratio
-from unshutter.frames.shots import GreyFrame
-from unshutter.geometry.readout import Readout
+from unshutter.frames.self_calibration import GreyFrame
+from unshutter.frames.sequence import CameraMotion, stated_time
 from unshutter.motion import Motion
-from unshutter.options import Camera, Clock, ClockKeywords, FrameModel, Reference
-from unshutter.options.description import check_time, from_keywords, takes_options, with_values
-from unshutter.photo.argument import check_size
-from unshutter.video.camera_path import CameraPath
+from unshutter.options import Camera, Clock, FrameModel, Reference
+from unshutter.options.clip_options import MAX_CLIP_PIXELS, ClipEdges, ClipUndo, RectifyClip, Steadiness
+from unshutter.options.fields import check_time, for_python, from_keywords
+from unshutter.photo.photo import check_size
+from unshutter.readout_time import ReadoutTime
+from unshutter.video.clip import COPY_SIDE, small_grey
 from unshutter.video.clip_rectification import rectify_clip_file
-from unshutter.video.frame_map import FrameMap, Scratch, warp_plane
-from unshutter.video.moving_frames import COPY_SIDE, FEWEST, small_motion, window_for
-from unshutter.video.options import ClipEdges, ClipUndo, RectifyClip, Steadiness
+from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, warp_plane
+from unshutter.video.frame_warper import FEWEST, small_motion, window_for
 from unshutter.video.outcome import ClipOutcome
-from unshutter.video.stabilisation import stabilised
-from unshutter.video.steady_view import SteadyView
+from unshutter.video.stabilisation import CameraPath, stabilised
 
 _MOST_BANDS = 4
 
 
-class RectifyClipOptions(TypedDict, total=False):
-    """Keywords of :func:`rectify_clip`."""
-
-    readout_ms: float | None
-    readout_ratio: float | None
-    camera: str | None
-    readout: str
-    focal_px: float | None
-    gyro: str | None
-    reference: Reference
-    strength: float
-    edges: ClipEdges
-    model: FrameModel
-    stabilize: float | None
-    zoom_limit: float | None
-    level: bool
-    codec: str | None
-    crf: float | None
-    preset: str | None
-    fps: float | None
-    start: float | None
-    end: float | None
-    motion: str | Path | None
-    save_motion: str | Path | None
-    preview: str | Path | None
-    plot: str | Path | None
-    only_changed: bool
-    overwrite: bool
-    json_log: str | Path | None
-    max_pixels: int
-
-
-@takes_options(RectifyClipOptions, RectifyClip)
+@for_python(RectifyClip)
 def rectify_clip(
     source: str | os.PathLike[str],
     output: str | os.PathLike[str],
     *,
     progress: Callable[[str, int, int], None] | None = None,
-    on_readout: Callable[[ReadoutRatio, float], None] | None = None,
-    **options: Unpack[RectifyClipOptions],
+    on_readout: Callable[[ReadoutTime, float], None] | None = None,
+    readout_ms: float | None = None,
+    readout_ratio: float | None = None,
+    camera: str | None = None,
+    readout: str = "auto",
+    focal_px: float | None = None,
+    gyro: str | None = None,
+    reference: Reference = "middle",
+    strength: float = 1.0,
+    edges: ClipEdges = "fill",
+    model: FrameModel = "camera",
+    stabilize: float | None = None,
+    zoom_limit: float | None = None,
+    level: bool = False,
+    codec: str | None = None,
+    crf: float | None = None,
+    preset: str | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    motion: str | Path | None = None,
+    save_motion: str | Path | None = None,
+    preview: str | Path | None = None,
+    plot: str | Path | None = None,
+    only_changed: bool = False,
+    overwrite: bool = False,
+    json_log: str | Path | None = None,
+    max_pixels: int = MAX_CLIP_PIXELS,
 ) -> ClipOutcome:
     """Writes a clip without its rolling-shutter distortion; prints nothing.
 
     Args:
-        source: a film, a folder of numbered pictures, or a pattern of their names (``frames/%05d.png``).
-        output: the file to write; for pictures a new folder, or a pattern.
+        source: a film.
+        output: the file to write.
         progress: called with the name of a step, the number of its parts that are done, and the expected total.
         on_readout: called with the readout ratio and the frame interval [s] once the ratio is found; not called if
             you state it.
-        **options: as those of ``unshutter video``.
 
     Returns:
         The number of rectified frames, why others were left unchanged, and the readout ratio with its source.
@@ -97,33 +85,28 @@ def rectify_clip(
         >>> outcome.frames
         16
     """
-    values: dict[str, Any] = dict(options)
-    values |= {name: Path(values[name]) for name in _PATHS if values.get(name) is not None}
-    chosen = with_values(RectifyClip, lambda option: values.get(option.key, option.default))
-    return rectify_clip_file(os.fspath(source), os.fspath(output), chosen, watch=progress, on_readout=on_readout)
-
-
-_PATHS = ("motion", "save_motion", "preview", "plot", "json_log")
+    options = from_keywords(RectifyClip, locals())
+    return rectify_clip_file(os.fspath(source), os.fspath(output), options, watch=progress, on_readout=on_readout)
 
 
 # ---- frames from your own decoder -----------------------------------------------------------------------------
 
 
-class ClipFramesOptions(ClockKeywords, total=False):
-    """Keywords of :func:`rectify_clip_frames`."""
-
-    readout_ms: float | None
-    focal_px: float | None
-    readout: str
-    reference: Reference
-    strength: float
-    edges: ClipEdges
-    stabilize: float | None
-    zoom_limit: float | None
-
-
-@takes_options(ClipFramesOptions, Clock, Camera, ClipUndo, Steadiness)
-def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFramesOptions]) -> Iterator[np.ndarray]:
+@for_python(Clock, Camera, ClipUndo, Steadiness)
+def rectify_clip_frames(
+    frames: Iterable[np.ndarray],
+    *,
+    readout_ratio: float | None = None,
+    readout_ms: float | None = None,
+    fps: float | None = None,
+    focal_px: float | None = None,
+    readout: str = "auto",
+    reference: Reference = "middle",
+    strength: float = 1.0,
+    edges: ClipEdges = "fill",
+    stabilize: float | None = None,
+    zoom_limit: float | None = None,
+) -> Iterator[np.ndarray]:
     """Rectifies the frames of a clip that you decode yourself, using one camera motion for each whole frame.
 
     Frames are yielded in order, some 30 frames after they are read, and as many are held in memory; up to 240 while
@@ -140,7 +123,6 @@ def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFram
         stabilize: also smooth the camera's path: movements shorter than this many seconds are removed. This takes
             two passes, so ``frames`` must be a list, or an object that starts again each time it is iterated over;
             the first frame is yielded after the first pass.
-        **options: other ways to state the readout ratio, and how motion is undone.
 
     Yields:
         Each frame as a new array, or the frame itself if it does not change.
@@ -154,15 +136,14 @@ def rectify_clip_frames(frames: Iterable[np.ndarray], **options: Unpack[ClipFram
         >>> sum(1 for frame in unshutter.rectify_clip_frames(frames, readout_ratio=0.6))
         10
     """
-    steadiness, fps = from_keywords(Steadiness, options), options.get("fps")
-    for_ratio = None if steadiness.stabilize is not None and options.get("readout_ms") is None else fps
-    ratio = known_ratio(options.get("readout_ratio"), options.get("readout_ms"), for_ratio)
-    undo, readout = from_keywords(ClipUndo, options), Readout.parse(options.get("readout", "auto"))
+    for_ratio = None if stabilize is not None and readout_ms is None else fps
+    keywords = locals() | {"fps": for_ratio}
+    known, undo = from_keywords(Camera, keywords), from_keywords(ClipUndo, keywords)
+    steadiness, time = from_keywords(Steadiness, keywords), stated_time(from_keywords(Clock, keywords), known)
     if undo.edges not in ("fill", "keep"):
         raise UsageError(f"frames of an iterator take edges fill or keep, not {undo.edges}")
-    focal_px = from_keywords(Camera, {"focal_px": options.get("focal_px")}).focal_px
-    camera = CameraMotion(ratio, focal_px, readout, fewest=FEWEST, whole_path=steadiness.stabilize is not None)
-    if steadiness.stabilize is None:
+    camera = CameraMotion(time, focal_px, known.direction, fewest=FEWEST, whole_path=stabilize is not None)
+    if stabilize is None:
         return _rectified(iter(frames), camera, undo)
     if iter(frames) is frames:
         raise UsageError(
@@ -184,7 +165,8 @@ def _steady(
 ) -> Iterator[np.ndarray]:
     path, last = None, None
     for frame, motion in _with_motion(iter(frames), camera):
-        path = path or CameraPath(undo, camera.readout, *camera.readout.frame_size(*frame.shape[:2]))
+        height, width = camera.readout.frame_size(*frame.shape[:2])
+        path = path or CameraPath(undo, camera.readout, width / height)
         small, cut = small_motion(motion), last is not None and motion.scene != last.scene
         path.add(small, motion.step_from(last), cut, len(path) / fps)
         last = motion
@@ -198,11 +180,7 @@ def _steady(
 
 
 def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator[tuple[np.ndarray, FrameMotion]]:
-    """Yields frames with their motion, some frames after reading them.
-
-    Raises:
-        UnknownRatioError: the readout ratio is unknown, and the frames do not reveal it.
-    """
+    """Yields frames with their motion, some frames after reading them."""
     first = next(frames, None)
     if first is None:
         return
@@ -214,7 +192,9 @@ def _with_motion(frames: Iterator[np.ndarray], camera: CameraMotion) -> Iterator
         for frame in chain([first], frames):
             _check(frame, first)
             waiting.append(frame)
-            yield _grey_frame(frame, camera.readout)
+            grey = small_grey(frame, COPY_SIDE, 8 * frame.itemsize)
+            size = camera.readout.frame_size(*frame.shape[:2])
+            yield GreyFrame(*size, np.ascontiguousarray(camera.readout.turn(grey)))
 
     for motion in camera.motions(grey_frames()):
         if motion.ratio_unknown and motion.reason is not None and searched:
@@ -233,17 +213,6 @@ def _check(frame: np.ndarray, first: np.ndarray) -> None:
         shapes = [f"{each.dtype} {'x'.join(map(str, each.shape))}" for each in (first, frame)]
         raise UnshutterError(f"frames must be of one size and type: the first is {shapes[0]}, another {shapes[1]}")
     check_size(frame.shape[0], frame.shape[1], "a frame")
-
-
-def _grey_frame(frame: np.ndarray, readout: Readout) -> GreyFrame:
-    height, width = frame.shape[:2]
-    luma = frame if frame.ndim == 2 else frame[..., 1] if frame.shape[2] > 2 else frame[..., 0]
-    scale = min(1.0, COPY_SIDE / min(height, width))
-    size = (max(1, round(width * scale)), max(1, round(height * scale)))
-    small = np.asarray(cv2.resize(np.ascontiguousarray(luma), size, interpolation=cv2.INTER_AREA))
-    grey = small if small.dtype == np.uint8 else np.right_shift(small, 8).astype(np.uint8)
-    height, width = readout.frame_size(height, width)
-    return GreyFrame(height, width, np.ascontiguousarray(readout.turn(grey)))
 
 
 def _undone(

@@ -1,75 +1,69 @@
-"""The gyro log of a clip: found in its file or next to it, compared with the picture, and used if they agree."""
+"""The gyro log of a clip: found in its file or next to it, aligned with the picture, and used if they agree.
+
+To align them, the turn of every pair of frames is compared with the log at each offset and in each of the 24 possible
+orientations of the axes; then all unknowns are adjusted together (gyro_fit.py). If the clip was stabilised by the
+camera, or the log belongs to another clip, the turns do not follow the log's.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import permutations
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from unshutter.frames.camera import ROWS
-from unshutter.frames.self_calibration import ReadoutRatio
-from unshutter.frames.sequence import CameraMotion
-from unshutter.frames.tracks import TRACKED_SIDE, background, follow
-from unshutter.geometry.readout import Readout
-from unshutter.gyro.alignment import Pair
-from unshutter.gyro.log import GyroLog
-from unshutter.gyro.reading import log_by_parser, log_of_file
-from unshutter.gyro.rows import GyroTurns
-from unshutter.gyro.synchronisation import Synchronisation, synchronised
-from unshutter.progress import Steps, Watch
+from unshutter.frames.camera import ROWS, track_jacobian
+from unshutter.frames.tracks import TRACKED_SIDE
+from unshutter.options.clip_options import GYRO_OFF
+from unshutter.progress import counted
+from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.video.clip import Clip
-from unshutter.video.moving_frames import look
-from unshutter.video.options import GYRO_OFF, Shutter
-from unshutter.video.pipeline import ahead
-from unshutter.video.readout_tags import readout_tag
+from unshutter.video.clip import Clip, ClipRequest, followed
+from unshutter.video.gyro_fit import Adjusted, Adjustment, GyroTurns
+from unshutter.video.gyro_log import Alignment, GyroLog, Pair, can_parse, log_by_parser, log_of_file
+
+if TYPE_CHECKING:
+    from unshutter.motion.shapes import Float64
 
 _PARTS, _PART = 14, 31  # number of parts of a clip that are compared with the log, and frames in each
 _FEWEST = 15  # pairs of frames with usable tracks
 _LEAST_TRACKS = 12  # of a pair
 _MISSING_S = 0.25  # at either end of a clip that a log may omit
+_BEYOND_S = 10.0  # of a log kept at either end of a clip
 _SAME_CLOCK_S = 0.6  # largest offset between the clocks of a log and a clip in one file
+_LOG_TRACKS = ("GoPro MET", "Timed Metadata Media Handler", "DJI meta", "CAM meta", "CameraMetadataMotionHandler")
 _INSTA360 = b"8db42d694ccc418790edff439fe026bf"  # last bytes of Insta360's files, which have their log at the end
 
 
 @dataclass(frozen=True)
 class ClipGyro:
-    """A clip's gyro log and the result of comparing it with the clip.
+    """A clip's gyro log and the result of comparing it with the clip."""
 
-    Attributes:
-        origin: where the log comes from.
-        synchronisation: how the log is aligned with the clip; None if they could not be compared.
-        turns: the camera's rotation; None if the log is not used.
-        reason: why the log is not used; None if it is.
-        stated_ratio: readout time stated in the log [frame intervals]; None if it states none.
-    """
-
-    origin: str
-    synchronisation: Synchronisation | None
-    turns: GyroTurns | None
-    reason: Reason | None
-    stated_ratio: float | None = None
+    origin: str  # where the log comes from
+    synchronisation: Synchronisation | None  # how the log is aligned with the clip; None if they could not be compared
+    turns: GyroTurns | None  # the camera's rotation; None if the log is not used
+    reason: Reason | None  # why the log is not used; None if it is
+    stated: ReadoutTime | None = None  # readout time stated in the log; None if it states none, or none is needed
 
     @property
-    def ratio(self) -> ReadoutRatio | None:
-        """The readout ratio revealed by the clip and its log; None if they do not reveal it."""
+    def stabilised(self) -> Reason | None:
+        """The reason why the clip's rows must have been moved after they were read out; None if there is none."""
+        return self.reason if self.reason is not None and self.reason.code is Code.GYRO_DISAGREES else None
+
+    @property
+    def readout_time(self) -> ReadoutTime | None:
+        """The readout time revealed by the clip and its log; None if they do not reveal it."""
         if self.synchronisation is None or self.reason is not None:
             return None
-        if self.stated_ratio is not None:
-            return ReadoutRatio(self.stated_ratio, 0.0, "gyro log", self.origin)
+        if self.stated is not None:
+            return self.stated
         if not self.synchronisation.shows_ratio:
             return None
         alignment, error = self.synchronisation.alignment, self.synchronisation.adjusted.ratio_error
-        return ReadoutRatio(float(np.clip(alignment.ratio, 0, 1)), error, "gyro")
-
-    def with_ratio(self, ratio: float) -> ClipGyro:
-        """Returns the log with a readout ratio from another source; the time of the middle row does not change."""
-        if self.turns is None:
-            return self
-        return replace(self, turns=replace(self.turns, alignment=replace(self.turns.alignment, ratio=ratio)))
+        return ReadoutTime(float(np.clip(alignment.ratio, 0, 1)), error, "gyro")
 
     def as_json(self) -> dict[str, Any]:
         """Returns the record for a log of runs."""
@@ -87,50 +81,32 @@ class ClipGyro:
         return record
 
 
-def gyro_of_clip(
-    clip: Clip,
-    readout: Readout,
-    shutter: Shutter,
-    span: tuple[float, float],
-    ratio: float | None = None,
-    watch: Watch | None = None,
-) -> ClipGyro | None:
-    """Returns the gyro log of a clip, synchronised with it, or None if it has none.
-
-    Args:
-        clip: the clip.
-        readout: direction in which the stored pixels were read.
-        shutter: what the user states about the camera, and the log's file.
-        span: the selected part of the clip [s].
-        ratio: readout time in frame intervals, if known.
-        watch: called for every part of the clip that is examined.
-
-    Raises:
-        UnshutterError: the clip, or the log that the user names, cannot be read.
-    """
+def gyro_of_clip(request: ClipRequest, known: ReadoutTime | None = None) -> ClipGyro | None:
+    """Returns the gyro log of a clip, synchronised with it, or None if it has none."""
+    clip, shutter = request.clip, request.options.shutter
     log = _log(clip, shutter.gyro)
     if log is None:
-        return None
-    span = span[0], min(span[1], clip.duration_s) if clip.duration_s else span[1]
+        name = _unread_log(clip) if shutter.gyro is None and not can_parse() else None
+        return ClipGyro(name, None, None, Reason(Code.GYRO_UNREAD)) if name else None
+    begin_s, end_s = request.span
+    span = begin_s, min(end_s, clip.duration_s) if clip.duration_s else end_s
     offsets = _offsets(log, span)
-    if offsets is None:
+    if not offsets:
         return ClipGyro(log.origin, None, None, Reason(Code.GYRO_TOO_SHORT))
-    stated = None
-    if ratio is None:
-        tag = None if clip.of_pictures else readout_tag(clip.path)
-        stated_ms = log.readout_ms if tag is None else tag.ms
-        ratio = None if stated_ms is None else min(stated_ms / 1000 / clip.interval_s, 1.0)
-        stated = ratio if tag is None else None
-    pairs = list(_pairs(clip, readout, _parts(clip, log, span), watch))
+    stated = log.readout_time if known is None else None
+    known = known or stated
+    ratio = known and known.in_frames(clip.interval_s).value
+    pairs = list(_pairs(request, _parts(clip, log, span)))
     if len(pairs) < _FEWEST:
         return ClipGyro(log.origin, None, None, Reason(Code.TOO_LITTLE_TO_FOLLOW))
-    height = readout.frame_size(clip.height, clip.width)[0]
-    focal_px = None if shutter.focal_px is None else shutter.focal_px * ROWS / height
+    focal_px = None if shutter.focal_px is None else shutter.focal_px * ROWS / request.frame_size[0]
     synchronisation = synchronised(log, pairs, clip.interval_s, offsets, ratio, focal_px)
     reason = synchronisation.reason
     if reason is None and not _covers(log, synchronisation, span):
         reason = Reason(Code.GYRO_TOO_SHORT)
-    turns = GyroTurns(log, synchronisation.alignment) if reason is None else None
+    begin_s, end_s = synchronisation.alignment.log_time(np.array(span), np.array([0.0, 1.0]))
+    part = log.between(begin_s - _BEYOND_S, end_s + _BEYOND_S)
+    turns = GyroTurns(part, synchronisation.alignment) if reason is None else None
     return ClipGyro(log.origin, synchronisation, turns, reason, stated)
 
 
@@ -140,7 +116,7 @@ def _log(clip: Clip, choice: str | None) -> GyroLog | None:
         return None
     if choice is not None:
         return log_of_file(choice)
-    return log_by_parser(clip.path) if not clip.of_pictures and _may_have_log(clip) else None
+    return log_by_parser(clip.path) if _may_have_log(clip) else None
 
 
 def _may_have_log(clip: Clip) -> bool:
@@ -153,12 +129,19 @@ def _may_have_log(clip: Clip) -> bool:
         return bool(container.streams.data)
 
 
-def _offsets(log: GyroLog, span: tuple[float, float]) -> tuple[float, float] | None:
-    """Returns the least and greatest offset of the log's clock, or None if the log is shorter than the clip."""
+def _unread_log(clip: Clip) -> str | None:
+    """Returns the name of the track in which a clip's camera keeps its gyro log; None if it has none."""
+    with clip.opened() as container:
+        names = [stream.metadata.get("handler_name", "").strip() for stream in container.streams.data]
+    return next((name for name in names if name.startswith(_LOG_TRACKS)), None)
+
+
+def _offsets(log: GyroLog, span: tuple[float, float]) -> list[tuple[float, float]]:
+    """Returns ranges of possible offsets of the log's clock; none if the log has no stretch as long as the clip."""
     if log.on_clip_clock:
-        return -_SAME_CLOCK_S, _SAME_CLOCK_S
-    least, greatest = log.span_s[0] - span[0] - _MISSING_S, log.span_s[1] - span[1] + _MISSING_S
-    return (least, greatest) if least < greatest else None
+        return [(-_SAME_CLOCK_S, _SAME_CLOCK_S)]
+    ranges = [(begin - span[0] - _MISSING_S, end - span[1] + _MISSING_S) for begin, end in log.stretches if begin < end]
+    return [(least, greatest) for least, greatest in ranges if least < greatest]
 
 
 def _covers(log: GyroLog, synchronisation: Synchronisation, span: tuple[float, float]) -> bool:
@@ -194,16 +177,225 @@ def _liveliness(log: GyroLog, begin_s: float, length_s: float) -> float:
     return float(np.diff(angles, axis=0).std(axis=0).sum() * _PART / length_s)
 
 
-def _pairs(clip: Clip, readout: Readout, starts: list[float], watch: Watch | None) -> Iterator[Pair]:
+def _pairs(request: ClipRequest, starts: list[float]) -> Iterator[Pair]:
     """Yields the tracks between consecutive frames in parts of the clip."""
-    camera, steps = CameraMotion(readout=readout), Steps("gyro", len(starts), watch)
+    for start in counted("gyro", starts, request.watch):
+        before_s = 0.0
+        end = start + (_PART - 0.5) * request.clip.interval_s
+        for frame, since, _, pair in followed(request, start, end, TRACKED_SIDE):
+            if pair is not None and since is not None and pair.joined and len(pair.tracks) >= _LEAST_TRACKS:
+                yield Pair(pair.tracks, before_s, frame.time or 0.0)
+            before_s = frame.time or 0.0
+
+
+# ---- the log's alignment with the clip -------------------------------------------------------------------------
+
+_HALF = ROWS / 2  # px: a turn about the viewing axis moves the picture's edge by this times the angle
+_USUAL = 0.85  # expected focal length, as a multiple of width + height
+_FOCALS = (0.25, 6.0)  # shortest and longest, as multiples of the usual one
+_GUESSED_RATIO = 0.5
+_LAG_S, _LONG_LAG_S, _MANY_LAGS = 0.004, 0.008, 20_000  # spacing of the offsets to try; the spacing if there are many
+_LAGS_AT_ONCE, _FINER = 1 << 14, 4  # offsets; a log is sampled at this fraction of their spacing
+_MARGIN_S = 2.0  # at both ends of the part of a log that is adjusted
+_FOLLOWS = 0.84  # minimum correlation. Measured: real clips 0.97 or more, stabilised ones up to 0.5 (0.83 if slightly)
+_LEAST_PX = 0.1  # px of ROWS rows: smaller turns between frames do not show the offset of a log
+_NO_SIGNAL = 0.01  # share of the log's turns: less counts as no signal
+_CANDIDATES, _CLOSE, _RIVAL = 3, 0.3, 1.1  # offsets to adjust; their distance, and their largest initial cost ratio
+_BETTER = 0.95  # share of the first one's noise that a rival must not exceed
+_SURE_RATIO, _RATIOS = 0.02, (0.02, 1.03)  # maximum error of an accepted ratio, and the possible range of ratios
+
+
+@dataclass(frozen=True)
+class Synchronisation:
+    """Alignment of a log with a clip, and how well the clip follows the log."""
+
+    adjusted: Adjusted  # the alignment with its errors
+    # correlation of the turns of frames with the log's; of the turns or of their changes, whichever is less
+    follows: float
+    turns_px: float  # size of the turns between frames in the log, without the constant part [px of ROWS rows]
+    ratio_known: bool  # whether the readout ratio was known beforehand
+
+    @property
+    def alignment(self) -> Alignment:
+        """The adjusted alignment, without its errors."""
+        return self.adjusted.alignment
+
+    @property
+    def reason(self) -> Reason | None:
+        """The reason why the log must not be used; None if the clip follows it."""
+        if self.turns_px < _LEAST_PX:
+            return Reason(Code.GYRO_TOO_CALM)
+        if self.follows < _FOLLOWS:
+            return Reason.of(Code.GYRO_DISAGREES, correlation=max(self.follows, 0.0))
+        return None
+
+    @property
+    def shows_ratio(self) -> bool:
+        """Whether the clip and its log determine the readout ratio."""
+        shortest, longest = _RATIOS
+        possible = shortest < self.alignment.ratio < longest
+        return not self.ratio_known and self.reason is None and possible and self.adjusted.ratio_error < _SURE_RATIO
+
+
+def synchronised(
+    log: GyroLog,
+    pairs: Sequence[Pair],
+    interval_s: float,
+    offsets_s: Sequence[tuple[float, float]],
+    ratio: float | None = None,
+    focal_px: float | None = None,
+) -> Synchronisation:
+    """Aligns a log with a clip.
+
+    Args:
+        pairs: tracks between frames of the clip, all of one size, some of them not empty.
+        offsets_s: ranges of possible offsets of the log's clock [s].
+        ratio: readout time in frame intervals, if it is known.
+        focal_px: focal length [px of ROWS rows], if it is known.
+    """
+    tracks = pairs[0].tracks
+    usual = focal_px or _USUAL * (tracks.width + tracks.height) * ROWS / tracks.height
+    lag = _LAG_S if sum(last - first for first, last in offsets_s) < _LAG_S * _MANY_LAGS else _LONG_LAG_S
+    at = float(np.mean([pair.begin_s for pair in pairs]))
+    begun = _GUESSED_RATIO if ratio is None else ratio
+    starts = [
+        Alignment(axes, offset_s, 0.0, at, np.zeros(3), focal_px or coarse_px, begun, interval_s)
+        for axes, offset_s, coarse_px in _coarse(log, pairs, offsets_s, lag, usual)
+    ]
+    ends = min(pair.begin_s for pair in pairs) - _MARGIN_S, max(pair.end_s for pair in pairs) + _MARGIN_S
+    known = usual, focal_px is not None, ratio is not None
+    solved = []
     for start in starts:
-        before = grey_before = None
-        for frame in ahead(clip.iter_frames(start, start + (_PART - 0.5) * clip.interval_s), 3):
-            grey = look(clip, frame, camera, 1.0, TRACKED_SIDE).grey
-            if before is not None and grey_before is not None and clip.since(before, frame) is not None:
-                tracked = background(follow(grey_before, grey))
-                if tracked.joined and len(tracked.tracks) >= _LEAST_TRACKS:
-                    yield Pair(tracked.tracks, before.time or 0.0, frame.time or 0.0)
-            before, grey_before = frame, grey
-        steps.advance()
+        part = log.between(start.offset_s + ends[0], start.offset_s + ends[1])
+        solved.append((Adjustment(part, pairs, *known).solve(start), part))
+    (adjusted, part), *rivals = solved
+    for rival, beside in rivals:
+        adjusted, part = (rival, beside) if rival.noise_px < _BETTER * adjusted.noise_px else (adjusted, part)
+    follows, turns_px = _agreement(part, pairs, adjusted.alignment)
+    return Synchronisation(adjusted, follows, turns_px, ratio is not None)
+
+
+def _agreement(log: GyroLog, pairs: Sequence[Pair], alignment: Alignment) -> tuple[float, float]:
+    """Correlates frames' turns with the log's (see :class:`Synchronisation`); also returns the size of the latter.
+
+    The turns are those shown by the tracks, and those that the tracks would show according to the log: if every row
+    of a frame turned differently, they are only a mean. The correlation between two halves of the tracks shows how much
+    of the picture's turns is not noise.
+    """
+    scale = np.array([1, 1, _HALF / alignment.focal_px])
+    gyro = GyroTurns(log, alignment)
+    halves, logged = [], []
+    for pair in pairs:
+        tracks = pair.tracks
+        still = gyro.without(tracks, pair.begin_s, pair.end_s)
+        predicted = replace(tracks, end=tracks.start + tracks.end - still.end)
+        odd = np.arange(len(tracks)) % 2 > 0
+        parts = (tracks.only(odd), tracks.only(~odd), predicted)
+        one, other, by_log = (turns(replace(pair, tracks=part), alignment.focal_px)[:3] * scale for part in parts)
+        halves.append((one, other))
+        logged.append(by_log)
+    seen, turned = np.array(halves), np.array(logged)
+    seen, turned = seen - seen.mean(axis=0), turned - turned.mean(axis=0)
+    size = float(np.sqrt((turned**2).sum(axis=1).mean()))
+    changes = np.diff(seen, axis=0), np.diff(turned, axis=0)
+    return min(_correlation(seen, turned), _correlation(*changes)), size
+
+
+def _correlation(seen: np.ndarray, turned: np.ndarray) -> float:
+    """Correlates both halves [n, 2, 3] of the seen turns with the logged turns [n, 3]; 1 if there is only noise."""
+    signal, logged = (seen[:, 0] * seen[:, 1]).sum(), (turned**2).sum()
+    if logged < len(turned) * _LEAST_PX**2:
+        return 1.0
+    together = (seen.mean(axis=1) * turned).sum()
+    return float(min(together / np.sqrt(max(signal, _NO_SIGNAL * logged) * logged), 1.0))
+
+
+# ---- search over offsets and orientations of the axes -----------------------------------------------------------
+
+
+def _ways() -> np.ndarray:
+    ways = []
+    for order in permutations(range(3)):
+        for signs in np.ndindex(2, 2, 2):
+            matrix = np.zeros((3, 3))
+            matrix[range(3), order] = 1 - 2 * np.array(signs)
+            if np.linalg.det(matrix) > 0:
+                ways.append(matrix)
+    return np.array(ways)
+
+
+def turns(pair: Pair, focal_px: float) -> Float64[np.ndarray, "4"]:
+    """Fits turns about three axes and growth to a pair of frames [px of ROWS rows: angle times focal length]."""
+    jacobian, moved = track_jacobian(pair.tracks, focal_px)
+    jacobian, moved = jacobian.reshape(-1, 4), moved.ravel()
+    weights = np.ones(len(moved))
+    answer = np.zeros(4)
+    for _ in range(4):
+        answer = np.linalg.lstsq(jacobian * weights[:, None], moved * weights, rcond=None)[0]
+        off = np.abs(moved - jacobian @ answer)
+        weights = 1 / np.sqrt(1 + (off / (2 * np.median(off) + 1e-3)) ** 2)
+    return answer
+
+
+def _coarse(
+    log: GyroLog, pairs: Sequence[Pair], offsets_s: Sequence[tuple[float, float]], lag_s: float, focal_px: float
+) -> list[tuple[np.ndarray, float, float]]:
+    """Finds axes, offset [s] and focal length [px of ROWS rows] at which frames and log agree best, and rivals."""
+    seen = np.array([turns(pair, focal_px)[:3] for pair in pairs]) * [1, 1, _HALF / focal_px]
+    seen -= seen.mean(axis=0)
+    begin, end = (np.array([getattr(pair, name) for pair in pairs]) for name in ("begin_s", "end_s"))
+    ways, tried = _ways(), []
+    for first, last in offsets_s:
+        for start in np.arange(first, last + lag_s, _LAGS_AT_ONCE * lag_s):
+            lags = np.arange(start, min(start + (_LAGS_AT_ONCE - 0.5) * lag_s, last + lag_s), lag_s)
+            sums = _sums(log, seen, begin, end, lags[0], lag_s / _FINER, len(lags) * _FINER)
+            cross, energy = (each[::_FINER] for each in sums)
+            along, power = np.einsum("lij,wij->lwi", cross, ways), np.einsum("lj,wij->lwi", energy, np.abs(ways))
+            sideways, width = along[..., 0] + along[..., 1], power[..., 0] + power[..., 1]
+            focal = np.clip(sideways / (width + 1e-12), _FOCALS[0] * focal_px, _FOCALS[1] * focal_px)
+            cost = (seen**2).sum() + focal**2 * width - 2 * focal * sideways
+            cost += _HALF**2 * power[..., 2] - 2 * _HALF * along[..., 2]
+            best = np.arange(len(lags)), cost.argmin(axis=1)
+            tried.append((lags, cost[best], best[1], focal[best]))
+    lags, cost, way, focal = (np.concatenate(each) for each in zip(*tried, strict=True))
+    most, found = cost.min() + (_RIVAL - 1) * abs(cost.min()), []
+    while len(found) < _CANDIDATES and cost.min() <= most:
+        k = cost.argmin()
+        found.append((ways[way[k]], float(lags[k]), float(focal[k])))
+        cost[np.abs(lags - lags[k]) < _CLOSE * float(np.median(end - begin))] = np.inf
+    return found
+
+
+def _sums(
+    log: GyroLog, seen: np.ndarray, begin: np.ndarray, end: np.ndarray, first_s: float, step_s: float, lags: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sums over pairs the products of seen and logged turns [lags, 3, 3], and the squares of the latter [lags, 3].
+
+    As correlations along the log, by Fourier transforms: a long log is compared at a million offsets.
+
+    Args:
+        seen: turns of the pairs [pairs, 3].
+        begin, end: times of their frames [s].
+        first_s, step_s, lags: the first offset, the distance to the next [s], and their number.
+    """
+    count = int((end.max() - begin.min()) / step_s) + 2
+    size = 1 << (lags + count - 1).bit_length()
+    times = begin.min() + first_s + step_s * np.arange(lags + count)
+    usual_s = float(np.median(end - begin))
+    angles = log.angles(times)
+    turned = log.angles(times + usual_s) - angles
+
+    def kernel(at: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        place = (at - begin.min()) / step_s
+        before = place.astype(int)
+        share = place - before
+        return np.bincount(before, (1 - share) * weights, count) + np.bincount(before + 1, share * weights, count)
+
+    def along(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        product = np.fft.rfft(values, size, axis=0) * np.fft.rfft(weights, size, axis=0).conj()
+        return np.fft.irfft(product, size, axis=0)[:lags]
+
+    kernels = [kernel(begin, each) - kernel(end, each) for each in seen.T]
+    cross = np.stack([along(angles, each[:, None]) for each in kernels], axis=1)
+    one = kernel(begin, np.ones(len(begin)))[:, None]
+    return cross, np.maximum(along(turned**2, one) - along(turned, one) ** 2 / len(begin), 0)

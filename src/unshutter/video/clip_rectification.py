@@ -1,49 +1,71 @@
-"""Rectifies a whole clip: checks it, determines its readout time, rectifies its frames and writes the output file."""
+"""Rectifies a whole clip: checks it, determines its readout time, rectifies its frames and writes the output file.
+
+The steps of the frames are generators that run ahead of one another in threads. Packets of the clip's other streams
+pass through all of them, in their place between the frames.
+
+    VideoFrame -> MovingFrame -> (LinkedFrame ->) NewFrame
+"""
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Generator, Iterable
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import cv2
+import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.frames.self_calibration import ReadoutRatio
-from unshutter.geometry.readout import Readout
-from unshutter.progress import Steps, Watch
+from unshutter.export import check_plot
+from unshutter.frames.frame_motion import SHARES
+from unshutter.motion import RowMotion
+from unshutter.motion.warp import thread_count
+from unshutter.options import check_focal
+from unshutter.options.clip_options import GIVEN, Encode, RectifyClip
+from unshutter.progress import Watch
+from unshutter.readout_time import ReadoutTime
 from unshutter.reasons import Code, Reason
-from unshutter.storage.files import written_whole
-from unshutter.storage.new_folders import new_folder
-from unshutter.video import mp4_movie, pictures
-from unshutter.video.clip import Clip, SidePacket
-from unshutter.video.clip_gyro import ClipGyro, gyro_of_clip
-from unshutter.video.clip_motion_file import ClipMotion, load, motion_written
-from unshutter.video.clip_preview import write_preview
+from unshutter.storage.files import JsonLog, check_motion_name, check_target, remove_leftovers, written_whole
+from unshutter.storage.locations import RunFiles, place
+from unshutter.video import film_file, mp4
+from unshutter.video.clip import Clip, ClipRequest, SidePacket, ahead
+from unshutter.video.clip_gyro import ClipGyro
 from unshutter.video.encoders import Encoder
-from unshutter.video.film_file import FilmWriter, RateCallback, write_picture, writing
-from unshutter.video.frame_warper import NewFrame, Warper, common_window
-from unshutter.video.options import Encode, RectifyClip
-from unshutter.video.outcome import ClipOutcome
-from unshutter.video.output_checks import are_pictures, check_targets, on_this_machine
-from unshutter.video.path_pass import watched, with_steady_views
-from unshutter.video.pipeline import Pipeline
-from unshutter.video.readout_choice import Visibility, readout_ratio_of_clip, too_little_to_see
+from unshutter.video.film_file import FilmWriter, RateCallback, fitted, holds_covers, start_of, writing
+from unshutter.video.frame_warper import (
+    ROWS,
+    LinkedFrame,
+    MovingFrame,
+    NewFrame,
+    Warper,
+    common_window,
+    linked,
+    side_by_side,
+    with_motion,
+)
+from unshutter.video.gyro_fit import GyroTurns, has_gravity, up_directions
+from unshutter.video.outcome import ClipMotion, ClipOutcome, MotionWriter, load
+from unshutter.video.readout import camera_of_clip, too_little_to_see
+from unshutter.video.stabilisation import CameraPath, Stabilisation, stabilised
+
+if TYPE_CHECKING:
+    from av import VideoFrame
 
 _MP4 = {".mp4", ".mov", ".m4v", ".3gp", ".3g2"}
 
-ReadoutCallback: TypeAlias = Callable[[ReadoutRatio, float], None]  # receives the ratio and the frame interval [s]
+ReadoutCallback: TypeAlias = Callable[[ReadoutTime, float], None]  # receives the ratio and the frame interval [s]
 
 
 def rectify_clip_file(
     source: str,
     output: str,
     options: RectifyClip,
-    ratio: ReadoutRatio | None = None,
+    ratio: ReadoutTime | None = None,
     watch: Watch | None = None,
     on_readout: ReadoutCallback | None = None,
     on_rate: RateCallback | None = None,
@@ -51,222 +73,291 @@ def rectify_clip_file(
     """Writes a clip without its rolling-shutter distortion. Prints nothing.
 
     Args:
-        source: a film, a folder of pictures, or a pattern of their names.
-        output: a file, or a folder or pattern for pictures.
-        options: the user's options.
         ratio: the readout ratio, if already known; ignored if the options state it.
         watch: called for every frame.
         on_readout: called once the readout ratio is found, which may be long before the clip is done.
         on_rate: called early if the new film will be much larger or smaller than the clip (see ``FilmWriter``).
-
-    Raises:
-        UsageError: the options do not suit the clip.
-        UnshutterError: the clip cannot be read, or the output cannot be written.
     """
     cv2.setNumThreads(1)  # the pipeline has its own threads
-    path, target = on_this_machine(source), Path(on_this_machine(output))
-    log, after_killed_run = check_targets(path, target, options)
-    clip = Clip.look(path, options.fps, options.max_pixels)
-    if options.fps is not None and not clip.of_pictures:
-        raise UsageError("--fps is for sequences of pictures: a film says it itself")
+    path, target, log, after_killed_run = _checked_files(source, output, options)
+    clip = Clip.look(path, options.max_pixels)
     end_s = clip.expected.end_s
     if options.start is not None and end_s is not None and options.start >= end_s:
         raise UnshutterError(f"{{clip}} ends at {end_s:.1f} s: --start must come before that", clip=clip.path)
-    clip.check_whole(options.start, options.end)
-    encoder = Encoder.choose(clip, options.encode) if not are_pictures(target) else None
-    pipeline, visibility, gyro = _pipeline(clip, options, ratio, watch, on_readout)
-    outcome = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
-    outcome.after_killed_run, outcome.gyro = after_killed_run, gyro
+    clip.expected.check(path, options.end)
+    film = _Output.of(clip, options, target)
+    pipeline = _pipeline(ClipRequest.of(clip, options, watch), ratio, on_readout)
+    result = ClipOutcome(source, output, pipeline.ratio, clip.interval_s, options.undo.model)
+    result.after_killed_run, result.gyro = after_killed_run, pipeline.gyro
     if options.steadiness.stabilize is not None:
-        pipeline = with_steady_views(pipeline, gyro, watch)
-        outcome.stabilisation = pipeline.stabilisation
-    if visibility is not None and pipeline.unmoved is not None and _is_simple(clip, target, options):
-        outcome.add_unchanged(visibility.frames, pipeline.unmoved)
-        outcome.written = not options.only_changed
-        if outcome.written:
-            _copy(clip, target, options.overwrite)
+        pipeline = _with_steady_views(pipeline)
+        result.stabilisation = pipeline.stabilisation
+    if pipeline.unmoved is not None and pipeline.stabilisation is None and film.may_be_copy:  # but damage is not copied
+        frames = sum(1 for _ in _watched(pipeline)) if pipeline.frames is None else pipeline.frames
+        result.add_unchanged(frames, pipeline.unmoved)
+        result.written = not options.only_changed
+        if result.written:
+            with written_whole(target, options.overwrite) as part:
+                shutil.copyfile(clip.path, part)
     else:
-        _write(pipeline, encoder, target, outcome, watch, on_rate)
-    if options.preview is not None and outcome.written:
-        write_preview(options.preview, clip, str(target), options.start or 0.0, outcome.frames, options.overwrite)
+        _write(pipeline, film, result, on_rate)
+    if options.preview is not None and result.written:
+        film_file.write_preview(options.preview, clip, str(target), options.start, result.frames, options.overwrite)
     if options.plot is not None:
-        outcome.plot(options.plot, options.overwrite)
+        result.plot(options.plot, options.overwrite)
     if log is not None:
-        log.add("clip", **outcome.as_json())
-    return outcome
+        log.add("clip", **result.as_json())
+    return result
 
 
-def _pipeline(
-    clip: Clip,
-    options: RectifyClip,
-    ratio: ReadoutRatio | None,
-    watch: Watch | None,
-    on_readout: ReadoutCallback | None,
-) -> tuple[Pipeline, Visibility | None, ClipGyro | None]:
-    """Returns the steps for a clip, with readout ratio and direction from the motion file, the options or the clip.
+# ---- checks before any work -------------------------------------------------------------------------------
+
+
+def _checked_files(source: str, output: str, options: RectifyClip) -> tuple[str, Path, JsonLog | None, bool]:
+    """Checks that each output may be written, and that none of them is a file that the run reads.
 
     Returns:
-        The steps; the bound on visible motion, if a clip of unknown readout time cannot show enough to change a frame;
-        and the gyro log, if there is one.
+        The clip's path and the result's; the log, if requested; and whether leftovers of an earlier, killed run were
+        removed there.
     """
+    path, target = _on_this_machine(source), Path(_on_this_machine(output))
+    files = RunFiles(options, reads=[Path(path)])
+    files.writes("--output", target)
+    files.check(target)
+    film_file.check_endings(target, options.preview)
+    if options.plot is not None:
+        check_plot(options.plot)
+    if options.save_motion is not None:
+        check_motion_name(options.save_motion.name)
+    leftovers = False
+    for each in filter(None, (target, options.save_motion, options.preview, options.plot)):
+        check_target(each, options.overwrite)
+        leftovers |= bool(remove_leftovers(each.parent)) and each is target
+    return path, target, JsonLog(options.json_log) if options.json_log is not None else None, leftovers
+
+
+def _on_this_machine(source: str) -> str:
+    """Returns a name that FFmpeg cannot misread: it interprets ``concat:a|b``, ``subfile,...:a`` and URLs."""
+    file = place(source)
+    if not isinstance(file, Path):
+        raise UnshutterError(f"{source} is not on this machine: clips are files of it")
+    return os.path.abspath(file) if ":" in str(file) else str(file)
+
+
+# ---- the steps for a clip ---------------------------------------------------------------------------------
+
+
+def _pipeline(request: ClipRequest, ratio: ReadoutTime | None, on_readout: ReadoutCallback | None) -> Pipeline:
+    """Returns the steps for a clip, with readout time and direction from the motion file, the options or the clip."""
+    clip, options, search = request.clip, request.options, ratio is None
     if options.motion is not None:
         motion = load(options.motion)
-        _check_size(motion, clip)
-        return (
-            Pipeline(clip, options, ReadoutRatio(motion.ratio, 0.0, "motion file"), motion.readout, motion),
-            None,
-            None,
-        )
-    readout, ratio_option = Readout.parse(options.shutter.readout), options.shutter.ratio(clip.interval_s)
-    search = ratio_option is None and ratio is None
-    if ratio_option is not None:
-        ratio = ReadoutRatio(ratio_option, 0.0, "given")
-    span = options.span(clip.duration_s)
-    gyro = gyro_of_clip(clip, readout, options.shutter, span, None if ratio is None else ratio.value, watch)
-    if ratio is None and gyro is not None:
-        ratio = gyro.ratio
-    if ratio is None:
-        ratio = readout_ratio_of_clip(clip, readout, options.shutter, span, watch)
-    gyro = None if gyro is None else gyro.with_ratio(ratio.value)
-    pipeline = Pipeline(clip, options, ratio, readout, gyro=None if gyro is None else gyro.turns)
+        if (motion.height, motion.width) != (clip.height, clip.width):
+            raise UnshutterError(
+                f"the motion file is of frames of {motion.width}x{motion.height} px, the clip has "
+                f"{clip.width}x{clip.height}: it is of another clip"
+            )
+        ratio = ReadoutTime(motion.ratio, 0.0, "motion file", unit_s=clip.interval_s)
+        return Pipeline(replace(request, readout=motion.readout), ratio, motion)
+    check_focal(options.shutter.focal_px, request.frame_size[0])
+    ratio, gyro = camera_of_clip(request, ratio)
+    pipeline = Pipeline(request, ratio, gyro=gyro)
+    if ratio.declined is not None:
+        return replace(pipeline, unmoved=ratio.declined)
     if ratio.plausible is not None and options.steadiness.stabilize is None:
-        visibility = too_little_to_see(clip, readout, options, ratio.plausible.highest, watch)
+        visibility = too_little_to_see(request, ratio.plausible[1])
         if visibility is not None:
             reason = Reason.of(Code.NOTHING_TO_SEE, px=max(round(visibility.largest_px, 1), 0.1))
-            return replace(pipeline, unmoved=reason), visibility, gyro
-    if search and on_readout is not None:
+            return replace(pipeline, unmoved=reason, frames=visibility.frames)
+    if search and ratio.source != GIVEN and on_readout is not None:
         on_readout(ratio, clip.interval_s)
-    return pipeline, None, gyro
+    return pipeline
 
 
-def _check_size(motion: ClipMotion, clip: Clip) -> None:
-    """Raises UnshutterError if a motion file belongs to frames of another size."""
-    if (motion.height, motion.width) != (clip.height, clip.width):
+def _with_steady_views(pipeline: Pipeline) -> Pipeline:
+    """Returns the steps for stabilising a clip, after a first pass that determines the camera's path."""
+    request, options = pipeline.request, pipeline.request.options
+    turns = _level_turns(pipeline.gyro) if options.steadiness.level else None
+    undo = options.undo if pipeline.unmoved is None else replace(options.undo, strength=0.0)
+    height, width = request.frame_size
+    path = CameraPath(undo, request.readout, width / height)
+    for moving in _watched(replace(pipeline, unmoved=None)):
+        path.add(moving.motion, moving.step, moving.cut, moving.frame.time or 0.0)
+    if pipeline.file_motion is not None and not any(path.middle_steps):
         raise UnshutterError(
-            f"the motion file is of frames of {motion.width}x{motion.height} px, the clip has "
-            f"{clip.width}x{clip.height}: it is of another clip"
+            f"{options.motion} does not say how the camera turned between frames: it is of an earlier version; "
+            "write it again with --save-motion"
         )
+    up = turns and up_directions(turns, np.array(path.times_s), SHARES[options.undo.reference])
+    return replace(pipeline, stabilisation=stabilised(path, options.steadiness, request.clip.interval_s, up))
+
+
+def _level_turns(gyro: ClipGyro | None) -> GyroTurns:
+    """Returns the turns of a gyro log that gives the direction of gravity; raises UsageError if it does not."""
+    if gyro is None:
+        raise UsageError("--level needs a gyro log with acceleration, and the clip has no log: name one with --gyro")
+    if gyro.turns is None:
+        raise UsageError(f"--level needs the clip's gyro log ({gyro.origin}), which cannot be used: {gyro.reason}")
+    if not has_gravity(gyro.turns):
+        raise UsageError(f"--level needs acceleration, which the gyro log ({gyro.origin}) does not have")
+    return gyro.turns
+
+
+def _watched(pipeline: Pipeline) -> Generator[MovingFrame]:
+    """Yields the frames with their motion, reporting progress for each: a pass before that which writes the film."""
+    steps = pipeline.request.steps("looking")
+    with closing(pipeline.moving()) as items:
+        for item in items:
+            if not isinstance(item, SidePacket):
+                steps.advance()
+                yield item
+
+
+_LINKED_AHEAD = 1  # frames, all held in memory
+_MOVING_AHEAD = 8  # frames, if they are small
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """The processing steps of a clip's frames."""
+
+    request: ClipRequest
+    ratio: ReadoutTime  # readout time in frame intervals
+    file_motion: ClipMotion | None = None  # motion from a file; None to estimate it from the frames
+    unmoved: Reason | None = None  # why no frame is changed; None if frames are rectified
+    frames: int | None = None  # number of frames, if all were examined to find that none is to be changed
+    gyro: ClipGyro | None = None  # the clip's gyro log; None if it has none
+    # the frames' views and motion from a first pass; None if the camera's path is left unchanged
+    stabilisation: Stabilisation | None = None
+
+    def moving(self, all_streams: bool = False) -> Generator[MovingFrame | SidePacket]:
+        """Yields the frames with their motion; with ``all_streams``, also the packets of the other streams."""
+        clip, options = self.request.clip, self.request.options
+        items = clip.items(options.start, options.end, all_streams)
+        if self.stabilisation is not None or self.unmoved is not None or self.file_motion is not None:
+            return self._with_known_motion(items)
+        whole_path = options.steadiness.stabilize is not None or options.save_motion is not None
+        moving = with_motion(self.request, items, self.ratio, self.gyro and self.gyro.turns, whole_path)
+        return ahead(moving, clip.most_ahead(_MOVING_AHEAD))  # as the next are analysed
+
+    def _with_known_motion(self, items: Iterable[VideoFrame | SidePacket]) -> Generator[MovingFrame | SidePacket]:
+        unchanged = None if self.unmoved is None else RowMotion.zero(ROWS, ROWS, reason=self.unmoved)
+        number = 0
+        for item in items:
+            if isinstance(item, SidePacket):
+                yield item
+                continue
+            if self.stabilisation is not None:
+                path, view = self.stabilisation.path, self.stabilisation.view(number)
+                motion = unchanged or path.motion(number)
+                yield MovingFrame(item, motion, path.cuts[number], step=path.middle_steps[number], view=view)
+            elif unchanged is not None:
+                yield MovingFrame(item, unchanged)
+            elif self.file_motion is not None:
+                motion, cut, step = self.file_motion.at(item.time or 0.0)
+                yield MovingFrame(item, motion, cut, step=step)
+            number += 1
+
+    def rectified(self, warper: Warper, all_streams: bool = False) -> Generator[NewFrame | SidePacket]:
+        """Yields the frames to encode; with ``all_streams``, also the packets of the other streams."""
+        request, undo = self.request, self.request.options.undo
+        items: Generator[MovingFrame | LinkedFrame | SidePacket] = self.moving(all_streams)
+        if undo.model == "dense" and undo.strength and self.unmoved is None:
+            items = ahead(linked(request, items, self.ratio.value), _LINKED_AHEAD)
+        return side_by_side(warper, items, thread_count())
 
 
 # ---- output ---------------------------------------------------------------------------------------------
 
 
-def _write(
-    pipeline: Pipeline,
-    encoder: Encoder | None,
-    target: Path,
-    outcome: ClipOutcome,
-    watch: Watch | None,
-    on_rate: RateCallback | None,
-) -> None:
-    """Writes the clip; as pictures if there is no encoder."""
-    clip, options = pipeline.clip, pipeline.options
-    warper = Warper(clip, options.undo)
-    if options.undo.edges == "crop":
-        with closing(pipeline.moving()) as items:
-            warper = Warper(clip, options.undo, common_window(warper, watched(items, clip, options, watch)))
-    try:
-        if encoder is None:
-            _write_pictures(pipeline, warper, target, outcome, watch)
-        else:
-            _write_film(pipeline, warper, encoder, target, outcome, watch, on_rate)
-    except _NothingChangedError:
-        outcome.written = False
+@dataclass(frozen=True)
+class _Output:
+    """The new film."""
+
+    target: Path
+    encoder: Encoder
+    into_copy: bool  # whether the new frames replace those in a copy of the clip's file
+    kind: str  # file ending of the film that FFmpeg writes
+    may_be_copy: bool  # whether the clip's file can be copied if no frame changes: nothing else is to be written
+
+    @classmethod
+    def of(cls, clip: Clip, options: RectifyClip, target: Path) -> _Output:
+        kind = target.suffix.lower()
+        alike = options.start is None and options.end is None and kind == Path(clip.path).suffix.lower()
+        into_copy = alike and kind in _MP4 and mp4.can_take(clip.path)
+        if into_copy and kind != ".mov":
+            kind = ".mp4"
+        simple = alike and options.encode == Encode() and options.save_motion is options.plot is None
+        return cls(target, fitted(Encoder.choose(clip, options.encode), clip, kind), into_copy, kind, simple)
 
 
 class _NothingChangedError(Exception):
     """No frame changes, and the user wants no output in that case."""
 
 
-def _copy(clip: Clip, target: Path, overwrite: bool) -> None:
-    """Copies the clip's file unchanged."""
-    with written_whole(target, overwrite) as part:
-        shutil.copyfile(clip.path, part)
-
-
-def _is_simple(clip: Clip, target: Path, options: RectifyClip) -> bool:
-    """Whether a clip without changed frames can be copied as a file, with no motion to write or plot."""
-    whole = options.start is None and options.end is None
-    same_kind = not clip.of_pictures and target.suffix.lower() == Path(clip.path).suffix.lower()
-    return whole and same_kind and options.encode == Encode() and options.save_motion is options.plot is None
+def _write(pipeline: Pipeline, film: _Output, result: ClipOutcome, on_rate: RateCallback | None) -> None:
+    """Writes the film, unless nothing changes and the user wants no output in that case."""
+    warper = Warper(pipeline.request.clip, pipeline.request.options.undo)
+    if warper.undo.edges == "crop":
+        with closing(_watched(pipeline)) as frames:
+            warper = replace(warper, window=common_window(warper, frames))
+    try:
+        _write_film(pipeline, warper, film, result, on_rate)
+    except _NothingChangedError:
+        result.written = False
 
 
 def _write_film(
-    pipeline: Pipeline,
-    warper: Warper,
-    encoder: Encoder,
-    target: Path,
-    outcome: ClipOutcome,
-    watch: Watch | None,
-    on_rate: RateCallback | None,
+    pipeline: Pipeline, warper: Warper, film: _Output, result: ClipOutcome, on_rate: RateCallback | None
 ) -> None:
-    """Writes a film; its frames replace those in a copy of the clip's file if the format allows it."""
-    clip, options = pipeline.clip, pipeline.options
-    whole = options.start is None and options.end is None
-    into_copy = whole and _same_family(clip.path, target) and mp4_movie.can_take(clip.path)
+    clip, options, target = pipeline.request.clip, pipeline.request.options, film.target
     with ExitStack() as stack:
-        part = stack.enter_context(written_whole(target, options.overwrite))
+        part, motions = stack.enter_context(written_whole(target, options.overwrite)), None
+        if options.save_motion is not None:
+            motion_part = stack.enter_context(written_whole(options.save_motion, options.overwrite))
+            stream = stack.enter_context(motion_part.open("w", encoding="utf-8"))
+            motions = MotionWriter(stream, pipeline.request, pipeline.ratio)
         source = stack.enter_context(clip.opened())
-        frames = stack.enter_context(tempfile.TemporaryFile(dir=target.parent)) if into_copy else None
-        container = stack.enter_context(writing(part if frames is None else frames, target.suffix, clip.ticks))
-        items = stack.enter_context(_counted(pipeline, warper, outcome, watch, all_streams=not into_copy))
-        film = FilmWriter(container, source, clip, encoder, not into_copy, warper.size, options.start or 0.0, on_rate)
-        for item in items:
-            if isinstance(item, SidePacket):
-                film.add_packet(item.packet)
-            else:
-                film.add_frame(item.picture)
-        film.end()
-        if options.only_changed and not outcome.rectified:
+        frames = None
+        if film.into_copy or holds_covers(film.kind, source):
+            frames = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
+        container = stack.enter_context(writing(frames or part, film.kind, clip.ticks))
+        others, start_s = (None, 0.0) if film.into_copy else (film.kind, start_of(clip, source, film.kind))
+        start_s = start_s if options.start is None else max(start_s, options.start)
+        writer = FilmWriter(container, source, clip, film.encoder, others, warper.size, start_s, on_rate)
+        items = stack.enter_context(closing(pipeline.rectified(warper, all_streams=not film.into_copy)))
+        _write_frames(pipeline.request, items, result, motions, writer)
+        if options.only_changed and not result.rectified:
             raise _NothingChangedError
-        outcome.left_out = film.left_out
+        result.left_out = writer.left_out
         if frames is not None:
             with open(clip.path, "rb") as original, part.open("r+b") as out:
-                mp4_movie.write_with_film(original, frames, out)
+                if film.into_copy:
+                    mp4.write_with_film(original, frames, out)
+                else:
+                    mp4.write_with_covers(frames, writer.covers, out)
 
 
-def _write_pictures(
-    pipeline: Pipeline, warper: Warper, target: Path, outcome: ClipOutcome, watch: Watch | None
+def _write_frames(
+    request: ClipRequest,
+    items: Iterable[NewFrame | SidePacket],
+    result: ClipOutcome,
+    motions: MotionWriter | None,
+    writer: FilmWriter,
 ) -> None:
-    """Writes pictures into a new folder, which is given its name once all of them are written."""
-    folder, name = pictures.folder_and_name(target, pipeline.clip.pictures)
-    with new_folder(folder) as part, _counted(pipeline, warper, outcome, watch) as items:
-        for number, item in enumerate(items, 1):
-            assert isinstance(item, NewFrame)  # no other streams were requested
-            write_picture(item.picture, part / (name % number))
-        if pipeline.options.only_changed and not outcome.rectified:
-            raise _NothingChangedError
-
-
-@contextmanager
-def _counted(
-    pipeline: Pipeline, warper: Warper, outcome: ClipOutcome, watch: Watch | None, all_streams: bool = False
-) -> Iterator[Iterator[NewFrame | SidePacket]]:
-    """Yields the rectified frames and packets, counting each frame in the outcome and writing its motion.
-
-    Raises:
-        UnshutterError: there are no frames, or the motion file cannot be written.
-    """
-    clip, options = pipeline.clip, pipeline.options
-    steps = Steps("frames", clip.expected_frames(options.start, options.end), watch)
-
-    def counted() -> Iterator[NewFrame | SidePacket]:
-        for item in items:
-            if isinstance(item, NewFrame):
-                outcome.add(item.source)
-                if motions is not None:
-                    motions.add(item.source)
-                steps.advance()
-            yield item
-        if not outcome.frames:
-            raise UnshutterError("{clip} has no frames there", clip=clip.path)
-
-    with (
-        motion_written(options.save_motion, options.overwrite, clip, pipeline.ratio, pipeline.readout) as motions,
-        closing(pipeline.rectified(warper, all_streams)) as items,
-    ):
-        yield counted()
-
-
-def _same_family(source: str, target: Path) -> bool:
-    return Path(source).suffix.lower() in _MP4 and target.suffix.lower() == Path(source).suffix.lower()
+    """Writes the frames and packets to the film, and their motion; counts each frame in the outcome."""
+    steps = request.steps("frames")
+    for item in items:
+        if isinstance(item, NewFrame):
+            result.add(item.source)
+            if motions is not None:
+                motions.add(item.source)
+            steps.advance()
+            writer.add_frame(item.picture)
+        else:
+            writer.add_packet(item.packet)
+    if not result.frames:
+        raise UnshutterError("{clip} has no frames there", clip=request.clip.path)
+    writer.end()
+    if motions is not None:
+        motions.end()

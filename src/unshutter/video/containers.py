@@ -1,25 +1,25 @@
-"""Film files as read by PyAV: the video stream, its packets and frames one by one, and their presentation times."""
+"""Film files as read by PyAV: the video stream, its packets, frames and their times; and files that are cut off."""
 
 from __future__ import annotations
 
+import math
 import os
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from unshutter import installation
 from unshutter.errors import UnshutterError
-from unshutter.storage.plain_files import check_plain
-from unshutter.video.pictures import PictureSequence
+from unshutter.frames.pyav import av, open_to_read
+from unshutter.options.clip_options import JOIN
+from unshutter.storage.files import check_plain
 
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
+
 
 _LOOKED_AT = 120  # packets from which the usual frame interval is determined
 # FFmpeg's names of accepted formats. Lists of other files (HLS, concat) are excluded, because they could make it
@@ -29,47 +29,24 @@ _KINDS = (
     "wtv,yuv4mpegpipe,gif"
 )
 _LARGEST_FRAME = 1 << 28  # px; a decoder allocates memory before its frames' size can be checked
-
-
-@cache
-def av() -> ModuleType:
-    """Returns the library that reads and writes films.
-
-    Raises:
-        UnshutterError: it is not installed.
-    """
-    os.environ.setdefault("SVT_LOG", "1")  # silences an encoder that writes to standard error
-    try:
-        import av
-        from av import logging
-    except ImportError:
-        raise UnshutterError(f"clips need PyAV: {installation.extra('video')}") from None
-    logging.set_level(None)
-    return av
+_STATE_SECONDS = ("matroska", "flv", "asf")  # FFmpeg's names of formats whose headers hold the length in seconds
+_NEAR = 1.5  # frame intervals: tolerance of the end of a film
+_SHORT = 2.0  # frame intervals: tolerance if another stream may be the longest in a cut-off file
+_REORDERED = 32  # frames within which decoding and presentation order may differ
+_SLOPPY, _SLOPPY_S = 4, 0.25  # frame intervals and seconds by which headers of complete files may be wrong
 
 
 @contextmanager
-def opened(place: str, pictures: PictureSequence | None = None, fps: float | None = None) -> Iterator[Any]:
-    """Opens a file with PyAV.
-
-    Args:
-        place: path of a film; for pictures only a name for messages.
-        pictures: a sequence of pictures; None for a film.
-        fps: frames per second of pictures.
-
-    Raises:
-        UnshutterError: there is no such file, or it is not a film.
-    """
-    if pictures is None:
-        check_plain(Path(place))
-        name, arguments = place, {"options": {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME)}}
-    else:
-        rate = str(Fraction(fps or 30).limit_denominator(100_000))
-        settings = {"framerate": rate, "start_number": str(pictures.first), "pattern_type": "sequence"}
-        name, arguments = pictures.pattern, {"format": "image2", "options": settings}
+def opened(place: str, **options: str) -> Iterator[Any]:
+    """Opens a file with PyAV, and with options of FFmpeg's."""
+    if os.path.isdir(place):
+        raise UnshutterError(f"{{clip}} is a folder, not a film: {JOIN}", clip=place)
+    check_plain(Path(place))
+    settings = {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME), **options}
+    library = av()  # outside the try: Ctrl-C during its import would leave half a module for the clause below
     try:  # absolute path, because text before a colon would be taken for a protocol
-        container = av().open(os.path.abspath(name), metadata_errors="replace", **arguments)
-    except (OSError, ValueError, av().error.FFmpegError) as error:
+        container = open_to_read(os.path.abspath(place), options=settings)
+    except (OSError, ValueError, library.error.FFmpegError) as error:
         cause = error.strerror if isinstance(error, OSError) else ""
         raise UnshutterError(
             f"cannot read {{clip}}: {cause or 'no film that can be read; the file may be cut off or damaged'}",
@@ -157,17 +134,12 @@ def bits_per_s(container: Any, stream: Any) -> float:
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """The rule by which a film's frames get their times.
+    """The rule by which a film's frames get their times."""
 
-    Attributes:
-        start: time of the first frame if it has none [ticks of the film].
-        step: usual time from one frame to the next [ticks].
-        delay: in files that store decoding times only (AVI), the decoding time minus the presentation time [ticks];
-            None for files with presentation times.
-    """
-
-    start: int
-    step: int
+    start: int  # time of the first frame if it has none [ticks of the film]
+    step: int  # usual time from one frame to the next [ticks]
+    # in files that store decoding times only (AVI), the decoding time minus the presentation time [ticks]; None for
+    # files with presentation times
     delay: int | None = None
 
 
@@ -189,3 +161,77 @@ class Times:
         elif self._last is not None and at <= self._last:
             at = self._last + 1
         frame.pts = self._last = at
+
+
+# ---- films whose file is cut off --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ExpectedLength:
+    """The length of a film as its file states it."""
+
+    frames: int  # number of frames in its tables; 0 if unknown
+    seconds: float | None  # end time of its longest stream, if it is stated in seconds; None if unknown
+    interval_s: float  # usual frame interval [s]
+    start_s: float  # start time of the film [s]
+    end_s: float | None  # end time according to its tables [s]; None if unknown
+
+    @classmethod
+    def of(cls, container: Any, stream: Any, interval_s: float, has_tables: bool) -> ExpectedLength:
+        """Returns what an open file states about its film."""
+        kind, frames, seconds = container.format.name.partition(",")[0], stream.frames, None
+        if kind == "avi":  # some of its frames may be empty: a repeated frame has no data
+            frames, seconds = 0, frames * interval_s or None
+        elif kind in _STATE_SECONDS and container.duration:
+            seconds = container.duration / 1_000_000
+        start_s = float((stream.start_time or 0) * stream.time_base)
+        end_s = start_s + float(stream.duration * stream.time_base) if has_tables else None
+        return cls(frames, seconds, interval_s, start_s, end_s)
+
+    def check(self, path: str, end: float | None) -> None:
+        """Raises UnshutterError if a film ends earlier than stated, and before the time ``end`` [s]."""
+        near, torn = _NEAR * self.interval_s, False
+        frames, film_s, all_s = 0, -math.inf, -math.inf
+        latest: deque[float] = deque(maxlen=_REORDERED)  # ends of frames [s]
+        with opened(path) as container:
+            film = film_of(container, path)
+            for packet in packets(container, None, path):
+                if not packet.size:
+                    continue
+                at = time_of(packet)
+                at = -math.inf if at is None else at + float((packet.duration or 0) * packet.time_base)
+                torn, all_s = packet.is_corrupt, max(all_s, at)
+                if packet.stream_index == film.index:
+                    frames, film_s = frames + 1, max(film_s, at)
+                    latest.append(at)
+                    if end is not None and film_s >= end - near:
+                        return
+        if torn or frames < self.frames:  # up to the first gap among its last frames
+            ends = sorted(latest)
+            film_s = next((a for a, b in pairwise(ends) if b - a > near), film_s)
+        problem = self._problem(frames, film_s, all_s, torn)
+        if problem is not None:
+            until = math.floor(10 * film_s) / 10 if math.isfinite(film_s) else 0.0
+            way = f"; --end {until:.1f} keeps what is there" if until > max(self.start_s, 0.0) else ""
+            raise UnshutterError(f"{{clip}} {problem}: the file is cut off{way}", clip=path)
+
+    def _problem(self, frames: int, film_s: float, all_s: float, torn: bool) -> str | None:
+        """Returns what is wrong with a file's end, from its number of frames and the ends of its film and streams."""
+        if frames < self.frames:
+            if self.end_s and film_s < self.end_s - _NEAR * self.interval_s:
+                return f"ends early, {self._share(film_s, self.end_s)}"
+            return f"ends after {frames} of its {self.frames} frames"
+        if self.seconds is not None and not self.frames:
+            missing = self.seconds - self._since(film_s if torn else all_s, self.seconds)
+            if missing > (_SHORT * self.interval_s if torn else max(_SLOPPY * self.interval_s, _SLOPPY_S)):
+                return f"ends early, {self._share(film_s, self.seconds)}"
+        elif torn and not self.frames and self.end_s is not None:
+            return "ends in the middle of its data"
+        return None
+
+    def _since(self, at: float, seconds: float) -> float:
+        """Returns how much of the stated length was read: late-starting files count from their start, others from 0."""
+        return at - self.start_s if self.start_s >= seconds else at
+
+    def _share(self, film_s: float, seconds: float) -> str:
+        return f"after {max(self._since(film_s, seconds), 0.0):.1f} of {seconds:.1f} s"

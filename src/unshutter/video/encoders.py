@@ -9,12 +9,13 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.video.clip import Clip, frame_bytes
-from unshutter.video.containers import av
-from unshutter.video.options import Encode
+from unshutter.frames.pyav import av
+from unshutter.options.clip_options import Encode
+from unshutter.video.clip import Clip
 
 if TYPE_CHECKING:
     from av.video.stream import VideoStream
+
 
 # FFmpeg's name of a codec -> the encoder that writes it
 _ENCODERS = {
@@ -31,7 +32,11 @@ _X26X = (*("ultrafast", "superfast", "veryfast", "faster", "fast"), *("medium", 
 _PRESETS = {"libx264": _X26X, "libx265": _X26X, "libsvtav1": tuple(str(k) for k in range(14))}
 _QSCALE = {"mjpeg": 2, "mpeg4": 2, "mpeg2video": 2}
 _BY_RATE = {*_CRF, "mpeg4", "mpeg2video"}  # encoders that can take the bit rate of a clip of the same codec
-_PRORES = {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"}
+_PROFILES = {
+    "prores_ks": {"Proxy": "0", "LT": "1", "Standard": "2", "HQ": "3", "4444": "4", "4444 XQ": "5", "XQ": "5"},
+    "dnxhd": {f"DNXHR {each}": f"dnxhr_{each.lower()}" for each in ("LB", "SQ", "HQ", "HQX", "444")},
+}
+REDUCED = {"yuv444p12le": "yuv444p10le", "yuva444p12le": "yuva444p10le"}  # decoded ProRes 4444 -> what is encoded
 _CONSTANT_RATE = {"mpeg1video", "mpeg2video"}  # frames are numbered and have no times of their own
 _COARSE = {"mpeg4", "msmpeg4", "msmpeg4v2", "wmv1", "wmv2", "h263p", "flv"}  # time bases have at most 16 bits
 _MOST_TICKS = 65_535  # per second, for these
@@ -42,39 +47,23 @@ _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
 
 @dataclass(frozen=True)
 class Encoder:
-    """An encoder and its settings.
+    """An encoder and its settings."""
 
-    Attributes:
-        name: FFmpeg's name of the encoder.
-        pixel_format: format of the frames to encode; the clip's own, unless that is a sequence of pictures.
-        options: options of the encoder.
-        qscale: quality for encoders without CRF; None if CRF or a bit rate is set.
-        bits_per_s: target bit rate; None if the quality determines it.
-    """
-
-    name: str
-    pixel_format: str
-    options: dict[str, str] = field(default_factory=dict)
-    qscale: int | None = None
-    bits_per_s: int | None = None
+    name: str  # FFmpeg's name of the encoder
+    pixel_format: str  # format of the frames to encode
+    options: dict[str, str] = field(default_factory=dict)  # options of the encoder
+    qscale: int | None = None  # quality for encoders without CRF; None if CRF or a bit rate is set
+    bits_per_s: int | None = None  # target bit rate; None if the quality determines it
+    tagged: bool = True  # whether the film gets the codec tag of a clip of the same codec
 
     @classmethod
     def choose(cls, clip: Clip, encode: Encode) -> Encoder:
-        """Chooses the encoder for a clip.
-
-        Args:
-            clip: the input clip.
-            encode: the user's codec, quality and preset.
-
-        Raises:
-            UsageError: the encoder does not support the preset or quality.
-            UnshutterError: there is no encoder for these frames.
-        """
-        name = encode.codec or ("libx264" if clip.of_pictures else clip.codec)
+        """Chooses the encoder for a clip."""
+        name = encode.codec or clip.codec
         name = _ENCODERS.get(name, name)
         format_ = _checked(name, clip)
         options = _speed(name, encode.preset)
-        same_codec = name == _ENCODERS.get(clip.codec, clip.codec) and not clip.of_pictures
+        same_codec = name == _ENCODERS.get(clip.codec, clip.codec)
         rate = round(clip.bits_per_s) if same_codec and encode.crf is None and name in _BY_RATE else 0
         if name in _QSCALE and not rate:
             return cls(name, format_, options, round(encode.crf) if encode.crf is not None else _QSCALE[name])
@@ -82,7 +71,7 @@ class Encoder:
             options["crf"] = f"{encode.crf if encode.crf is not None else _CRF[name]:g}"
         elif encode.crf is not None and name not in _CRF:
             raise UsageError(f"{name} has no such quality: leave out --crf")
-        if name == "libx264" and frame_bytes(clip) > _LARGE:
+        if name == "libx264" and clip.frame_bytes > _LARGE:
             options["rc-lookahead"] = "4"
         if name == "libvpx-vp9":
             options |= {"row-mt": "1"} if rate else {"b": "0", "row-mt": "1"}
@@ -93,17 +82,7 @@ class Encoder:
         return cls(name, format_, options, bits_per_s=rate or None)
 
     def add_to(self, container: Any, like: VideoStream, clip: Clip, size: tuple[int, int]) -> VideoStream:
-        """Adds a stream with this encoder to a container.
-
-        Args:
-            container: PyAV's, open for writing.
-            like: the input stream.
-            clip: the input clip.
-            size: height and width of the frames [px].
-
-        Raises:
-            UnshutterError: files of this kind cannot hold such a stream.
-        """
+        """Adds a stream with this encoder to a container."""
         rate = like.guessed_rate or like.average_rate or 30
         try:
             stream = container.add_stream(self.name, rate=rate, options=dict(self.options))
@@ -123,7 +102,7 @@ class Encoder:
         if self.name == "mjpeg":
             stream.options["strict"] = "unofficial"
         if _ENCODERS.get(clip.codec, clip.codec) == self.name:
-            _follow(stream, source)
+            _follow(stream, source, self.tagged)
         return stream
 
 
@@ -132,24 +111,28 @@ def _checked(name: str, clip: Clip) -> str:
     try:
         codec = av().Codec(name, "w")
     except ValueError:
-        raise UnshutterError(f"this FFmpeg has no encoder '{name}': choose another with --codec") from None
+        raise UnshutterError(f"this FFmpeg has no encoder '{name}': {other_encoders(clip.pixels.name)}") from None
     if codec.type != "video":
         raise UsageError(f"'{name}' is not an encoder of films: choose libx264, libx265, libsvtav1 or prores_ks")
     takes = [each.name for each in codec.video_formats or []]
     if not takes or clip.pixels.name in takes:
         return clip.pixels.name
-    if clip.of_pictures:  # with colours that films do not have; all other formats are kept
-        odd = "444" if (clip.height | clip.width) & 1 else "420"
-        preferred = [f"yuv{odd}p", f"yuv{odd}p10le"] if clip.pixels.depth == 8 else [f"yuv{odd}p10le", f"yuv{odd}p"]
-        if usable := [each for each in [*preferred, "yuv422p10le"] if each in takes]:
-            return usable[0]
+    if name == "prores_ks" and REDUCED.get(clip.pixels.name) in takes:
+        return REDUCED[clip.pixels.name]
     raise UnshutterError(
-        f"{name} cannot write frames of the format {clip.pixels.name}: choose another encoder with --codec"
+        f"{name} cannot write frames of the format {clip.pixels.name}: {other_encoders(clip.pixels.name)}"
     )
 
 
+def other_encoders(pixel_format: str, but: str = "") -> str:
+    """Returns the advice to choose another encoder, and names one that takes such frames."""
+    for name in ("libx264", "libx265", "prores_ks", "ffv1"):
+        if name != but and pixel_format in [each.name for each in av().Codec(name, "w").video_formats or []]:
+            return f"choose another encoder with --codec, such as {name}"
+    return "choose another encoder with --codec"
+
+
 def _speed(name: str, preset: str | None) -> dict[str, str]:
-    """Returns the preset as encoder options."""
     if preset is None:
         return {}
     if name not in _PRESETS:
@@ -160,13 +143,7 @@ def _speed(name: str, preset: str | None) -> dict[str, str]:
 
 
 def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
-    """Returns the time base for an encoder: the film's own if the encoder supports it.
-
-    Args:
-        name: name of the encoder.
-        film_base: the film's own time base [s].
-        rate: frames per second.
-    """
+    """Returns the time base for an encoder: the film's own if the encoder supports it."""
     if name in _CONSTANT_RATE:
         return 1 / rate
     if name in _COARSE and film_base.denominator > _MOST_TICKS:
@@ -175,14 +152,14 @@ def _time_base(name: str, film_base: Fraction, rate: Fraction) -> Fraction:
     return film_base
 
 
-def _follow(stream: Any, source: Any) -> None:
+def _follow(stream: Any, source: Any, tagged: bool) -> None:
     """Copies the settings that only an encoder of the same kind can adopt."""
     context = stream.codec_context
     tag = source.codec_tag
-    if tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4 and tag != "\0\0\0\0":
+    if tagged and tag.strip("\0").isprintable() and len(tag.strip("\0")) == 4:
         context.codec_tag = tag
-    if context.name == "prores_ks" and source.profile in _PRORES:
-        stream.options["profile"] = _PRORES[source.profile]
+    if source.profile in _PROFILES.get(context.name, {}):
+        stream.options["profile"] = _PROFILES[context.name][source.profile]
 
 
 # ---- mastering display ---------------------------------------------------------------------------------

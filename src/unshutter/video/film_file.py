@@ -1,27 +1,77 @@
-"""Writes the output film: encodes frames and copies everything else."""
+"""Writes films: the new one, whose frames are encoded and everything else copied; and previews of before and after."""
 
 from __future__ import annotations
 
 import errno
 import io
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+from fractions import Fraction
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
-from unshutter.errors import UnshutterError
-from unshutter.video import pictures
-from unshutter.video.clip import Clip
-from unshutter.video.containers import av, film_of
-from unshutter.video.encoders import Encoder
+import cv2
+import numpy as np
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.pyav import av
+from unshutter.storage.files import written_whole
+from unshutter.video.clip import Clip, upright
+from unshutter.video.containers import film_of, opened, packets, time_of
+from unshutter.video.encoders import REDUCED, Encoder, other_encoders
 
 if TYPE_CHECKING:
     from av import Packet, VideoFrame
 
+    from unshutter.motion.shapes import UInt8
+
+
 RateCallback: TypeAlias = Callable[[float, float], None]  # receives the bit rates of the clip and of the new film
 _TELLING_S = 2.0  # s of the new film from which its size is predicted
 _ALIKE = 1.6  # ratio of bit rates; smaller differences are not reported
+_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+_COVER = 0x400  # FFmpeg's disposition of attached pictures
+_PRIMING_S = 0.1  # sound that decoders need before the time at which it begins
+_CLOCKS = ("mpegts", "mpeg")  # formats whose times begin anywhere
+_LOOKED_AT = 1000  # packets among which the first ones of all streams are looked for
+_FORMATS = {  # FFmpeg's formats that write one file, and that is a film
+    ending: name
+    for name, endings in {
+        "mp4": ".mp4",
+        "ipod": ".m4v",
+        "mov": ".mov",
+        "3gp": ".3gp",
+        "3g2": ".3g2",
+        "f4v": ".f4v",
+        "matroska": ".mkv",
+        "webm": ".webm",
+        "avi": ".avi",
+        "mpegts": ".ts .mts .m2ts .m2t",
+        "mpeg": ".mpg .mpeg",
+        "vob": ".vob",
+        "flv": ".flv",
+        "asf": ".wmv .asf",
+        "ogv": ".ogv",
+        "mxf": ".mxf",
+        "nut": ".nut",
+        "gif": ".gif",
+        "yuv4mpegpipe": ".y4m",
+        "ivf": ".ivf",
+        "h264": ".h264 .264",
+        "hevc": ".hevc .h265 .265",
+        "obu": ".obu",
+        "dv": ".dv",
+        "mjpeg": ".mjpg .mjpeg",
+        "mpeg1video": ".m1v",
+        "mpeg2video": ".m2v",
+    }.items()
+    for ending in endings.split()
+}
+_MP4 = (".mp4", ".mov", ".m4v")
 
 
 class FilmWriter:
@@ -30,15 +80,10 @@ class FilmWriter:
     Args:
         container: PyAV's, open for writing.
         source: the input file, open.
-        clip: the input clip.
-        encoder: encoder of the frames.
-        copy: whether to copy tags and other streams too.
+        ending: file ending of the film, if tags and other streams are copied too; None if not.
         size: height and width of the frames [px].
-        start_s: time in the input at which the new film starts [s].
+        start_s: time in the input that becomes 0 in the new film [s].
         on_rate: called once, early, with the bit rates of the clip and of the new film if they differ considerably.
-
-    Attributes:
-        left_out: streams of the input file that could not be copied, for the user.
     """
 
     def __init__(
@@ -47,7 +92,7 @@ class FilmWriter:
         source: Any,
         clip: Clip,
         encoder: Encoder,
-        copy: bool,
+        ending: str | None,
         size: tuple[int, int],
         start_s: float = 0.0,
         on_rate: RateCallback | None = None,
@@ -57,46 +102,52 @@ class FilmWriter:
         self._stream = encoder.add_to(container, like, clip, size)
         self._streams: dict[int, Any] = {}
         self.left_out: list[str] = []
+        self.covers: list[bytes] = []
         self._stream.metadata.update(_portable_tags(like.metadata))
         with suppress(ValueError, AttributeError):
             self._stream.disposition = like.disposition
-        if copy:
+        if ending is not None:
             container.metadata.update(_portable_tags(source.metadata))
-            self._add_others(source, like)
+            self._add_others(source, like, ending)
             if source.chapters():
                 container.set_chapters(source.chapters())
-        self._shift = start_s  # becomes time 0
+        self._shift = start_s
+        self._earliest_dts: dict[int, int] = {}  # of the next packet of a stream
+        if encoder.pixel_format in REDUCED.values() and clip.pixels.name in REDUCED:
+            self.left_out.append(f"the last 2 of 12 bits of each colour ({encoder.name} writes 10)")
         self._kind = f"{encoder.name} in a file of the kind '{container.format.name}'"
         self._clip, self._on_rate, self._bytes, self._packets = clip, on_rate, 0, 0
         self._last = -(1 << 62)  # time of the previous frame [units of the encoder]
         if len(matrix := clip.side_data.get("DISPLAYMATRIX", b"")) >= 36:
             self._stream.set_display_matrix(struct.unpack("=9i", matrix[:36]))
 
-    def _add_others(self, source: Any, film: Any) -> None:
+    def _add_others(self, source: Any, film: Any, ending: str) -> None:
+        first = _first_packets(source, film)
         for stream in source.streams:
             if stream.index == film.index:
                 continue
-            try:
-                if stream.type == "attachment":
-                    copy = self._container.add_attachment(stream.name or "", stream.mimetype or "", stream.data)
-                else:
-                    if not _takes(self._container, stream):
-                        raise ValueError
-                    copy = self._container.add_stream_from_template(stream)
-                    self._streams[stream.index] = copy
-                    with suppress(ValueError, AttributeError):
-                        copy.disposition = stream.disposition
-                copy.metadata.update(_portable_tags(stream.metadata))
-            except (ValueError, av().error.FFmpegError):
-                name = stream.metadata.get("handler_name", "").strip() or stream.type
-                self.left_out.append(f"stream {stream.index} ({name})")
+            packet, tags = first.get(stream.index), stream.metadata
+            cover = bytes(packet) if packet is not None and stream.disposition & _COVER else None
+            if stream.type == "data" and "timecode" in tags and ending in (*_MP4, ".mkv"):
+                self._stream.metadata["timecode"] = tags["timecode"]  # the container makes its own track from it
+            elif cover is not None and ending in _MP4:
+                self.covers.append(cover)
+            elif (cover is not None or stream.type == "attachment") and ending == ".mkv":
+                kind = "image/png" if cover is not None and stream.codec_context.name == "png" else "image/jpeg"
+                name, kind = tags.get("filename") or f"cover.{kind[-3:]}", tags.get("mimetype") or kind
+                self._container.add_attachment(name, kind, stream.data if cover is None else cover)
+            elif _takes(ending, stream.type, partial(_add_copy, stream=stream, packet=packet or av().Packet(bytes(4)))):
+                self._streams[stream.index] = copy = _add_copy(self._container, stream)
+                copy.metadata.update(_portable_tags(tags))
+            else:
+                self.left_out.append(f"stream {stream.index} ({_name(stream)})")
 
     def add_frame(self, frame: VideoFrame) -> None:
         """Writes the next rectified frame, with the times of the original."""
         if frame.format.name != self._pixel_format:
             frame = frame.reformat(format=self._pixel_format)
         frame.pict_type = 0  # the encoder chooses the key frames
-        if frame.pts is not None and frame.time_base is not None:
+        if frame.pts is not None and frame.time_base:
             base = self._stream.codec_context.time_base
             ticks = round((frame.pts - round(self._shift / frame.time_base)) * frame.time_base / base)
             frame.pts = self._last = max(ticks, self._last + 1)
@@ -106,14 +157,14 @@ class FilmWriter:
     def add_packet(self, packet: Packet) -> None:
         """Writes the next packet of another stream."""
         copy = self._streams.get(packet.stream_index)
-        if copy is None:
+        if copy is None or packet.dts is None or (packet.is_discard and (time_of(packet) or 0.0) < -_PRIMING_S):
             return
-        if self._shift:
-            by = round(self._shift / packet.time_base)
-            packet.dts = (packet.dts or 0) - by
-            packet.pts = None if packet.pts is None else packet.pts - by
-            if packet.dts < 0:
-                return
+        by = round(self._shift / packet.time_base)
+        earliest = self._earliest_dts.get(packet.stream_index, packet.dts - by)
+        packet.dts = max(packet.dts - by, earliest)
+        self._earliest_dts[packet.stream_index] = packet.dts + 1
+        if packet.pts is not None:
+            packet.pts = max(packet.pts - by, packet.dts)
         packet.stream = copy
         self._put(lambda: self._container.mux(packet))
 
@@ -145,16 +196,22 @@ class FilmWriter:
             raise UnshutterError(f"cannot encode the clip: {cause}") from None
 
 
+def check_endings(film: Path, preview: Path | None) -> None:
+    """Raises UnshutterError if a film cannot have its name, or a preview is neither a picture nor a film."""
+    check_ending(film.suffix)
+    if preview is not None and preview.suffix.lower() not in (*_FILMS, *_PREVIEWS):
+        raise UsageError(f"a preview is a picture (.jpg, .png) or a film (.mp4), not {preview.name}")
+
+
 def check_ending(ending: str) -> None:
-    """Raises UnshutterError if no writable film format has this file ending."""
-    if ending.lower() in pictures.ENDINGS:
+    """Raises UnshutterError if no film that is one file has this file ending."""
+    if ending.lower() in _PICTURES:
         raise UnshutterError(
-            f"'{ending}' is not a film: name a new folder for pictures, or a pattern: out/%05d{ending}"
+            f"'{ending}' is not a film: write film.mkv, and FFmpeg takes it apart, ffmpeg -i film.mkv out/%05d{ending}"
         )
-    names = (name for name in av().formats_available if not name.endswith("_pipe"))
-    formats = [each for each in map(av().format.ContainerFormat, names) if each.is_output]
-    if not any(ending.lower().lstrip(".") in each.extensions for each in formats):
-        raise UnshutterError(f"cannot write the clip: no film ends in '{ending}': use .mp4, .mov or .mkv")
+    if ending.lower() not in _FORMATS:
+        problem = f"no film that is one file ends in '{ending}'" if ending else "the name of the film has no ending"
+        raise UnshutterError(f"{problem}: use .mp4, .mov or .mkv")
 
 
 @contextmanager
@@ -162,24 +219,16 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
     """Opens a container for writing.
 
     Args:
-        place: a path, or an open file.
-        ending: file ending of the film.
         ticks: time units per second for the file as a whole, if it has any.
-
-    Raises:
-        UnshutterError: the file ending is unknown.
     """
-    options = {}
-    if ending.lower() in (".mov", ".mp4", ".m4v"):
-        options = {"movie_timescale": str(ticks)}
-        if isinstance(place, Path):
-            options["movflags"] = "use_metadata_tags+faststart"
     check_ending(ending)
+    options = {"fflags": "+bitexact"}  # otherwise Matroska and MXF get random numbers and the time of writing
+    if ending.lower() in _MP4:
+        early = "+faststart" if isinstance(place, Path) else ""
+        options = {"movie_timescale": str(ticks), "movflags": f"use_metadata_tags{early}"}
+    file = str(place) if isinstance(place, Path) else place
     try:
-        if isinstance(place, Path):
-            container = av().open(str(place), "w", container_options=options)
-        else:
-            container = av().open(place, "w", format="mp4" if ending.lower() != ".mov" else "mov", options=options)
+        container = av().open(file, "w", format=_FORMATS[ending.lower()], container_options=options)
     except (ValueError, av().error.FFmpegError) as error:
         raise UnshutterError(f"cannot write the clip: {error}") from None
     try:
@@ -189,18 +238,95 @@ def writing(place: Path | BinaryIO, ending: str, ticks: int = 1000) -> Iterator[
             container.close()
 
 
-def _takes(container: Any, stream: Any) -> bool:
-    """Whether a container can hold a stream; muxers only report this when writing a header."""
-    trial = av().open(io.BytesIO(), "w", format=container.format.name)
+def start_of(clip: Clip, source: Any, ending: str) -> float:
+    """Returns the time of a clip that becomes 0 in a film of another kind [s], which may hide what is before 0."""
+    start_s, kind = (source.start_time or 0) / 1e6, source.format.name
+    if kind in _CLOCKS and kind != _FORMATS[ending]:
+        return start_s
+    return min(start_s, 0.0) if clip.timing.start < 0 else 0.0
+
+
+def holds_covers(ending: str, source: Any) -> bool:
+    """Whether a film of this file ending gets its cover pictures from ``mp4_movie.write_with_covers``."""
+    return ending.lower() in _MP4 and any(stream.disposition & _COVER for stream in source.streams.video)
+
+
+def fitted(encoder: Encoder, clip: Clip, ending: str) -> Encoder:
+    """Returns the encoder as a film of some file ending takes it: with the clip's codec tag if possible."""
+
+    def add_frame(container: Any) -> None:
+        stream = trial.add_to(container, like, clip, (clip.height, clip.width))
+        frame = av().VideoFrame(clip.width, clip.height, encoder.pixel_format)
+        frame.pts, frame.time_base = 0, stream.codec_context.time_base
+        for packet in [*stream.encode(frame), *stream.encode(None)]:
+            packet.dts = packet.pts  # which libx265 gets wrong for a single frame
+            container.mux(packet)
+
+    with clip.opened() as source:
+        like = film_of(source, clip.path)
+        for trial in (encoder, replace(encoder, tagged=False)):
+            if _takes(ending, "video", add_frame):
+                return trial
+    raise UnshutterError(
+        f"{ending} films cannot hold {encoder.name} ({clip.width}x{clip.height} px, {encoder.pixel_format}): "
+        f"{other_encoders(encoder.pixel_format, encoder.name)}"
+    )
+
+
+def _takes(ending: str, kind: str, fill: Callable[[Any], object]) -> bool:
+    """Whether a film can hold a stream; many formats report late or never what they leave out."""
+    file = io.BytesIO()
     try:
-        trial.add_stream_from_template(stream)
-        trial.start_encoding()
-    except (ValueError, av().error.FFmpegError):
+        with writing(file, ending) as container:
+            fill(container)
+            container.close()
+        file.seek(0)
+        with av().open(file) as back:
+            found = [stream for stream in back.streams if stream.type == kind]
+            return any(kind != "video" or (each.codec_context and each.codec_context.pix_fmt) for each in found)
+    except (ValueError, UnshutterError, av().error.FFmpegError):
         return False
-    finally:
-        with suppress(Exception):
-            trial.close()
-    return True
+
+
+def _add_copy(container: Any, stream: Any, packet: Packet | None = None) -> Any:
+    """Returns a stream like another in a container, with its first packet if there is one."""
+    sound = stream.codec_context if stream.type == "audio" else None  # None, too, if FFmpeg does not know the codec
+    if sound is not None and sound.delay > _PRIMING_S * stream.rate:
+        # FFmpeg 9 calls all sound that an edit list hides priming, and the new film would be silent for as long
+        with opened(stream.container.name, ignore_editlist="1") as source:
+            copy = container.add_stream_from_template(source.streams[stream.index], opaque=True)
+    else:
+        copy = container.add_stream_from_template(stream, opaque=True)
+    with suppress(ValueError, AttributeError):
+        copy.disposition = stream.disposition
+    if sound is not None and "channels" in sound.layout.name and stream.channels <= 2:
+        copy.codec_context.layout = ("mono", "stereo")[stream.channels - 1]  # as players take it; MP4 must say it
+    if packet is not None:
+        packet.stream, packet.pts, packet.dts = copy, 0, 0
+        container.mux(packet)
+    return copy
+
+
+def _first_packets(source: Any, film: Any) -> dict[int, Packet]:
+    """Returns the first packets of the streams other than the film, by their indices."""
+    missing = {stream.index for stream in source.streams if stream.type != "attachment"} - {film.index}
+    first: dict[int, Packet] = {}
+    if missing:
+        for packet in islice(packets(source, None, "the clip"), _LOOKED_AT):
+            if packet.size and packet.stream_index in missing:
+                missing.remove(packet.stream_index)
+                first[packet.stream_index] = packet
+            if not missing:
+                break
+    return first
+
+
+def _name(stream: Any) -> str:
+    if stream.disposition & _COVER:
+        return "cover picture"
+    tags, codec = stream.metadata, stream.codec_context
+    codec_name = f", {codec.name}" if codec is not None else ""
+    return tags.get("handler_name", "").strip() or tags.get("filename") or f"{stream.type}{codec_name}"
 
 
 def _portable_tags(tags: Any) -> dict[str, str]:
@@ -210,32 +336,52 @@ def _portable_tags(tags: Any) -> dict[str, str]:
 _REGENERATED = {"encoder", "major_brand", "minor_version", "compatible_brands"}
 
 
-# ---- pictures ----------------------------------------------------------------------------------------------
+# ---- previews ----------------------------------------------------------------------------------------------------
+
+_MOMENTS = 5
+_WIDTH = 640  # px, of each half
+_LONGEST_S = 10.0
+_FILMS = (".mp4", ".mov", ".mkv")
+_PREVIEWS = (".jpg", ".jpeg", ".png")
 
 
-def write_picture(frame: VideoFrame, path: Path) -> None:
-    """Writes a frame as a picture.
+def write_preview(path: Path, before: Clip, after: str, start_s: float | None, frames: int, overwrite: bool) -> None:
+    """Writes a preview of a rectified clip.
 
-    Raises:
-        UnshutterError: it cannot be written.
+    Args:
+        start_s: time in the original at which the rectified part begins [s]; None if it is the whole clip.
+        frames: number of frames in the rectified file.
     """
-    codec = pictures.ENDINGS[path.suffix.lower()]
-    context = av().CodecContext.create(codec, "w")
-    formats = av().Codec(codec, "w").video_formats or []
-    format_ = frame.format.name
-    if format_ not in [each.name for each in formats]:
-        format_ = "rgb48be" if codec == "png" and frame.format.components[0].bits > 8 else "rgb24"
-        format_ = "yuvj444p" if codec == "mjpeg" else format_
-    if codec == "mjpeg":
-        context.options = {"strict": "unofficial"}
-        context.qscale, context.global_quality = True, 2 * 118
-        context.color_range = frame.color_range
-    picture = frame if format_ == frame.format.name else frame.reformat(format=format_)
-    picture.pict_type = 0
-    context.width, context.height, context.pix_fmt = frame.width, frame.height, format_
-    context.time_base = frame.time_base
-    try:
-        data = b"".join(bytes(packet) for packet in [*context.encode(picture), *context.encode(None)])
-        path.write_bytes(data)
-    except (av().error.FFmpegError, OSError) as error:
-        raise UnshutterError(f"cannot write {path.name}: {error.strerror}") from None
+    both = zip(before.iter_frames(start_s or None), Clip.look(after).iter_frames(), strict=False)
+    pairs = (np.concatenate([_small_picture(one), _small_picture(other)], axis=1) for one, other in both)
+    with written_whole(path, overwrite) as part:
+        if path.suffix.lower() in _FILMS:
+            first = islice(pairs, round(_LONGEST_S / before.interval_s))
+            with writing(part, path.suffix) as container:
+                encode_pairs(container, first, before.interval_s, "libx264", {"crf": "20", "preset": "fast"})
+        else:
+            moments = {round(k * (frames - 1) / (_MOMENTS - 1)) for k in range(_MOMENTS)}
+            rows = [pair for k, pair in enumerate(pairs) if k in moments]
+            if not cv2.imwrite(str(part), np.concatenate(rows)[..., ::-1]):
+                raise UnshutterError(f"cannot write {path}")
+
+
+def _small_picture(frame: VideoFrame) -> UInt8[np.ndarray, "height width 3"]:
+    """Returns a frame upright and small, in RGB."""
+    height = 2 * round(_WIDTH * frame.height / frame.width / 2)
+    return upright(frame.reformat(width=_WIDTH, height=height, format="rgb24").to_ndarray(), frame)
+
+
+def encode_pairs(
+    container: Any, pairs: Iterable[np.ndarray], interval_s: float, encoder: str, options: dict[str, str]
+) -> None:
+    """Encodes pictures uint8 [H, W, 3], all of one size, into a container that is open for writing."""
+    stream = None
+    for pair in pairs:
+        if stream is None:
+            rate = Fraction(1 / interval_s).limit_denominator(1001)
+            stream = container.add_stream(encoder, rate=rate, options=options)
+            stream.height, stream.width, stream.pix_fmt = *pair.shape[:2], "yuv420p"
+        container.mux(stream.encode(av().VideoFrame.from_ndarray(pair, format="rgb24")))
+    if stream is not None:
+        container.mux(stream.encode(None))

@@ -1,7 +1,11 @@
-"""Undoes a frame's motion on its planes as stored, without conversion to RGB or changes where nothing moves.
+"""Undoes a frame's motion on its planes as stored, seen by the camera itself or by a stabilised one.
 
-The map is smooth, so it is exact at the nodes of a grid and linear between them. A clip's motion is that of a small
-picture of the same shape (``frame_motion.py``): its positions are scaled up to each plane's pixels, centre to centre.
+Nothing is converted to RGB or changed where nothing moves. The map is smooth, so it is exact at the nodes of a grid and
+linear between them. A clip's motion is that of a small picture of the same shape (frame_warper.py): its positions are
+scaled up to each plane's pixels, centre to centre.
+
+Borders and views of a stabilised camera are in heights of the readout frame, measured from its centre: a frame extends
+from -1/2 to 1/2 down and from -aspect/2 to aspect/2 across.
 """
 
 from __future__ import annotations
@@ -15,13 +19,132 @@ import cv2
 import numpy as np
 
 from unshutter.frames.flow import bilinear
-from unshutter.geometry.readout import Readout
 from unshutter.motion import Motion
-from unshutter.video.steady_view import SteadyView
-from unshutter.warp.grid import gs_to_rs_map
+from unshutter.motion.grid import gs_to_rs_map
+from unshutter.motion.rotations import rotate_position, rotation_matrix
+from unshutter.orientation import Readout
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Bool, Float32, UInt
+    from unshutter.motion.shapes import Bool, Float32, Float64, UInt
+
+
+_PLACES = 9  # positions along each side at which the frame's border is stored
+_POINTS = 5  # points on each side of a view that are checked, corners included
+_HALVINGS, _LARGEST_ZOOM = 24, 4.0
+LEFT, RIGHT, TOP, BOTTOM = range(4)
+
+
+def borders_of(motion: Motion, aspect: float) -> Float32[np.ndarray, "4 9"]:
+    """Returns the extent of a frame on its left, right, upper and lower sides once its motion is undone.
+
+    Given at nine positions along each side, as the least extent near each of them.
+
+    Args:
+        motion: the part of a frame's motion that is undone.
+    """
+    at = np.linspace(-0.5, 0.5, _PLACES)
+    ends = np.array([[-0.5 * aspect], [0.5 * aspect], [-0.5], [0.5]]) + np.zeros(_PLACES)
+    if motion.is_zero:
+        return ends.astype(np.float32)
+    height, width = motion.height, motion.width
+    down, across = np.linspace(-0.5, height - 0.5, 2 * height), np.linspace(-0.5, width - 0.5, 2 * _PLACES)
+    signs = (1, -1, 1, -1)
+    sides = (
+        (np.full_like(down, -0.5), down),
+        (np.full_like(down, width - 0.5), down),
+        (across, np.full_like(across, -0.5)),
+        (across, np.full_like(across, height - 0.5)),
+    )
+    for side, (col, row) in enumerate(sides):
+        x, y = motion.rs_to_gs(col, row)
+        x, y = ((x + 0.5) / width - 0.5) * aspect, (y + 0.5) / height - 0.5
+        along, reach = (y, x) if side in (LEFT, RIGHT) else (x / aspect, y)
+        known = np.isfinite(along) & np.isfinite(reach)
+        place = np.clip(np.rint((along[known] - at[0]) * (_PLACES - 1)), 0, _PLACES - 1).astype(int)
+        least = np.full(_PLACES, -np.inf)
+        np.maximum.at(least, place, signs[side] * reach[known])
+        ends[side] = np.where(np.isfinite(least), signs[side] * least, ends[side])
+    return ends.astype(np.float32)
+
+
+def _outline(aspect: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """[points] x and y of points on the border of a view, and the side on which each lies."""
+    t = np.linspace(-0.5, 0.5, _POINTS)
+    x = np.concatenate([np.full(_POINTS, -0.5), np.full(_POINTS, 0.5), t, t]) * aspect
+    y = np.concatenate([t, t, np.full(_POINTS, -0.5), np.full(_POINTS, 0.5)])
+    return x, y, np.repeat(np.arange(4), _POINTS)
+
+
+def margins(
+    borders: Float32[np.ndarray, "frames 4 9"],
+    turns: Float64[np.ndarray, "frames 3"],
+    focal: float,
+    zoom: float | Float64[np.ndarray, "frames"],
+    aspect: float,
+) -> tuple[Float64[np.ndarray, "frames points"], Float64[np.ndarray, "frames points 3"]]:
+    """Returns how far points on the outlines of views lie inside their frames, and how further rotation changes that.
+
+    Args:
+        turns: rotation vectors from the stabilised camera to the real camera [rad].
+        focal: focal length [heights].
+
+    Returns:
+        Lengths, negative outside, and their derivatives with respect to the rotation [per rad].
+    """
+    x, y, side = _outline(aspect)
+    size = np.asarray(zoom, np.float64).reshape(-1, 1)
+    rays = np.stack(np.broadcast_arrays(x / size / focal, y / size / focal, 1.0), axis=-1)
+    rays = np.broadcast_to(rays, (len(turns), *rays.shape[1:]))
+    x, y, z = np.moveaxis(np.einsum("nij,npj->npi", rotation_matrix(turns), rays), -1, 0)
+    x, y = x / z, y / z
+    upright = side < TOP
+    along = np.where(upright, y * focal, x * focal / aspect)
+    place = np.clip((along + 0.5) * (_PLACES - 1), 0, _PLACES - 1)
+    before = np.minimum(place.astype(int), _PLACES - 2)
+    frames = np.arange(len(turns))[:, None]
+    ends = [borders[frames, side, before + k].astype(np.float64) for k in (0, 1)]
+    end = ends[0] + (ends[1] - ends[0]) * (place - before)
+    inward = np.where((side == LEFT) | (side == TOP), 1.0, -1.0)
+    across = np.stack([-x * y, 1 + x * x, -y], axis=-1)
+    down = np.stack([-(1 + y * y), x * y, x], axis=-1)
+    slopes = (inward * focal)[:, None] * np.where(upright[:, None], across, down)
+    return inward * (np.where(upright, x, y) * focal - end), slopes
+
+
+def zoom_needed(
+    borders: Float32[np.ndarray, "frames 4 9"], turns: Float64[np.ndarray, "frames 3"], focal: float, aspect: float
+) -> Float64[np.ndarray, "frames"]:
+    """Returns the least zoom, 1 to 4, at which each view stays inside its frame's border; see :func:`margins`."""
+    low, high = np.ones(len(turns)), np.full(len(turns), _LARGEST_ZOOM)
+    fits = margins(borders, turns, focal, low, aspect)[0].min(axis=1) >= 0
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        inside = margins(borders, turns, focal, middle, aspect)[0].min(axis=1) >= 0
+        low, high = np.where(inside, low, middle), np.where(inside, middle, high)
+    return np.where(fits, 1.0, high)
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyView:
+    """Direction and zoom of the stabilised camera relative to the real one."""
+
+    # [3] rotation vector [rad] that takes directions of the stabilised camera to those of the real camera at the
+    # reference row, in the axes of the readout frame (motion/rotations.py)
+    turn: Float64[np.ndarray, "3"]
+    focal_heights: float  # focal length in heights of the readout frame
+    zoom: float  # enlargement of the picture, at least 1
+    readout: Readout  # direction in which the stored pixels were read
+
+    def looks(self, col: np.ndarray, row: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """Maps positions in the stabilised picture to the global-shutter frame at the reference row."""
+        rows, columns = self.readout.frame_size(height, width)
+        middle = (columns - 1) / 2, (rows - 1) / 2
+        col, row = self.readout.points_to_frame(col, row, height, width)
+        col, row = ((at - centre) / self.zoom + centre for at, centre in zip((col, row), middle, strict=True))
+        turned = np.broadcast_to(rotation_matrix(self.turn), (*col.shape, 3, 3))
+        seen = rotate_position(col, row, turned, self.focal_heights * rows, middle)
+        return self.readout.points_to_stored(*seen, height, width)
+
 
 _NODES = 34  # approximate number of rows of nodes; half to twice as many columns
 _BAND, _BAND_PX = 4, 128  # fewest rows of cells, and px, interpolated at a time, to stay in the processor's cache
@@ -31,16 +154,11 @@ _FINE_STEP = 4  # px between nodes for the dense model
 
 @dataclass(frozen=True)
 class FrameMap:
-    """Maps each pixel of the rectified frame to its position in the original frame.
+    """Maps each pixel of the rectified frame to its position in the original frame."""
 
-    Attributes:
-        nodes: [2, N, M] col and row [px of the frame], at the centres of square cells; the first and last lie outside.
-        step: side of the cells [px].
-        height, width: size of the frame [px].
-    """
-
+    # [2, N, M] col and row [px of the frame], at the centres of square cells; the first and last lie outside
     nodes: Float32[np.ndarray, "2 node_rows node_cols"]
-    step: int
+    step: int  # side of the cells [px]. height, width: size of the frame [px].
     height: int
     width: int
 
@@ -50,11 +168,7 @@ class FrameMap:
 
         Args:
             motion: motion of a picture of the same shape and any size.
-            height, width: size of the stored frame [px].
             view: the stabilised view to show; None for the camera's own view.
-
-        Raises:
-            UnshutterError: the motion turns faster than rows are read.
         """
         small = motion.readout.frame_size(motion.height, motion.width)
         step = max(_LEAST_STEP, 1 << round(np.log2(min(height, width) / _NODES)))
@@ -80,9 +194,6 @@ class FrameMap:
 
         Args:
             shift: (columns, rows) [px of a small copy of the readout frame], at each pixel of that copy.
-            readout: direction in which the stored pixels were read.
-            height, width: size of the stored frame [px].
-            view: the stabilised view to show; None for the camera's own view.
         """
         size = readout.frame_size(height, width)
         step = max(_FINE_STEP, 1 << int(np.log2(max(size[0] / shift.shape[0], 1))))
@@ -97,12 +208,7 @@ class FrameMap:
     def positions(
         self, across: int, down: int, scratch: Scratch | None = None
     ) -> Iterator[tuple[slice, tuple[Float32[np.ndarray, "rows cols"], ...]]]:
-        """Yields (rows, (col, row) [px of the plane] of their pixels) for a plane, band by band from the top.
-
-        Args:
-            across, down: pixels of the frame per pixel of the plane.
-            scratch: buffer for the positions, which are valid until the next band.
-        """
+        """Yields (rows, (col, row) [px of the plane] of their pixels) for a plane, band by band from the top."""
         scratch = scratch or Scratch()
         height, width = -(-self.height // down), -(-self.width // across)
         step = (self.step // down, self.step // across)
@@ -154,9 +260,7 @@ def warp_plane(
     """Samples a plane at positions into another one, by bicubic interpolation (a = -0.75).
 
     Args:
-        plane: values as stored.
         positions: (col, row) [px of the plane].
-        out: output array of the same type.
         black: value for positions outside the plane; None mirrors the plane at its border.
         limit: greatest value, which cubic interpolation may exceed.
     """
@@ -177,11 +281,7 @@ def borrow_plane(
     """Samples a plane of another frame at positions into the missing pixels.
 
     Args:
-        plane: values as stored.
-        positions: (col, row) [px of the plane].
-        out: output array of the same type.
         missing: mask of its pixels to fill.
-        limit: greatest value.
     """
     columns = np.flatnonzero(missing.any(axis=0))
     if not columns.size:

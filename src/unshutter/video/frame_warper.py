@@ -1,27 +1,238 @@
-"""Renders the frame a global shutter would have taken, from a frame and its motion."""
+"""Finds the motion of a clip's frames, and renders the frames that a global shutter would have taken.
+
+They are rendered by the camera's motion or, for depths, by optical flow. The flow between each frame and its neighbours
+is computed on small grey copies (frames/neighbours.py). It determines where each pixel of a rectified frame is sampled,
+and the planes are warped by it as they are by the camera's motion (frame_map.py). Unlike photos, frames are not
+averaged: grain would vary from row to row.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from unshutter.errors import UnshutterError
+from unshutter.frames.frame_motion import FrameMotion, Step, Timing
+from unshutter.frames.neighbours import Link, copy_side, link, motion_field
+from unshutter.frames.pyav import av
+from unshutter.frames.self_calibration import GreyFrame
+from unshutter.frames.sequence import CameraMotion
 from unshutter.motion import Motion
-from unshutter.video.clip import Clip, SidePacket
-from unshutter.video.containers import av
-from unshutter.video.frame_links import Lender, LinkedFrame
-from unshutter.video.frame_map import FrameMap, Scratch, borrow_plane, on_plane, warp_plane
-from unshutter.video.moving_frames import MovingFrame
-from unshutter.video.options import ClipUndo
-from unshutter.warp.edges import EdgePolicy, valid_window
-from unshutter.warp.grid import Tile
+from unshutter.motion.grid import EdgePolicy, Tile, valid_window
+from unshutter.options.clip_options import ClipUndo
+from unshutter.orientation import Readout
+from unshutter.readout_time import ReadoutTime
+from unshutter.video.clip import COPY_SIDE, Clip, ClipRequest, SidePacket
+from unshutter.video.frame_map import FrameMap, Scratch, SteadyView, borrow_plane, on_plane, warp_plane
+from unshutter.video.gyro_fit import GyroTurns
 
 if TYPE_CHECKING:
     from av import VideoFrame
 
-    from unshutter.geometry.shapes import Bool
+    from unshutter.motion.shapes import Bool, UInt, UInt8
+
+
+_ALMOST_ALL = 0.8  # share of the picture found in both frames
+_MOST_ROWS = 400  # short side [px] of clips' small copies; for copies this large, the flow is computed at half the size
+
+
+ROWS = 65  # of the small pictures to which the motions of clips refer
+GYRO_ROWS = 257  # if a gyro recorded the camera's vibration
+FEWEST = 8  # frames of a shot: shorter ones are usually errors, not cuts
+_MARGIN = 4  # extra frames on both sides of a window, for stability
+_CORE = (4, 24)  # fewest and most frames of a window
+_IN_MEMORY = 60_000_000  # bytes of frames awaiting their motion
+
+
+@dataclass(frozen=True)
+class MovingFrame:
+    """A frame of a clip and its motion."""
+
+    frame: VideoFrame  # the decoded frame
+    # motion of a small picture of the same shape, first row as the reference; zero, with a reason, if none was found
+    motion: Motion
+    cut: bool = False  # whether it shows another scene than the previous frame
+    dense: bool = False  # whether it was rectified by the flow to its neighbours instead of this motion
+    step: Step | None = None  # the camera's rotation since the previous frame; None if unknown
+    view: SteadyView | None = None  # the stabilised view; None if the camera's path is not smoothed
+
+
+def window_for(size: float) -> tuple[int, int]:
+    """Returns the window and margin [frames] for estimating motion that memory allows for a frame size [bytes]."""
+    return int(min(max(_IN_MEMORY / size, _CORE[0]), _CORE[1])), _MARGIN
+
+
+def with_motion(
+    request: ClipRequest,
+    items: Iterable[VideoFrame | SidePacket],
+    time: ReadoutTime,
+    turns: GyroTurns | None = None,
+    whole_path: bool = False,
+) -> Iterator[MovingFrame | SidePacket]:
+    """Yields the items of a clip, its frames with their motion; they are delayed by some frames.
+
+    Args:
+        turns: the camera's rotation from a gyro; None to use only the frames.
+        whole_path: whether the camera's rotation is needed even where it is too small to be undone.
+    """
+    clip, readout = request.clip, request.readout
+    focal_px = request.options.shutter.focal_px
+    if focal_px is None and turns is not None:
+        focal_px = turns.focal_px(request.frame_size[0])
+    window = window_for(clip.frame_bytes)
+    camera = CameraMotion(time, focal_px, readout, window=window, fewest=FEWEST, turns=turns, whole_path=whole_path)
+    waiting: deque[VideoFrame | SidePacket] = deque()
+
+    def small_copies() -> Iterator[GreyFrame | None]:
+        before = None
+        for item in items:
+            waiting.append(item)
+            if not isinstance(item, SidePacket):
+                since = clip.since(before, item)
+                if since is None:
+                    yield None
+                grey, size = request.grey(item, COPY_SIDE), readout.frame_size(item.height, item.width)
+                yield GreyFrame(*size, grey, after=1.0 if since is None else since, time_s=item.time or 0.0)
+                before = item
+
+    last = None
+    for motion in camera.motions(small_copies()):
+        while isinstance(item := waiting.popleft(), SidePacket):
+            yield item
+        small = small_motion(motion)
+        step = motion.step_from(last)
+        yield MovingFrame(item, small, cut=last is not None and motion.scene != last.scene, step=step)
+        last = motion
+    for item in waiting:
+        assert isinstance(item, SidePacket)  # all frames have their motion by now
+        yield item
+
+
+def small_motion(motion: FrameMotion) -> Motion:
+    """Returns the motion for a picture of ``ROWS`` rows, or ``GYRO_ROWS`` with a gyro."""
+    rows = ROWS if motion.turns is None else GYRO_ROWS
+    width = max(1, round(motion.width * rows / motion.height))
+    return replace(motion, height=rows, width=width).motion()
+
+
+# ---- flow between neighbours ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Lender:
+    """A frame from which another one may borrow areas that it does not show."""
+
+    planes: list[UInt[np.ndarray, "rows columns *bands"]]  # its pixels as stored
+    where: FrameMap  # where each pixel of the rectified frame is sampled in it
+
+
+@dataclass(frozen=True)
+class LinkedFrame:
+    """A frame and the flow between it and its neighbours."""
+
+    moving: MovingFrame  # the frame, with the camera's motion if known
+    links: dict[int, Link]  # -1 and 1 -> the flow to the previous and next frames, if they show the same scene
+    # -1 and 1 -> pixels of these frames, if they may be borrowed
+    planes: dict[int, list[UInt[np.ndarray, "rows columns *bands"]]]
+    timing: Timing  # the clock of the clip
+    readout: Readout  # direction in which its stored pixels were read
+
+    def maps(self, undo: ClipUndo) -> tuple[FrameMap | None, list[Lender]]:
+        """Returns where each pixel of the rectified frame is sampled, in the frame itself and in possible lenders.
+
+        The first is None if the neighbours are inconclusive.
+        """
+        if not self.links or not undo.strength:
+            return None, []
+        motion = motion_field(self.links, self.timing, self.timing.moment(undo.reference))
+        if motion.reason:
+            return None, []
+        own = motion.field.shift(0)
+        remainder = (1 - undo.strength) * own  # remaining distortion
+        lenders = [
+            Lender(planes, self._map(motion.field.shift(side * self.links[side].apart) - remainder))
+            for side, planes in self.planes.items()
+        ]
+        return self._map(own - remainder), lenders
+
+    def _map(self, shift: np.ndarray) -> FrameMap:
+        """Converts the shift of every pixel of the small copy to the map of a whole frame."""
+        frame = self.moving.frame
+        return FrameMap.along(shift, self.readout, frame.height, frame.width, self.moving.view)
+
+
+def linked(
+    request: ClipRequest, items: Iterable[MovingFrame | SidePacket], ratio: float
+) -> Iterator[LinkedFrame | SidePacket]:
+    """Yields the items of a clip, with frames linked to their neighbours; three frames are held at a time."""
+    timing = Timing(ratio, request.frame_size[0])
+    before: _Copied | None = None
+    current: _Copied | None = None
+    packets: list[SidePacket] = []  # that follow the current frame
+    for item in items:
+        if isinstance(item, SidePacket):
+            packets.append(item)
+            continue
+        following = _Copied.of(request, item)
+        if current is not None:
+            current.connect(request.clip, following, ratio)
+            yield current.with_neighbours(before, following, timing, request.readout)
+        yield from packets
+        packets.clear()
+        before, current = current, following
+    if current is not None:
+        yield current.with_neighbours(before, None, timing, request.readout)
+    yield from packets
+
+
+@dataclass
+class _Copied:
+    """A frame and the small copy in which flow is computed."""
+
+    moving: MovingFrame
+    copy: UInt8[np.ndarray, "rows columns"]  # small and grey, in the readout frame
+    planes: list[np.ndarray]  # empty unless pixels are borrowed
+    to_next: Link | None = None  # flow to the next frame
+
+    @classmethod
+    def of(cls, request: ClipRequest, moving: MovingFrame) -> _Copied:
+        clip, borrow = request.clip, request.options.undo.edges == "borrow"
+        side = min(copy_side(clip.height, clip.width), _MOST_ROWS)
+        # The frame itself may be overwritten before its neighbours are warped.
+        planes = [plane.copy() for plane in clip.pixels.arrays(moving.frame)] if borrow else []
+        return cls(moving, request.grey(moving.frame, side), planes)
+
+    def connect(self, clip: Clip, following: _Copied, ratio: float) -> None:
+        """Computes the flow to the next frame, unless they are not neighbours or show different scenes."""
+        apart = clip.since(self.moving.frame, following.moving.frame)
+        if apart is None or apart < ratio:
+            return
+        try:
+            halvings = int(min(self.copy.shape) >= _MOST_ROWS)
+            flow_to_next = link(self.copy, following.copy, apart, halvings)
+        except UnshutterError:
+            return
+        # No common motion means a cut, or very different depths: the latter keep nearly all of the picture in view.
+        if not following.moving.cut or flow_to_next.flow.consistent >= _ALMOST_ALL:
+            self.to_next = flow_to_next
+
+    def with_neighbours(
+        self, before: _Copied | None, after: _Copied | None, timing: Timing, readout: Readout
+    ) -> LinkedFrame:
+        links: dict[int, Link] = {}
+        planes: dict[int, list[np.ndarray]] = {}
+        for side, neighbour, connection in ((-1, before, before and before.to_next), (1, after, self.to_next)):
+            if neighbour is not None and connection is not None:
+                links[side] = connection
+                if neighbour.planes:
+                    planes[side] = neighbour.planes
+        return LinkedFrame(self.moving, links, planes, timing, readout)
+
 
 _SIDE_DATA = {"A53_CC", "S12M_TIMECODE", "GOP_TIMECODE", "SEI_UNREGISTERED", "DYNAMIC_HDR_PLUS"}
 _COLOURS = ("color_range", "color_primaries", "color_trc", "colorspace")
@@ -31,30 +242,19 @@ _COARSE = 8  # px between points checked for a crop; its multiples are whole chr
 
 @dataclass(frozen=True)
 class NewFrame:
-    """A frame ready for encoding.
+    """A frame ready for encoding."""
 
-    Attributes:
-        source: the original frame and its motion.
-        picture: its pixels, time and colours; the original frame itself if nothing moved.
-    """
-
-    source: MovingFrame
-    picture: VideoFrame
+    source: MovingFrame  # the original frame and its motion
+    picture: VideoFrame  # its pixels, time and colours; the original frame itself if nothing moved
 
 
 @dataclass(frozen=True)
 class Warper:
-    """Renders the rectified frames of a clip.
-
-    Attributes:
-        clip: the clip.
-        undo: how motion is undone.
-        window: the part of each frame to keep; None for all of it.
-    """
+    """Renders the rectified frames of a clip."""
 
     clip: Clip
-    undo: ClipUndo
-    window: Tile | None = None
+    undo: ClipUndo  # how motion is undone
+    window: Tile | None = None  # the part of each frame to keep; None for all of it
     _scratches: tuple[Scratch, ...] = field(default_factory=lambda: (Scratch(), Scratch(), Scratch()))
 
     @property
@@ -146,7 +346,6 @@ class Warper:
         return picture
 
     def _cut(self, frame: VideoFrame) -> VideoFrame:
-        """Crops a frame to the window."""
         height, width = self.size
         picture = av().VideoFrame(width, height, self.clip.pixels.name)
         assert self.window is not None
@@ -158,11 +357,7 @@ class Warper:
 
 
 def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
-    """Returns the largest rectangle of the clip's shape that all rectified frames cover; None for all of it.
-
-    Raises:
-        CropTooSmallError: almost nothing would be left.
-    """
+    """Returns the largest rectangle of the clip's shape that all rectified frames cover; None for all of it."""
     clip = warper.clip
     mask = np.ones((clip.height // _COARSE, clip.width // _COARSE), bool)
     for moving in frames:
@@ -176,10 +371,27 @@ def common_window(warper: Warper, frames: Iterable[MovingFrame]) -> Tile | None:
 
 
 def _clear_invisible(mask: Bool[np.ndarray, "rows cols"], frame_map: FrameMap) -> None:
-    """Clears the points of a coarse mask that a frame does not show."""
     margin = 1.0  # one spacing between checked points
     for rows, (col, row) in frame_map.positions(_COARSE, _COARSE):
         inside = (col >= margin) & (col <= frame_map.width / _COARSE - 1 - margin)
         inside &= (row >= margin) & (row <= frame_map.height / _COARSE - 1 - margin)
         part = mask[rows]
         part &= inside[: part.shape[0], : part.shape[1]]
+
+
+def side_by_side(
+    warper: Warper, items: Iterable[MovingFrame | LinkedFrame | SidePacket], threads: int
+) -> Generator[NewFrame | SidePacket]:
+    """Yields the frames to encode, in order, several warped in parallel; passes packets on unchanged."""
+    running: deque[Future[NewFrame | SidePacket]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for item in items:
+                running.append(pool.submit(warper, item))
+                if len(running) > threads:
+                    yield running.popleft().result()
+            while running:
+                yield running.popleft().result()
+        finally:
+            for future in running:
+                future.cancel()

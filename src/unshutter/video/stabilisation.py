@@ -2,7 +2,7 @@
 
 Scenes are smoothed one by one. An unknown rotation is assumed to be even: shake remains there, but nothing jumps. All
 frames are enlarged equally, as far as the frame with the largest correction needs. If that exceeds the limit, the
-smoothing of its scene is restricted to stay within it (frames/path_smoothing.py).
+smoothing of its scene is restricted to stay within it (frames/smoothing.py).
 
 The small rotations between frames are added up as vectors in the camera's axes. The resulting error, and the curvature
 of the borders' motion, are taken into account by solving again around the last solution.
@@ -10,21 +10,26 @@ of the borders' motion, are taken into account by solving again around the last 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from unshutter.frames.path_smoothing import Room, Smoothing, stiffness_for
-from unshutter.geometry.rotations import rotation_matrix, rotation_vector
-from unshutter.video.camera_path import CameraPath
-from unshutter.video.frame_margins import margins, zoom_needed
-from unshutter.video.options import Steadiness
-from unshutter.video.steady_view import SteadyView
+from unshutter.frames.frame_motion import Step
+from unshutter.frames.smoothing import Room, Smoothing, stiffness_for
+from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.motion import row_index
+from unshutter.motion.rotations import rotation_matrix, rotation_vector
+from unshutter.options.clip_options import ClipUndo, Steadiness
+from unshutter.orientation import Readout
+from unshutter.reasons import Reason
+from unshutter.video.frame_map import SteadyView, borders_of, margins, zoom_needed
+from unshutter.video.frame_warper import ROWS
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float64
+    from unshutter.motion.shapes import Float32, Float64
+
 
 _ROWS = 256  # rotations are weighted in px of a picture with this many rows
 _ROUNDS = 3  # of linearisation
@@ -35,27 +40,94 @@ _GAPS = 0.1, 10.0  # limits of the frame intervals within a scene
 _SHRINKS = 12  # bisection steps of the search for a rotation that fits
 
 
+@dataclass(eq=False)
+class CameraPath:
+    """The motion of the frames of a clip, in order: about 1 kB per frame, or 3 kB with a gyro."""
+
+    undo: ClipUndo  # how their motion is undone
+    readout: Readout  # direction in which stored pixels were read
+    aspect: float  # width of the readout frame divided by its height
+    times_s: list[float] = field(default_factory=list)  # presentation time of each frame [s]
+    cuts: list[bool] = field(default_factory=list)  # whether a frame shows another scene than the previous one
+    # rotation since the previous frame, at the reference row [rad]; NaN if unknown
+    steps: list[Float64[np.ndarray, "3"]] = field(default_factory=list)
+    focals: list[float] = field(default_factory=list)  # focal length of each frame [heights]; NaN if unknown
+    # extent of each frame once its motion is undone (:func:`borders_of`)
+    borders: list[Float32[np.ndarray, "4 9"]] = field(default_factory=list)
+    # rotation since the previous frame, between middle rows; None if unknown
+    middle_steps: list[Step | None] = field(default_factory=list)
+    _motions: list[_Rows | Reason | None] = field(default_factory=list)
+    _at_reference: np.ndarray = field(default_factory=lambda: np.eye(3))  # of the last frame, from its middle row
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def add(self, motion: Motion, step: Step | None, cut: bool, time_s: float) -> None:
+        """Adds the next frame.
+
+        Args:
+            motion: motion of a small picture, with the first row as the reference.
+        """
+        focal = np.nan if step is None else step.focal_heights
+        at_reference = np.eye(3)
+        if isinstance(motion, RotationMotion):
+            focal = motion.focal_px / motion.height
+            rows = [row_index(reference, motion.height) for reference in ("middle", self.undo.reference)]
+            middle, reference = rotation_matrix(motion.rotations[rows])
+            at_reference = reference @ middle.T
+        turn = np.full(3, np.nan)
+        if step is not None and not cut:
+            turn = rotation_vector(at_reference @ rotation_matrix(step.turn) @ self._at_reference.T)
+        undone = motion.rereferenced(self.undo.reference).scaled(self.undo.strength)
+        self.times_s.append(time_s)
+        self.cuts.append(cut)
+        self.steps.append(turn)
+        self.focals.append(focal)
+        self.borders.append(borders_of(undone, self.aspect))
+        self.middle_steps.append(step)
+        self._motions.append(_Rows.of(motion) if isinstance(motion, RotationMotion) else motion.reason)
+        self._at_reference = at_reference
+
+    def motion(self, frame: int) -> Motion:
+        """Returns the motion of a frame, first row as the reference; zero, with a reason, if it has none."""
+        kept = self._motions[frame]
+        return kept.motion() if isinstance(kept, _Rows) else RowMotion.zero(ROWS, ROWS, reason=kept)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Compact storage of a rotation motion."""
+
+    rotations: Float32[np.ndarray, "rows 3"]
+    width: int
+    focal_px: float
+    readout: Readout
+    estimator: str
+
+    @classmethod
+    def of(cls, motion: RotationMotion) -> _Rows:
+        rotations = motion.rotations.astype(np.float32)
+        return cls(rotations, motion.width, motion.focal_px, motion.readout, motion.estimator)
+
+    def motion(self) -> RotationMotion:
+        rotations = self.rotations.astype(np.float64)
+        return RotationMotion(
+            self.width, rotations=rotations, focal_px=self.focal_px, readout=self.readout, estimator=self.estimator
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Stabilisation:
-    """The stabilised views of a clip's frames.
-
-    Attributes:
-        path: the camera's path.
-        turns: [frames, 3] rotation from the stabilised to the real camera, at the reference row [rad].
-        focals: [frames] focal length [heights].
-        zoom: zoom of all frames.
-        limited: number of frames in which the zoom limit weakened the smoothing.
-        unknown: number of frames whose rotation since the previous frame is unknown.
-        level: whether horizons are level.
-    """
+    """The stabilised views of a clip's frames."""
 
     path: CameraPath
+    # [frames, 3] rotation from the stabilised to the real camera, at the reference row [rad]
     turns: Float64[np.ndarray, "frames 3"]
-    focals: Float64[np.ndarray, "frames"]
-    zoom: float
-    limited: int
-    unknown: int
-    level: bool
+    focals: Float64[np.ndarray, "frames"]  # [frames] focal length [heights]
+    zoom: float  # zoom of all frames
+    limited: int  # number of frames in which the zoom limit weakened the smoothing
+    unknown: int  # number of frames whose rotation since the previous frame is unknown
+    level: bool  # whether horizons are level
 
     def view(self, frame: int) -> SteadyView | None:
         """Returns the stabilised view of a frame, or None if it is the camera's own."""
@@ -80,9 +152,6 @@ def stabilised(
     """Computes the stabilised views of a clip.
 
     Args:
-        path: the camera's path.
-        steadiness: the user's options.
-        interval_s: usual time from one frame to the next [s].
         up: upward direction in the camera's axes; None if horizons need not be level.
     """
     scenes = list(_scenes(path, interval_s, up))
@@ -117,7 +186,6 @@ def _scenes(path: CameraPath, interval_s: float, up: np.ndarray | None) -> list[
 
 
 def _scene(path: CameraPath, part: slice, interval_s: float, usual_focal: float, up: np.ndarray | None) -> _Scene:
-    """Returns the frames from one cut to the next as a scene."""
     gaps = np.clip(np.diff(path.times_s[part]) / interval_s, *_GAPS)
     times = np.concatenate([[0.0], np.cumsum(gaps)])
     focals = np.array(path.focals[part])
@@ -138,25 +206,15 @@ def _scene(path: CameraPath, part: slice, interval_s: float, usual_focal: float,
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """Frames without a cut.
+    """Frames without a cut."""
 
-    Attributes:
-        times: presentation times [usual frame intervals].
-        steps: [frames, 3] rotation from the previous frame to each frame [rad].
-        focal: focal length [heights].
-        aspect: width of the readout frame divided by its height.
-        borders: extent of each frame.
-        unknown: number of unknown steps.
-        up: [frames, 3] upward direction; None if horizons are left unchanged.
-    """
-
-    times: np.ndarray
-    steps: np.ndarray
-    focal: float
-    aspect: float
-    borders: np.ndarray
-    unknown: int
-    up: np.ndarray | None
+    times: np.ndarray  # presentation times [usual frame intervals]
+    steps: np.ndarray  # [frames, 3] rotation from the previous frame to each frame [rad]
+    focal: float  # focal length [heights]
+    aspect: float  # width of the readout frame divided by its height
+    borders: np.ndarray  # extent of each frame
+    unknown: int  # number of unknown steps
+    up: np.ndarray | None  # [frames, 3] upward direction; None if horizons are left unchanged
 
     def smoothed(self, stiffness: float, zoom: float | None) -> Float64[np.ndarray, "frames 3"]:
         """Returns the rotation from the stabilised to the real camera for each frame.

@@ -12,9 +12,7 @@ from support.drawn_photos import drawn, encoded, textured
 from support.tagged_files import (
     full_exif,
 )
-from unshutter.photo import Photo
-from unshutter.photo.containers import boxes
-from unshutter.photo.formats import avif
+from unshutter.photo import Photo, boxes
 
 
 @pytest.mark.parametrize(("bits", "step"), [(10, 64), (12, 16)])
@@ -112,10 +110,10 @@ def test_exif_without_the_number_before_it_keeps_its_header() -> None:
     """Decoders skip four bytes, here the TIFF header's own."""
     photo = Photo.from_bytes(encoded(textured(48, 80), "JPEG", exif=full_exif(orientation=1)))
     data = photo.to_bytes("avif")
-    told = avif._exif_extent(io.BytesIO(data))
+    told = boxes.extent(io.BytesIO(data), b"Exif")
     assert told is not None
-    start, changed = told.base + told.offset + 4 + 6, bytearray(data)  # behind the number and the prefix
-    struct.pack_into(">II", changed, told.numbers_at, told.offset + 10, told.length - 10)
+    start, changed = told.at + 4 + 6, bytearray(data)  # behind the number and the prefix
+    struct.pack_into(">II", changed, told.numbers_at, told.at - told.base + 10, told.length - 10)
     data, blob = bytes(changed), data[start : start + told.length - 10]
     again = Image.open(io.BytesIO(Photo.from_bytes(data).to_bytes())).getexif()
     assert again[0x010F] == Image.open(io.BytesIO(photo.to_bytes())).getexif()[0x010F]

@@ -8,8 +8,8 @@ from support.drawn_photos import drawn
 from unshutter.errors import UnshutterError
 from unshutter.options import PictureFormat
 from unshutter.photo import Photo
-from unshutter.photo.format import Format, WrittenFormat
 from unshutter.photo.formats import FORMATS, WRITTEN
+from unshutter.photo.formats.picture_format import Format, WrittenFormat
 
 
 @pytest.mark.parametrize("name", FORMATS)

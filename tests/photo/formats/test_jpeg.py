@@ -11,8 +11,8 @@ from support.drawn_photos import drawn, encoded, textured
 from support.tagged_files import EXIF, GPS
 from unshutter.errors import UnshutterError
 from unshutter.photo import Photo
-from unshutter.photo.format import Coding
 from unshutter.photo.formats import WRITTEN, jpeg
+from unshutter.photo.formats.picture_format import Coding
 
 
 @pytest.mark.parametrize("quality", [5, 30, 49, 50, 75, 87, 92, 96, 100])

@@ -9,11 +9,9 @@ from PIL.JpegImagePlugin import get_sampling
 
 from support.drawn_photos import drawn, encoded
 from support.tagged_files import TITLE, exif_blob, full_exif, image_resources, jpeg_with
-from unshutter.photo import Photo
-from unshutter.photo.containers import segments
-from unshutter.photo.tags.directories import EXIF, GPS, Entry, Tree
-from unshutter.photo.tags.directory_bytes import encoded_number
-from unshutter.photo.tags.exif import of_tiff
+from unshutter.photo import Photo, chunks
+from unshutter.photo.directories import EXIF, GPS, Entry, Tree, encoded_number
+from unshutter.photo.exif import of_tiff
 
 PHOTOSHOP, ADOBE = b"Photoshop 3.0\0", b"http://ns.adobe.com/xap/1.0/\0"
 
@@ -84,13 +82,14 @@ def test_what_no_result_gets_is_named(segment, name) -> None:
 
 @pytest.mark.parametrize("progressive", [False, True])
 def test_data_behind_the_picture_are_named(progressive: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(segments, "_PIECE", 100)  # so that markers are cut in two
+    monkeypatch.setattr(chunks, "_PIECE", 100)  # so that markers are cut in two
     data = encoded(drawn(), "JPEG", progressive=progressive, restart_marker_blocks=3)
     for fill in (b"", bytes(3000), b"\xff\xff", b"\r\n"):
         assert result(data + fill).left_out == ()
     for more in (b"PK\3\4 of a program", data):
         assert result(data + bytes(5) + more).left_out == ("data behind the picture",)
-    assert segments.bytes_behind(io.BytesIO(data[:-2])) == 0  # where nothing tells the end
+    assert chunks.bytes_behind(io.BytesIO(data[:-2])) == 0  # where nothing tells the end
+    assert chunks.bytes_behind(io.BytesIO(data + bytes(6500) + b"PK")) == 0  # 64 pieces are read, not gigabytes
 
 
 @pytest.mark.parametrize("subsampling", ["4:4:4", "4:2:0"])

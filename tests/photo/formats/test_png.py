@@ -10,8 +10,7 @@ from PIL import Image, PngImagePlugin
 from support.drawn_photos import drawn, encoded
 from support.tagged_files import SRGB, TITLE, check_rich_exif, image_resources, rich_exif
 from unshutter import UnshutterError
-from unshutter.photo import Photo
-from unshutter.photo.tags import iptc
+from unshutter.photo import Photo, chunks
 
 XMP = b'<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"/></x:xmpmeta>'
 UMLAUT = "© Müller"
@@ -133,7 +132,7 @@ def test_xmp_becomes_a_chunk_as_adobe_specifies_it(pair, at_the_end):
 @pytest.mark.parametrize("data", [image_resources((1028, TITLE)), TITLE])
 def test_iptc_stays_in_png_and_goes_to_jpeg(kind, data):
     source = png_with(raw_profile(kind, data))
-    expected = iptc.PREFIX + image_resources((1028, TITLE))
+    expected = chunks.RESOURCES_PREFIX + image_resources((1028, TITLE))
     for result in (again(source), Photo.from_bytes(source).to_bytes("jpeg")):
         assert Photo.from_bytes(Photo.from_bytes(result).to_bytes("jpeg")).encode("png").left_out == ()
         assert expected in Photo.from_bytes(result).to_bytes("jpeg")

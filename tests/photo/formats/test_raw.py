@@ -18,10 +18,9 @@ from support.tagged_files import (
     rich_exif,
 )
 from unshutter.errors import UnshutterError
-from unshutter.photo import Photo
-from unshutter.photo.containers import sensor_data
+from unshutter.photo import Photo, exif
 from unshutter.photo.formats import raw
-from unshutter.photo.tags import exif
+from unshutter.photo.libvips import Source
 
 
 def test_raw_is_developed_plainly_in_16_bits() -> None:
@@ -160,19 +159,19 @@ def test_a_decoder_that_reads_on_behind_the_end_is_found_out(missing: int) -> No
         """The first 40,000 bytes, zeros where there are fewer."""
         return np.frombuffer(stream.read(40_000).ljust(40_000, b"\0"), np.uint8)
 
-    assert sensor_data.is_complete(data, decode(io.BytesIO(data)), decode)
+    assert raw.is_complete(Source(data), decode(io.BytesIO(data)), decode)
     cut = data[:-missing]
-    assert not sensor_data.is_complete(cut, decode(io.BytesIO(cut)), decode)
-    assert sensor_data.is_complete(cut, decode(io.BytesIO(cut)), lambda _: None)  # a kind read from its end
-    assert not sensor_data.is_complete(data, np.zeros(9, np.uint16), lambda _: None)
+    assert not raw.is_complete(Source(cut), decode(io.BytesIO(cut)), decode)
+    assert raw.is_complete(Source(cut), decode(io.BytesIO(cut)), lambda _: None)  # a kind read from its end
+    assert not raw.is_complete(Source(data), np.zeros(9, np.uint16), lambda _: None)
 
 
 def test_a_table_that_is_wrong_does_no_harm() -> None:
     """Panasonic's strips are said to be as long as they would be without compression."""
     data = dng(linear(soft()))
     odd = with_longer_strip(data, 100_000)
-    assert sensor_data.is_whole(io.BytesIO(data)) is True
-    assert sensor_data.is_whole(io.BytesIO(odd)) is None
+    assert raw.is_whole(io.BytesIO(data)) is True
+    assert raw.is_whole(io.BytesIO(odd)) is None
     assert np.array_equal(Photo.from_bytes(odd).pixels, Photo.from_bytes(data).pixels)
 
 
@@ -180,8 +179,8 @@ def test_lengths_of_fuji_and_canon_are_believed() -> None:
     fuji = b"FUJIFILMCCD-RAW ".ljust(84, b"\0") + struct.pack(">6I", 108, 50, 158, 10, 168, 32) + bytes(92)
     cr3 = box(b"ftyp", b"crx \0\0\0\1crx isom") + box(b"mdat", bytes(100))
     for data in (fuji, cr3):
-        assert sensor_data.is_whole(io.BytesIO(data)) is True
-        assert sensor_data.is_whole(io.BytesIO(data[:-1])) is False
+        assert raw.is_whole(io.BytesIO(data)) is True
+        assert raw.is_whole(io.BytesIO(data[:-1])) is False
 
 
 def test_panasonics_makers_note_is_found() -> None:

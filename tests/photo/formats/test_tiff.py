@@ -19,11 +19,9 @@ from support.tagged_files import (
     full_exif,
 )
 from unshutter import RowMotion, UnshutterError, rectify
-from unshutter.photo import Photo
+from unshutter.photo import Photo, exif
+from unshutter.photo.directories import Entry, in_classic
 from unshutter.photo.formats import tiff
-from unshutter.photo.tags import exif
-from unshutter.photo.tags.directories import Entry
-from unshutter.photo.tags.directory_bytes import in_classic
 
 
 @pytest.mark.parametrize(("compression", "expected"), [("raw", 1), ("tiff_lzw", 5), ("packbits", 8), ("jpeg", 8)])
@@ -140,7 +138,7 @@ def test_a_mask_is_not_taken_for_transparency(told):
     assert not photo.has_alpha and photo.masked
     motion = RowMotion(80, np.full(64, 2.0), np.zeros(64))
     result = rectify(photo, motion=motion, edges="fill").photo
-    alone = rectify(colours, motion=motion, edges="fill")
+    alone = rectify(colours, motion=motion, edges="fill").array
     np.testing.assert_array_equal(result.to_array()[..., :3], alone)
     np.testing.assert_array_equal(result.grey(), Photo.from_array(alone).grey())
     np.testing.assert_array_equal(photo.grey(), Photo.from_array(colours).grey())

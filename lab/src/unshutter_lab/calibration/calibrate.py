@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from unshutter import installation
+from unshutter import errors
 from unshutter.errors import UnshutterError
-from unshutter.estimators.right_angles.beliefs import NORMAL, MotionKind
-from unshutter.estimators.right_angles.posterior import PX, displacement
-from unshutter.storage.places import write_place
-from unshutter.storage.protection import Protection
+from unshutter.single.prior import NORMAL, MotionKind
+from unshutter.single.search import PX, displacement
+from unshutter.storage.locations import RunFiles, write_place
 from unshutter_lab.calibration.cases import (
     CROP,
     CROPS,
@@ -33,12 +32,14 @@ from unshutter_lab.calibration.cases import (
     OrdinarySearchCase,
     SearchCase,
     SyntheticSearchCase,
+    fit_motion_kinds,
+    fit_network_errors,
+    scales_and_correlations,
 )
-from unshutter_lab.calibration.distributions import fit_motion_kinds, fit_network_errors, scales_and_correlations
-from unshutter_lab.evaluation.cases.folders import logs_in, photos_in, pictures_in
-from unshutter_lab.evaluation.cases.synthetic import SyntheticCase
+from unshutter_lab.evaluation.pair_cases import logs_in, photos_in, pictures_in
+from unshutter_lab.evaluation.results import Store, code_digest
 from unshutter_lab.evaluation.run import check_jobs, measure
-from unshutter_lab.evaluation.store import Store, code_digest
+from unshutter_lab.evaluation.synthetic import SyntheticCase
 
 FILE, REPORT = "calibration.json", "report.txt"
 # folders in the data folder
@@ -54,24 +55,10 @@ Clip = tuple[tuple[Path, ...], float]  # frames and readout ratio
 def calibrate(
     data: Path, output: Path, photos: int | None = None, seed: int = 0, jobs: int | None = None, overwrite: bool = False
 ) -> Path:
-    """Measures all parts of the default method except its network.
+    """Measures all parts of the default method except its network; returns the path of the file.
 
-    Args:
-        data: folder with undistorted photos in ``val`` (for the network's errors) and ``train`` (for the odds), photos
-            that people took in ``ordinary``, and recorded motions in ``trajectories``. Folders of clips' frames in
-            ``clips``, each with a ``readout_ratio.txt``, are optional.
-        output: output folder; an interrupted run in it is resumed.
-        photos: maximum number of photos per folder, chosen by the seed.
-        seed: seed of the motions.
-        jobs: number of processes; by default one per processor. The file does not depend on it.
-        overwrite: whether a run in the folder with other settings or code may be discarded.
-
-    Returns:
-        The path of the file.
-
-    Raises:
-        UsageError: a number is invalid, or the folder holds another run.
-        UnshutterError: scikit-learn or data are missing, there are too few photos, or the folder is not writable.
+    For the parameters see CalibrateArguments. Photos in ``val`` are for the network's errors, those in ``train`` for
+    the odds. The file does not depend on the number of processes.
     """
     check_jobs(jobs)
     _check_libraries()
@@ -79,7 +66,7 @@ def calibrate(
     logs = logs_in(data / LOGS)
     clips = _clips(data / CLIPS)
     inputs = {**folders, LOGS: logs, CLIPS: [*chain.from_iterable(frames for frames, _ in clips)]}
-    Protection([*chain.from_iterable(inputs.values())]).check_all_in(output)
+    RunFiles(reads=chain.from_iterable(inputs.values())).check_all_in(output)
     digests = {name: _digest(paths) for name, paths in inputs.items()}
     store = Store(output, {"data": digests, "photos": photos, "seed": seed}, overwrite, calibrated=False)
 
@@ -102,7 +89,7 @@ def _check_libraries() -> None:
     try:
         import sklearn  # noqa: F401
     except ImportError as error:
-        raise UnshutterError(f"calibrate needs the extra: {installation.lab('calibrate')} ({error})") from None
+        raise UnshutterError(f"calibrate needs the extra: {errors.lab('calibrate')} ({error})") from None
 
 
 def _as_fields(kind: MotionKind) -> dict[str, Any]:
@@ -120,40 +107,27 @@ def _network_errors(photos: list[SyntheticCase], store: Store, jobs: int | None)
     answers, truths = (np.array([record[name] for record in records]) for name in ("answer", "truth"))
     sizes = np.array([PX * displacement(answer) for answer in answers])
     errors = fit_network_errors(answers - truths, sizes)
-    return {
-        "freedom": errors.freedom,
-        "usual_px": errors.usual_px,
-        "scales": errors.scales.tolist(),
-        "correlations": errors.correlations.tolist(),
-    }
+    matrices = {"scales": errors.scales.tolist(), "correlations": errors.correlations.tolist()}
+    return {"freedom": errors.freedom, "usual_px": errors.usual_px, **matrices}
 
 
 def _search_cases(
     folders: dict[str, list[Path]], clips: list[Clip], seed: int, logs: tuple[Path, ...], known: str
 ) -> list[SearchCase]:
-    made: list[SearchCase] = [
+    cases: list[SearchCase] = [
         SyntheticSearchCase(case.suite.name, case.photo, known, case)
         for case in _synthetic(ODDS, folders[ODDS], (*MOVED, *STILL), seed, logs)
     ]
-    ordinary = [
-        OrdinarySearchCase(WHOLE if crop is None else CROP, path.name, known, path, crop)
-        for path in folders[ORDINARY]
-        for crop in (None, *range(CROPS))
-    ]
-    frames = [
-        FrameSearchCase(FRAME, clip[0].parent.name, known, clip, ratio, k)
-        for clip, ratio in clips
-        for k in range(len(clip))
-    ]
-    return made + ordinary + frames
+    for path in folders[ORDINARY]:
+        crops = [OrdinarySearchCase(CROP, path.name, known, path, crop) for crop in range(CROPS)]
+        cases += [OrdinarySearchCase(WHOLE, path.name, known, path, None), *crops]
+    for clip, ratio in clips:
+        cases += [FrameSearchCase(FRAME, clip[0].parent.name, known, clip, ratio, k) for k in range(len(clip))]
+    return cases
 
 
 def _clips(folder: Path) -> list[Clip]:
-    """Returns the clips of a folder, if there is one.
-
-    Raises:
-        UnshutterError: a clip's readout ratio cannot be read.
-    """
+    """Returns the clips of a folder, if there is one."""
     clips = []
     for file in sorted(folder.glob(f"*/{_RATIO}")):
         try:
@@ -173,34 +147,20 @@ def _fits(records: list[dict[str, Any]]) -> tuple[dict[str, Any], str]:
     """Returns the sections of the file, and a report on their accuracy."""
     from unshutter_lab.calibration.fits import Cases, fit_with_network, fit_without_network
 
-    with_network = fit_with_network(Cases.of(records, "with_network"))
+    network = fit_with_network(Cases.of(records, "with_network"))
     without = fit_without_network(Cases.of(records, "without_network"))
-    sections = {
-        "odds_without_network": without.odds,
-        "confidence": {
-            "rectified": with_network.rectified,
-            "left": with_network.left,
-            "rectified without network": without.rectified,
-            "left without network": without.left,
-        },
-        "forest": with_network.odds,
-    }
-    return sections, f"{with_network.report}\n\n{without.report}\n"
+    confidence = {"rectified": network.rectified, "left": network.left}
+    confidence |= {"rectified without network": without.rectified, "left without network": without.left}
+    sections = {"odds_without_network": without.odds, "confidence": confidence, "forest": network.odds}
+    return sections, f"{network.report}\n\n{without.report}\n"
 
 
 def _provenance(counts: dict[str, Any], cases: int, photos: int | None, seed: int) -> dict[str, Any]:
     """Returns the inputs of the file: the same data and versions reproduce the same file."""
-    return {
-        "made_by": "unshutter calibrate",
-        "data": counts,
-        "photos": photos,
-        "cases": cases,
-        "seed": seed,
-        "commit": _commit(),
-        "code": code_digest(calibrated=False),
-        "versions": {"python": platform.python_version()}
-        | {name: version(name) for name in ("unshutter", "unshutter-lab", *_LIBRARIES)},
-    }
+    given = {"made_by": "unshutter calibrate", "data": counts, "photos": photos, "cases": cases, "seed": seed}
+    versions = {name: version(name) for name in ("unshutter", "unshutter-lab", *_LIBRARIES)}
+    code = {"commit": _commit(), "code": code_digest(calibrated=False)}
+    return {**given, **code, "versions": {"python": platform.python_version(), **versions}}
 
 
 def _commit() -> str | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,9 +19,9 @@ from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
 from unshutter.errors import UnshutterError
-from unshutter.estimators.right_angles.odds import CAUTION
+from unshutter.single.candidates import CAUTION
 from unshutter_lab.calibration.cases import CROP, FRAME, WHOLE
-from unshutter_lab.evaluation.cases.case import Record
+from unshutter_lab.evaluation.case import Record
 from unshutter_lab.evaluation.metrics import is_right
 
 WEIGHT_OF_ORDINARY = 4  # weight of real photos for the forest, because they are few
@@ -36,13 +37,7 @@ _FAINT = 0.05  # px: least weight of a case
 
 @dataclass(frozen=True)
 class Cases:
-    """Photos with a decision to make.
-
-    Attributes:
-        suite, photo: [N] of each.
-        error, nothing: [N] mean displacement that remains after undoing the motion, and without [px of 256 rows].
-        figures, confidence_figures: name -> [N], see unshutter.estimators.right_angles.odds.
-    """
+    """Photos with a decision to make."""
 
     suite: np.ndarray
     photo: np.ndarray
@@ -53,15 +48,7 @@ class Cases:
 
     @classmethod
     def of(cls, records: list[Record], search: str) -> Cases:
-        """Returns the cases among the records that were not declined.
-
-        Args:
-            records: records of ``SearchCase``.
-            search: "with_network" or "without_network".
-
-        Raises:
-            UnshutterError: there are too few, or all are of one kind.
-        """
+        """Returns the cases among the records that were not declined."""
         chosen = [(record, record[search]) for record in records if record[search]]
         if not chosen:
             raise UnshutterError("no photo shows right angles: calibrate needs photos of buildings")
@@ -114,46 +101,58 @@ class Cases:
 
 @dataclass(frozen=True)
 class Fit:
-    """Odds and confidence for one kind of search.
+    """Odds and confidence for one kind of search."""
 
-    Attributes:
-        odds: fields of the forest, or of the regression without the network.
-        rectified, left: fields of the confidence's regressions.
-        report: their accuracy on photos not used for fitting.
-    """
-
-    odds: dict[str, Any]
-    rectified: dict[str, Any]
+    odds: dict[str, Any]  # fields of the forest, or of the regression without the network
+    rectified: dict[str, Any]  # fields of the confidence's regressions
     left: dict[str, Any]
-    report: str
+    report: str  # their accuracy on photos not used for fitting
 
 
 def fit_with_network(cases: Cases) -> Fit:
     """Fits a forest for the odds, and the confidence."""
+
+    def fitted(chosen: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
+        forest = _forest(cases, chosen)
+        return forest_fields(forest, tuple(cases.figures)), forest.decision_function(cases.table)
+
+    return _fit(cases, fitted, RECTIFIED, LEFT, "With the network")
+
+
+def fit_without_network(cases: Cases) -> Fit:
+    """Fits a logistic regression for the odds, and the confidence."""
+
+    def fitted(chosen: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
+        fields = _regression(cases.figures, ("evidence",), cases.helps, cases.at_stake, chosen)
+        return fields, _log_odds(fields, cases.figures)
+
+    return _fit(cases, fitted, RECTIFIED_ALONE, LEFT_ALONE, "Without the network")
+
+
+def _fit(
+    cases: Cases,
+    fitted: Callable[[np.ndarray], tuple[dict[str, Any], np.ndarray]],
+    rectified: tuple[str, ...],
+    left: tuple[str, ...],
+    title: str,
+) -> Fit:
+    """Fits the odds to all cases, and the confidence to the odds of those that a fit had not seen.
+
+    Args:
+        cases: the photos.
+        fitted: chosen cases [N] -> fields of a fit to them, and its odds [N] for all cases.
+        rectified, left: features of the confidence.
+        title: of the report.
+    """
     with threadpool_limits(1):
         unseen = np.zeros(len(cases.error))
         for fold in range(FOLDS):
             asked = cases.folds == fold
             if asked.any():
-                unseen[asked] = _forest(cases, ~asked).decision_function(cases.table[asked])
-        unseen -= CAUTION
-        forest = forest_fields(_forest(cases, np.ones(len(unseen), bool)), tuple(cases.figures))
-        rectified, left, report = _confidence(cases, unseen, RECTIFIED, LEFT)
-    return Fit(forest, rectified, left, f"With the network:\n{_table(cases, unseen)}\n{report}")
-
-
-def fit_without_network(cases: Cases) -> Fit:
-    """Fits a logistic regression for the odds, and the confidence."""
-    with threadpool_limits(1):
-        everything = np.ones(len(cases.error), bool)
-        fields = _regression(cases.figures, ("evidence",), cases.helps, cases.at_stake, everything)
-        unseen = np.zeros(len(cases.error))
-        for fold in range(FOLDS):
-            asked = cases.folds == fold
-            fitted = _regression(cases.figures, ("evidence",), cases.helps, cases.at_stake, ~asked)
-            unseen[asked] = _log_odds(fitted, cases.figures)[asked] - CAUTION
-        rectified, left, report = _confidence(cases, unseen, RECTIFIED_ALONE, LEFT_ALONE)
-    return Fit(fields, rectified, left, f"Without the network:\n{_table(cases, unseen)}\n{report}")
+                unseen[asked] = fitted(~asked)[1][asked] - CAUTION
+        odds, _ = fitted(np.ones(len(unseen), bool))
+        of_rectified, of_left, report = _confidence(cases, unseen, rectified, left)
+    return Fit(odds, of_rectified, of_left, f"{title}:\n{_table(cases, unseen)}\n{report}")
 
 
 def _forest(cases: Cases, chosen: np.ndarray) -> HistGradientBoostingClassifier:
@@ -227,7 +226,7 @@ def _reliability(cases: Cases, stated: np.ndarray, right: np.ndarray) -> list[st
     """Returns one line per tenth of the confidence and per suite: stated confidence and share of correct answers."""
     tenths = (stated * 10).astype(int)
     groups = [(f"confidence .{low}", tenths == low, cases.share) for low in range(10)]
-    groups += [(suite, cases.suite == suite, np.ones(len(stated))) for suite in sorted(set(cases.suite))]
+    groups += [(suite, cases.suite == suite, np.ones(len(stated))) for suite in np.unique(cases.suite)]
     return [
         f"{name:22} {of.sum():5d} cases: confidence {np.average(stated[of], weights=weight[of]):.2f}, "
         f"right {np.average(right[of], weights=weight[of]):.2f}"
@@ -240,14 +239,13 @@ def _table(cases: Cases, odds: np.ndarray) -> str:
     """Returns one line per suite: error under the odds' decisions, and the share of better and worse results."""
     left = np.where(odds > 0, cases.error, cases.nothing)
     lines = [f"{'suite':22} cases  median  (all undone, nothing)  better  worse by > 1 px, > 3 px"]
-    for suite in sorted(set(cases.suite)):
+    for suite in np.unique(cases.suite):
         of = cases.suite == suite
-        worse = left[of] - cases.nothing[of]
+        worse = (left - cases.nothing)[of]
         medians = [np.median(x[of]) for x in (left, cases.error, cases.nothing)]
-        shares = [np.mean(x) for x in (worse < 0, worse > 1, worse > 3)]
         lines.append(
             f"{suite:22} {of.sum():5d} {medians[0]:7.2f}  ({medians[1]:.2f}, {medians[2]:.2f})"
-            f"  {shares[0]:9.0%} {shares[1]:9.1%} {shares[2]:9.1%}"
+            f"  {np.mean(worse < 0):9.0%} {np.mean(worse > 1):9.1%} {np.mean(worse > 3):9.1%}"
         )
     return "\n".join(lines)
 

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unshutter.motion import Motion
+from unshutter.motion import Motion, RowMotion
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Bool, UInt8
+    from unshutter.motion.shapes import Bool, UInt8
+
 
 UNIT_ROWS = 256  # errors are in px of a picture with this many rows
 RIGHT_PX, RIGHT_SHARE = 1.0, 0.1  # EPE of a correct answer: px of UNIT_ROWS, or share of the EPE without correction
@@ -30,28 +31,18 @@ class MotionError:
 
     Positions come from ``gs_to_rs``, so that every kind of motion is judged by where its picture is sampled, not by t_x
     and r_z. An estimate without a finite position counts as one picture diagonal off.
-
-    Attributes:
-        epe: mean distance [px at 256 rows] of the RS positions over GS pixels visible in the RS picture.
-        curvature_epe: the EPE after adding the best multiple of the RS row to the estimate's columns: what would remain
-            if the shear were known. For row motions this replaces the linear coefficient of t_x.
-        tx_rmse: root mean square error of t_x over rows [px at 256 rows].
-        rz_rmse: root mean square error of r_z over rows [deg].
     """
 
-    epe: float
+    epe: float  # mean distance [px at 256 rows] of the RS positions over GS pixels visible in the RS picture
+    # the EPE after adding the best multiple of the RS row to the estimate's columns: what would remain if the shear
+    # were known. For row motions this replaces the linear coefficient of t_x.
     curvature_epe: float
-    tx_rmse: float
-    rz_rmse: float
+    tx_rmse: float  # root mean square error of t_x over rows [px at 256 rows]
+    rz_rmse: float  # root mean square error of r_z over rows [deg]
 
 
 def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionError:
-    """Compares two motions of one picture.
-
-    Args:
-        estimate, truth: motions of pictures of the same size.
-        points: the EPE is averaged over a grid of about this many columns and rows.
-    """
+    """Compares two motions of one picture; the EPE is averaged over a grid of about ``points`` columns and rows."""
     estimate, truth = estimate.rereferenced("first"), truth.rereferenced("first")
     height, width = truth.height, truth.width
     scale = UNIT_ROWS / height
@@ -71,13 +62,13 @@ def motion_error(estimate: Motion, truth: Motion, points: int = 64) -> MotionErr
     )
 
 
-def is_right(epe: np.ndarray, epe_nothing: np.ndarray) -> np.ndarray:
-    """[N] whether answers are correct in the sense of the confidence: EPE below 1 px or a tenth of the displacement.
+def epe_of_nothing(truth: Motion) -> float:
+    """Returns the EPE [px at 256 rows] of the unchanged picture."""
+    return motion_error(RowMotion.zero(truth.height, truth.width), truth).epe
 
-    Args:
-        epe: [N] of the answers [px at 256 rows].
-        epe_nothing: [N] of the unchanged pictures.
-    """
+
+def is_right(epe: np.ndarray, epe_nothing: np.ndarray) -> np.ndarray:
+    """[N] whether answers are correct in the sense of the confidence: EPE below 1 px or a tenth of the displacement."""
     return epe < np.maximum(RIGHT_PX, RIGHT_SHARE * epe_nothing)
 
 
@@ -88,12 +79,7 @@ def psnr(
 ) -> float:
     """Returns the peak signal-to-noise ratio [dB] of 8-bit pictures over a mask, all channels together.
 
-    Args:
-        picture, truth: uint8 [H, W] or [H, W, bands].
-        mask: bool [H, W].
-
-    Returns:
-        Infinity for equal pictures, NaN if the mask is empty.
+    Infinity for equal pictures, NaN if the mask is empty.
     """
     if not mask.any():
         return float("nan")
@@ -109,14 +95,7 @@ def ssim(
 ) -> float:
     """Returns the structural similarity (Wang et al. 2004; Gaussian window of 11 px, sigma 1.5) of 8-bit pictures.
 
-    The mean over channels and over the pixels whose whole window lies in the mask and in the picture.
-
-    Args:
-        picture, truth: uint8 [H, W] or [H, W, bands].
-        mask: bool [H, W].
-
-    Returns:
-        The index, or NaN if no window lies in the mask.
+    The mean over channels and over the pixels whose whole window lies in the mask and in the picture; NaN without any.
     """
     import cv2
 
@@ -157,16 +136,14 @@ def _at_most(limit: float, d_col: np.ndarray, d_row: np.ndarray) -> tuple[np.nda
 
 
 def _best_shear(d_col: np.ndarray, d_row: np.ndarray, when: np.ndarray) -> float:
-    """Returns the least mean distance over k after adding k * when to the columns, by ternary search (convex in k).
+    """Returns the least mean distance over k after adding k * when to the columns; it is convex in k.
 
     t_x does not determine which RS row reads a GS point, so a shear moves columns only.
     """
-    low, high = -4 * np.abs(d_col).max(initial=1.0) - 1, 4 * np.abs(d_col).max(initial=1.0) + 1
+    from scipy.optimize import minimize_scalar
 
-    def error(k: float) -> float:
-        return float(np.hypot(d_col + k * when, d_row).mean())
-
-    for _ in range(60):
-        third = (high - low) / 3
-        low, high = (low, high - third) if error(low + third) < error(high - third) else (low + third, high)
-    return error((low + high) / 2)
+    most = 4 * np.abs(d_col).max(initial=1.0) + 1
+    best = minimize_scalar(
+        lambda k: np.hypot(d_col + k * when, d_row).mean(), bounds=(-most, most), options={"xatol": 1e-9}
+    )
+    return float(best.fun)

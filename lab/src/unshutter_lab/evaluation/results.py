@@ -1,26 +1,122 @@
-"""The results of a run: request, environment, and a record per picture and estimator; JSON and CSV."""
+"""The results of a run: request, environment, and a record per picture and estimator; JSON and CSV.
+
+Records are stored on disc as they are measured, so that an interrupted run can be resumed.
+"""
 
 from __future__ import annotations
 
-import csv
-import io
+import hashlib
 import json
+import os
 import platform
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from unshutter.errors import UnshutterError
+import unshutter
+import unshutter_lab
+from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion
+from unshutter.storage.files import add_text
+from unshutter.storage.locations import write_place
 from unshutter.version import __version__
-from unshutter_lab.evaluation.cases.case import Case, Example, Record
-from unshutter_lab.evaluation.cases.protocols import PROTOCOLS, Request
-from unshutter_lab.evaluation.store import code_digest
+from unshutter_lab.evaluation.case import Case, Example, Record
+from unshutter_lab.evaluation.protocols import PROTOCOLS, Request
+
+_NAME = "records.jsonl"
+_DIGITS = 5
+_CALIBRATION = "calibration.json"
+
+
+class Store:
+    """A file with the settings of the run in its first line, then one JSON line per case and estimator.
+
+    Args:
+        folder: created if missing; must not hold another run.
+        settings: everything that affects the figures except the code, whose digest is added.
+        overwrite: whether records from other settings or code may be discarded.
+        calibrated: whether the figures depend on the shipped calibration.
+    """
+
+    def __init__(self, folder: Path, settings: dict[str, Any], overwrite: bool, calibrated: bool = True):
+        self._path = folder / _NAME
+        self._done: dict[tuple[str, str], list[Record]] = {}
+        head = {"settings": settings, "code": code_digest(calibrated)}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            if not self._resumed(head, overwrite):
+                write_place(f"{json.dumps(head)}\n".encode(), self._path)
+        except OSError as error:
+            raise UnshutterError(f"cannot write to folder {folder}: {error.strerror}") from None
+
+    def missing(self, key: str, names: list[str]) -> list[str]:
+        """Returns the names that have no records for a case yet."""
+        return [name for name in names if (key, name) not in self._done]
+
+    def add(self, key: str, names: list[str], records: list[Record]) -> None:
+        """Writes the records of a case to disc."""
+        lines = ""
+        for name in names:
+            own = [_rounded(record) for record in records if record["estimator"] == name]
+            self._done[key, name] = own
+            lines += json.dumps({"key": key, "estimator": name, "records": own}) + "\n"
+        add_text(self._path, lines)
+
+    def records(self, keys: list[str], names: list[str]) -> list[Record]:
+        """Returns the records of these cases and names, in this order."""
+        return [r for key in keys for name in names for r in self._done.get((key, name), [])]
+
+    def _resumed(self, head: dict, overwrite: bool) -> bool:
+        """Reads existing records; returns False if the run starts afresh."""
+        if not os.path.lexists(self._path):
+            return False
+        lines = self._path.read_text(encoding="utf-8", errors="replace").splitlines()
+        before = _parsed(lines[0]) if lines else None
+        if before != head:
+            problem = f"{self._path} is not the record of a run"
+            if before is not None:
+                other = "settings" if before.get("settings") != head["settings"] else "code"
+                problem = f"{self._path.parent} holds a run with other {other}"
+            if lines and not overwrite:
+                raise UsageError(f"{problem}: choose another --output, or --overwrite it")
+            return False
+        whole = [record for line in lines[1:] if (record := _parsed(line))]
+        self._done = {(record["key"], record["estimator"]): record["records"] for record in whole}
+        if len(whole) < len(lines) - 1:  # the run was killed in the middle of a line
+            rest = [json.dumps(record) for record in (head, *whole)]
+            write_place("".join(f"{line}\n" for line in rest).encode(), self._path)
+        return True
+
+
+@cache
+def code_digest(calibrated: bool = True) -> str:
+    """Returns the digest of both distributions' code, weights and calibration: records of other code are not used."""
+    digest = hashlib.sha256()
+    for root in (Path(unshutter.__file__).parent, Path(unshutter_lab.__file__).parent):
+        for path in sorted(root.rglob("*")):
+            if path.suffix in (".py", ".npz", ".onnx") or (calibrated and path.name == _CALIBRATION):
+                digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _rounded(record: Record) -> Record:
+    """Rounds off the last digits, which vary with threads and processors."""
+    return {key: round(value, _DIGITS) if isinstance(value, float) else value for key, value in record.items()}
+
+
+def _parsed(line: str) -> dict | None:
+    try:
+        value = json.loads(line)
+    except ValueError:
+        return None
+    return value if isinstance(value, dict) else None
+
 
 FORMAT = "unshutter-evaluation/1"
 _LIBRARIES = ("numpy", "opencv-python-headless", "onnxruntime", "pyvips")
@@ -29,40 +125,26 @@ _CURVE_ROWS = 33
 _FORMER_NAMES = {"environment": "about", "oracles": "rivals"}  # of keys, in files of earlier versions
 
 
-def _versions() -> dict[str, str]:
-    """Returns versions of the libraries that affect figures; those not installed are omitted."""
-    versions = {}
-    for name in _LIBRARIES:
-        with suppress(PackageNotFoundError):
-            versions[name] = version(name)
-    return versions
-
-
 @dataclass(frozen=True)
 class Results:
-    """The data of all tables and plots.
+    """The data of all tables and plots."""
 
-    Attributes:
-        request: the request of the run.
-        estimators: their names, in the order of the tables.
-        oracles: names judged along with them that know the truth or see more than one photo.
-        records: one per picture and estimator.
-        environment: versions, digest of the code, and kind of machine.
-        curves: example -> name -> {"row" [0 ... 1], "tx" [px at 256 rows], "rz" [deg]}.
-    """
-
-    request: Request
-    estimators: list[str]
-    oracles: list[str]
-    records: list[Record]
-    environment: dict[str, str] = field(default_factory=dict)
+    request: Request  # the request of the run
+    estimators: list[str]  # their names, in the order of the tables
+    oracles: list[str]  # names judged along with them that know the truth or see more than one photo
+    records: list[Record]  # one per picture and estimator
+    environment: dict[str, str] = field(default_factory=dict)  # versions, digest of the code, and kind of machine
+    # example -> name -> {"row" [0 ... 1], "tx" [px at 256 rows], "rz" [deg]}.
     curves: dict[str, dict[str, dict[str, list[float]]]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, request: Request, estimators: list[str], oracles: list[str], records: list[Record]) -> Results:
         """Returns results measured by this process."""
         environment = {"unshutter": __version__, "code": code_digest(), "machine": platform.machine()}
-        environment |= {"python": platform.python_version(), **_versions()}
+        environment["python"] = platform.python_version()
+        for library in _LIBRARIES:
+            with suppress(PackageNotFoundError):
+                environment[library] = version(library)
         return cls(request, estimators, oracles, records, environment)
 
     @property
@@ -92,11 +174,7 @@ class Results:
 
     @classmethod
     def load(cls, path: Path) -> Results:
-        """Reads the file written by :meth:`to_json`.
-
-        Raises:
-            UnshutterError: the file cannot be read or does not contain results.
-        """
+        """Reads the file written by :meth:`to_json`."""
         try:
             data = json.loads(path.read_text(encoding="utf-8"))
             request: dict[str, Any] = data["request"]
@@ -113,40 +191,32 @@ class Results:
 
     def to_csv(self) -> str:
         """Returns the records as CSV, one per line."""
-        columns = list(dict.fromkeys(key for record in self.records for key in record))
-        stream = io.StringIO()
-        writer = csv.DictWriter(stream, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(self.records)
-        return stream.getvalue()
+        return pd.DataFrame(self.records, dtype=object).to_csv(index=False, lineterminator="\n")
+
+    @cached_property
+    def frame(self) -> Any:
+        """The records, one per row (pandas.DataFrame)."""
+        return pd.DataFrame(self.records)
+
+    def chosen(self, **criteria: str) -> Any:
+        """Returns the records with these values (suite, group, estimator) (pandas.DataFrame)."""
+        return self.frame[(self.frame[list(criteria)] == pd.Series(criteria, dtype=object)).all(axis=1)]
 
     def values(self, key: str, **criteria: str) -> np.ndarray:
-        """Returns one figure of the records with these values (suite, group, estimator), where known."""
-        return values(self.chosen(**criteria), key)
-
-    def chosen(self, **criteria: str) -> list[Record]:
-        """Returns the records with these values."""
-        return [r for r in self.records if all(r[k] == v for k, v in criteria.items())]
+        """Returns one figure of the records with these values, where known."""
+        return self.chosen(**criteria)[key].dropna().to_numpy(np.float64)
 
     def distinct(self, key: str) -> list[str]:
         """Returns the distinct values of a key, in the order of the records."""
-        return list(dict.fromkeys(r[key] for r in self.records))
-
-
-def values(records: Iterable[Record], key: str) -> np.ndarray:
-    """Returns one figure of each record that has it, as an array."""
-    return np.array([r[key] for r in records if r.get(key) is not None], dtype=np.float64)
+        return self.frame[key].unique().tolist()
 
 
 def examples_of(cases: list[Case], records: list[Record]) -> list[Case]:
     """Returns a few cases to show, from little to much distortion; the first few if the distortion is unknown."""
-    distortion = {}  # picture -> EPE without correction
-    for record in records:
-        picture = (record["suite"], record["group"], record["photo"], record["draw"])
-        distortion.setdefault(picture, record.get("epe_nothing"))
-    if len(distortion) != len(cases) or None in distortion.values():
+    pictures: Any = pd.DataFrame(records).drop_duplicates(["suite", "group", "photo", "draw"])
+    if "epe_nothing" not in pictures or len(pictures) != len(cases) or pictures["epe_nothing"].isna().any():
         return cases[: len(_EXAMPLES)]
-    order = np.argsort(list(distortion.values()), kind="stable")
+    order = np.argsort(pictures["epe_nothing"].to_numpy(), kind="stable")
     return list(dict.fromkeys(cases[order[int(share * (len(order) - 1))]] for share in _EXAMPLES))
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cache
 from itertools import chain
@@ -14,21 +14,21 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import TypeVar
 
-from unshutter.batch.processes import settle_worker
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.estimators import register
-from unshutter.estimators.base import Estimator
 from unshutter.progress import Progress
-from unshutter.storage.protection import Protection
-from unshutter_lab.evaluation.cases.case import Record, Trial
-from unshutter_lab.evaluation.cases.folders import logs_in, pictures_in
-from unshutter_lab.evaluation.cases.protocols import PROTOCOLS, Request
-from unshutter_lab.evaluation.pages.plots import check_matplotlib
-from unshutter_lab.evaluation.pages.report import write_report
-from unshutter_lab.evaluation.results import Results, examples_of
-from unshutter_lab.evaluation.store import Store
+from unshutter.run.workers import settle_worker
+from unshutter.single import register
+from unshutter.single.estimator import Estimator
+from unshutter.storage.files import written_whole
+from unshutter.storage.locations import RunFiles
+from unshutter_lab.evaluation.case import Example, Record, Trial
+from unshutter_lab.evaluation.pair_cases import logs_in, pictures_in
+from unshutter_lab.evaluation.plots import check_matplotlib, draw_plots, write_sheet
+from unshutter_lab.evaluation.protocols import PROTOCOLS, Request
+from unshutter_lab.evaluation.results import Results, Store, examples_of
+from unshutter_lab.evaluation.tables import tables
 
-# environment variables that limit the libraries' threads
+# environment variables that limit the threads of libraries, which read them when they are loaded
 _THREADS = ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 AnyTrial = TypeVar("AnyTrial", bound=Trial)
 # (case, names not judged yet)
@@ -47,10 +47,6 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
 
     Returns:
         The number of pictures that could not be used.
-
-    Raises:
-        UsageError: unknown estimator, a number is out of range, or the folder holds another run.
-        UnshutterError: data or an estimator's extra are missing, data are unusable, or the folder is not writable.
     """
     names = _chosen(estimators)
     check_jobs(jobs)
@@ -59,7 +55,7 @@ def evaluate(request: Request, estimators: str, output: Path, jobs: int | None =
     for name in names:
         register.load(name)  # reports a missing extra before the work
     _check_output(output, request, names)
-    store = Store(output, {key: _plain(value) for key, value in asdict(request).items()}, overwrite)
+    store = Store(output, json.loads(json.dumps(asdict(request), default=str)), overwrite)
     measured = measure(cases, names, store, jobs)
     oracles = list(dict.fromkeys(oracle for case in cases for oracle in case.oracles))
     records = store.records([case.key for case in measured], [*names, *oracles])
@@ -74,7 +70,7 @@ def _check_output(folder: Path, request: Request, names: list[str]) -> None:
     """Raises UnshutterError if the output folder contains files that the run reads."""
     logs = logs_in(request.trajectory) if request.trajectory is not None else ()
     read = [*chain.from_iterable(map(pictures_in, request.data)), *logs, *map(register.weights_file, names)]
-    Protection(read).check_all_in(folder)
+    RunFiles(reads=read).check_all_in(folder)
 
 
 def check_jobs(jobs: int | None) -> None:
@@ -84,14 +80,7 @@ def check_jobs(jobs: int | None) -> None:
 
 
 def measure(cases: Sequence[AnyTrial], names: list[str], store: Store, jobs: int | None) -> list[AnyTrial]:
-    """Judges everything not in the store yet; returns the cases whose pictures could be used.
-
-    Args:
-        cases: the cases to measure.
-        names: names of the estimators.
-        store: receives the records.
-        jobs: number of processes; None for one per processor.
-    """
+    """Judges everything not in the store yet; returns the cases whose pictures could be used."""
     tasks = [(case, store.missing(case.key, [*names, *case.oracles])) for case in cases]
     waiting = [task for task in tasks if task[1]]
     problems: dict[str, str] = {}  # case -> problem with its picture
@@ -124,28 +113,19 @@ def _judged(tasks: list[_Task[AnyTrial]], jobs: int) -> Iterator[tuple[_Task[Any
         return
     # spawned, not forked: libvips and OpenCV have threads that a fork would lose
     pool = ProcessPoolExecutor(min(jobs, len(tasks)), get_context("spawn"), settle_worker)
+    before = {name: os.environ.get(name) for name in _THREADS}
     try:
-        with _one_thread_each():
-            running = {pool.submit(_judge, *task): task for task in tasks}
-            for done in as_completed(running):
-                yield running[done], done.result()
+        os.environ.update(dict.fromkeys(_THREADS, "1"))  # for the processes started now
+        running = {pool.submit(_judge, *task): task for task in tasks}
+        for done in as_completed(running):
+            yield running[done], done.result()
     except BrokenProcessPool:
         raise UnshutterError("a process died (out of memory?): what was finished is kept; try fewer --jobs") from None
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Limits processes started inside to one thread: libraries read these variables when loaded."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
     finally:
         for name, value in before.items():
             os.environ.pop(name)
             os.environ.update({name: value} if value is not None else {})
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _judge(case: Trial, names: list[str]) -> list[Record] | str:
@@ -162,8 +142,39 @@ def _loaded(name: str) -> Estimator:
     return register.load(name)
 
 
-def _plain(value: object) -> object:
-    """Converts a value to JSON types."""
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    return str(value) if isinstance(value, Path) else value
+def write_report(results: Results, examples: list[Example], folder: Path) -> None:
+    """Writes tables, plots, contact sheets and figures of a run."""
+    sheets = [(f"sheet_{k}.jpg", example.title) for k, example in enumerate(examples, start=1)]
+    for (file, _), example in zip(sheets, examples, strict=True):
+        write_sheet(example, folder / file)
+    write_text(folder / "results.json", results.to_json() + "\n")
+    write_text(folder / "results.csv", results.to_csv())
+    write_text(folder / "results.md", page(results, draw_plots(results, folder), sheets))
+
+
+def page(
+    results: Results, plots: list[tuple[str, str]], sheets: list[tuple[str, str]], figures: str | None = None
+) -> str:
+    """Returns the Markdown page of one run."""
+    protocol = PROTOCOLS[results.request.protocol]
+    parts = [f"# {protocol.title}", protocol.description, _counts(results), f"```sh\n{results.command}\n```"]
+    parts.append(tables(results) if figures is None else figures)
+    parts += [f"![{caption}]({file})\n\n*{caption}*" for file, caption in (*plots, *sheets)]
+    return "\n\n".join(parts) + "\n"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a text file completely or not at all."""
+    with written_whole(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+def _counts(results: Results) -> str:
+    """Describes the number of pictures per folder, and how they were selected."""
+    photos = results.frame.groupby("group", sort=False)["photo"].nunique()
+    listed = ", ".join(f"{group} {count}" for group, count in photos.items())
+    what = {"pairs": "Sequences", "video": "Sequences", "sequences": "Photos, seen by each log at each ratio"}.get(
+        PROTOCOLS[results.request.protocol].kind, "Photos"
+    )
+    chosen = f" (at most {results.request.photos} of each folder, chosen by the seed)" if results.request.photos else ""
+    return f"{what}: {listed}{chosen}. Seed {results.request.seed}."

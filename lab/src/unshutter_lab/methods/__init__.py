@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from unshutter.estimators.method import Method
+from unshutter.single import Method
 
 _WEIGHTS = Path(__file__).parents[1] / "weights"
 _SCORES = _WEIGHTS / "scores.json"  # written with docs/results, never by hand
@@ -10,7 +10,7 @@ _SCORES = _WEIGHTS / "scores.json"  # written with docs/results, never by hand
 KANDULA2020 = Method(
     "kandula2020",
     "the paper's network (ONNX) on a square of 256 px -> row motion, and the row map of its row block",
-    "unshutter_lab.methods.kandula2020:Kandula2020",
+    "unshutter_lab.methods.networks:Kandula2020",
     weights=_WEIGHTS / "kandula2020.onnx",
     takes_weights=True,
     scores=_SCORES,
@@ -18,7 +18,7 @@ KANDULA2020 = Method(
 RENGARAJAN2017 = Method(
     "rengarajan2017",
     "the predecessor's main network, RowColCNN (ONNX), on a square of 256 px -> motion at 15 key rows -> quadratic",
-    "unshutter_lab.methods.rengarajan2017:Rengarajan2017",
+    "unshutter_lab.methods.networks:Rengarajan2017",
     weights=_WEIGHTS / "rengarajan2017.onnx",
     takes_weights=True,
     scores=_SCORES,
@@ -26,7 +26,7 @@ RENGARAJAN2017 = Method(
 RENGARAJAN2017_VANILLA = Method(
     "rengarajan2017-vanilla",
     "the predecessor's smaller network, VanillaCNN (ONNX) -> motion at 15 key rows -> quadratic",
-    "unshutter_lab.methods.rengarajan2017:Rengarajan2017",
+    "unshutter_lab.methods.networks:Rengarajan2017",
     weights=_WEIGHTS / "rengarajan2017-vanilla.onnx",
     takes_weights=True,
     scores=_SCORES,

@@ -1,6 +1,6 @@
-"""Curves in a grey picture: straight edges of the scene as bent by the rolling shutter.
+"""Curves in a grey picture, straight edges of the scene as bent by the rolling shutter, and robust fits to them.
 
-Segments (segments.py) that continue each other are linked, and points on the edge are then located in the picture
+Segments (likelihood.py) that continue each other are linked, and points on the edge are then located in the picture
 itself, because a segment is a chord that hides the bend. Positions are (col, row) px of the given picture.
 """
 
@@ -12,11 +12,88 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from unshutter.estimators.segments import find_segments
-from unshutter.geometry.rotations import rotate_position, rotation_matrix
+from unshutter.motion.rotations import rotate_position, rotation_matrix
+from unshutter.single.likelihood import find_segments
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float, Numbers, UInt8
+    from unshutter.motion.shapes import Float, Numbers, UInt8
+
+
+Residuals = Callable[[np.ndarray], np.ndarray]
+# residuals -> (cost of each, weight of each: derivative of the cost with respect to the squared residual)
+Loss = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def squared(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
+    """Squared loss r^2: nothing is treated as an outlier."""
+    return r * r, np.ones_like(r)
+
+
+def cauchy(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
+    """Cauchy loss log(1 + r^2): the influence of outliers decreases with distance."""
+    return np.log1p(r * r), 1 / (1 + r * r)
+
+
+def geman_mcclure(r: Float[np.ndarray, "*at"]) -> tuple[Float[np.ndarray, "*at"], Float[np.ndarray, "*at"]]:
+    """Geman-McClure loss r^2 / (1 + r^2): outliers lose all influence."""
+    return r * r / (1 + r * r), 1 / (1 + r * r) ** 2
+
+
+def minimise(
+    residuals: Residuals,
+    start: Float[np.ndarray, "unknowns"],
+    loss: Loss = squared,
+    steps: int = 50,
+    tolerance: float = 1e-10,
+) -> tuple[Float[np.ndarray, "unknowns"], float]:
+    """Minimises the summed costs of residuals [N], near a start [P]; Levenberg-Marquardt with reweighting.
+
+    Residuals are divided by their expected size, unknowns of the order of 1 or less. Steps to non-finite residuals are
+    rejected; it ends when a step gains less than ``tolerance`` of the cost, and moves less than its square root.
+
+    Returns:
+        Unknowns [P] and their cost, never worse than at the start.
+    """
+    x = np.array(start, dtype=np.float64)
+    r = residuals(x)
+    cost = float(loss(r)[0].sum())
+    damping = 1e-3
+    for _ in range(steps):
+        weights = loss(r)[1]
+        J = forward_differences(residuals, x, r, 1e-7 * np.maximum(1.0, np.abs(x)))
+        normal = (J.T * weights) @ J
+        gradient = J.T @ (weights * r)
+        while damping < 1e12:
+            diagonal = damping * np.maximum(np.diag(normal), 1e-9 * max(float(np.trace(normal)), 1e-300))
+            step = -np.linalg.solve(normal + np.diag(diagonal), gradient)
+            tried = residuals(x + step)
+            tried_cost = float(loss(tried)[0].sum())
+            if tried_cost < cost:
+                break
+            damping *= 10
+        else:
+            break
+        gain, cost = cost - tried_cost, tried_cost
+        x, r, damping = x + step, tried, max(damping / 10, 1e-12)
+        if gain <= tolerance * cost and np.abs(step).max() < np.sqrt(tolerance):
+            break
+    return x, cost
+
+
+def forward_differences(
+    residuals: Residuals,
+    x: Float[np.ndarray, "*at unknowns"],
+    r: Float[np.ndarray, "*at residuals"],
+    steps: Float[np.ndarray, "unknowns"],
+) -> Float[np.ndarray, "*at residuals unknowns"]:
+    """Returns the Jacobian dr/dx, to first order in the changes of the unknowns."""
+    columns = []
+    for k, step in enumerate(steps):
+        moved = x.copy()
+        moved[..., k] += step
+        columns.append((residuals(moved) - r) / step)
+    return np.stack(columns, axis=-1)
+
 
 POINTS = 10  # per curve
 _MOST_SEGMENTS = 600  # the longest are used
@@ -32,14 +109,9 @@ _FAINTEST = 2.0  # grey levels per px; least slope of an edge
 
 
 def find_curves(grey: UInt8[np.ndarray, "height width"], shortest: float) -> Float[np.ndarray, "curves points 2"]:
-    """Finds edges that may be straight lines of the scene, longest first.
+    """Finds edges, no shorter than ``shortest`` [px], that may be straight lines of the scene, longest first.
 
-    Args:
-        grey: [H, W] uint8.
-        shortest: least length of a curve [px].
-
-    Returns:
-        [N, POINTS, 2] points (col, row) [px] along each curve, from end to end.
+    Points (col, row) [px] along each curve go from end to end.
     """
     segments = find_segments(grey, _MOST_SEGMENTS)
     smooth = cv2.GaussianBlur(grey, (0, 0), 1.0).astype(np.float32)
@@ -59,12 +131,9 @@ def principal_lines(
 ) -> tuple[Float[np.ndarray, "*curves points"], Float[np.ndarray, "*curves"]]:
     """Fits a least-squares line to each curve.
 
-    Args:
-        points: [..., K, 2].
-
     Returns:
-        Signed distances of the points from it [..., K], and its direction as an angle [...] in (-pi/2, pi/2] [rad],
-        columns towards rows.
+        Signed distances of the points from it, and its direction as an angle in (-pi/2, pi/2] [rad], columns towards
+        rows.
     """
     x, y = np.moveaxis(points - points.mean(axis=-2, keepdims=True), -1, 0)
     angle = np.arctan2(2 * (x * y).sum(-1), (x * x - y * y).sum(-1)) / 2
@@ -72,13 +141,7 @@ def principal_lines(
 
 
 class RotatedCurves:
-    """Curves in a picture with rotated rows, and their remaining bends after undoing rotations.
-
-    Args:
-        points: [..., K, 2] curves (col, row) [px].
-        height, width: size of the picture [px].
-        focal_px: focal length [px].
-    """
+    """Curves (col, row) [px] in a picture with rotated rows, and their remaining bends after undoing rotations."""
 
     def __init__(self, points: Float[np.ndarray, "*curves points 2"], height: int, width: int, focal_px: float):
         self.points, self.height, self.width, self.focal_px = points, height, width, focal_px
@@ -117,13 +180,7 @@ def link(segments: Float[np.ndarray, "segments 4"]) -> list[list[int]]:
     """Links segments that continue each other end to end into chains, each segment in one chain.
 
     Two are linked if each is the best continuation of the other: bright side on the same side (LSD orders end points
-    by it), similar direction, small lateral offset, small gap. The nearest win.
-
-    Args:
-        segments: [N, 4] end points (col1, row1, col2, row2) [px].
-
-    Returns:
-        Indices of each chain's segments in order.
+    by it), similar direction, small lateral offset, small gap. The nearest win. Returns indices in order.
     """
     if not len(segments):
         return []

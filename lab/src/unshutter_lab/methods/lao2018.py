@@ -10,10 +10,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.estimators.base import Estimator, View
 from unshutter.motion import Motion
-from unshutter_lab.methods.curves import RotatedCurves, curve_length, find_curves
-from unshutter_lab.methods.least_squares import cauchy, forward_differences, minimise, squared
+from unshutter.single.estimator import Estimator, View
+from unshutter_lab.methods.curves import (
+    RotatedCurves,
+    cauchy,
+    curve_length,
+    find_curves,
+    forward_differences,
+    minimise,
+    squared,
+)
 
 SHORT_SIDE = 512  # of the grey copy in which curves are detected [px]
 SHORTEST = 0.1  # of the short side: short curves have no measurable bend
@@ -46,12 +53,9 @@ class Lao2018(Estimator):
 
 
 def fit_velocity(curves: np.ndarray, height: int, width: int, focal_px: float) -> np.ndarray | None:
-    """Returns the angular velocity [3] about x, y, z [rad per readout of all rows], or None if none fits.
+    """Returns the angular velocity [3] about x, y, z [rad per readout] that fits curves [C, K, 2] (col, row) [px].
 
-    Args:
-        curves: [C, K, 2] points (col, row) [px].
-        height, width: size of the picture [px].
-        focal_px: focal length [px].
+    None if none fits.
     """
     bends = _Bends(RotatedCurves(curves, height, width, focal_px))
     rng = np.random.default_rng(SEED)

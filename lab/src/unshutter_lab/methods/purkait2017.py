@@ -12,11 +12,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from unshutter.estimators.base import Estimator, View
-from unshutter.estimators.segments import find_segments
-from unshutter.geometry.rotations import rotation_matrix
 from unshutter.motion import Motion
-from unshutter_lab.methods.least_squares import geman_mcclure, minimise
+from unshutter.motion.rotations import rotation_matrix
+from unshutter.single.estimator import Estimator, View
+from unshutter.single.likelihood import find_segments
+from unshutter_lab.methods.curves import geman_mcclure, minimise
 
 SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]
 SHORTEST_PX = 15.0
@@ -54,13 +54,9 @@ class Purkait2017(Estimator):
 
 
 def fit_rate(segments: np.ndarray) -> tuple[float, float] | None:
-    """Returns the rate c and the share of segments that fit it.
+    """Returns the rate c [rad per focal length of rows] and the share of segments that fit it, if a sample has any.
 
-    Args:
-        segments: [N, 4] end points (x1, y1, x2, y2), divided by the focal length, from the picture's centre.
-
-    Returns:
-        (c [rad per focal length of rows], share 0 ... 1); None if no sample has a solution.
+    Segments [N, 4] are end points (x1, y1, x2, y2), divided by the focal length, from the picture's centre.
     """
     normals = line_polynomials(segments)
     rng = np.random.default_rng(SEED)

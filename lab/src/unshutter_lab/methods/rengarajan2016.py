@@ -9,10 +9,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from unshutter.estimators.base import Estimator, View
 from unshutter.motion import Motion
-from unshutter_lab.methods.curves import RotatedCurves, curve_length, find_curves, principal_lines
-from unshutter_lab.methods.least_squares import cauchy, geman_mcclure, minimise
+from unshutter.single.estimator import Estimator, View
+from unshutter_lab.methods.curves import (
+    RotatedCurves,
+    cauchy,
+    curve_length,
+    find_curves,
+    geman_mcclure,
+    minimise,
+    principal_lines,
+)
 
 SHORT_SIDE = 512  # of the grey copy in which curves are detected [px]
 SHORTEST = 0.05  # of the short side: length of a prominent curve
@@ -60,12 +67,7 @@ def fit_rotations(curves: np.ndarray, height: int, width: int, focal_px: float) 
     """Returns coefficients [DEGREE, 3] of the rotations [rad] that rectify the curves; None if no class is known.
 
     The costs are minimised in stages: the angles' scale shrinks, so that curves that are near-vertical or
-    near-horizontal only by chance lose their influence.
-
-    Args:
-        curves: [C, K, 2] points (col, row) [px].
-        height, width: size of the picture [px].
-        focal_px: focal length [px].
+    near-horizontal only by chance lose their influence. Curves are [C, K, 2] points (col, row) [px].
     """
     costs = _Costs(curves, height, width, focal_px)
     if not (costs.vertical.any() or costs.horizontal.any()):

@@ -1,107 +1,111 @@
-"""``unshutter synthesize --video``: a photo seen by a camera rotating as recorded, as two films.
+"""Films with known motion: a photo seen by a camera rotating as recorded.
 
-One is taken with a rolling shutter, the other with a global shutter at the times of the middle rows. Both have sound.
+``unshutter synthesize --video`` writes two: one is taken with a rolling shutter, the other with a global shutter at the
+times of the middle rows. Both have sound.
+
+A motion photo is a still and the film around it, which have their own readout times and fields of view. The film may be
+stabilised as in phones: its frames then follow a smooth path instead of the camera's, with the rolling shutter
+corrected or not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import io
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
+from unshutter.frames.pyav import av
+from unshutter.motion import RotationMotion
+from unshutter.motion.rotations import rotation_matrix, rotation_vector
 from unshutter.photo import Photo
 from unshutter.progress import Progress
-from unshutter.storage.new_folders import new_folder, remove_left_folders
-from unshutter.video.containers import av
 from unshutter_lab.synthesis.options import Synthesize, SynthesizeClip
 from unshutter_lab.synthesis.rotation_log import RotationLog
-from unshutter_lab.synthesis.sequences import TurningCamera
+from unshutter_lab.synthesis.sequences import TurningCamera, seen
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import UInt8
+    from unshutter.motion.shapes import Float64, UInt8
 
-_SHAKE_S = 0.03  # motion-capture logs have more jitter between samples than a hand
+
 _SOUND = 48_000  # samples per second
 _TONE = 440  # Hz
 
 
-class Instants(TurningCamera):
-    """A camera that reads out instantaneously, at the times of the middle rows."""
-
-    readout_before: float
-
-    @classmethod
-    def of(cls, camera: TurningCamera) -> Instants:
-        """Derives it from a camera with a readout time."""
-        size = (camera.height, camera.width, camera.focal_px)
-        instants = cls.__new__(cls)
-        object.__setattr__(instants, "readout_before", camera.readout_ratio)
-        instants.__init__(camera.log, camera.start_s, camera.frames, camera.fps, 0.0, *size)
-        return instants
-
-    def rotations(self, times: np.ndarray) -> np.ndarray:
-        """Returns R at times [frame intervals], delayed so that each frame is taken at its middle row's time."""
-        return super().rotations(np.asarray(times) + self.readout_before / 2)
-
-
 def synthesize_clip(photo: Path, output: Path, pictures: Synthesize, clip: SynthesizeClip) -> None:
-    """Writes ``rs.mp4`` and ``gs.mp4`` to a new folder.
+    """Writes ``rs.mp4`` and ``gs.mp4``, of an undistorted photo that is preferably no smaller, to a new folder.
 
-    Args:
-        photo: undistorted; preferably at least as large as the frames.
-        output: the folder.
-        pictures: seed, trajectory, readout time, focal length.
-        clip: size, length and frame rate.
-
-    Raises:
-        UsageError: no trajectory is given.
-        UnshutterError: the photo or the trajectory cannot be used, or the folder is not writable.
+    ``pictures`` gives the seed, the trajectory, the readout time and the focal length.
     """
     if pictures.trajectory is None or pictures.readout_ms is None or pictures.focal_px is None:
         raise UsageError("--video needs --motion trajectory, with --trajectory, --readout-ms and --focal-px")
     ratio = pictures.readout_ms / 1000 * clip.fps
     if not 0 < ratio <= 1:
         raise UsageError(f"a readout of {pictures.readout_ms:g} ms is longer than a frame at {clip.fps:g} a second")
-    log = RotationLog.load(pictures.trajectory)
-    log = log.smoothed(_SHAKE_S) if log.from_poses else log
-    width, height = clip.size
-    camera = TurningCamera.drawn(
-        np.random.default_rng(pictures.seed),
-        log,
-        max(2, round(clip.seconds * clip.fps)),
-        fps=clip.fps,
-        readout_ratio=ratio,
-        height=height,
-        width=width,
-        focal_px=pictures.focal_px,
-    )
+    rng, log = np.random.default_rng(pictures.seed), RotationLog.load_steady(pictures.trajectory)
+    frames, (width, height) = max(2, round(clip.seconds * clip.fps)), clip.size
+    seen = {"fps": clip.fps, "height": height, "width": width, "focal_px": pictures.focal_px}
+    camera = TurningCamera.drawn(rng, log, frames, readout_ratio=ratio, **seen)
     pixels = Photo.open(photo).to_array()
     if pixels.dtype != np.uint8 or pixels.ndim != 3:
         raise UnshutterError(f"{photo}: clips are made from colour photos of 8 bits")
-    remove_left_folders(output)
-    with new_folder(output) as folder, Progress(2 * camera.frames, "frames") as progress:
-        for name, moments in (("rs.mp4", camera), ("gs.mp4", Instants.of(camera))):
-            _write(folder / name, moments.rendered(pixels[..., :3]), camera, progress)
+    with _new_folder(output) as folder, Progress(2 * camera.frames, "frames") as progress:
+        for name, is_global in (("rs.mp4", False), ("gs.mp4", True)):
+            frames = camera.rendered(pixels[..., :3], global_shutter=is_global)
+            write_film(str(folder / name), frames, camera, bar=progress)
 
 
-def _write(path: Path, frames: Iterable[UInt8[np.ndarray, "h w 3"]], camera: TurningCamera, bar: Progress) -> None:
-    """Writes a film with sound."""
+@contextmanager
+def _new_folder(folder: Path) -> Iterator[Path]:
+    """Creates a temporary folder that replaces ``folder`` if the block succeeds, and is removed otherwise."""
+    if os.path.lexists(folder) and not (folder.is_dir() and not folder.is_symlink() and not os.listdir(folder)):
+        raise UnshutterError(f"{folder} exists already: pictures go into a new folder")
+    part = folder.with_name(f".unshutter-{os.urandom(8).hex()}.part")
+    try:
+        part.mkdir()
+        yield part
+        if folder.is_dir():
+            folder.rmdir()
+        part.rename(folder)
+    except OSError as error:
+        raise UnshutterError(f"cannot write {folder}: {error.strerror}") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def write_film(
+    target: str | IO[bytes],
+    frames: Iterable[UInt8[np.ndarray, "h w *bands"]],
+    camera: TurningCamera,
+    crf: int = 12,
+    sound: bool = True,
+    bar: Progress | None = None,
+) -> None:
+    """Writes the frames of a camera, grey or in colour, as an MP4 film, with a tone as its sound."""
     rate = Fraction(camera.fps).limit_denominator(1001)
-    with av().open(str(path), "w") as out:
-        film = out.add_stream("libx264", rate=rate, options={"crf": "12", "preset": "veryfast"})
+    with av().open(target, "w", format="mp4") as out:
+        film = out.add_stream("libx264", rate=rate, options={"crf": str(crf), "preset": "veryfast"})
         film.width, film.height, film.pix_fmt = camera.width, camera.height, "yuv420p"
-        heard = out.add_stream("aac", rate=_SOUND)
+        heard = out.add_stream("aac", rate=_SOUND) if sound else None
         for k, pixels in enumerate(frames):
-            frame = av().VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
+            kind = "gray" if pixels.ndim == 2 else "rgb24"
+            frame = av().VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format=kind)
             out.mux(film.encode(frame.reformat(format="yuv420p")))
-            out.mux(heard.encode(_tone(k, camera.fps)))
-            bar.advance()
-        out.mux(film.encode(None))
-        out.mux(heard.encode(None))
+            if heard:
+                out.mux(heard.encode(_tone(k, camera.fps)))
+            if bar:
+                bar.advance()
+        for stream in filter(None, (film, heard)):
+            out.mux(stream.encode(None))
 
 
 def _tone(frame: int, fps: float) -> Any:
@@ -111,3 +115,111 @@ def _tone(frame: int, fps: float) -> Any:
     sound = av().AudioFrame.from_ndarray(np.stack([wave, wave]).astype(np.float32), format="fltp", layout="stereo")
     sound.sample_rate, sound.pts, sound.time_base = _SOUND, first, Fraction(1, _SOUND)
     return sound
+
+
+_NOISE = 2.0  # levels of 255
+# of a stabilised path: standard deviation, reach in standard deviations, and samples of the average
+_SMOOTHED_S, _REACH, _SAMPLES = 0.35, 3.0, 25
+_XMP = (
+    '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    '<rdf:Description rdf:about="" xmlns:GCamera="http://ns.google.com/photos/1.0/camera/" '
+    'xmlns:Container="http://ns.google.com/photos/1.0/container/" '
+    'xmlns:Item="http://ns.google.com/photos/1.0/container/item/" GCamera:MotionPhoto="1" '
+    'GCamera:MotionPhotoVersion="1" GCamera:MotionPhotoPresentationTimestampUs="{moment}">'
+    "<Container:Directory><rdf:Seq>"
+    '<rdf:li rdf:parseType="Resource"><Container:Item Item:Mime="image/jpeg" Item:Semantic="Primary"/></rdf:li>'
+    '<rdf:li rdf:parseType="Resource"><Container:Item Item:Mime="video/mp4" Item:Semantic="MotionPhoto" '
+    'Item:Length="{length}"/></rdf:li></rdf:Seq></Container:Directory></rdf:Description></rdf:RDF></x:xmpmeta>'
+)
+
+
+class Stabilisation(StrEnum):
+    """The stabilisation applied to the film."""
+
+    NONE = "none"
+    FRAMES = "frames"
+    ROWS = "rows"
+
+
+@dataclass(frozen=True)
+class FilmedStill:
+    """A still and its film."""
+
+    camera: TurningCamera  # camera of the film
+    taken: float  # time at which the first row of the still was exposed [frame intervals since the film's first row]
+    readout: float  # readout time of the still [frame intervals]. height, width: size of the still [px].
+    height: int
+    width: int
+    focal_px: float  # focal length of the still [px]
+    stabilisation: Stabilisation = Stabilisation.NONE  # stabilisation applied to the film
+    moving: bool = True  # whether the camera moved at all
+
+    def motion(self) -> RotationMotion:
+        """Returns the true motion of the still."""
+        rotations = self._rotations(self._still_times())
+        vectors = rotation_vector(rotations @ rotations[0].T)
+        vectors[0] = 0.0
+        return RotationMotion(width=self.width, rotations=vectors, focal_px=self.focal_px, estimator="drawn")
+
+    def still(self, scene: UInt8[np.ndarray, "rows columns"], seed: int = 0) -> UInt8[np.ndarray, "height width"]:
+        """Returns the still."""
+        rng, scale = np.random.default_rng(seed), self._scale(scene)
+        turned = self._rotations(self._still_times())
+        return seen(_softened(scene, scale), turned, self.width, self.focal_px, scale, _NOISE, rng)
+
+    def film(self, scene: UInt8[np.ndarray, "rows columns"], seed: int = 1) -> Iterator[np.ndarray]:
+        """Yields the frames of its film, uint8 [height, width]."""
+        rng, camera = np.random.default_rng(seed), self.camera
+        scale = self._scale(scene) * self.focal_px / camera.focal_px
+        scene = _softened(scene, scale)
+        for frame in range(camera.frames):
+            rotations = self._stabilised(frame, camera.row_times(frame))
+            yield seen(scene, rotations, camera.width, camera.focal_px, scale, _NOISE, rng)
+
+    def motion_photo(self, scene: UInt8[np.ndarray, "rows columns"], quality: int = 92) -> bytes:
+        """Returns a JPEG followed by the film, as written by Google's phones."""
+        import cv2
+
+        stream = io.BytesIO()
+        write_film(stream, self.film(scene), self.camera, crf=20, sound=False)
+        film = stream.getvalue()
+        moment = round((self.taken + self.readout / 2) / self.camera.fps * 1e6)
+        packet = b"http://ns.adobe.com/xap/1.0/\0" + _XMP.format(moment=moment, length=len(film)).encode()
+        _, data = cv2.imencode(".jpg", self.still(scene), [cv2.IMWRITE_JPEG_QUALITY, quality])
+        jpeg = data.tobytes()
+        return jpeg[:2] + b"\xff\xe1" + (len(packet) + 2).to_bytes(2, "big") + packet + jpeg[2:] + film
+
+    def _still_times(self) -> np.ndarray:
+        return self.taken + self.readout * (np.arange(self.height) + 0.5) / self.height
+
+    def _scale(self, scene: np.ndarray) -> float:
+        """Pixels of the scene per pixel of the still."""
+        return min(scene.shape[0] / self.height, scene.shape[1] / self.width)
+
+    def _rotations(self, times: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
+        """Returns R at times [frame intervals], relative to the pose at which the still was taken."""
+        if not self.moving:
+            return np.repeat(np.eye(3)[None], len(times), axis=0)
+        turned = self.camera.rotations(np.append(times, self.taken + self.readout / 2))
+        return turned[:-1] @ turned[-1].T
+
+    def _stabilised(self, frame: int, rows: np.ndarray) -> np.ndarray:
+        """[rows, 3, 3] rotations of a frame's rows after stabilisation."""
+        rotations = self._rotations(rows)
+        if self.stabilisation is Stabilisation.NONE or not self.moving:
+            return rotations
+        middle = frame + self.camera.readout_ratio / 2
+        at = np.linspace(-_REACH, _REACH, _SAMPLES)
+        weights = np.exp(-0.5 * at**2)
+        times = np.clip(middle + at * _SMOOTHED_S * self.camera.fps, 0, self.camera.frames)
+        smooth = rotation_matrix(weights @ rotation_vector(self._rotations(times)) / weights.sum())
+        if self.stabilisation is Stabilisation.ROWS:
+            return np.repeat(smooth[None], len(rows), axis=0)
+        return rotations @ self._rotations(np.array([middle]))[0].T @ smooth
+
+
+def _softened(scene: np.ndarray, scale: float) -> np.ndarray:
+    """Avoids aliasing in pictures that are smaller than the scene by this factor."""
+    import cv2
+
+    return cv2.GaussianBlur(scene, (0, 0), 0.4 * scale) if scale > 1.3 else scene

@@ -7,29 +7,12 @@ from pathlib import Path
 from typing import Literal
 
 from unshutter.errors import UsageError
-from unshutter.options.description import check_time, option
+from unshutter.options.fields import check_time, option
 
 
 @dataclass(frozen=True)
 class Synthesize:
-    """How rolling-shutter pictures are made from undistorted photos.
-
-    Attributes:
-        per_photo: pictures made from each photo.
-        seed: 0 or more.
-        motion: ``quadratic`` or ``trajectory`` (synthesis/row_motions.py).
-        trajectory: NPZ file (synthesis/rotation_log.py); for ``trajectory`` only, which also needs readout_ms and
-            focal_px.
-        readout_ms: readout time of a picture [ms]; needed by ``trajectory`` and by an exposure.
-        exposure_s: exposure time of each row [s], which blurs it by the motion and is written into EXIF; None for
-            no blur.
-        focal_px: focal length [px of the finished picture].
-        size: side of the finished pictures [px].
-        canvas: side of the canvas [px].
-
-    Raises:
-        UsageError: a number is out of range, or options contradict each other.
-    """
+    """How rolling-shutter pictures are made from undistorted photos."""
 
     per_photo: int = option(1, "Pictures made from each photo. Default: 1.")
     seed: int = option(0, "Same seed, same pictures. Default: 0.")
@@ -85,17 +68,7 @@ class Synthesize:
 
 @dataclass(frozen=True)
 class SynthesizeClip:
-    """What kind of clip is made from a photo.
-
-    Attributes:
-        video: whether to make a clip.
-        seconds: its length [s].
-        fps: frames per second.
-        frame: width and height, as ``1920x1080`` [px].
-
-    Raises:
-        UsageError: a number is out of range.
-    """
+    """What kind of clip is made from a photo."""
 
     video: bool = option(False, "Make a clip with sound instead of pictures: rs.mp4, and the undistorted gs.mp4.")
     seconds: float = option(5.0, "Length of the clip in seconds. Default: 5.", metavar="S")

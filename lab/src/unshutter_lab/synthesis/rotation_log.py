@@ -7,18 +7,25 @@ import zipfile
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.geometry.rotations import rotation_matrix
+from unshutter.motion.rotations import rotation_matrix
+from unshutter.storage.files import check_plain
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float64
+    from unshutter.motion.shapes import Float64
+
 
 _GAP = 3.0  # times the usual interval: in longer ones samples are missing
 _MOST_DISORDER = 0.01  # tolerated share of late samples
+_JITTER_S = 0.03  # smoothing of logs of motion capture
 
 # (axis that points up in the picture, axis that points from the scene to the camera)
 _GYRO_AXES = ("x", "z")
@@ -40,36 +47,22 @@ class RotationLog:
       landscape and portrait alike.
     * Pose logs are assumed to have z up and to look along -y (so up is z, back is y), as in TUM-VI.
     * A camera's own axes (x right, y down, z forward) are up="-y", back="-z".
-
-    Attributes:
-        t_s: [N] times [s], increasing.
-        yaw_rad_s: [N] rate about ``up``.
-        roll_rad_s: [N] rate about ``back``.
-        pitch_rad_s: [N] rate about ``right``.
-        from_poses: whether rates are derived from orientations (motion capture) rather than a gyro.
     """
 
-    t_s: np.ndarray
-    yaw_rad_s: np.ndarray
-    roll_rad_s: np.ndarray
-    pitch_rad_s: np.ndarray
-    from_poses: bool = False
+    t_s: np.ndarray  # [N] times [s], increasing
+    yaw_rad_s: np.ndarray  # [N] rate about ``up``
+    roll_rad_s: np.ndarray  # [N] rate about ``back``
+    pitch_rad_s: np.ndarray  # [N] rate about ``right``
+    from_poses: bool = False  # whether rates are derived from orientations (motion capture) rather than a gyro
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], up: str | None = None, back: str | None = None) -> RotationLog:
-        """Reads an NPZ file.
+        """Reads an NPZ file with ``t_s`` [N] (s) and either ``gyro_rad_s`` [N, 3] or ``quaternion_wxyz`` [N, 4].
 
-        Args:
-            path: file with ``t_s`` [N] (s) and either ``gyro_rad_s`` [N, 3], rates about the device's axes, or
-                ``quaternion_wxyz`` [N, 4], device to world (``position_m`` is not used).
-            up: axis that points up: ``x``, ``-x``, ``y`` ...; by default that of the kind of log.
-            back: axis that points back, in the same notation.
-
-        Raises:
-            UsageError: unknown or equal axes.
-            UnshutterError: not such a file, values are not finite, or times do not increase (a few late samples are
-                sorted).
+        Rates are about the device's axes, orientations from device to world (``position_m`` is not used). The axes that
+        point up and back (``x``, ``-x``, ``y`` ...) are by default those of the kind of log.
         """
+        check_plain(Path(path))
         try:
             with open(path, "rb") as stream:
                 file = np.load(stream, allow_pickle=False)
@@ -82,6 +75,12 @@ class RotationLog:
             return cls._from_samples(data, up, back)
         except UnshutterError as error:
             raise type(error)(f"trajectory {path}: {error}") from None
+
+    @classmethod
+    def load_steady(cls, path: str | os.PathLike[str]) -> RotationLog:
+        """Reads a log; of motion capture, which has more jitter between samples than a hand, smoothed by 30 ms."""
+        log = cls.load(path)
+        return log.smoothed(_JITTER_S) if log.from_poses else log
 
     @classmethod
     def _from_samples(cls, data: dict[str, np.ndarray], up: str | None, back: str | None) -> RotationLog:
@@ -107,11 +106,7 @@ class RotationLog:
         return cls(times, *rates, from_poses=kind == "quaternion_wxyz")
 
     def draw_start(self, rng: np.random.Generator, duration_s: float) -> float:
-        """Returns a random time after which the log has no gap for the duration; all such times are equally likely.
-
-        Raises:
-            UnshutterError: there is no such time.
-        """
+        """Returns a random time after which the log has no gap for the duration; all such times are equally likely."""
         gaps = np.flatnonzero(np.diff(self.t_s) > _GAP * np.median(np.diff(self.t_s)))
         first = self.t_s[np.concatenate([[0], gaps + 1])]
         last = self.t_s[np.concatenate([gaps, [len(self.t_s) - 1]])]
@@ -132,12 +127,14 @@ class RotationLog:
         The rate is linear between samples and integrated exactly. Each axis is integrated separately: within a readout
         the angles are small enough to be added.
         """
-        return _integral(self.t_s, self.yaw_rad_s, at_s), _integral(self.t_s, self.roll_rad_s, at_s)
+        rates = np.stack([self.yaw_rad_s, self.roll_rad_s], axis=1)
+        angles = make_interp_spline(self.t_s, rates, k=1).antiderivative()(at_s)
+        return angles[:, 0], angles[:, 1]
 
     def rotations(self, at_s: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
         """Returns the picture's rotation R since the log's start, at times within the log.
 
-        Signs as in geometry/rotations.py. Exact for any angle: rotations between samples are multiplied, not added. The
+        Signs as in motion/rotations.py. Exact for any angle: rotations between samples are multiplied, not added. The
         rate is constant from one sample to the next, at their mean.
         """
         rates, whole = self._turned
@@ -154,20 +151,12 @@ class RotationLog:
         return rates, np.array(list(accumulate(turns, lambda turned, turn: turn @ turned, initial=np.eye(3))))
 
     def smoothed(self, sigma_s: float) -> RotationLog:
-        """Returns the log with its rates smoothed by a Gaussian: motion-capture logs have more jitter than a hand.
-
-        Args:
-            sigma_s: its standard deviation [s].
-        """
-        step = float(np.median(np.diff(self.t_s)))
-        reach = max(1, round(4 * sigma_s / step))
-        weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / sigma_s) ** 2)
-        weights /= weights.sum()
-
-        def smooth(rate: np.ndarray) -> np.ndarray:
-            return np.convolve(np.pad(rate, reach, mode="edge"), weights, mode="valid")
-
-        rates = (smooth(rate) for rate in (self.yaw_rad_s, self.roll_rad_s, self.pitch_rad_s))
+        """Returns the log with its rates smoothed by a Gaussian of this standard deviation."""
+        sigma = sigma_s / float(np.median(np.diff(self.t_s)))  # samples
+        rates = (
+            gaussian_filter1d(rate, sigma, mode="nearest", radius=max(1, round(4 * sigma)))
+            for rate in (self.yaw_rad_s, self.roll_rad_s, self.pitch_rad_s)
+        )
         return RotationLog(self.t_s, *rates, from_poses=self.from_poses)
 
 
@@ -184,28 +173,11 @@ def _in_order(times: np.ndarray, samples: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def _rates(times: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angular rates [N - 1, 3] about the device's own axes, midway between orientations [N, 4] (wxyz)."""
-    norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    if (norms < 0.5).any():
+    if (np.linalg.norm(quaternions, axis=1) < 0.5).any():
         raise UnshutterError("quaternion_wxyz contains rows that are not rotations")
-    q = quaternions / norms
-    w, v = q[:, :1], q[:, 1:]
-    # conj(q0) q1: the rotation from one sample to the next, in the device's axes
-    turn_w = w[:-1] * w[1:] + (v[:-1] * v[1:]).sum(1, keepdims=True)
-    turn_v = w[:-1] * v[1:] - w[1:] * v[:-1] - np.cross(v[:-1], v[1:])
-    turn_v = np.where(turn_w < 0, -turn_v, turn_v)  # q and -q are the same rotation: take the shorter one
-    sine = np.linalg.norm(turn_v, axis=1, keepdims=True)
-    angle = 2 * np.arctan2(sine, np.abs(turn_w))
-    rate = turn_v * (angle / np.maximum(sine, 1e-12)) / np.diff(times)[:, None]
-    return (times[:-1] + times[1:]) / 2, rate
-
-
-def _integral(t: np.ndarray, rate: np.ndarray, at: np.ndarray) -> np.ndarray:
-    steps = np.diff(t)
-    turned = np.concatenate([[0.0], np.cumsum((rate[:-1] + rate[1:]) / 2 * steps)])
-    before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
-    since = at - t[before]
-    slope = (rate[before + 1] - rate[before]) / steps[before]
-    return turned[before] + since * (rate[before] + slope * since / 2)
+    poses = Rotation.from_quat(quaternions, scalar_first=True)
+    turns = (poses[:-1].inv() * poses[1:]).as_rotvec()  # from one sample to the next, in the device's axes
+    return (times[:-1] + times[1:]) / 2, turns / np.diff(times)[:, None]
 
 
 def _axis(word: str) -> tuple[int, int]:

@@ -3,10 +3,17 @@
 A picture is distorted on a canvas larger than the part that is kept, so that its borders remain inside. A
 :class:`DrawnMotion` therefore holds one motion in two forms: on every row of the square canvas, and on the rows of the
 square crop in its centre. Both are zero on the crop's first row and rotate about the common centre of canvas and crop.
+
+Motion blur: rolling-shutter pictures whose lines have an exposure time, as in a real camera.
+
+The exposure of a line is centred on the time for which its motion is known. During the exposure the picture moves with
+the velocity of its motion at that line. The picture is distorted once for each of several moments of the exposure, and
+the results are averaged in linear light (sRGB, IEC 61966-2-1), as on a sensor.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,40 +21,29 @@ import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
 from unshutter.motion import Motion, RowMotion
+from unshutter.motion.warp import distort_pixels
 from unshutter_lab.synthesis.rotation_log import RotationLog
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float
+    from unshutter.motion.shapes import Float
+
 
 _PREDECESSORS_ROWS = 256  # number of rows for which the predecessor's generator states its pixel ranges
 
 
 @dataclass(frozen=True)
 class DrawnMotion:
-    """One motion on the rows of a square canvas and of the square crop in its centre.
+    """One motion on the rows of a square canvas and of the square crop in its centre."""
 
-    Attributes:
-        canvas: on every row of the canvas; zero on the crop's first row, not on its own.
-        crop: on the rows of the crop; reference row: the first.
-        parameters: the drawn values, for the manifest: numbers and words only.
-    """
-
-    canvas: Motion
-    crop: Motion
-    parameters: dict[str, float | str]
+    canvas: Motion  # on every row of the canvas; zero on the crop's first row, not on its own
+    crop: Motion  # on the rows of the crop; reference row: the first
+    parameters: dict[str, float | str]  # the drawn values, for the manifest: numbers and words only
 
     @classmethod
     def of_canvas(
         cls, tx_px: Float[np.ndarray, "canvas"], rz_rad: Float[np.ndarray, "canvas"], rows: int, parameters: dict
     ) -> DrawnMotion:
-        """Creates both motions, zero on the crop's first row.
-
-        Args:
-            tx_px: [canvas] t_x of every row of the canvas [px].
-            rz_rad: [canvas] r_z of every row of the canvas [rad].
-            rows: side of the crop [px].
-            parameters: the drawn values.
-        """
+        """Creates both motions, zero on the first row of a crop of so many rows."""
         canvas = len(tx_px)
         margin = _margin(rows, canvas)
         tx, rz = tx_px - tx_px[margin], rz_rad - rz_rad[margin]
@@ -84,18 +80,9 @@ def draw_quadratic(
 
     On canvas row i, with n the canvas's rows: t_x = a (5i/n)^2 + b (5i/n) px, a in (-3, 3), b in (-6, 6);
     r_z = [c (i/n)^2 + d (i/n)] pi/8 rad, c and d in (-0.4, 0.4), all uniform; both minus their value on the
-    crop's first row. One motion in six is a pure translation. For sizes other than their 256 rows the pixels
-    scale with the rows.
-
-    Args:
-        rng: generator from which five numbers are drawn.
-        rows: side of the crop [px].
-        canvas: side of the canvas [px].
-        pure_rotation: whether another one in six is a pure rotation (the predecessor's program intends this, but never
-            reaches that line).
-
-    Raises:
-        UsageError: the canvas does not exceed the crop by an even number of pixels.
+    crop's first row. One motion in six is a pure translation, with ``pure_rotation`` another a pure rotation (which the
+    predecessor's program intends, but never reaches). For sizes other than their 256 rows the pixels scale with the
+    rows. Draws five numbers.
     """
     _margin(rows, canvas)
     kind, a, b, c, d = rng.uniform([0, -3, -6, -0.4, -0.4], [6, 3, 6, 0.4, 0.4]).tolist()
@@ -127,15 +114,9 @@ def draw_from_trajectory(
     Args:
         rng: generator from which one number is drawn.
         log: recorded rotation.
-        readout_s: readout time of the crop, ``rows`` times that of one row [s]; the canvas's margins take
-            proportionally longer.
+        readout_s: readout time of the crop, ``rows`` times that of one row; the canvas's margins take longer.
         focal_px: focal length in pixels of the crop.
-        rows: side of the crop [px].
-        canvas: side of the canvas [px].
-
-    Raises:
-        UsageError: times, focal length or sizes are invalid.
-        UnshutterError: the log is too short, or turns by more than a radian within the window.
+        rows, canvas: sides of crop and canvas [px].
     """
     margin = _margin(rows, canvas)
     if not (0 < readout_s < np.inf and 0 < focal_px < np.inf):
@@ -159,3 +140,39 @@ def _margin(rows: int, canvas: int) -> int:
             "the size must be at least 2 and the canvas larger by an even number"
         )
     return (canvas - rows) // 2
+
+
+_STEP_PX = 0.75  # largest step between two moments
+_MOST_MOMENTS = 65
+
+
+def distorted(pixels: np.ndarray, motion: Motion, rows: float = 0.0) -> np.ndarray:
+    """Returns the rolling-shutter picture of a global-shutter one [H, W, bands], uint8 or uint16.
+
+    ``rows`` is the number of rows read during an exposure; 0 for no blur.
+    """
+    if not rows or motion.height < 2:
+        return distort_pixels(pixels, motion)
+    velocities = np.gradient(motion.tx_px), np.gradient(motion.rz_rad)
+    reach = math.hypot(motion.width, motion.height) / 2
+    fastest = (np.abs(velocities[0]) + np.abs(velocities[1]) * reach).max()
+    count = int(np.clip(math.ceil(fastest * rows / _STEP_PX), 1, _MOST_MOMENTS))
+    linear, most = _linear_light(pixels.dtype)
+    total = np.zeros(pixels.shape, np.float32)
+    for moment in (np.arange(count) + 0.5) / count - 0.5:
+        tx, rz = (
+            known + moment * rows * velocity
+            for known, velocity in zip((motion.tx_px, motion.rz_rad), velocities, strict=True)
+        )
+        moved = RowMotion(motion.width, tx, rz, reference=motion.reference, readout=motion.readout)
+        total += linear[distort_pixels(pixels, moved)]
+    light = total / count
+    encoded = np.where(light <= 0.0031308, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.round(encoded * most).astype(pixels.dtype)
+
+
+def _linear_light(dtype: np.dtype) -> tuple[np.ndarray, int]:
+    """Returns the linear light 0 ... 1 of each pixel value, and the largest value."""
+    most = int(np.iinfo(dtype).max)
+    value = np.arange(most + 1, dtype=np.float32) / most
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32), most

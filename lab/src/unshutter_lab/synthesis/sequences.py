@@ -9,43 +9,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.geometry.rotations import rotation_vector
 from unshutter.motion import RotationMotion
+from unshutter.motion.rotations import rotation_vector
 from unshutter.options import Reference
 from unshutter_lab.synthesis.rotation_log import RotationLog
 
 if TYPE_CHECKING:
-    from unshutter.geometry.shapes import Float64, UInt8
+    from unshutter.motion.shapes import Float64, UInt8
+
 
 _FARTHEST = np.radians(50)  # from the centre of the photo's plane; beyond this, too little of it is in a frame
 
 
 @dataclass(frozen=True)
 class TurningCamera:
-    """A camera that rotates in place as recorded in a log.
+    """A camera that rotates in place as recorded in a log, which must be long enough and not turn too far."""
 
-    Attributes:
-        log: recorded rotation.
-        start_s: time of the log at which the first row of frame 0 is exposed [s].
-        frames: number of frames.
-        fps: frames per second.
-        readout_ratio: time from the first row to that after the last, in frame intervals, 0 ... 1.
-        height, width: size of the frames [px].
-        focal_px: focal length [px].
-
-    Raises:
-        UsageError: a number is out of range.
-        UnshutterError: the log is too short, or turns too far.
-    """
-
-    log: RotationLog
-    start_s: float
-    frames: int
-    fps: float
-    readout_ratio: float
-    height: int
+    log: RotationLog  # recorded rotation
+    start_s: float  # time of the log at which the first row of frame 0 is exposed [s]
+    frames: int  # number of frames
+    fps: float  # frames per second
+    readout_ratio: float  # time from the first row to that after the last, in frame intervals, 0 ... 1
+    height: int  # of the frames [px]
     width: int
-    focal_px: float
+    focal_px: float  # focal length [px]
 
     def __post_init__(self) -> None:
         if self.frames < 1 or not (self.fps > 0 and self.focal_px > 0 and 0 <= self.readout_ratio <= 1):
@@ -64,19 +51,7 @@ class TurningCamera:
     def drawn(
         cls, rng: np.random.Generator, log: RotationLog, frames: int, tries: int = 200, fps: float = 30.0, **camera
     ) -> TurningCamera:
-        """Returns a camera with a random start in the log from which it does not turn too far.
-
-        Args:
-            rng: draws the start.
-            log: recorded rotation.
-            frames: number of frames.
-            tries: number of starts to try.
-            fps: frames per second.
-            camera: the other attributes.
-
-        Raises:
-            UnshutterError: no such start was found.
-        """
+        """Returns a camera with a random start in the log from which it does not turn too far."""
         for _ in range(tries):
             start = log.draw_start(rng, cls.duration_s(frames, fps))
             try:
@@ -87,14 +62,18 @@ class TurningCamera:
 
     def motion(self, frame: int, reference: Reference = "first") -> RotationMotion:
         """Returns the true motion of a frame."""
-        rotations = self.rotations(self._row_times(frame))
+        rotations = self.rotations(self.row_times(frame))
         vectors = rotation_vector(rotations @ rotations[0].T)
         vectors[0] = 0.0
         motion = RotationMotion(width=self.width, rotations=vectors, focal_px=self.focal_px, estimator="drawn")
         return motion.rereferenced(reference)
 
     def rendered(
-        self, photo: UInt8[np.ndarray, "rows columns *bands"], noise: float = 0.0, seed: int = 0
+        self,
+        photo: UInt8[np.ndarray, "rows columns *bands"],
+        noise: float = 0.0,
+        seed: int = 0,
+        global_shutter: bool = False,
     ) -> Iterator[UInt8[np.ndarray, "height width *bands"]]:
         """Yields the frames in order.
 
@@ -102,6 +81,7 @@ class TurningCamera:
             photo: undistorted; it fills the frame, and is mirrored where the camera looks beyond it.
             noise: standard deviation of noise added to every pixel [levels of 255].
             seed: seed of the noise.
+            global_shutter: all rows are taken at the time of the middle one.
         """
         import cv2
 
@@ -110,24 +90,14 @@ class TurningCamera:
         if scale > 1:  # avoids aliasing
             size = (round(photo.shape[1] / scale), round(photo.shape[0] / scale))
             photo, scale = cv2.resize(photo, size, interpolation=cv2.INTER_AREA), 1.0
-        middle = (np.array(photo.shape[1::-1]) - 1) / 2
         for frame in range(self.frames):
-            at = (self._looks_at(frame) * scale + middle).astype(np.float32)
-            frame = cv2.remap(photo, at[..., 0], at[..., 1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
-            if noise:
-                frame = np.clip(np.rint(frame + rng.normal(0, noise, frame.shape)), 0, 255).astype(np.uint8)
-            yield frame
+            times = self.row_times(frame)
+            if global_shutter:
+                times = np.full(self.height, frame + self.readout_ratio / 2)
+            yield seen(photo, self.rotations(times), self.width, self.focal_px, scale, noise, rng)
 
-    def _looks_at(self, frame: int) -> np.ndarray:
-        """[H, W, 2] (col, row) from the centre of the photo's plane that a frame's pixels see [px of a frame]."""
-        back = self.rotations(self._row_times(frame)).transpose(0, 2, 1)  # [H, 3, 3]
-        x = np.arange(self.width) - (self.width - 1) / 2
-        y = np.arange(self.height) - (self.height - 1) / 2
-        fixed = back[:, :, 1] * y[:, None] + back[:, :, 2] * self.focal_px  # [H, 3]
-        direction = back[:, None, :, 0] * x[:, None] + fixed[:, None]  # [H, W, 3]
-        return direction[..., :2] / direction[..., 2:] * self.focal_px
-
-    def _row_times(self, frame: int) -> np.ndarray:
+    def row_times(self, frame: int) -> np.ndarray:
+        """Returns the times [H] of a frame's rows [frame intervals]."""
         return frame + self.readout_ratio * (np.arange(self.height) + 0.5) / self.height
 
     def rotations(self, times: Float64[np.ndarray, "times"]) -> Float64[np.ndarray, "times 3 3"]:
@@ -135,3 +105,27 @@ class TurningCamera:
         at = np.append(times, self.frames / 2) / self.fps + self.start_s
         rotations = self.log.rotations(at)
         return rotations[:-1] @ rotations[-1].T
+
+
+def seen(
+    scene: UInt8[np.ndarray, "rows columns *bands"],
+    rotations: Float64[np.ndarray, "height 3 3"],
+    width: int,
+    focal_px: float,
+    scale: float,
+    noise: float,
+    rng: np.random.Generator,
+) -> UInt8[np.ndarray, "height width *bands"]:
+    """Returns a picture whose rows see a scene at these rotations; ``scale`` is px of the scene per picture px."""
+    import cv2
+
+    height, back = len(rotations), rotations.transpose(0, 2, 1)
+    x, y = np.arange(width) - (width - 1) / 2, np.arange(height) - (height - 1) / 2
+    fixed = back[:, :, 1] * y[:, None] + back[:, :, 2] * focal_px  # [H, 3]
+    direction = back[:, None, :, 0] * x[:, None] + fixed[:, None]  # [H, W, 3]
+    at = direction[..., :2] / direction[..., 2:] * focal_px * scale + (np.array(scene.shape[1::-1]) - 1) / 2
+    col, row = np.moveaxis(at.astype(np.float32), -1, 0)
+    picture = cv2.remap(scene, col, row, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    if noise:
+        picture = np.clip(np.rint(picture + rng.normal(0, noise, picture.shape)), 0, 255).astype(np.uint8)
+    return picture

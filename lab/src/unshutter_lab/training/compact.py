@@ -1,4 +1,4 @@
-r"""Makes a trained network small enough to ship, without training it again.
+"""Makes a trained network small enough to ship, without training it again.
 
     python -m unshutter_lab.training.compact runs/rengarajan2017-rowcol-bn-cpu/model.onnx --rank 32 --eight-bits \
         --config rengarajan2017-rowcol-bn-cpu --photos FOLDER -o rengarajan2017.onnx
@@ -25,9 +25,9 @@ from onnx import ModelProto, NodeProto, helper, numpy_helper
 from torch import Tensor, nn
 
 from unshutter.errors import UsageError
-from unshutter.estimators.onnx_process import onnx_runtime
+from unshutter_lab.methods.onnx import onnx_runtime
 from unshutter_lab.training.config import load_config
-from unshutter_lab.training.recipes import make_recipe
+from unshutter_lab.training.recipes import PixelRecipe, make_recipe
 
 _PICTURES, _AT_A_TIME, _SEED = 512, 16, 2**40  # of training photos, with motions not drawn in training
 _SMALL, _MOST_IN_16_BITS = 256, 65_504.0  # fewest numbers, and largest value; other weights are unchanged
@@ -43,9 +43,6 @@ def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eig
         rank: number of directions in which the outputs of a wide fully connected layer may vary; 0 for all.
         eight_bits: whether convolutions are stored in 8 bits.
         target: file to write.
-
-    Raises:
-        UsageError: there is no such network, it does not read pixels, or the rank is out of range.
     """
     if not 0 <= rank < _PICTURES:
         raise UsageError(f"--rank must lie between 0 and {_PICTURES - 1}, got {rank}")
@@ -53,8 +50,9 @@ def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eig
     if photos is not None:
         settings = replace(settings, data={**settings.data, "folder": str(photos)})
     recipe = make_recipe(settings, torch.device("cpu"))
+    if not isinstance(recipe, PixelRecipe):
+        raise UsageError(f"{settings.model} does not read pixels")
     generator = torch.Generator().manual_seed(_SEED)
-    recipe.pictures(1, torch.Generator())  # raises if the network reads no pictures
     print("before:", recipe.validate(Stored(model)))
     network = onnx.load(model)
     if rank:
@@ -68,11 +66,7 @@ def compact(model: Path, config: str | Path, photos: Path | None, rank: int, eig
 
 
 class Stored(nn.Module):
-    """The network of an ONNX file as a torch module, for validation.
-
-    Raises:
-        UsageError: there is no such file, or it does not contain a network.
-    """
+    """The network of an ONNX file as a torch module, for validation."""
 
     def __init__(self, path: Path):
         super().__init__()
@@ -90,12 +84,10 @@ class Stored(nn.Module):
 
 
 def narrow(model: ModelProto, pictures: Iterable[np.ndarray], rank: int) -> None:
-    """Replaces wide fully connected layers by pairs of narrow ones that only produce the principal directions.
+    """Replaces wide fully connected layers by pairs of narrow ones that only produce ``rank`` principal directions.
 
-    Args:
-        model: modified in place. A layer is wide if both its sides are at least four times the rank.
-        pictures: batches [B, ...] for determining the directions; more pictures in total than the rank.
-        rank: number of directions.
+    A layer is wide if both its sides are at least four times the rank. The directions are those of batches [B, ...] of
+    pictures, more in total than the rank.
     """
     known = {weights.name: weights for weights in model.graph.initializer}
     wide = [
@@ -138,13 +130,7 @@ def _narrowed(weights: np.ndarray, bias: np.ndarray, outputs: np.ndarray, rank: 
 
 
 def store_in_fewer_bits(model: ModelProto, eight_bits: bool = False) -> None:
-    """Stores a network's weights in fewer bits; it still computes in 32 bits.
-
-    Args:
-        model: modified in place.
-        eight_bits: store convolutions' weights as 8-bit integers with a scale per output channel; all others, and all
-            weights without it, as 16-bit floating point.
-    """
+    """Stores a network's weights in fewer bits; it still computes in 32 bits."""
     kernels = {node.input[1] for node in model.graph.node if node.op_type == "Conv"} if eight_bits else set()
     stored, decoders = [], []
     for weights in model.graph.initializer:

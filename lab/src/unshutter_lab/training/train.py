@@ -1,39 +1,59 @@
-"""Trains any of the models, in one process on a CPU or GPU, or in several processes started by torchrun.
+"""Trains any of the models, on a CPU or GPU.
 
     unshutter train --config segment-transformer --out runs
-    torchrun --nproc-per-node 2 -m unshutter_lab.training.train --config segment-transformer --out runs
 
-A run is stored in OUT/NAME-OF-THE-CONFIG: checkpoint.pt, log.csv and, once finished, model.onnx. A run that is started
-again resumes from its last checkpoint with the same batches: step k draws its batch from the seed and k alone.
-Needs only torch, NumPy and array-api-compat (and onnx for the export), so it also runs on a bare GPU machine.
+A run is stored in OUT/NAME-OF-THE-CONFIG: checkpoint.pt, log.csv and, once finished, model.onnx or model.npz. A run
+that is started again resumes from its last checkpoint with the same batches: step k draws its batch from the seed and
+k alone. Needs only torch, NumPy and array-api-compat (and onnx for the export), so it also runs on a bare GPU machine.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import math
 import os
+import sys
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import torch
-import torch.distributed as dist
 from torch import nn
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from unshutter.errors import UnshutterError, UsageError
-from unshutter.storage.protection import Protection
-from unshutter_lab.training.checkpoint import PART, load_checkpoint, save_checkpoint, start_from
+from unshutter.storage.locations import RunFiles
 from unshutter_lab.training.config import TrainConfig, find_config, load_config
-from unshutter_lab.training.data.pictures import photo_files
-from unshutter_lab.training.exported import load_exported
-from unshutter_lab.training.log import TrainingLog
-from unshutter_lab.training.optimisation import make_optimiser, rate_at
-from unshutter_lab.training.recipes import Recipe, make_recipe
+from unshutter_lab.training.pixels import photo_files
+from unshutter_lab.training.recipes import make_recipe
 
-_START_PICTURES, _START_SEED = 128, 2**40  # for the input statistics of an exported network's layers
-CHECKPOINT, LOG, MODEL = "checkpoint.pt", "log.csv", "model.onnx"
+CHECKPOINT, LOG = "checkpoint.pt", "log.csv"
+MODELS = ("model.npz", "model.onnx")  # of recipes (Recipe.model_file)
+PART = "checkpoint.part"  # next to a checkpoint while it is being written
+
+
+def make_optimiser(network: nn.Module, config: TrainConfig) -> torch.optim.Optimizer:
+    """Returns AdamW, Adam or SGD with momentum."""
+    weights, rate, decay = network.parameters(), config.learning_rate, config.weight_decay
+    if config.optimiser == "sgd":
+        return torch.optim.SGD(weights, rate, config.momentum, weight_decay=decay)
+    adam = torch.optim.AdamW if config.optimiser == "adamw" else torch.optim.Adam
+    return adam(weights, rate, (config.momentum, config.beta2), weight_decay=decay)
+
+
+def rate_at(step: int, config: TrainConfig) -> float:
+    """Returns the learning rate of a step: a linear warm-up times the schedule."""
+    warmup, share = min(1.0, (step + 1) / max(config.warmup, 1)), 1.0
+    if config.schedule == "cosine":
+        share = 0.5 + 0.5 * math.cos(math.pi * step / config.steps)
+    elif config.schedule == "stairs":
+        share = 0.1 ** (step // config.stair)
+    elif config.schedule == "late":
+        share = min(1.0, (1 - step / config.steps) / config.tail)
+    return config.learning_rate * warmup * share
 
 
 def run(
@@ -51,68 +71,45 @@ def run(
     """Trains to the end, or for a number of minutes; resumes an existing run.
 
     Args:
-        config: name of a shipped configuration, or path of a TOML file.
+        config: name of a shipped configuration, or path of a TOML file; ``base`` supplies the settings missing there,
+            ``steps``, ``photos`` ([data] folder) and ``seed`` replace some of them.
         out: folder of runs.
-        steps: replaces the configuration's.
+        steps, base, photos, seed: see config.
         device: auto, cpu or cuda.
         minutes: save and stop after this time.
-        base: another configuration that supplies missing settings.
-        photos: replaces the configuration's ``[data] folder``.
         start: checkpoint or exported network (.onnx, .npz) whose weights, as far as they fit, initialise a new run.
-        seed: seed of the initial weights and the batches; replaces the configuration's.
 
     Returns:
         The run's folder.
-
-    Raises:
-        UsageError: the configuration is invalid, or the folder holds a run of another one.
-        UnshutterError: the gradient is not finite.
     """
     settings = load_config(config, base)
     if photos is not None:
         settings = replace(settings, data={**settings.data, "folder": str(photos)})
-    if steps is not None:
-        settings = replace(settings, steps=steps)
-    if seed is not None:
-        settings = replace(settings, seed=seed)
+    given = {"steps": steps, "seed": seed}
+    settings = replace(settings, **{name: value for name, value in given.items() if value is not None})
     torch.set_num_threads(settings.threads)
     torch.set_float32_matmul_precision("high")
-    processes = _join_processes(device)
     folder = Path(out) / find_config(config).stem
     _check_outputs(folder, settings, [find_config(config), find_config(base) if base else None, start])
-    try:
-        trainer = Trainer(settings, folder, _device(device), start)
-        folder.mkdir(parents=True, exist_ok=True)
-        finished = trainer.train(minutes)
-        if finished and trainer.rank == 0:
-            trainer.export(folder / MODEL)
-        if processes:
-            dist.barrier()  # exiting while another process is still working would break its connection
-    finally:
-        if processes:
-            dist.destroy_process_group()
+    trainer = Trainer(settings, folder, _device(device), start)
+    folder.mkdir(parents=True, exist_ok=True)
+    if trainer.train(minutes):
+        trainer.export()
     return folder
 
 
 def _check_outputs(folder: Path, settings: TrainConfig, files: list[Path | None]) -> None:
     """Raises UnshutterError if a file of the run would replace one that it starts from or trains on."""
     folders = filter(None, (settings.data.get(name) for name in ("folder", "validation_folder")))
-    protection = Protection([*files, *chain.from_iterable(photo_files(Path(each)) for each in folders)])
-    for name in (CHECKPOINT, PART, f"checkpoint-{settings.keep_at}.pt", LOG, MODEL):
-        protection.check(folder / name)
+    run_files = RunFiles(reads=[*files, *chain.from_iterable(photo_files(Path(each)) for each in folders)])
+    for name in (CHECKPOINT, PART, f"checkpoint-{settings.keep_at}.pt", LOG, *MODELS):
+        run_files.check(folder / name)
 
 
 class Trainer:
     """The state of one run, and the loop that advances it.
 
-    Args:
-        config: configuration of the run.
-        folder: folder of the run; a checkpoint in it is resumed.
-        device: device to run on.
-        start: checkpoint or exported network of another run, whose weights this one starts with.
-
-    Raises:
-        UsageError: the configuration is invalid, or the folder holds a run of another one.
+    A checkpoint in the run's folder is resumed; a new run begins with the weights of ``start``, if given.
     """
 
     def __init__(self, config: TrainConfig, folder: Path, device: torch.device, start: Path | None = None):
@@ -122,31 +119,26 @@ class Trainer:
                 f"--start runs/{config.continues}/{CHECKPOINT}"
             )
         self.config, self.folder, self.device = config, folder, device
-        self.rank = dist.get_rank() if dist.is_initialized() else 0
-        self.world = dist.get_world_size() if dist.is_initialized() else 1
         torch.manual_seed(config.seed)
-        self.recipe: Recipe = make_recipe(config, device)
+        self.recipe = make_recipe(config, device)
         self.network = self.recipe.build().to(device)
         if start is not None:
-            self._start_from(start)
+            self.recipe.start(self.network, start)
         self.average = AveragedModel(self.network, multi_avg_fn=get_ema_multi_avg_fn(config.average), use_buffers=True)
         self.optimiser = make_optimiser(self.network, config)
         self.step, self.seconds = 0, 0.0
         self._resume()
-        self.stepped: nn.Module = self.network
-        if self.world > 1:
-            self.stepped = nn.parallel.DistributedDataParallel(self.network)
 
     def train(self, minutes: float | None = None) -> bool:
         """Runs to the last step, or for a number of minutes; returns whether the last step was reached."""
         started = saved = time.monotonic()
         before = self.seconds
-        with TrainingLog(self.folder / LOG, self.step, self.config.steps, quiet=self.rank > 0) as log:
+        with TrainingLog(self.folder / LOG, self.step, self.config.steps) as log:
             while self.step < self.config.steps:
                 figures = self._one_step()
                 self.seconds = before + time.monotonic() - started
                 self._log(log, figures)
-                out_of_time = self._any_process(minutes is not None and time.monotonic() - started > 60 * minutes)
+                out_of_time = minutes is not None and time.monotonic() - started > 60 * minutes
                 overdue = time.monotonic() - saved > 60 * self.config.checkpoint_minutes
                 if overdue or out_of_time or self.step == self.config.steps:
                     self._save(CHECKPOINT)
@@ -157,34 +149,19 @@ class Trainer:
                     break
         return self.step >= self.config.steps
 
-    def validate(self) -> dict[str, float]:
-        """Returns the recipe's figures for the averaged weights."""
+    def export(self) -> None:
+        """Writes the averaged weights as the file that estimators run."""
         self.average.eval()
-        return self.recipe.validate(self.average.module)
-
-    def export(self, path: Path) -> None:
-        """Writes the averaged weights as ONNX."""
-        self.average.eval()
-        self.recipe.export(self.average.module, path)
-
-    def _start_from(self, start: Path) -> None:
-        if start.suffix == ".onnx":
-            pictures = self.recipe.pictures(_START_PICTURES, torch.Generator(self.device).manual_seed(_START_SEED))
-            load_exported(self.network, start, pictures)
-        elif start.suffix == ".npz":
-            self.recipe.start_from_stored(self.network, start)
-        else:
-            start_from(self.network, start)
+        self.recipe.export(self.average.module, self.folder / self.recipe.model_file)
 
     def _one_step(self) -> dict[str, float]:
         self.network.train()
         for group in self.optimiser.param_groups:
             group["lr"] = rate_at(self.step, self.config)
-        # the batch depends only on seed, step and process, so that a resumed run sees the same ones
-        seed = (self.config.seed * 1_000_003 + self.step) * self.world + self.rank
+        seed = self.config.seed * 1_000_003 + self.step  # a resumed run sees the same batches
         generator = torch.Generator(self.device).manual_seed(seed)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.config.bfloat16):
-            loss, figures = self.recipe.loss(self.stepped, self.step, generator)
+            loss, figures = self.recipe.loss(self.network, self.step, generator)
         self.optimiser.zero_grad()
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip)
@@ -198,26 +175,17 @@ class Trainer:
     def _log(self, log: TrainingLog, figures: dict[str, float]) -> None:
         """Adds a row every ``log_every`` steps, and with every validation."""
         log.step(self.step)
-        last = self.step == self.config.steps
-        validated = last or self.step % self.config.validate_every == 0
+        validated = self.step == self.config.steps or self.step % self.config.validate_every == 0
         if validated:
-            figures = figures | self.validate()
+            self.average.eval()
+            figures = figures | self.recipe.validate(self.average.module)
         if validated or self.step % self.config.log_every == 0:
             log.add({"step": self.step, "seconds": round(self.seconds, 1), **figures})
 
-    def _any_process(self, flag: bool) -> bool:
-        """Whether any of the processes wants to stop: all must stop at the same step."""
-        if self.world == 1:
-            return flag
-        flags = torch.tensor(float(flag), device=self.device)
-        dist.all_reduce(flags)
-        return flags.item() > 0
-
     def _save(self, name: str) -> None:
-        if self.rank == 0:
-            parts = {"network": self.network, "average": self.average, "optimiser": self.optimiser}
-            states = {part: holder.state_dict() for part, holder in parts.items()}
-            save_checkpoint(self.folder / name, self.config, {"step": self.step, "seconds": self.seconds, **states})
+        parts = {"network": self.network, "average": self.average, "optimiser": self.optimiser}
+        states = {part: holder.state_dict() for part, holder in parts.items()}
+        save_checkpoint(self.folder / name, self.config, {"step": self.step, "seconds": self.seconds, **states})
 
     def _resume(self) -> None:
         state = load_checkpoint(self.folder / CHECKPOINT, self.config, self.device)
@@ -235,32 +203,103 @@ def _device(word: str) -> torch.device:
         raise UsageError("no CUDA device here; use --device cpu")
     if word not in ("cpu", "cuda"):
         raise UsageError(f"unknown device '{word}': choose auto, cpu or cuda")
-    return torch.device(word, int(os.environ.get("LOCAL_RANK", "0")) if word == "cuda" else None)  # type: ignore[arg-type]
+    return torch.device(word)
 
 
-def _join_processes(device: str) -> bool:
-    """Joins the other processes if torchrun has started several; returns whether it has."""
-    if int(os.environ.get("WORLD_SIZE", "1")) < 2:
-        return False
-    cuda = device != "cpu" and torch.cuda.is_available()
-    if cuda:
-        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
-    dist.init_process_group("nccl" if cuda else "gloo")
-    return True
+def save_checkpoint(path: Path, config: TrainConfig, state: dict[str, Any]) -> None:
+    """Writes a checkpoint completely or not at all."""
+    part = path.with_name(PART)
+    torch.save({"config": asdict(config), **state}, part)
+    os.replace(part, path)
+
+
+def load_checkpoint(path: Path, config: TrainConfig, device: torch.device) -> dict[str, Any] | None:
+    """Returns the state to resume from, or None if there is no checkpoint yet."""
+    if not path.exists():
+        return None
+    state = torch.load(path, map_location=device, weights_only=True)
+    if _identity(state["config"]) != _identity(asdict(config)):
+        raise UsageError(f"{path.parent} holds a run of another configuration; choose another --out")
+    return state
+
+
+def _identity(table: dict[str, Any]) -> dict[str, Any]:
+    """Returns the settings that identify a run: all but its length and the location of its photos."""
+    whole = {**asdict(TrainConfig(table["model"])), **table}  # older checkpoints lack newer settings
+    whole["data"] = {name: value for name, value in whole["data"].items() if name != "folder"}
+    return {name: value for name, value in whole.items() if name not in ("steps", "keep_at")}
+
+
+class TrainingLog:
+    """Writes log.csv, with one row per logged step, and shows a progress bar (on a terminal) or lines (elsewhere).
+
+    Args:
+        path: path of log.csv. Rows beyond the checkpoint from which a run resumes are dropped.
+        step: steps done so far.
+        steps: total number of steps.
+    """
+
+    def __init__(self, path: Path, step: int, steps: int):
+        self._path, self._steps = path, steps
+        self._rows: list[dict[str, Any]] = []
+        self._bar = _bar(step, steps)
+        if path.exists():
+            with path.open(newline="") as file:
+                self._rows = [row for row in csv.DictReader(file) if int(row["step"]) <= step]
+
+    def __enter__(self) -> TrainingLog:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def step(self, step: int) -> None:
+        """Advances the progress bar."""
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], completed=step)
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Writes a row, whose columns include ``step`` and ``seconds``."""
+        self._rows.append({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+        newest = {name: value for each in self._rows for name, value in each.items() if value != ""}
+        with self._path.open("w", newline="") as file:
+            columns = dict.fromkeys(name for each in self._rows for name in each)
+            writer = csv.DictWriter(file, list(columns), restval="")
+            writer.writeheader()
+            writer.writerows(self._rows)
+        if self._bar is not None:
+            figures = "  ".join(f"{k} {v}" for k, v in newest.items() if k == "loss" or k.startswith("val_"))
+            self._bar.update(self._bar.task_ids[0], figures=figures)
+        else:
+            left = row["seconds"] / row["step"] * (self._steps - row["step"]) / 60
+            figures = "  ".join(f"{k} {v}" for k, v in self._rows[-1].items() if k not in ("step", "seconds"))
+            print(f"{row['step']}/{self._steps}  {left:.0f} min left  {figures}", flush=True)
+
+
+def _bar(step: int, steps: int) -> Any:
+    """Returns Rich's progress bar, or None without a terminal or without rich (on a bare training machine)."""
+    if not sys.stdout.isatty():
+        return None
+    try:
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    except ImportError:
+        return None
+    bar = Progress(BarColumn(20), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.fields[figures]}"))
+    bar.add_task("training", total=steps, completed=step, figures="")
+    bar.start()
+    return bar
 
 
 def main() -> None:
-    """Runs the command line of a bare training machine, and of torchrun."""
+    """Runs the command line of a bare training machine."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--config", required=True)
-    parser.add_argument("--base")
     parser.add_argument("--out", type=Path, default=Path("runs"))
-    parser.add_argument("--steps", type=int)
     parser.add_argument("--device", default="auto")
-    parser.add_argument("--minutes", type=float)
-    parser.add_argument("--photos", type=Path)
-    parser.add_argument("--start", type=Path)
-    parser.add_argument("--seed", type=int)
+    kinds = {"base": str, "steps": int, "minutes": float, "photos": Path, "start": Path, "seed": int}
+    for name, kind in kinds.items():
+        parser.add_argument(f"--{name}", type=kind)
     try:
         run(**vars(parser.parse_args()))
     except UnshutterError as error:

@@ -1,4 +1,4 @@
-"""The file formats: each has one line here and one file in this folder."""
+"""The file formats: each is listed here and has one file in this folder."""
 
 from __future__ import annotations
 
@@ -7,28 +7,16 @@ from typing import get_args
 
 from unshutter.errors import UsageError
 from unshutter.options import PictureFormat
-from unshutter.photo.format import Format, WrittenFormat
-from unshutter.photo.formats.avif import Avif
-from unshutter.photo.formats.heic import Heic
+from unshutter.photo.formats.heif import Avif, Heic
 from unshutter.photo.formats.jpeg import Jpeg
+from unshutter.photo.formats.picture_format import Format, WrittenFormat
 from unshutter.photo.formats.png import Png
 from unshutter.photo.formats.raw import Raw
 from unshutter.photo.formats.tiff import Tiff
 from unshutter.photo.formats.webp import Webp
 
 # Checked in this order: AVIF files may also claim to be HEIC, and most raw files to be TIFF.
-FORMATS: dict[str, Format] = {
-    format.name: format
-    for format in (
-        Jpeg(),
-        Png(),
-        Webp(),
-        Avif(),
-        Heic(),
-        Raw(),
-        Tiff(),
-    )
-}
+FORMATS: dict[str, Format] = {format.name: format for format in (Jpeg(), Png(), Webp(), Avif(), Heic(), Raw(), Tiff())}
 WRITTEN = {name: format for name in get_args(PictureFormat) if isinstance(format := FORMATS[name], WrittenFormat)}
 
 
@@ -38,11 +26,7 @@ def of_suffix(suffix: str) -> Format | None:
 
 
 def of_target(path: Path) -> WrittenFormat:
-    """Returns the output format for a file name.
-
-    Raises:
-        UsageError: the extension is unknown, or that of a read-only format.
-    """
+    """Returns the output format for a file name."""
     format = of_suffix(path.suffix)
     if isinstance(format, WrittenFormat):
         return format

@@ -15,20 +15,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
-from unshutter.photo import by_libvips
-from unshutter.photo.by_libvips import ExifBlock, without_exif_loops
-from unshutter.photo.containers import segments
-from unshutter.photo.containers.insertion import insert
-from unshutter.photo.containers.motion_photo import film_of
-from unshutter.photo.containers.segments import APP0, APP1, APP2, APP13, APP14, COMMENT, before_the_scan, bytes_behind
-from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
-from unshutter.photo.libvips import computed, libvips, refusing
-from unshutter.photo.metadata import Metadata
-from unshutter.photo.source import Source
-from unshutter.photo.tags import exif, iptc, xmp
+from unshutter.photo import chunks, exif, xmp
+from unshutter.photo.chunks import APP0, APP1, APP2, APP13, APP14, COMMENT, before_the_scan, bytes_behind, insert
+from unshutter.photo.directories import EXIF_PREFIX
+from unshutter.photo.film import appended_film
+from unshutter.photo.formats import picture_format
+from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
+from unshutter.photo.libvips import Source, computed, libvips, refusing
 
 if TYPE_CHECKING:
     import numpy as np
+
 
 # Warnings about JPEGs in which no pixels are missing and which all viewers display.
 _HARMLESS = re.compile(r"Invalid SOS parameters|Unknown Adobe color transform|extraneous bytes before marker 0x[de]")
@@ -46,9 +43,9 @@ _METADATA = (*range(APP0, APP0 + 16), COMMENT)
 # Segments that libvips reads, or that only describe the encoding of this file.
 _READ: dict[int, tuple[bytes, ...]] = {
     APP0: (_JFIF, b"JFXX\0", b"AVI1"),
-    APP1: (exif.PREFIX, _XMP),
+    APP1: (EXIF_PREFIX, _XMP),
     APP2: (b"ICC_PROFILE\0",),
-    APP13: (iptc.PREFIX,),
+    APP13: (chunks.RESOURCES_PREFIX,),
     APP14: (b"Adobe",),
 }
 
@@ -58,27 +55,23 @@ class Jpeg(WrittenFormat):
     """JPEG: 8 bits, grey or RGB, no alpha; the only format that can be decoded at a reduced size for less work."""
 
     name = written_as = "jpeg"
-    suffixes = (".jpg", ".jpeg", ".jpe", ".jfif")
+    suffixes, signature = (".jpg", ".jpeg", ".jpe", ".jfif"), re.compile(rb"\xff\xd8\xff")
     shrinks = (8, 4, 2)
     longest_side, deep, grey, alpha = 65_500, False, True, False
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "comments", "film"})
 
-    def recognises(self, source: Source, head: bytes) -> bool:
-        """See Format."""
-        return head.startswith(b"\xff\xd8\xff")
-
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        image = by_libvips.open_image(without_exif_loops(source, _exif_blocks), "jpegload")
+        image = picture_format.open_image(picture_format.without_exif_loops(source, _exif_blocks), "jpegload")
         with source.stream() as stream:
             coding = read_coding(stream)
-            metadata = _with_segments(by_libvips.metadata_of(image), stream)
-        return by_libvips.header(self, source, image, coding, metadata)
+            metadata = _with_segments(picture_format.metadata_of(image), stream)
+        return picture_format.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. libjpeg only warns of damaged data."""
         with refusing("{photo} is damaged or incomplete", photo=source):
-            data = without_exif_loops(source, _exif_blocks)
+            data = picture_format.without_exif_loops(source, _exif_blocks)
             try:
                 return computed(data.load("jpegload", access="sequential", fail_on="warning", shrink=shrink))
             except libvips().Error as error:
@@ -92,26 +85,26 @@ class Jpeg(WrittenFormat):
         packet = None if _is_too_long(metadata.xmp) else metadata.xmp
         written = replace(picture, metadata=replace(metadata, exif=None, xmp=packet))
         options = {"Q": picture.quality or coding.quality or 95, "subsample_mode": "on" if coding.subsampled else "off"}
-        return by_libvips.encode(written, "jpegsave", path, **options)
+        return picture_format.encode(written, "jpegsave", path, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat. If EXIF is too long, its longest tags are left out."""
         metadata = picture.metadata
         left_out, added = [], b""
         if metadata.exif is not None:
-            blob, left_out = exif.shortened(exif.PREFIX + metadata.exif.removeprefix(exif.PREFIX), segments.LONGEST)
-            added += b"" if blob is None else segments.encoded(APP1, blob)
+            blob, left_out = exif.shortened(EXIF_PREFIX + metadata.exif.removeprefix(EXIF_PREFIX), chunks.LONGEST)
+            added += b"" if blob is None else chunks.encoded_segment(APP1, blob)
         if _is_too_long(metadata.xmp):
             left_out.append("XMP (too long for a JPEG)")
-        added += b"".join(segments.encoded(APP13, part) for part in iptc.segments(metadata.resources, segments.LONGEST))
-        added += b"".join(segments.encoded(COMMENT, comment) for comment in metadata.comments)
+        added += b"".join(chunks.encoded_segment(APP13, part) for part in chunks.split_resources(metadata.resources))
+        added += b"".join(chunks.encoded_segment(COMMENT, comment) for comment in metadata.comments)
         file.seek(2)
         at, head = 2, file.read(4)
         if head[:2] == bytes([0xFF, APP0]):  # JFIF must remain first
             at += 2 + struct.unpack(">H", head[2:])[0]
         elif metadata.jfif_density is not None:
             density = struct.pack(">BHH", *metadata.jfif_density)
-            added = segments.encoded(APP0, _JFIF + b"\1\1" + density + bytes(2)) + added
+            added = chunks.encoded_segment(APP0, _JFIF + b"\1\1" + density + bytes(2)) + added
         if added:
             insert(file, at, added)
         if metadata.film is not None:
@@ -124,38 +117,35 @@ class Jpeg(WrittenFormat):
 
 
 def _is_too_long(packet: bytes | None) -> bool:
-    return packet is not None and len(packet) + len(_XMP) > segments.LONGEST
+    return packet is not None and len(packet) + len(_XMP) > chunks.LONGEST
 
 
-def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
+def _exif_blocks(file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
     for _, content in before_the_scan(file, (APP1,)):
-        if content.startswith(exif.PREFIX):
-            yield ExifBlock(file.tell() - len(content), content)
+        if content.startswith(EXIF_PREFIX):
+            yield picture_format.ExifBlock(file.tell() - len(content), content)
 
 
 def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     """Completes the metadata that libvips found in a JPEG with those that it loses or truncates.
 
-    Args:
-        metadata: metadata found by libvips.
-        file: the JPEG.
-
-    Returns:
-        EXIF (which libvips takes apart), density, comments, Photoshop's resources in several segments, and the film of
-        a motion photo, along with the names of metadata that no result contains.
+    These are EXIF (which libvips takes apart), density, comments, Photoshop's resources in several segments, and the
+    film of a motion photo, along with the names of metadata that no result contains.
     """
     listed = list(before_the_scan(file, _METADATA))
-    first_exif = next(iter(_beginning(listed, APP1, exif.PREFIX)), None)
+    jfif = next((content for content in _beginning(listed, APP0, _JFIF) if len(content) >= 12), None)
+    first_exif = next(iter(_beginning(listed, APP1, EXIF_PREFIX)), None)
     blob = None if first_exif is None else exif.without_loop(first_exif)
-    resources = _beginning(listed, APP13, iptc.PREFIX)
+    prefix = chunks.RESOURCES_PREFIX  # of each segment; a block may be split between two
+    resources = [part.removeprefix(prefix) for part in _beginning(listed, APP13, prefix)]
     left_behind = [name for marker, content in listed if (name := _lost(marker, content, metadata.xmp))]
     if blob is not first_exif:
         left_behind.append("EXIF (damaged)")
-    film = film_of(file, xmp.film_bytes(metadata.xmp))
+    film = appended_film(file, xmp.film_bytes(metadata.xmp))
     if film is not None:
         left_behind += film.left_behind
-    for prefix, name in ((exif.PREFIX, "a second EXIF"), (_XMP, "a second XMP")):
-        if len(_beginning(listed, APP1, prefix)) > 1:
+    for start, name in ((EXIF_PREFIX, "a second EXIF"), (_XMP, "a second XMP")):
+        if len(_beginning(listed, APP1, start)) > 1:
             left_behind.append(name)
     has_pictures = _beginning(listed, APP2, _PICTURES) or xmp.has_gain_map(metadata.xmp)  # which are named elsewhere
     if not has_pictures and bytes_behind(file) > (film.taken_from if film else 0):
@@ -163,8 +153,8 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
     return replace(
         metadata,
         exif=blob,
-        density=_density(listed),
-        resources=iptc.joined(resources) if resources else None,
+        density=None if jfif is None else struct.unpack_from(">BHH", jfif, 7),
+        resources=prefix + b"".join(resources) if resources else None,
         comments=tuple(content for marker, content in listed if marker == COMMENT),
         film=film,
         left_behind=tuple(dict.fromkeys(left_behind)),
@@ -174,11 +164,6 @@ def _with_segments(metadata: Metadata, file: BinaryIO) -> Metadata:
 def _beginning(listed: list[tuple[int, bytes]], marker: int, prefix: bytes) -> list[bytes]:
     """Returns the contents of segments with a marker that begin with a prefix."""
     return [content for own, content in listed if own == marker and content.startswith(prefix)]
-
-
-def _density(listed: list[tuple[int, bytes]]) -> tuple[int, int, int] | None:
-    header = next((content for content in _beginning(listed, APP0, _JFIF) if len(content) >= 12), None)
-    return None if header is None else struct.unpack_from(">BHH", header, 7)
 
 
 def _lost(marker: int, content: bytes, packet: bytes | None) -> str:

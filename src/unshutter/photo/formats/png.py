@@ -1,32 +1,36 @@
 """PNG: lossless, 8 or 16 bits; all metadata are chunks, before or after the pixels.
 
-libvips reads only the chunks before the pixels and rewrites texts, so they are read here and copied unchanged.
+libvips reads only the chunks before the pixels and rewrites texts, so they are read here and copied unchanged. Programs
+store metadata of other formats in texts: XMP is the text of a keyword. Before PNG had a chunk for EXIF, ImageMagick
+wrote it, like all other JPEG metadata, as hexadecimal text under ``Raw profile type ...``; for IPTC this is still the
+only way, which other programs support.
 
-Source: W3C, PNG third edition (chunks, eXIf, cICP, acTL).
+Source: W3C, PNG third edition (chunks, texts, eXIf, cICP, acTL); Adobe, XMP specification part 3; exiftool.org, PNG
+tags.
 """
 
 from __future__ import annotations
 
+import re
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, final
+from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
 from unshutter.errors import UnshutterError
-from unshutter.geometry.readout import Orientation
-from unshutter.photo import by_libvips
-from unshutter.photo.by_libvips import ExifBlock, without_exif_loops
-from unshutter.photo.containers import chunks, insertion
-from unshutter.photo.containers.chunks import COLOURS, TEXTS
-from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
-from unshutter.photo.libvips import field, profile_of
-from unshutter.photo.metadata import Metadata, Resolution
-from unshutter.photo.source import Source
-from unshutter.photo.tags import exif, png_texts
+from unshutter.orientation import Orientation
+from unshutter.photo import chunks, exif
+from unshutter.photo.chunks import COLOURS, TEXTS
+from unshutter.photo.directories import EXIF_PREFIX
+from unshutter.photo.formats import picture_format
+from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, Resolution, WrittenFormat
+from unshutter.photo.libvips import Source, field, profile_of
 
 if TYPE_CHECKING:
     import numpy as np
+
 
 _AFTER_HEADER = 33  # bytes: signature and the chunk IHDR
 _PIXELS = (b"IDAT", b"fdAT")
@@ -51,76 +55,70 @@ class Png(WrittenFormat):
     """PNG: 8 or 16 bits, lossless."""
 
     name = written_as = "png"
-    suffixes = (".png",)
+    suffixes, signature = (".png",), re.compile(rb"\x89PNG\r\n\x1a\n")
     longest_side, deep, grey, alpha = 10_000_000, True, True, True
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "chunks"})
-
-    def recognises(self, source: Source, head: bytes) -> bool:
-        """See Format."""
-        return head.startswith(b"\x89PNG\r\n\x1a\n")
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
         with source.stream() as stream:
             own = _read_metadata(source, stream)
-        image = by_libvips.open_image(without_exif_loops(source, _exif_blocks), "pngload")
+        image = picture_format.open_image(picture_format.without_exif_loops(source, _exif_blocks), "pngload")
         coding = Coding(bits=field(image, "bits-per-sample", 8))
         resolution = Resolution(image.xres, image.yres)
         metadata = replace(own, icc=own.icc or field(image, "icc-profile-data"), resolution=resolution)
-        header = by_libvips.header(self, source, image, coding, metadata)
+        header = picture_format.header(self, source, image, coding, metadata)
         return replace(header, orientation=exif.orientation(metadata.exif) or Orientation.NORMAL)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        return by_libvips.decode(without_exif_loops(source, _exif_blocks), "pngload")
+        return picture_format.decode(picture_format.without_exif_loops(source, _exif_blocks), "pngload")
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat. :meth:`embed` adds XMP, because libvips compresses it, against the XMP specification."""
         bits = 16 if picture.image.format == "ushort" else 8
         written = replace(picture, metadata=replace(picture.metadata, exif=None, xmp=None))
-        return by_libvips.encode(written, "pngsave", path, filter="all", bitdepth=bits, palette=False)
+        return picture_format.encode(written, "pngsave", path, filter="all", bitdepth=bits, palette=False)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat. libvips always writes a resolution (pHYs), even if it is unknown."""
         metadata, added = picture.metadata, []
         if metadata.exif is not None:
-            added.append((b"eXIf", metadata.exif.removeprefix(exif.PREFIX)))
+            added.append((b"eXIf", metadata.exif.removeprefix(EXIF_PREFIX)))
         if metadata.xmp is not None:
-            added.append(png_texts.of_xmp(metadata.xmp))
+            added.append((b"iTXt", _XMP + b"\0\0\0\0\0" + metadata.xmp))
         if metadata.resources is not None:
-            added.append(png_texts.of_resources(metadata.resources))
-        written = chunks.place_of(file, b"pHYs")
+            added.append(_chunk_of_resources(metadata.resources))
+        written = chunks.extent_of(file, b"pHYs")
         has_own = any(name == b"pHYs" for name, _ in metadata.chunks)
         if written is not None and (has_own or not metadata.resolution.is_known):
-            insertion.replace(file, *written, b"")
-        insertion.insert(file, _AFTER_HEADER, b"".join(chunks.encoded(*chunk) for chunk in (*added, *metadata.chunks)))
+            chunks.remove(file, *written)
+        chunks.insert(
+            file, _AFTER_HEADER, b"".join(chunks.encoded_chunk(*chunk) for chunk in (*added, *metadata.chunks))
+        )
         return []
 
 
-def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
-    extent = chunks.place_of(file, b"eXIf")
+def _exif_blocks(file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
+    extent = chunks.extent_of(file, b"eXIf")
     if extent is not None:
         start, end = extent
         file.seek(start + 8)
-        yield ExifBlock(start + 8, file.read(end - start - 12))
+        yield picture_format.ExifBlock(start + 8, file.read(end - start - 12))
 
 
 def _read_metadata(source: Source, file: BinaryIO) -> Metadata:
-    """Reads all metadata except the profile in the chunk iCCP, which libvips decompresses, and the resolution.
-
-    Raises:
-        UnshutterError: the file is an animation, or has colours of HDR or video.
-    """
+    """Reads all metadata except the profile in the chunk iCCP, which libvips decompresses, and the resolution."""
     blobs: dict[str, bytes] = {}
     carried: list[tuple[bytes, bytes]] = []
     lost: list[str] = []
     coding, palette = _coding(file), b""
-    for name, data in chunks.of_file(file, skipped=_PIXELS):
+    for name, data in chunks.chunks_of(file, skipped=_PIXELS):
         if data is None:
             lost.append("damaged chunks")
         elif name == b"eXIf":
             blobs["exif"] = data  # takes precedence over a text
-        elif name in TEXTS and (hidden := png_texts.metadata_in(name, data)) is not None:
+        elif name in TEXTS and (hidden := _metadata_in(name, data)) is not None:
             if not hidden.data:
                 lost.append(f"{hidden.attribute.upper()} (damaged)")
             blobs.setdefault(hidden.attribute, hidden.data)
@@ -147,24 +145,16 @@ def _metadata(source: Source, blobs: dict[str, bytes], carried: list[tuple[bytes
     blob = blobs.get("exif", b"")
     if exif.has_loop(blob):
         lost.append("EXIF (damaged)")
+    code_points = dict(carried).get(b"cICP", b"")
+    profile = profile_of(code_points[0], code_points[1], source) if len(code_points) == 4 else None
     return Metadata(
         exif=exif.without_loop(blob) or None,
-        icc=_cicp_profile(source, carried) or blobs.get("icc") or None,
+        icc=profile or blobs.get("icc") or None,
         xmp=blobs.get("xmp") or None,
         resources=blobs.get("resources") or None,
         chunks=tuple(carried),
         left_behind=tuple(dict.fromkeys(lost)),
     )
-
-
-def _cicp_profile(source: Source, carried: list[tuple[bytes, bytes]]) -> bytes | None:
-    """Returns the ICC profile for the colours in the chunk cICP; None if there is none, or it means sRGB.
-
-    Raises:
-        UnshutterError: the colours are HDR or video.
-    """
-    code_points = dict(carried).get(b"cICP", b"")
-    return profile_of(code_points[0], code_points[1], source) if len(code_points) == 4 else None
 
 
 def _coding(file: BinaryIO) -> tuple[int, int]:
@@ -184,3 +174,82 @@ def _background(data: bytes, depth: int, colour_type: int, palette: bytes) -> by
     if depth >= 8:
         return data
     return struct.pack(">H", min(struct.unpack(">H", data)[0], (1 << depth) - 1) * 255 // ((1 << depth) - 1))
+
+
+# ---- metadata in texts -------------------------------------------------------------------------------
+
+_XMP = b"XML:com.adobe.xmp"
+_RAW = b"Raw profile type "
+_ATTRIBUTES = {
+    **{_XMP: "xmp", b"xmp": "xmp", b"exif": "exif", b"app1": "exif"},
+    **{b"iptc": "resources", b"8bim": "resources", b"icc": "icc", b"icm": "icc"},
+}
+_XMP_OF_JPEG = b"http://ns.adobe.com/xap/1.0/\0"
+_LONGEST = 1 << 26  # maximum size of a decompressed text that is metadata [bytes]
+_HEX_LINE = 72  # characters
+
+
+class _TextMetadata(NamedTuple):
+    """Metadata in a text: an attribute of ``Metadata``, and its value, which is empty if unreadable."""
+
+    attribute: str
+    data: bytes
+
+
+def _metadata_in(name: bytes, data: bytes) -> _TextMetadata | None:
+    """Extracts metadata of other formats from a text; returns None for plain texts."""
+    keyword = data[:80].partition(b"\0")[0]
+    kind = _XMP if keyword == _XMP else keyword.removeprefix(_RAW).lower()
+    if kind not in _ATTRIBUTES or not keyword.startswith((_RAW, _XMP)):
+        return None
+    content = _content(name, data[len(keyword) + 1 :])
+    if content is None:
+        return _TextMetadata(_ATTRIBUTES[kind], b"")
+    return _TextMetadata("xmp", content) if keyword == _XMP else _meaning(kind, _unpacked_profile(content))
+
+
+def _content(name: bytes, data: bytes) -> bytes | None:
+    """Returns the text after a keyword, as bytes; None if it is damaged or far too long."""
+    packed = name == b"zTXt"
+    if name == b"iTXt":
+        packed, parts = data[:1] == b"\1", data[2:].split(b"\0", 2)  # language, translated keyword, text
+        data = parts[2] if len(parts) == 3 else b""
+    elif packed:
+        data = data[1:]
+    if not packed:
+        return data
+    unpacker = zlib.decompressobj()
+    try:
+        content = unpacker.decompress(data, _LONGEST)
+    except zlib.error:
+        return None
+    return content if unpacker.eof else None
+
+
+def _unpacked_profile(content: bytes) -> bytes:
+    """Decodes a raw profile: a line with its name, one with its length, then hexadecimal digits."""
+    parts = content.split(b"\n", 3)
+    try:
+        data = bytes.fromhex(parts[3].decode("ascii"))
+        return data if len(data) == int(parts[2]) else b""
+    except (IndexError, ValueError):
+        return b""
+
+
+def _meaning(kind: bytes, data: bytes) -> _TextMetadata:
+    """Identifies the metadata in a raw profile, for the kind ``app1`` by its first bytes."""
+    if data.startswith(_XMP_OF_JPEG):
+        return _TextMetadata("xmp", data.removeprefix(_XMP_OF_JPEG))
+    attribute = _ATTRIBUTES[kind]
+    if attribute == "exif" and exif.read(data) is None:
+        return _TextMetadata("exif", b"")
+    return _TextMetadata(attribute, chunks.resources_of_blocks(data) if attribute == "resources" and data else data)
+
+
+def _chunk_of_resources(resources: bytes) -> tuple[bytes, bytes]:
+    """Returns name and data of the chunk for Photoshop's resources, including IPTC."""
+    blocks = resources.removeprefix(chunks.RESOURCES_PREFIX)
+    digits = blocks.hex().encode()
+    lines = b"\n".join(digits[i : i + _HEX_LINE] for i in range(0, len(digits), _HEX_LINE))
+    profile = b"\niptc\n%8d\n%s\n" % (len(blocks), lines)
+    return b"zTXt", _RAW + b"iptc\0\0" + zlib.compress(profile)

@@ -6,7 +6,12 @@ bits. Rows remain rows of the sensor: LibRaw must not rotate the picture, and ap
 Most raw files are TIFFs, some of them with another magic number. Fuji's contains a JPEG with EXIF, Canon's newest
 is a box file like HEIC with a TIFF for each directory. For other kinds, no tags are read.
 
-Source: the public descriptions of these formats by exiftool.org and github.com/lclevy/canon_cr3 (facts only).
+LibRaw silently treats missing data as zeros: a truncated file becomes a picture that is black from some row on. A file
+that is complete according to its own tables counts as complete. Any other is decoded a second time with extra bytes
+after its end: values that differ were missing.
+
+Source: TIFF 6.0 (strips, tiles); TIFF/EP, DNG 1.6 (sub-directories); ISO/IEC 14496-12 (boxes); the public descriptions
+of these formats by exiftool.org and github.com/lclevy/canon_cr3 (facts only).
 """
 
 from __future__ import annotations
@@ -16,29 +21,23 @@ import os
 import re
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from threading import Lock
 from typing import TYPE_CHECKING, Any, BinaryIO, final
 
-from unshutter import installation
+from unshutter import errors
 from unshutter.errors import UnshutterError
-from unshutter.geometry.readout import Orientation
-from unshutter.photo.containers import boxes, segments, sensor_data
-from unshutter.photo.format import Coding, Format, Header
-from unshutter.photo.libvips import libvips
-from unshutter.photo.metadata import Metadata
-from unshutter.photo.source import Source
-from unshutter.photo.tags import exif, iptc, moved_note, xmp
-from unshutter.photo.tags.directories import EXIF, GPS, SUBFILE_TYPE, Directory, Tree, read_tree
+from unshutter.orientation import Orientation
+from unshutter.photo import boxes, chunks, exif, maker_notes, xmp
+from unshutter.photo.directories import EXIF, GPS, SUBFILE_TYPE, Directory, Entry, Tree, read_tree
+from unshutter.photo.formats.picture_format import Coding, Format, Header, Metadata
+from unshutter.photo.libvips import Source, libvips
 
 if TYPE_CHECKING:
     import numpy as np
 
 _CAMERAS = "dng 3fr arw cr2 cr3 crw erf fff iiq kdc mef mos mrw nef nrw orf pef raf rw2 rwl sr2 srf srw x3f"
-_SIGNATURE = re.compile(
-    rb"II\*\0....CR|IIRO|IIRS|MMOR|IIU\0|FUJIFILM|FOVb|\0MRM|......HEAPCCDR|....ftypcrx ", re.DOTALL
-)
 _DNG_VERSION, _PRIVATE_DATA, _PANASONIC_JPEG = 0xC612, 0xC634, 0x002E
 _OTHER_MAGIC = (b"IIRO", b"IIRS", b"MMOR", b"IIU\0")  # Olympus, Panasonic
 _MAGIC = {b"II": b"II*\0", b"MM": b"MM\0*"}
@@ -54,11 +53,14 @@ class Raw(Format):
     """Raw files of all makers that LibRaw supports: read-only, as 16-bit RGB."""
 
     name, written_as = "raw", "tiff"
+    signature = re.compile(
+        rb"II\*\0....CR|IIRO|IIRS|MMOR|IIU\0|FUJIFILM|FOVb|\0MRM|......HEAPCCDR|....ftypcrx ", re.DOTALL
+    )
     suffixes = tuple(f".{ending}" for ending in _CAMERAS.split())
 
     def recognises(self, source: Source, head: bytes) -> bool:
         """See Format. Raw files of many makers begin like a TIFF; some are identified only by their extension."""
-        return _SIGNATURE.match(head) is not None or source.suffix in self.suffixes or _is_raw_tiff(source)
+        return super().recognises(source, head) or source.suffix in self.suffixes or _is_raw_tiff(source)
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
@@ -71,7 +73,7 @@ class Raw(Format):
             exif=exif_of(tree) if tree else None,
             icc=libvips().Image.profile_load("srgb"),
             xmp=(tree.data(xmp.TIFF_TAG) or None) if tree else None,
-            resources=iptc.of_tiff(tree) if tree else None,
+            resources=chunks.resources_of_tiff(tree) if tree else None,
             left_behind=left_behind,
         )
         return Header(self, Coding(bits=16), sizes.iheight, sizes.iwidth, 3, _orientation(sizes.flip), metadata)
@@ -81,10 +83,14 @@ class Raw(Format):
         import rawpy
 
         with _opened(source) as raw:
-            is_whole = _is_whole(source)
-            with kept_back(_COMPLAINT):
-                raw.unpack()
-            if is_whole is None and not _is_complete(source, raw.raw_image):
+            with source.stream() as stream:
+                whole = is_whole(stream)
+            if whole is not False:
+                with kept_back(_COMPLAINT):
+                    raw.unpack()
+            if whole is None:
+                whole = is_complete(source, raw.raw_image, _sensor_values)
+            if not whole:
                 raise UnshutterError("{photo} is incomplete: it ends before its picture does", photo=source)
             pixels = raw.postprocess(
                 rawpy.Params(
@@ -109,22 +115,72 @@ def _orientation(flip: int) -> Orientation:
     return orientation
 
 
-def _is_whole(source: Source) -> bool | None:
-    """Whether a file is complete according to its own tables; None if they do not show it.
+@contextmanager
+def _opened(source: Source) -> Iterator[Any]:
+    try:
+        import rawpy
+    except ImportError:
+        raise UnshutterError(
+            f"{{photo}} is a camera's raw file: to read it, {errors.extra('raw')}", photo=source
+        ) from None
+    try:
+        with source.stream() as stream, rawpy.RawPy() as raw:
+            with kept_back(_COMPLAINT):
+                raw.open_buffer(stream)
+            yield raw
+    except rawpy.LibRawIOError:
+        raise UnshutterError(
+            "cannot read {photo} as a camera's raw file: it ends before its picture does", photo=source
+        ) from None
+    except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError) as error:
+        message = error.args[0] if error.args else type(error).__name__
+        cause = message.decode(errors="replace") if isinstance(message, bytes) else str(message)
+        raise UnshutterError(f"cannot read {{photo}} as a camera's raw file: {cause}", photo=source) from None
 
-    Raises:
-        UnshutterError: the file is incomplete.
+
+# ---- missing data ------------------------------------------------------------------------------------
+
+_PHOTOMETRIC, _SUB_PICTURES = 0x0106, 0x014A
+_TABLES = ((0x0111, 0x0117), (0x0144, 0x0145))  # starts and lengths of strips and tiles
+_OF_SENSORS = ((32803,), (34892,))  # photometric interpretation: colour filter array, linear raw
+_MOST_SUB_PICTURES = 64
+_FUJI_TABLE = 84  # positions and lengths of the JPEG, the header and the data
+_AFTER = b"\xa5" * 65_536  # unlike anything that a decoder substitutes for missing data
+
+
+def is_whole(file: BinaryIO) -> bool | None:
+    """Whether the file contains all data listed in its tables; None if there are no tables, or they may be wrong."""
+    length = file.seek(0, io.SEEK_END)
+    file.seek(0)
+    head = file.read(_FUJI_TABLE + 24)
+    if head[4:8] == b"ftyp":
+        return max((end for _, _, end in boxes.top_level_extents(file)), default=0) <= length
+    if head.startswith(b"FUJIFILM") and len(head) == _FUJI_TABLE + 24:
+        places = struct.unpack_from(">6I", head, _FUJI_TABLE)
+        return all(start + size <= length for start, size in zip(places[::2], places[1::2], strict=True))
+    tree = read_tree(file)
+    if tree is None:
+        return None
+    pictures = [*tree.pages, *_sub_pictures(file, tree)]
+    sensors = [each for each in pictures if _numbers(each, _PHOTOMETRIC, tree)[:1] in _OF_SENSORS]  # not previews
+    if any(start >= length for picture in sensors for start, _ in _parts(picture, tree)):
+        return False
+    parts = [part for picture in pictures for part in _parts(picture, tree)]
+    return True if parts and all(start + size <= length for start, size in parts) else None
+
+
+def is_complete(source: Source, pixels: np.ndarray, decode: Callable[[BinaryIO], np.ndarray | None]) -> bool:
+    """Whether a decoder needed no data beyond the end of the file to find the sensor's values.
+
+    ``decode`` decodes another file; it returns None for an unknown kind, and no values if decoding fails later.
     """
-    with source.stream() as stream:
-        whole = sensor_data.is_whole(stream)
-    if whole is False:
-        raise UnshutterError("{photo} is incomplete: it ends before its picture does", photo=source)
-    return whole
+    import numpy as np
 
-
-def _is_complete(source: Source, pixels: np.ndarray) -> bool:
+    if pixels.min() == pixels.max():  # no sensor is so free of noise: all its data are missing
+        return False
     with source.stream() as stream:
-        return sensor_data.is_complete(stream.read(), pixels, _sensor_values)
+        again = decode(io.BytesIO(stream.read() + _AFTER))  # None for kinds read from the end, which skip this check
+    return again is None or np.array_equal(again, pixels)
 
 
 def _sensor_values(stream: BinaryIO) -> np.ndarray | None:
@@ -143,30 +199,28 @@ def _sensor_values(stream: BinaryIO) -> np.ndarray | None:
         return np.empty(0, np.uint16) if is_known else None
 
 
-@contextmanager
-def _opened(source: Source) -> Iterator[Any]:
-    try:
-        import rawpy
-    except ImportError:
-        raise UnshutterError(
-            f"{{photo}} is a camera's raw file: to read it, {installation.extra('raw')}", photo=source
-        ) from None
-    try:
-        with source.stream() as stream, rawpy.RawPy() as raw:
-            with kept_back(_COMPLAINT):
-                raw.open_buffer(stream)
-            yield raw
-    except rawpy.LibRawIOError:
-        raise UnshutterError(
-            "cannot read {photo} as a camera's raw file: it ends before its picture does", photo=source
-        ) from None
-    except (rawpy.LibRawError, rawpy.NotSupportedError, ValueError) as error:
-        message = error.args[0] if error.args else type(error).__name__
-        cause = message.decode(errors="replace") if isinstance(message, bytes) else str(message)
-        raise UnshutterError(f"cannot read {{photo}} as a camera's raw file: {cause}", photo=source) from None
+def _sub_pictures(file: BinaryIO, tree: Tree) -> list[Directory]:
+    """Returns the sub-directories of pages that are separate pictures."""
+    offsets = [offset for page in tree.pages for offset in _numbers(page, _SUB_PICTURES, tree)]
+    trees = (read_tree(file, most_pages=1, first_at=offset) for offset in offsets[:_MOST_SUB_PICTURES])
+    return [tree.pages[0] for tree in trees if tree is not None]
 
 
-# ---- tags ----------------------------------------------------------------------------------------------
+def _parts(picture: Directory, tree: Tree) -> list[tuple[int, int]]:
+    """Returns (start, length) of the strips and tiles of a picture."""
+    tables = ((_numbers(picture, starts, tree), _numbers(picture, sizes, tree)) for starts, sizes in _TABLES)
+    return [part for starts, sizes in tables for part in zip(starts, sizes, strict=False)]
+
+
+def _numbers(directory: Directory, tag: int, tree: Tree) -> tuple[int, ...]:
+    """Returns the values of a SHORT or LONG tag."""
+    entry = directory.get(tag)
+    if not isinstance(entry, Entry) or entry.kind not in (3, 4, 13):
+        return ()
+    return struct.unpack(f"{tree.order}{entry.count}{'H' if entry.kind == 3 else 'I'}", entry.data)
+
+
+# ---- tags --------------------------------------------------------------------------------------------
 
 
 def _is_raw_tiff(source: Source) -> bool:
@@ -186,7 +240,7 @@ def read_tags(file: BinaryIO) -> Tree | None:
     if head.startswith(b"FUJIFILM") and len(head) == 96:
         start, length = struct.unpack_from(">II", head, 84)
         file.seek(start)
-        return exif.read(segments.exif_of(io.BytesIO(file.read(length))))
+        return exif.read(chunks.exif_of(io.BytesIO(file.read(length))))
     if head[4:12] == b"ftypcrx ":
         return _canon_tags(file)
     return read_tree(file)
@@ -200,7 +254,7 @@ def exif_of(tree: Tree) -> bytes | None:
 def _whole_exif(tree: Tree) -> bytes | None:
     """Returns the EXIF of the JPEG that Panasonic stores in a tag; None without one."""
     preview = tree.data(_PANASONIC_JPEG)
-    whole = segments.exif_of(io.BytesIO(preview)) if preview and preview.startswith(b"\xff\xd8") else None
+    whole = chunks.exif_of(io.BytesIO(preview)) if preview and preview.startswith(b"\xff\xd8") else None
     return whole if exif.read(whole) else None
 
 
@@ -210,7 +264,7 @@ def _left_behind(file: BinaryIO, tree: Tree | None) -> Iterator[str]:
         yield "EXIF (of this kind of raw file it is not read)"
     elif _PRIVATE_DATA in tree.pages[0]:
         yield "the maker's private data"
-    if tree is not None and _whole_exif(tree) is None and moved_note.is_incomplete(tree):
+    if tree is not None and _whole_exif(tree) is None and maker_notes.is_incomplete(tree):
         yield "parts of the maker's note"
     file.seek(0)
     if file.read(12)[4:] == b"ftypcrx ":
@@ -245,6 +299,8 @@ def _canon_tags(file: BinaryIO) -> Tree | None:
     }
     return Tree(first.order, [first.pages[0] | more])
 
+
+# ---- LibRaw's complaints -----------------------------------------------------------------------------
 
 _STANDARD_ERROR = 2
 _turn = Lock()  # there is only one standard error

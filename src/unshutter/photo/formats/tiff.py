@@ -15,24 +15,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, final
 
 from unshutter.errors import UnshutterError
-from unshutter.photo import by_libvips
-from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
-from unshutter.photo.libvips import field
-from unshutter.photo.metadata import Resolution
-from unshutter.photo.source import Source
-from unshutter.photo.tags import exif, iptc, moved_note
-from unshutter.photo.tags.directories import CLASSIC, SUBFILE_TYPE, Tree, header_of, read_tree, slots
+from unshutter.photo import chunks, exif, maker_notes
+from unshutter.photo.directories import CLASSIC, SUBFILE_TYPE, Tree, header_of, read_tree, slots
+from unshutter.photo.formats import picture_format
+from unshutter.photo.formats.picture_format import Coding, Header, Picture, Resolution, WrittenFormat
+from unshutter.photo.libvips import Source, field
 
 if TYPE_CHECKING:
     import numpy as np
 
-_SIGNATURE = re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
+
 _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _EXTRA_SAMPLES = 0x0103, 0x0106, 0x0115, 0x0152
 _OLD_JPEG, _JPEG = 6, 7  # compressions
 _COLOURS = {0: 1, 1: 1, 2: 3, 3: 1, 6: 3}  # number of colour samples, by photometric interpretation
 _UNSPECIFIED, _TRANSPARENCY = 0, (1, 2)  # meanings of an extra sample; for (1), libvips undoes the premultiplication
 _PRIVATE, _LAYERS, _ICC = 0x8000, 0x935C, 0x8773
-_CARRIED = {iptc.IPTC_TAG, iptc.RESOURCES_TAG, _ICC, 0xEA1C}  # and a tag for padding by Windows
+_CARRIED = {chunks.IPTC_TAG, chunks.RESOURCES_TAG, _ICC, 0xEA1C}  # and a tag for padding by Windows
 _RESOLUTION, _RESOLUTION_UNIT = (0x011A, 0x011B), 0x0128
 _FRACTION, _MOST_PARTS = 5, 1000  # TIFF type; maximum denominator: 9000/127 per centimetre are 180 per inch
 _PER_MM = {2: 25.4, 3: 10.0}  # by unit
@@ -46,13 +44,9 @@ class Tiff(WrittenFormat):
     """TIFF: 8 or 16 bits, lossless."""
 
     name = written_as = "tiff"
-    suffixes = (".tif", ".tiff")
+    suffixes, signature = (".tif", ".tiff"), re.compile(rb"II[*+]\0|MM\0[*+]")  # +: BigTIFF
     longest_side, deep, grey, alpha, masks = 10_000_000, True, True, True, True
     holds = frozenset({"exif", "icc", "xmp", "resources", "resolution", "description"})
-
-    def recognises(self, source: Source, head: bytes) -> bool:
-        """See Format."""
-        return _SIGNATURE.match(head) is not None
 
     def read_header(self, source: Source) -> Header:
         """See Format."""
@@ -60,26 +54,28 @@ class Tiff(WrittenFormat):
             tree = read_tree(stream)
             numbers = _numbers(stream)
         _check_kind(source, numbers)
-        image = by_libvips.open_image(source, "tiffload")
+        image = picture_format.open_image(source, "tiffload")
         meaning = numbers.get(_EXTRA_SAMPLES, _UNSPECIFIED)
         coding = Coding(
             bits=field(image, "bits-per-sample", 8),
             compression=numbers.get(_COMPRESSION),
             masked=_extra_samples(numbers) == 1 and meaning not in _TRANSPARENCY,
         )
-        metadata = replace(by_libvips.metadata_of(image), resources=None)
+        metadata = replace(picture_format.metadata_of(image), resources=None)
         if tree is None:
-            return by_libvips.header(self, source, image, coding, metadata)
+            return picture_format.header(self, source, image, coding, metadata)
         if exif.has_no_resolution_unit(tree):  # libvips reads that as pixels per millimetre
             metadata = replace(metadata, resolution=Resolution())
-        metadata = replace(metadata, exif=exif.of_tiff(tree), resources=iptc.of_tiff(tree), description=None)
+        metadata = replace(
+            metadata, exif=exif.of_tiff(tree), resources=chunks.resources_of_tiff(tree), description=None
+        )
         metadata = replace(metadata, left_behind=tuple(_left_behind(tree)))
-        return by_libvips.header(self, source, image, coding, metadata, _pictures(tree))
+        return picture_format.header(self, source, image, coding, metadata, _pictures(tree))
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format. Damaged JPEG data cause only a warning; most other warnings are harmless."""
         fail_on = "warning" if header.coding.compression == _JPEG else "error"
-        return by_libvips.decode(source, "tiffload", fail_on)
+        return picture_format.decode(source, "tiffload", fail_on)
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
@@ -89,13 +85,13 @@ class Tiff(WrittenFormat):
         options = {"compression": {1: "none", 5: "lzw"}.get(picture.coding.compression or 0, "deflate")}
         if options["compression"] != "none":
             options["predictor"] = "horizontal"
-        return by_libvips.encode(written, "tiffsave", path, bigtiff=size > _CLASSIC_BYTES, **options)
+        return picture_format.encode(written, "tiffsave", path, bigtiff=size > _CLASSIC_BYTES, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat."""
         metadata, image = picture.metadata, picture.image
         _put_resolution(file, metadata.main_resolution)
-        more = iptc.tiff_tags(metadata.resources)
+        more = chunks.resource_tags(metadata.resources)
         added = exif.add_to_tiff(file, metadata.exif, image.height, image.width, more)
         if picture.masked:
             _put_number(file, _EXTRA_SAMPLES, _UNSPECIFIED)  # libvips declares it as transparency
@@ -104,12 +100,7 @@ class Tiff(WrittenFormat):
 
 
 def _check_kind(source: Source, numbers: dict[int, int]) -> None:
-    """Rejects files that libvips would read wrongly.
-
-    Raises:
-        UnshutterError: it is an old-style JPEG, which some decoders turn black, or grey with more than one additional
-            channel, which is not RGB.
-    """
+    """Rejects files that libvips would read wrongly."""
     if numbers.get(_COMPRESSION) == _OLD_JPEG:
         raise UnshutterError(
             "{photo} holds a JPEG in the old style of TIFF: save it again with another program first", photo=source
@@ -129,7 +120,7 @@ def _extra_samples(numbers: dict[int, int]) -> int:
 def _left_behind(tree: Tree) -> Iterator[str]:
     """Names the parts that no result contains: unknown tags, and parts of the maker note."""
     yield from _unknown_tags(tree)
-    if moved_note.is_incomplete(tree):
+    if maker_notes.is_incomplete(tree):
         yield "parts of the maker's note"
 
 

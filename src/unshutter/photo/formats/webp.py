@@ -12,17 +12,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, NamedTuple, final
 
-from unshutter.photo import by_libvips
-from unshutter.photo.by_libvips import ExifBlock, without_exif_loops
-from unshutter.photo.format import Coding, Header, Picture, WrittenFormat
-from unshutter.photo.metadata import Metadata
-from unshutter.photo.source import Source
-from unshutter.photo.tags import exif
+from unshutter.photo.directories import EXIF_PREFIX
+from unshutter.photo.formats import picture_format
+from unshutter.photo.formats.picture_format import Coding, Header, Metadata, Picture, WrittenFormat
+from unshutter.photo.libvips import Source
 
 if TYPE_CHECKING:
     import numpy as np
 
-_SIGNATURE = re.compile(rb"RIFF....WEBP", re.DOTALL)
+
 _METADATA = {b"EXIF": "exif", b"XMP ": "xmp", b"XMP\0": "xmp"}  # the last is a misspelling by some programs
 _OF_THE_CODING = frozenset({b"VP8X", b"VP8 ", b"VP8L", b"ALPH", b"ICCP", b"ANIM", b"ANMF"})
 _LONGEST = 1 << 28  # maximum size of a chunk to read [bytes]
@@ -33,42 +31,38 @@ class Webp(WrittenFormat):
     """WebP: 8 bits, RGB."""
 
     name = written_as = "webp"
-    suffixes = (".webp",)
+    suffixes, signature = (".webp",), re.compile(rb"RIFF....WEBP", re.DOTALL)
     longest_side, deep, grey, alpha = 16_383, False, False, True
     holds = frozenset({"exif", "icc", "xmp"})
 
-    def recognises(self, source: Source, head: bytes) -> bool:
-        """See Format."""
-        return _SIGNATURE.match(head) is not None
-
     def read_header(self, source: Source) -> Header:
         """See Format."""
-        readable = without_exif_loops(source, _exif_blocks)
-        image = by_libvips.open_image(readable, "webpload")
+        readable = picture_format.without_exif_loops(source, _exif_blocks)
+        image = picture_format.open_image(readable, "webpload")
         with source.stream() as stream:
             lossless = _is_lossless(stream)
-            metadata = _with_chunks(by_libvips.metadata_of(image), stream)
+            metadata = _with_chunks(picture_format.metadata_of(image), stream)
         coding = Coding(subsampled=not lossless, lossless=lossless)
         if readable is not source:
             metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *metadata.left_behind))
-        return by_libvips.header(self, source, image, coding, metadata)
+        return picture_format.header(self, source, image, coding, metadata)
 
     def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
         """See Format."""
-        return by_libvips.decode(without_exif_loops(source, _exif_blocks), "webpload")
+        return picture_format.decode(picture_format.without_exif_loops(source, _exif_blocks), "webpload")
 
     def encode(self, picture: Picture, path: Path | None) -> bytes | None:
         """See WrittenFormat."""
         lossless = picture.coding.lossless and picture.quality is None
         options = {"lossless": True, "exact": True} if lossless else {"Q": picture.quality or 90}
-        return by_libvips.encode(picture, "webpsave", path, **options)
+        return picture_format.encode(picture, "webpsave", path, **options)
 
     def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
         """See WrittenFormat. EXIF replaces the content of the placeholder's chunk."""
         blob = picture.metadata.exif
         if blob is None:
             return []
-        tiff = blob.removeprefix(exif.PREFIX)
+        tiff = blob.removeprefix(EXIF_PREFIX)
         file.seek(12)
         chunks = b""
         while len(head := file.read(8)) == 8:
@@ -114,12 +108,7 @@ def _data(file: BinaryIO, chunk: _Chunk) -> bytes:
 
 
 def _with_chunks(metadata: Metadata, file: BinaryIO) -> Metadata:
-    """Completes the metadata that libvips found, which misses chunks not announced in the header, and misspelt XMP.
-
-    Args:
-        metadata: metadata found by libvips.
-        file: the WebP.
-    """
+    """Completes the metadata that libvips found, which misses chunks not announced in the header, and misspelt XMP."""
     blobs: dict[str, bytes] = {}
     lost: list[str] = []
     for chunk in _chunks(file):
@@ -147,11 +136,11 @@ def _has_data_behind(file: BinaryIO) -> bool:
     return bool(file.read(_LONGEST).strip(b"\0"))
 
 
-def _exif_blocks(file: BinaryIO) -> Iterator[ExifBlock]:
+def _exif_blocks(file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
     for chunk in _chunks(file):
         if chunk.name == b"EXIF":
             blob = _data(file, chunk)
-            yield ExifBlock(chunk.at + len(blob) - len(blob.removeprefix(exif.PREFIX)), blob)
+            yield picture_format.ExifBlock(chunk.at + len(blob) - len(blob.removeprefix(EXIF_PREFIX)), blob)
 
 
 def _is_lossless(file: BinaryIO) -> bool:

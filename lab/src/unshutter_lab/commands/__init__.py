@@ -1,1 +1,0 @@
-"""The commands that the lab adds to ``unshutter``, one file each."""

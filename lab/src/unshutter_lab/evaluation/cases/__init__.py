@@ -1,1 +1,0 @@
-"""The pictures used for measuring, and how estimates are scored on them."""

@@ -1,1 +1,0 @@
-"""Presents results as tables, plots and pictures."""

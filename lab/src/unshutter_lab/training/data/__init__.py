@@ -1,1 +1,0 @@
-"""Training data: drawn scenes of line segments, and photos distorted by random motions."""

@@ -1,1 +1,0 @@
-"""The paper's network and its training."""

@@ -1,1 +1,0 @@
-"""The predecessor's networks and their training."""

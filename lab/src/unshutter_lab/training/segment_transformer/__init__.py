@@ -1,1 +1,0 @@
-"""The network of segment-transformer and its training."""

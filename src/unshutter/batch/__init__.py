@@ -1,1 +1,0 @@
-"""Batches: runs one job for each of many photos and reports results, failures and progress."""

@@ -1,0 +1,173 @@
+"""``unshutter video``: rectifies a clip."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from unshutter.cli.arguments import Command
+from unshutter.errors import UsageError, extra, visible
+from unshutter.options import option
+from unshutter.options.clip_options import JOIN, Encode, RectifyClip
+from unshutter.options.fields import positional
+from unshutter.reasons import Code
+from unshutter.run.inputs import PHOTO_SUFFIXES, film_name
+
+if TYPE_CHECKING:
+    from unshutter.readout_time import ReadoutTime
+    from unshutter.video.clip_gyro import ClipGyro
+    from unshutter.video.outcome import ClipOutcome
+    from unshutter.video.stabilisation import Stabilisation
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Arguments of ``unshutter video``."""
+
+    clip: str = positional("A film (.mp4, .mov, .mkv ...).", "input")
+    output: str | None = option(
+        None,
+        "File to write. Default: NAME.rectified.EXT next to the clip.",
+        short="-o",
+        metavar="PATH",
+        names="results",
+    )
+    options: RectifyClip = field(default_factory=RectifyClip)
+
+
+def run(arguments: Arguments) -> int:
+    """Rectifies the clip; returns the exit code."""
+    if Path(arguments.clip).suffix.lower() in PHOTO_SUFFIXES:
+        raise UsageError(f"{arguments.clip} is a photo, not a clip: unshutter rectify {arguments.clip}; {JOIN}")
+    from unshutter.progress import Bars
+    from unshutter.video.clip_rectification import rectify_clip_file
+
+    with Bars() as bars:
+        output = arguments.output or _output_for(arguments.clip)
+        outcome = rectify_clip_file(
+            arguments.clip,
+            output,
+            arguments.options,
+            watch=bars,
+            on_readout=lambda time, _: bars.tell(_line_of(time)),
+            on_rate=lambda before, after: bars.tell(_rate_line(before, after, arguments.options.encode)),
+        )
+    for line in _lines_of(outcome):
+        print(visible(line), file=sys.stderr)
+    if arguments.options.preview is not None and outcome.written:
+        print(visible(f"before and after: {arguments.options.preview}"), file=sys.stderr)
+    return 0
+
+
+def _output_for(clip: str) -> str:
+    """Returns the default output: ``walk.mp4`` -> ``walk.rectified.mp4``."""
+    path = Path(clip)
+    return str(path.with_name(film_name(path)))
+
+
+def _line_of(time: ReadoutTime) -> str:
+    """Describes the readout time and its source, in a form that can be reused as an option."""
+    ms = time.ms
+    if time.plausible_ms is not None:
+        low, high = (f"{each:.1f}" for each in time.plausible_ms)
+        span = "" if low == high else f" ({low} to {high} ms)"
+        usual = f"taking {ms:.1f} ms, typical of {time.camera}{span}"
+        return f"unshutter: {time.instead_of}: {usual}; to set it: --readout-ms"
+    if time.source in ("motion", "gyro"):
+        return f"unshutter: readout time {ms:.1f} +- {time.error_ms:.1f} ms (--readout-ms {ms:.1f})"
+    return f"unshutter: readout time {ms:.1f} ms, from {time.source} ({time.camera})"
+
+
+def _rate_line(before: float, after: float, encode: Encode) -> str:
+    """Compares the new film's size with the clip's, and names the option that changes it."""
+    times = after / before
+    size = f"{times:.1f} times as large as" if times > 1 else f"{1 / times:.1f} times smaller than"
+    quality = encode.codec is None and encode.crf is not None
+    advice = "without --crf it has as many" if quality else "--crf chooses its quality, and with it the size"
+    return (
+        f"unshutter: the film will be about {size} the clip's: {after / 1e6:.1f} instead of {before / 1e6:.1f} "
+        f"million bits a second; {advice}"
+    )
+
+
+def _lines_of(outcome: ClipOutcome) -> Iterator[str]:
+    """Yields the result and warnings for the user, one line each."""
+    if outcome.after_killed_run:
+        yield "unshutter: an earlier run was killed here; this one started from the beginning"
+    note, by_camera = "", outcome.rectified - outcome.dense
+    if outcome.model == "dense" and by_camera:
+        note = f" ({by_camera} of them by the camera's motion alone)"
+    if unchanged := outcome.frames - outcome.rectified:
+        reason, count = outcome.reasons.most_common(1)[0]
+        others = f"; {unchanged - count} for other reasons" if unchanged > count else ""
+        note += f", {unchanged} left unchanged ({reason}{others})"
+    frames = f"{outcome.rectified} of {_frames(outcome.frames)} straightened"
+    result = outcome.output if outcome.written else "not written"
+    yield f"{outcome.source} -> {result}: {frames}{note}"
+    if outcome.stabilisation is not None:
+        yield _steady_line(outcome.stabilisation)
+    if outcome.ratio.declined is not None:
+        yield "unshutter: to straighten it nevertheless, say how long its camera takes for a frame: --readout-ms"
+    if outcome.gyro is not None and (outcome.gyro.turns is not None or outcome.gyro.reason != outcome.ratio.declined):
+        yield _gyro_line(outcome.gyro)
+    if outcome.left_out:
+        yield f"unshutter: not kept, since there is no place for it in the result: {', '.join(outcome.left_out)}"
+    if outcome.gap_s is not None:
+        at, seconds = outcome.gap_s
+        hole = f"has no frames for {seconds:.1f} s after {at:.1f} s"
+        yield f"unshutter: {outcome.source} {hole}: part of it may be missing"
+
+
+def _steady_line(stabilisation: Stabilisation) -> str:
+    """Describes the result of smoothing the camera's path."""
+    said = f"unshutter: path smoothed, {100 * (1 - 1 / stabilisation.zoom):.1f} % of width and height cut off"
+    if stabilisation.limited:
+        said += f", less smooth than asked for about {_frames(stabilisation.limited)} (--zoom-limit allows more)"
+    if stabilisation.unknown:
+        said += f"; how the camera turned is unknown between {_frames(stabilisation.unknown)}"
+    return said
+
+
+def _frames(count: int) -> str:
+    return "1 frame" if count == 1 else f"{count} frames"
+
+
+def _gyro_line(gyro: ClipGyro) -> str:
+    """Describes how the clip's gyro log was used, or why it was not."""
+    if gyro.reason is not None and gyro.reason.code is Code.GYRO_UNREAD:
+        needed = f"reading it takes Python 3.11 or 3.12 and {extra('gyro')}"
+        return f"unshutter: the clip may have a gyro log (track {gyro.origin}): {needed}"
+    if gyro.reason is not None or gyro.turns is None:
+        return f"unshutter: gyro log ({gyro.origin}) not used: {gyro.reason}"
+    alignment = gyro.turns.alignment
+    focal = f"focal length {gyro.turns.focal_px(1):.2f} times the frame's height"
+    return (
+        f"unshutter: gyro log ({gyro.origin}) used: its clock is {alignment.offset_s:+.3f} s from the clip's, {focal}"
+    )
+
+
+COMMAND = Command(
+    """Straighten a clip: every frame as a global shutter would have seen it.
+
+The frames show how the camera moved, and usually how long it takes to read one out. Sound, other tracks, tags and
+timestamps are kept. Needs the extra `video`.""",
+    Arguments,
+    run,
+    when_stopped="no half-written file is left",
+    essentials={
+        "clip": "a film",
+        "output": "where to; default: NAME.rectified.EXT",
+        "readout_ms": "readout time of a frame, if you know it",
+        "camera": "take its readout time (unshutter cameras lists them)",
+        "model": "camera, or dense: near and far move differently",
+        "edges": "keep, crop, fill or borrow",
+        "strength": "how much to undo: 1 is all of it",
+        "start": "from this second",
+        "end": "up to this second",
+        "preview": "before and after: a picture, or a short film (.mp4)",
+        "overwrite": "replace a result that exists already",
+    },
+)

@@ -1,0 +1,228 @@
+"""The small commands: ``completion``, ``map``, ``points``, ``models``, ``cameras`` and ``serve``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from unshutter.cli import Stopped, command_named, summaries
+from unshutter.cli.arguments import HELP_ALL, Command, add_arguments
+from unshutter.errors import UnshutterError, visible
+from unshutter.options import Find, Reference, option
+from unshutter.options.fields import positional, required
+from unshutter.page.settings import Settings
+
+SHELLS = ("bash", "zsh", "fish", "tcsh", "powershell")  # supported by shtab
+_FILES = {"PATH", "FILE", "FOLDER"}  # metavars
+
+
+@dataclass(frozen=True)
+class Completion:
+    """Arguments of ``unshutter completion``."""
+
+    shell: str = field(metadata={"help": "Shell to write completions for.", "positional": True, "choices": SHELLS})
+
+
+def complete(arguments: Completion) -> int:
+    """Prints the script with which a shell completes commands, options, choices, methods and files."""
+    import shtab
+
+    shell = arguments.shell
+    if shell not in shtab.SUPPORTED_SHELLS:
+        raise UnshutterError(f"shtab {shtab.__version__} knows no {shell}: pip install --upgrade shtab")
+    print(shtab.complete(_whole_parser(shtab.FILE), shell))
+    return 0
+
+
+def _whole_parser(files: object) -> argparse.ArgumentParser:
+    """Creates a parser of all commands for shtab; it is never used to parse."""
+    whole = argparse.ArgumentParser("unshutter")
+    whole.add_argument("--version", action="store_true", help="print the version")
+    commands = whole.add_subparsers()
+    for name, what in summaries().items():
+        command = command_named(name)
+        parser = commands.add_parser(name, help=what)
+        add_arguments(parser, command.arguments)
+        parser.add_argument(HELP_ALL, action="store_true", help="show all options")
+        for action in parser._actions:  # argparse offers no public access, and shtab uses it too
+            _complete(action, files)
+    return whole
+
+
+def _complete(action: argparse.Action, files: object) -> None:
+    """Adds completions that shtab cannot derive from the parser."""
+    from unshutter.single.register import names
+
+    if action.choices is not None:
+        return
+    if action.dest in ("estimator", "estimators"):
+        action.choices = names()
+    elif action.metavar in _FILES or not action.option_strings:
+        action.complete = files  # type: ignore[attr-defined]  # read by shtab
+
+
+COMPLETION = Command(
+    """Print a shell completion script for unshutter's commands, options and values.
+
+bash: unshutter completion bash > ~/.local/share/bash-completion/completions/unshutter
+zsh:  unshutter completion zsh > FOLDER/_unshutter
+fish: unshutter completion fish > ~/.config/fish/completions/unshutter.fish
+
+For zsh, FOLDER is one of those in $fpath.""",
+    Completion,
+    complete,
+)
+
+
+@dataclass(frozen=True)
+class Map:
+    """Arguments of ``unshutter map``."""
+
+    source: Path = positional("Photo, or the motion file (.json) of one.", "input")
+    output: Path = required(
+        "Map to write: .npz (map_x, map_y for cv2.remap), .exr (needs the extra `exr`) or .tif (ST map).",
+        "output",
+        short="-o",
+    )
+    inverse: bool = option(False, "Write the inverse map, from the straightened picture back to the photo.")
+    size: str | None = option(
+        None,
+        "Width and height of the map, for a scaled copy of the photo. Default: same as the photo.",
+        metavar="WxH",
+        names="word",
+    )
+    reference: Reference | None = option(
+        None, "Row whose capture time the result shows. Default: taken from the motion file, otherwise first."
+    )
+    overwrite: bool = option(False, "Replace a map that exists already.")
+    find: Find = field(default_factory=Find)
+
+
+def _map(arguments: Map) -> int:
+    """Writes the map and reports it; returns the exit code."""
+    from unshutter.export import map_file
+
+    motion = map_file(**vars(arguments))
+    note = f" (changes nothing: {motion.reason})" if motion.reason else ""
+    print(visible(f"{arguments.source} -> {arguments.output}{note}"), file=sys.stderr)
+    return 0
+
+
+MAP = Command(
+    "Write a photo's correction as a map for other programs: OpenCV (.npz) or an ST map (.exr, .tif).",
+    Map,
+    _map,
+    when_stopped="no half-written file is left",
+    essentials={
+        "source": "photo, or the motion file of one",
+        "output": "map to write: .npz, .exr (extra `exr`) or .tif",
+        "inverse": "from the straightened picture to the photo",
+        "size": "of the map, for a scaled copy of the photo",
+        "reference": "row of the picture's moment: first, middle or last",
+        "overwrite": "replace a map that exists already",
+    },
+)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Arguments of ``unshutter points``."""
+
+    motion: Path = positional("Motion file (.json) of the photo.", "input")
+    table: Path = positional(
+        "CSV file with columns x and y, in px of the stored photo; other columns are kept.", "input"
+    )
+    output: Path = required("CSV file to write.", "output", short="-o")
+    inverse: bool = option(False, "From the straightened picture to the photo.")
+    first_pixel: Literal["0", "0.5"] = option(
+        "0", "Coordinate of the first pixel's centre: 0 (OpenCV) or 0.5 (COLMAP). Default: 0."
+    )
+    overwrite: bool = option(False, "Replace a file that exists already.")
+
+
+def _points(arguments: Points) -> int:
+    """Moves the points and reports how many; returns the exit code."""
+    from unshutter.export import move_file
+    from unshutter.motion import Motion
+    from unshutter.storage.locations import RunFiles
+
+    RunFiles(arguments)
+    motion, first = Motion.load(arguments.motion), float(arguments.first_pixel)
+    total, unseen = move_file(motion, arguments.table, arguments.output, arguments.inverse, first, arguments.overwrite)
+    note = f", {unseen} of them outside the photo" if unseen else ""
+    print(visible(f"{arguments.table} -> {arguments.output}: {total} points{note}"), file=sys.stderr)
+    return 0
+
+
+POINTS = Command(
+    "Move points of a photo to where they are in the straightened picture, or back.",
+    Points,
+    _points,
+    when_stopped="no half-written file is left",
+)
+
+
+@dataclass(frozen=True)
+class Models:
+    """Arguments of ``unshutter models``: none."""
+
+
+def _models(arguments: Models) -> int:
+    """Prints the list of methods."""
+    from unshutter.single.register import as_text
+
+    print(as_text())
+    return 0
+
+
+MODELS = Command("List the methods: what each one does, its size and its accuracy.", Models, _models)
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """Arguments of ``unshutter cameras``."""
+
+    word: list[str] = positional("List only cameras with these words in their name.", "word", optional=True)
+
+
+def _cameras(arguments: Cameras) -> int:
+    """Prints the list of cameras."""
+    from unshutter.video.cameras import as_text, listed
+
+    print(as_text(listed(" ".join(arguments.word))))
+    return 0
+
+
+CAMERAS = Command(
+    """List the cameras whose readout time is known: camera and lens, frame size and rate, readout time.
+
+`unshutter video --camera NAME` takes these times. They come from Gyroflow's lens profiles (CC0), where users share
+what they measured.""",
+    Cameras,
+    _cameras,
+)
+
+
+def serve(arguments: Settings) -> int:
+    """Serves the page until Ctrl-C; returns the exit code."""
+    from unshutter.page.server import serve
+
+    try:
+        return serve(arguments)
+    except KeyboardInterrupt as stop:
+        if isinstance(stop, Stopped):  # a signal that means more than the end of the session
+            raise
+        return 0
+
+
+SERVE = Command(
+    """Open a page for photos and clips in the browser, on this machine only: before and after, corrections, saving.
+
+They stay on this machine, in a temporary folder that goes when the page ends. Needs the extra `web`, and `video` for
+clips.""",
+    Settings,
+    serve,
+)

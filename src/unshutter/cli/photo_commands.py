@@ -1,0 +1,105 @@
+"""``unshutter rectify`` and ``unshutter estimate``: process photos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from unshutter.cli.arguments import Command
+from unshutter.errors import UnknownRatioError
+from unshutter.options import Estimate, Find, Neighbours, Rectify, Run, Save, Undo, option
+from unshutter.options.fields import positional
+
+
+@dataclass(frozen=True)
+class RectifyPhotos:
+    """Arguments of ``unshutter rectify``."""
+
+    photos: list[str] = positional(
+        "Photos, or folders of photos, including the folders below. With the extra `dask` also URLs (s3://...).",
+        "input",
+    )
+    output: str | None = option(
+        None,
+        "File to write (one photo), or folder (several photos; subfolders are kept). "
+        "Default: NAME.rectified.EXT next to each photo.",
+        short="-o",
+        metavar="PATH",
+        names="results",
+    )
+    motion: Path | None = option(
+        None, "Undo the motion in this JSON file (from --save-motion) instead of finding one.", names="input"
+    )
+    save_motion: str | None = option(
+        None, "Also write the motion: a JSON file (one photo) or a folder (several).", metavar="PATH", names="results"
+    )
+    masks: str | None = option(
+        None,
+        "Also write a mask of the valid pixels of each result into this folder: NAME.EXT.png, as COLMAP expects.",
+        metavar="FOLDER",
+        names="results",
+    )
+    find: Find = field(default_factory=Find)
+    neighbours: Neighbours = field(default_factory=Neighbours)
+    undo: Undo = field(default_factory=Undo)
+    save: Save = field(default_factory=Save)
+    run: Run = field(default_factory=Run)
+
+
+def _rectify(arguments: RectifyPhotos) -> int:
+    """Rectifies the photos; returns the exit code."""
+    from unshutter.run.commands import Outputs, rectify_files
+
+    options = Rectify(arguments.find, arguments.motion, arguments.undo, arguments.save, arguments.neighbours).settled()
+    try:
+        into = Outputs.named(arguments.output, arguments.save_motion, arguments.masks)
+        return rectify_files(arguments.photos, into, options, arguments.run)
+    except UnknownRatioError as error:
+        raise error.with_advice("say --readout-ratio, or --readout-ms with --fps") from None
+
+
+RECTIFY = Command(
+    """Straighten photos: write what a global shutter would have seen.
+
+Several photos into a folder: what is finished there is not done again unless the photo or the options changed, and a
+run that was stopped goes on when the same command is given again.""",
+    RectifyPhotos,
+    _rectify,
+    essentials={
+        "photos": "photos, or folders of photos",
+        "output": "where to: a file, or a folder for several photos",
+        "moving": "the camera moved: a train, a car, a drone",
+        "before": "frame taken just before the photo",
+        "after": "frame taken just after it",
+        "readout_ratio": "for these: readout time / time between frames",
+        "sequence": "the photos are frames of one camera, in order",
+        "strength": "how much to undo: 1 is all of it",
+        "edges": "auto, keep, crop, fill or borrow",
+        "min_confidence": "leave photos alone below this, 0 to 1",
+        "overwrite": "replace results that exist already",
+        "preview": "a picture of before and after, side by side",
+    },
+)
+
+
+def _estimate(arguments: Estimate) -> int:
+    """Estimates the motions; returns the exit code."""
+    from unshutter.run.commands import estimate_files
+
+    return estimate_files(arguments)
+
+
+ESTIMATE = Command(
+    "Find the camera's motion during each photo, as JSON.",
+    Estimate,
+    _estimate,
+    essentials={
+        "photos": "photos, or folders of photos",
+        "output": "JSON file, or a folder for several photos",
+        "reference": "row that counts as not moving: first, middle or last",
+        "plot": "draw the motion of one photo (extra `plot`)",
+        "overwrite": "replace outputs that exist already",
+        "focal_px": "focal length in px, if you know it",
+        "moving": "the camera moved: a train, a car, a drone",
+    },
+)

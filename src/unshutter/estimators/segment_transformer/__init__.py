@@ -1,1 +1,0 @@
-"""The small transformer that estimates row motion from line segments, in NumPy: features, network, weights file."""

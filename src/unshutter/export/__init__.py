@@ -1,1 +1,0 @@
-"""Exports motions for other programs and for people: maps, points, plots."""

@@ -1,0 +1,291 @@
+"""Estimates a photo's motion, or that it had none, from the film inside the photo; stabilised films are rejected."""
+
+from __future__ import annotations
+
+import io
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from unshutter.errors import UnknownRatioError, UnshutterError
+from unshutter.frames import pyav
+from unshutter.frames.camera import ROWS, Problem, steady
+from unshutter.frames.registration import Frames, Matches, Placement, StillFit, fit_still, matches, placement
+from unshutter.frames.self_calibration import fewer, ratio_from_motion
+from unshutter.frames.tracks import TRACKED_SIDE, Tracks, background, follow
+from unshutter.motion import Motion
+from unshutter.motion.verdict import probability_right
+from unshutter.orientation import Readout
+from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import Code, MotionSource, Reason
+from unshutter.single.estimator import View
+
+if TYPE_CHECKING:
+    from unshutter.motion.shapes import Float64, UInt8
+    from unshutter.photo.film import PhotoFilm
+
+
+_IDENTIFIER = "com.apple.quicktime.content.identifier"
+_MOST_FRAMES = 120  # decoded at most
+_ABOUT_S = 1.2  # before and after the photo's time; frames farther away are ignored
+_LONG_S, _MOST_BEFORE = 10.0, 1000  # where a film is not decoded from its start; frames decoded in vain at most
+_KINDS = "mov,mp4,m4a,3gp,3g2,mj2"  # FFmpeg's names of the file formats accepted
+_LARGEST_FRAME = 1 << 24  # px
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Frames around the time of a photo."""
+
+    frames: list[UInt8[np.ndarray, "height width"]]  # grey copies of the stored frames
+    times_s: Float64[np.ndarray, "frames"]  # time of each frame [s]
+    moment_s: float | None = None  # time of the photo on the film's clock [s]; None if unknown
+
+
+def decoded(film: PhotoFilm) -> Film | None:
+    """Decodes the frames of a film; returns None if it is unreadable, belongs to another photo, or PyAV is missing."""
+    try:
+        av_error = pyav.av().error.FFmpegError
+    except UnshutterError:
+        return None
+    source = io.BytesIO(film.place) if isinstance(film.place, bytes) else str(film.place.absolute())
+    frames, times = [], []
+    with suppress(av_error, OSError, ValueError, EOFError):
+        options = {"format_whitelist": _KINDS, "max_pixels": str(_LARGEST_FRAME)}
+        with pyav.open_to_read(source, options=options) as container:
+            if film.identifier and container.metadata.get(_IDENTIFIER) != film.identifier:
+                return None
+            for frame in _frames(container, film.moment_s):
+                frames.append(_grey(frame))
+                times.append(frame.time)
+                if len(frames) == _MOST_FRAMES:
+                    break
+    return Film(frames, np.array(times), film.moment_s) if frames else None
+
+
+def _frames(container: Any, moment_s: float | None) -> Any:
+    """Yields the frames around a moment from the longest video stream of a container."""
+    films = [stream for stream in container.streams.video if stream.codec_context is not None]
+    if not films:
+        return
+    film = max(films, key=lambda each: each.frames)  # some phones store a sharper copy of the photo in a second one
+    film.thread_type = "AUTO"
+    if moment_s is not None and moment_s > _LONG_S:
+        if film.duration and moment_s > ((film.start_time or 0) + film.duration) * film.time_base + _ABOUT_S:
+            return
+        container.seek(int((moment_s - _ABOUT_S - 1) / film.time_base), stream=film)
+    for number, frame in enumerate(container.decode(film)):
+        if number > _MOST_BEFORE + _MOST_FRAMES:
+            return
+        if frame.time is None or (moment_s is not None and frame.time < moment_s - _ABOUT_S):
+            continue
+        if moment_s is not None and frame.time > moment_s + _ABOUT_S:
+            return
+        yield frame
+
+
+def _grey(frame: Any) -> np.ndarray:
+    """Returns the small grey copy in which corners are tracked."""
+    shrink = max(min(frame.height, frame.width) / TRACKED_SIDE, 1.0)
+    size = {"width": round(frame.width / shrink), "height": round(frame.height / shrink)}
+    return frame.to_ndarray(format="gray", interpolation="AREA", **size)
+
+
+NAME = MotionSource.FILM.value
+_AROUND, _FEWEST = 30, 6  # frames used on each side of the photo; fewest frames of a usable film
+_MATCHED = 2  # frames on each side that the photo is compared with
+_USUAL_RATIO = ReadoutTime(0.6, 0.2, "what is usual")  # typical of phones' films
+_LEAST_RATIO = 0.12  # frames with a shorter readout were rectified by the phone
+_LEAST_PX = 0.25  # px of ROWS rows, mean over the photo: less counts as no motion
+_OFF_PX = 1.5  # px of ROWS rows: largest distance of the photo from the path of an unstabilised film
+_AGAINST_PX, _AGAINST_SHARE = 0.8, 0.1  # tolerated difference between its rate and the path's, and share of it
+_RATIOS = (0.05, 2.0)  # readout times of photos [frame intervals]
+_STEP = 0.05  # frame intervals
+_SYSTEMATIC_PX = 0.08  # px of ROWS rows: lens corrections and other effects that are not motion
+
+
+@dataclass(frozen=True)
+class FilmEvidence:
+    """The evidence of a photo's film about the photo's motion."""
+
+    # the photo's motion, zero with a reason if the camera stood still; None if the film is inconclusive
+    motion: Motion | None = None
+    reason: Reason | None = None  # why the film is inconclusive; otherwise None
+
+
+def film_motion(view: View) -> FilmEvidence | None:
+    """Returns the evidence of a photo's film about its motion, or None if the photo has no readable film."""
+    place = view.photo.film()
+    film = None if place is None else decoded(place)
+    if film is None:
+        return None
+    try:
+        return motion_by(film, view)
+    except (cv2.error, np.linalg.LinAlgError):  # blank or noisy frames
+        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
+
+
+def motion_by(film: Film, view: View) -> FilmEvidence:
+    """Returns the evidence of a film about a photo's motion."""
+    height, width = film.frames[0].shape
+    if len(film.frames) < _FEWEST or height > width:  # rotated upright: its rows are not those of the sensor
+        return FilmEvidence(reason=Reason(Code.FILM_TOO_SHORT))
+    still = _Still.of(view, film)
+    if still is None:
+        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
+    view = replace(view, camera=replace(view.camera, readout=still.readout.value))
+    run = _Run.around(film, still.near)
+    if run is None:
+        return FilmEvidence(reason=Reason(Code.FILM_TOO_SHORT))
+    focal = still.focal_px * ROWS / height
+    ratio = run.ratio(focal)
+    if ratio is None or ratio.value < _LEAST_RATIO:
+        return FilmEvidence(reason=Reason(Code.FILM_STABILISED))
+    frames = run.frames(focal, ratio)
+    near = still.near - run.first
+    fit = still.fit(frames, run, near)
+    if fit is not None and abs((at := _nearest(frames, fit)[0]) - near) > _MATCHED:  # taken at another time
+        near = int(np.clip(round(at), 0, len(run.greys) - 1))
+        fit = still.fit(frames, run, near) or fit
+    if fit is None:
+        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
+    return _judged(view, frames, fit, ratio)
+
+
+# ---- the photo within the film -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Still:
+    """A photo located within its film."""
+
+    copy: UInt8[np.ndarray, "rows columns"]  # grey copy in the readout frame
+    placement: Placement  # placement of that copy in the film's frames
+    near: int  # number of the frame in which it was found
+    readout: Readout  # direction in which the stored photo was read, if the film's rows are those of the sensor
+    focal_px: float  # focal length [px of the film's copies]
+
+    @classmethod
+    def of(cls, view: View, film: Film) -> _Still | None:
+        """Locates the photo in one of the frames; returns None if it is not found."""
+        stored = view.photo.grey(TRACKED_SIDE)
+        last = len(film.frames) - 1
+        middle = last / 2
+        if film.moment_s is not None:
+            middle = np.interp(film.moment_s, film.times_s, np.arange(last + 1))
+        tried = dict.fromkeys(int(np.clip(round(at), 0, last)) for at in (middle, 0.75 * middle, middle + 0.25 * last))
+        for near in tried:
+            place = placement(stored, film.frames[near])
+            if place is not None:
+                break
+        else:
+            return None
+        readout = next(each for each in Readout if each.quarter_turns % 4 == place.quarter_turns)
+        if view.camera.readout not in ("auto", readout.value):
+            return None
+        copy = np.ascontiguousarray(readout.turn(stored))
+        scale = place.scale * copy.shape[0] / readout.frame_size(view.photo.height, view.photo.width)[0]
+        return cls(copy, place, near, readout, view.focal_px() * scale)
+
+    def fit(self, frames: Frames, run: _Run, near: int) -> StillFit | None:
+        """Fits the rotation of the photo's rows from the frames around ``near``; None if found in fewer than two."""
+        found: dict[int, Matches] = {}
+        guess = np.zeros(3)
+        unit, focal = frames.height / ROWS, frames.fit.focal_px
+        beside = [k for k in range(near - _MATCHED, near + _MATCHED + 1) if 0 <= k < len(run.greys)]
+        path = frames.path(frames.times + frames.ratio / 2)
+        for k in sorted(beside, key=lambda k: abs(k - near)):
+            moved = path[k] - path[near]
+            expected = guess + np.array([moved[1] * unit, -moved[0] * unit, moved[2] / focal])
+            each = matches(self.copy, run.greys[k], self.placement.scale, expected)
+            if each is not None:
+                found[k] = each
+                if k == near:
+                    guess = np.append(np.median(each.frame - each.photo, axis=0), 0.0)
+        if len(found) < 2:
+            return None
+        return fit_still(frames, found, self.copy.shape[0] * self.placement.scale)
+
+
+# ---- the film ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Consecutive frames of one shot around the photo's time."""
+
+    first: int  # number of the first of them in the film
+    greys: list[UInt8[np.ndarray, "height width"]]  # the frames
+    starts: list[float]  # times of the frames [usual frame intervals since the first]
+    pairs: list[Tracks]  # tracks of the background from each frame to the next
+
+    @classmethod
+    def around(cls, film: Film, near: int) -> _Run | None:
+        """Returns the connected frames around ``near``, or None if there are too few."""
+        first, last = max(near - _AROUND, 0), min(near + _AROUND, len(film.frames) - 1)
+        links = {k: background(follow(film.frames[k], film.frames[k + 1])) for k in range(first, last)}
+        while near > first and all(links[k].joined for k in range(first, near)) is False:
+            first += 1
+        while last > near and all(links[k].joined for k in range(near, last)) is False:
+            last -= 1
+        times = film.times_s[first : last + 1]
+        if len(times) < _FEWEST or np.diff(times).min() <= 0:
+            return None
+        starts = (times - times[0]) / np.median(np.diff(times))
+        pairs = [links[k].tracks for k in range(first, last)]
+        return cls(first, film.frames[first : last + 1], starts.tolist(), pairs)
+
+    def ratio(self, focal_px: float) -> ReadoutTime | None:
+        """Returns the frames' readout ratio, the usual one if they do not reveal it, or None if they contradict any."""
+        try:
+            return ratio_from_motion(self.pairs, focal_px)
+        except UnknownRatioError as error:
+            return None if error.reason.code is Code.SHOOK_TOO_FAST else _USUAL_RATIO
+
+    def frames(self, focal_px: float, ratio: ReadoutTime) -> Frames:
+        """Fits the camera's rotation to the frames."""
+        height, width = self.greys[0].shape
+        fit = steady(Problem([fewer(pair) for pair in self.pairs], focal_px, self.starts), ratio.value, None)
+        return Frames(fit, np.array(self.starts), ratio.value, height, width)
+
+
+# ---- plausibility --------------------------------------------------------------------------------------------
+
+
+def _judged(view: View, frames: Frames, fit: StillFit, ratio: ReadoutTime) -> FilmEvidence:
+    """Returns the motion of the photo, or why it is rejected, for instance because the film was stabilised."""
+    at, off_px = _nearest(frames, fit)
+    shape = _shape(frames)
+    rate = ((frames.path(np.array([at + _STEP])) - frames.path(np.array([at - _STEP])))[0] / (2 * _STEP)) * shape
+    turned = fit.turn[1] * shape
+    readout = np.clip(rate @ turned / max(rate @ rate, 1e-9), *_RATIOS)
+    against = float(np.linalg.norm(turned - readout * rate))
+    if np.hypot(off_px / _OFF_PX, against / (_AGAINST_PX + _AGAINST_SHARE * np.linalg.norm(turned))) > 1:
+        return FilmEvidence(reason=Reason(Code.FILM_STABILISED))
+    rows = (np.arange(view.height) + 0.5) / view.height
+    turns = fit.rotation(rows)
+    turns = turns - turns[0]
+    size = float(np.linalg.norm(turns * shape, axis=1).mean())
+    if size < _LEAST_PX:
+        return FilmEvidence(view.no_motion(NAME, Reason(Code.FILM_STOOD_STILL)))
+    motion = view.rotation_motion(turns / frames.fit.focal_px, NAME)
+    if motion.is_zero:  # the fitted motion would fold the picture
+        return FilmEvidence(reason=Reason(Code.FILM_DIFFERS))
+    errors = [*(fit.error[1] * shape), ratio.error * np.linalg.norm(rate), against]  # of the last row
+    error = np.hypot(np.linalg.norm(errors) / 2, _SYSTEMATIC_PX)
+    return FilmEvidence(replace(motion, confidence=probability_right(size, float(error))))
+
+
+def _nearest(frames: Frames, fit: StillFit) -> tuple[float, float]:
+    """Returns the time [frame intervals] at which the path is closest to the photo, and the distance [px of ROWS]."""
+    times = np.arange(frames.times[0], frames.times[-1] + 1, _STEP)
+    off = np.linalg.norm((frames.path(times) - fit.turn[0]) * _shape(frames), axis=1)
+    return float(times[off.argmin()]), float(off.min())
+
+
+def _shape(frames: Frames) -> np.ndarray:
+    """[3] displacement in the picture per unit of rotation about each axis; at the picture's edge for the z axis."""
+    return np.array([1.0, 1.0, ROWS / 2 / frames.fit.focal_px])

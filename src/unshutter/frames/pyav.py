@@ -1,0 +1,45 @@
+"""PyAV, the library that reads and writes films: imported when needed, and the same in its versions 18 and 19."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from types import ModuleType
+from typing import Any
+
+from unshutter import errors
+from unshutter.errors import UnshutterError
+
+
+@cache
+def av() -> ModuleType:
+    """Returns the library."""
+    os.environ.setdefault("SVT_LOG", "1")  # silences an encoder that writes to standard error
+    try:
+        import av
+        from av import logging
+    except ImportError:
+        raise UnshutterError(f"clips need PyAV: {errors.extra('video')}") from None
+    logging.set_level(None)
+    return av
+
+
+def open_to_read(source: Any, **arguments: Any) -> Any:
+    """Opens a film for reading; by default, PyAV 18 refuses one whose tags are not UTF-8, and PyAV 19 reads it."""
+    if int(av().__version__.partition(".")[0]) < 19:
+        arguments["metadata_errors"] = "replace"
+    return av().open(source, **arguments)
+
+
+def tags(source: Any) -> dict[str, str]:
+    """Returns a container's or stream's tags as printable text; PyAV 19 returns undecodable bytes as surrogates."""
+    return {
+        key: value.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+        for key, value in dict(source.metadata).items()
+    }
+
+
+def side_data(frame: Any) -> dict[str, bytes]:
+    """Returns a frame's side data by FFmpeg's names: iteration gives the data in PyAV 18, their types in PyAV 19."""
+    found = [frame.side_data[k] for k in range(len(frame.side_data))]
+    return {data.type.name: bytes(data) for data in found}

@@ -1,0 +1,206 @@
+"""Registers a photo to the frames of its film, and fits the camera's rotation during the photo's readout to that.
+
+The film's frames give the camera's rotation T(t) over time (frames/camera.py). A point of the photo at x, in row y
+(0 ... 1), and at x' in frame k shows the rotation Q(y) of that row against the film:
+
+    x' - x = J (T(t of its row in frame k) - Q(y)) + g x + (p . x) x + r |x|^2 x
+
+where J is the Jacobian of a rotation, g the remaining scale, p the effect of moving towards a slanted surface, and r
+the difference between two lens corrections. Q is modelled as a parabola: q0 + q1 (y - 1/2) + q2 ((y - 1/2)^2 - 1/12).
+All unknowns are linear. The change of Q from row to row is the photo's motion; neither the photo's readout time nor
+the time at which it was taken is needed.
+
+Both serve as a check, though. If the film was not stabilised, its centre is that of the sensor, so q0 lies on the path
+T, and q1 equals the rate of T there times a plausible readout time. A stabilised film follows a path of its own and
+fails this check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from unshutter.frames.camera import ROWS, Fit, turn_jacobian
+from unshutter.frames.tracks import follow
+
+if TYPE_CHECKING:
+    from unshutter.motion.shapes import Float64, UInt8
+
+
+_FEATURES, _CONTRAST = 1200, 0.015  # of each picture; below SIFT's usual 0.04, for scenes with little texture
+_RATIO = 0.75  # Lowe's ratio test: distance of the best match over that of the second best
+_NEAR, _FEWEST = 4.0, 25  # px of tolerance, and fewest features within it
+_LEAST_SHARE = 0.3  # least share of matches that agree
+_SCALES = (0.25, 4.0)  # of the photo's copy in the film
+_SKEW = 6.0  # degrees off a quarter turn; no film is rotated further against its photo
+_MATCHES = 40  # fewest matches in a usable frame
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Approximate placement of a photo in a frame of its film."""
+
+    quarter_turns: int  # counter-clockwise quarter turns that align the stored photo with the film's frames
+    scale: float  # px of the film per px of the photo's copy
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Points of a photo matched in a frame."""
+
+    # [N, 2] (col, row) from the photo's centre, rotated like the film, at the film's scale [px of the frame]
+    photo: Float64[np.ndarray, "matches 2"]
+    frame: Float64[np.ndarray, "matches 2"]  # [N, 2] (col, row) from the frame's centre [px of the frame]
+
+    def __len__(self) -> int:
+        return len(self.photo)
+
+
+def placement(photo: UInt8[np.ndarray, "rows columns"], frame: UInt8[np.ndarray, "height width"]) -> Placement | None:
+    """Locates a photo in a frame by SIFT features; returns None if they do not show the same scene."""
+    sift: Any = cv2.SIFT.create(_FEATURES, contrastThreshold=_CONTRAST)
+    in_photo, of_photo = sift.detectAndCompute(photo, None)
+    in_frame, of_frame = sift.detectAndCompute(frame, None)
+    if of_photo is None or of_frame is None or min(len(of_photo), len(of_frame)) < _FEWEST:
+        return None
+    pairs = cv2.BFMatcher().knnMatch(of_photo, of_frame, k=2)
+    clear = [best for best, second in pairs if best.distance < _RATIO * second.distance]
+    if len(clear) < _FEWEST:
+        return None
+    start = np.array([in_photo[each.queryIdx].pt for each in clear])
+    end = np.array([in_frame[each.trainIdx].pt for each in clear])
+    cv2.setRNGSeed(0)
+    similarity, agreeing = cv2.estimateAffinePartial2D(start, end, ransacReprojThreshold=_NEAR)
+    if similarity is None or agreeing.sum() < max(_FEWEST, _LEAST_SHARE * len(clear)):
+        return None
+    scale = float(np.hypot(similarity[0, 0], similarity[1, 0]))
+    turned = float(np.degrees(np.arctan2(-similarity[1, 0], similarity[0, 0])))  # counter-clockwise: rows run down
+    quarters = round(turned / 90)
+    if abs(turned - 90 * quarters) > _SKEW or not _SCALES[0] <= scale <= _SCALES[1]:
+        return None
+    return Placement(quarters % 4, scale)
+
+
+def matches(
+    photo: UInt8[np.ndarray, "rows columns"],
+    frame: UInt8[np.ndarray, "height width"],
+    scale: float,
+    guess: Float64[np.ndarray, "3"],
+) -> Matches | None:
+    """Matches points of a photo in a frame to a tenth of a pixel; returns None if there are too few.
+
+    Args:
+        guess: displacement (columns, rows) [px of the frame] and angle [rad] of the frame's centre from the photo's.
+    """
+    height, width = frame.shape
+    cos, sin = np.cos(guess[2]), np.sin(guess[2])
+    turn = np.array([[cos, -sin], [sin, cos]])
+    middle, photo_middle = (np.array([size[1] - 1, size[0] - 1]) / 2 for size in (frame.shape, photo.shape))
+    linear = scale * turn
+    matrix = np.column_stack([linear, middle + guess[:2] - linear @ photo_middle])
+    if scale < 1:  # avoids aliasing
+        photo = cv2.GaussianBlur(photo, (0, 0), 0.4 / scale)
+    placed = cv2.warpAffine(photo, matrix, (width, height), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
+    seen = cv2.warpAffine(np.full(photo.shape, 255, np.uint8), matrix, (width, height)) == 255
+    tracks = follow(_like(placed, frame, seen), frame)
+    at = np.clip(np.rint(tracks.start).astype(int), 0, [width - 1, height - 1])
+    inside = cv2.erode(seen.astype(np.uint8), np.ones((15, 15), np.uint8), borderValue=(0,))[at[:, 1], at[:, 0]] > 0
+    if inside.sum() < _MATCHES:
+        return None
+    start = (tracks.start[inside] - middle - guess[:2]) @ turn  # undoes the rotation
+    return Matches(start, tracks.end[inside] - middle)
+
+
+def _like(picture: np.ndarray, other: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Matches the brightness of a picture to another one by histogram specification."""
+    if not seen.any():
+        return picture
+    levels = np.arange(256)
+    ranks = np.cumsum(np.bincount(picture[seen], minlength=256)) / seen.sum()
+    others = np.cumsum(np.bincount(other[seen], minlength=256)) / seen.sum()
+    return np.interp(ranks, others, levels)[picture].astype(np.uint8)
+
+
+_ROUNDS = 6
+_DEGREES = 3.0  # degrees of freedom of Student's t
+_FINEST = 0.05  # px of ROWS rows; lower limit of the matches' noise
+_CURVATURE = 0.25  # px of ROWS rows: prior standard deviation of q2
+_COMMON = 4.0  # errors of matches are correlated
+_TURNS = 9  # unknowns of q0, q1, q2; followed by those of scale, slant and lens
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """The camera's rotation as estimated from a film."""
+
+    fit: Fit  # the camera's rotation over time
+    times: Float64[np.ndarray, "frames"]  # times of the frames in the fit [frame intervals]
+    ratio: float  # readout time of a frame, in frame intervals. height, width: size of the frames' copies [px].
+    height: int
+    width: int
+
+    def path(self, at: Float64[np.ndarray, "*times"]) -> Float64[np.ndarray, "*times 3"]:
+        """Rotation at given times, as shifts in the picture [px of ROWS rows; about z: at the focal length]."""
+        return self.fit.turn(at) * self.fit.focal_px
+
+
+@dataclass(frozen=True, eq=False)
+class StillFit:
+    """The fitted rotation of a photo's rows."""
+
+    turn: Float64[np.ndarray, "3 3"]  # [3, 3] q0, q1, q2 about three axes [px of ROWS rows of the film]
+    error: Float64[np.ndarray, "3 3"]  # [3, 3] their standard deviations
+
+    def rotation(self, row: Float64[np.ndarray, "rows"]) -> Float64[np.ndarray, "rows 3"]:
+        """Returns the rotation of rows, 0 ... 1, relative to the first [px of ROWS rows of the film]."""
+        centred = row - 0.5
+        moved = centred[:, None] * self.turn[1] + (centred**2)[:, None] * self.turn[2]
+        first = -0.5 * self.turn[1] + 0.25 * self.turn[2]
+        return moved - first
+
+
+def fit_still(film: Frames, found: Mapping[int, Matches], height: float) -> StillFit:
+    """Fits the rotation of a photo's rows.
+
+    Args:
+        found: frame -> points of the photo matched in it.
+        height: rows of the photo [px of the film's copies, at its scale].
+    """
+    unit = ROWS / film.height
+    parts = [_equations(film, k, each, height, unit) for k, each in found.items()]
+    design, moved = zip(*parts, strict=True)
+    A, b = np.concatenate(design), np.concatenate(moved)
+    prior = np.zeros(A.shape[-1])
+    prior[6:9] = _CURVATURE**-2.0
+    weights, noise, unknowns, covariance = np.ones(len(b)), np.nan, np.zeros(A.shape[-1]), np.eye(A.shape[-1])
+    for _ in range(_ROUNDS):
+        normal = np.einsum("n,nik,nil->kl", weights, A, A) + np.diag(prior) * (noise**2 if np.isfinite(noise) else 1e-3)
+        unknowns = np.linalg.solve(normal, np.einsum("n,nik,ni->k", weights, A, b))
+        squared = ((b - A @ unknowns) ** 2).sum(axis=1)
+        noise = np.sqrt(np.median(squared) / 1.4) if np.isnan(noise) else noise
+        share = (_DEGREES + 2) / (_DEGREES + squared / noise**2)
+        noise = max(float(np.sqrt((share * squared).mean() / 2)), _FINEST)
+        weights = (_DEGREES + 2) / (_DEGREES + squared / noise**2)
+        covariance = np.linalg.inv(normal) * noise**2 * _COMMON
+    error = np.sqrt(np.diag(covariance)[:_TURNS]).reshape(3, 3)
+    return StillFit(unknowns[:_TURNS].reshape(3, 3), error)
+
+
+def _equations(film: Frames, frame: int, found: Matches, height: float, unit: float) -> tuple[np.ndarray, np.ndarray]:
+    """[N, 2, unknowns] and [N, 2]: linear equations for the matches in a frame [px of ROWS rows]."""
+    start, end = found.photo * unit, found.frame * unit
+    focal, middle = film.fit.focal_px, np.array([film.width * unit, ROWS]) / 2
+    J = turn_jacobian((start + end) / 2 + middle, film.width * unit, focal)
+    row = np.clip(0.5 + end[:, 1] / ROWS, 0, 1)
+    seen = film.path(film.times[frame] + film.ratio * row)
+    moved = end - start - np.einsum("nij,nj->ni", J[..., :3], seen)
+    centred = found.photo[:, 1] / height  # y - 1/2
+    shape = np.stack([np.ones_like(centred), centred, centred**2 - 1 / 12], axis=-1)  # [N, 3]
+    turns = -(shape[:, None, :, None] * J[:, :, None, :3]).reshape(len(start), 2, _TURNS)
+    at = start / (ROWS / 2)
+    others = [at, at * at[:, :1], at * at[:, 1:], at * (at**2).sum(axis=1, keepdims=True)]
+    return np.concatenate([turns, np.stack(others, axis=-1)], axis=-1), moved

@@ -1,1 +1,0 @@
-"""The geometry of a rolling shutter: rows, rotations and the readout direction."""

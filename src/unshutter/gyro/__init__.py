@@ -1,1 +1,0 @@
-"""Gyro logs: reads them, aligns them with a clip's picture, and computes the rotation of every row."""

@@ -1,0 +1,391 @@
+"""Sampling positions of output pixels in the input picture, and the edges that the input picture does not show.
+
+The map of a motion is smooth, so it is computed exactly (float64) at the nodes of a coarse grid that is refined until
+linear interpolation between nodes is accurate to 0.01 px; the pixels between nodes are computed for one tile at
+a time, so that memory does not grow with the picture. One policy for edges serves photos, frames with neighbours, clips
+and the page's preview.
+
+Convention: positions are (col, row) of **stored** pixels (orientation.py), pixel centres at whole numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+
+from unshutter.errors import CropTooSmallError
+from unshutter.motion import Motion
+from unshutter.options import Edges
+
+if TYPE_CHECKING:
+    from unshutter.motion.shapes import Bool, Float, Float32, Real
+
+
+# (col, row) of output pixels -> (col, row) of the input positions they show
+PositionMap = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+_COARSEST_STEP = 64  # initial distance of nodes [px]; a power of two
+_TOLERANCE = 0.004  # px at the midpoints of a cell's sides; at its centre the errors of both directions add up
+_INSIDE_SLACK = 0.01  # px, the accuracy of the map
+_TILE = (512, 512)  # rows and columns; with smaller tiles, threads wait for the interpreter
+_BAND_POINTS = 1 << 18  # number of positions computed at a time
+
+
+def gs_to_rs_map(motion: Motion) -> PositionMap:
+    """Returns the map of GS to RS positions: where a rectified picture samples the photo."""
+    motion.check_unfolded()
+    return _in_stored_frame(motion, motion.gs_to_rs)
+
+
+def rs_to_gs_map(motion: Motion) -> PositionMap:
+    """Returns the map of RS to GS positions (closed form): where a distorted picture samples the original."""
+    motion.check_unfolded()
+    return _in_stored_frame(motion, motion.rs_to_gs)
+
+
+class Tile(NamedTuple):
+    """Output pixels in rows top <= row < bottom and columns left <= col < right."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+    @property
+    def area(self) -> int:
+        """Number of pixels."""
+        return (self.bottom - self.top) * (self.right - self.left)
+
+    def tiles(self) -> Iterator[Tile]:
+        """Splits this tile into tiles of a size suitable for processing."""
+        for top in range(self.top, self.bottom, _TILE[0]):
+            for left in range(self.left, self.right, _TILE[1]):
+                yield Tile(top, min(top + _TILE[0], self.bottom), left, min(left + _TILE[1], self.right))
+
+    def within(self, window: Tile) -> tuple[slice, slice]:
+        """Returns the slices of its pixels in an array that begins at the corner of ``window``."""
+        rows = slice(self.top - window.top, self.bottom - window.top)
+        return rows, slice(self.left - window.left, self.right - window.left)
+
+    def halves(self) -> tuple[Tile, Tile]:
+        """Splits the tile across its longer side."""
+        if self.bottom - self.top > self.right - self.left:
+            middle = (self.top + self.bottom) // 2
+            return self._replace(bottom=middle), self._replace(top=middle)
+        middle = (self.left + self.right) // 2
+        return self._replace(right=middle), self._replace(left=middle)
+
+
+class Extent(NamedTuple):
+    """Minimum and maximum column and row [px] of positions."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    @classmethod
+    def of(cls, col: Float[np.ndarray, "rows cols"], row: Float[np.ndarray, "rows cols"]) -> Extent:
+        """Computes the extent of positions."""
+        return cls(float(col.min()), float(row.min()), float(col.max()), float(row.max()))
+
+
+@dataclass(frozen=True)
+class SamplingGrid:
+    """A map of positions for a picture of height x width, known at regularly spaced nodes."""
+
+    # float32 [rows, cols, 2]: (col, row) at the nodes; the last nodes are beyond the picture's end. row_step,
+    # col_step: spacing of the nodes [px]. height, width: size of output and input picture alike [px].
+    nodes: Float32[np.ndarray, "node_rows node_cols 2"]
+    row_step: int
+    col_step: int
+    height: int
+    width: int
+
+    @classmethod
+    def of(cls, position: PositionMap, height: int, width: int) -> SamplingGrid:
+        """Computes the exact map at as few nodes as linear interpolation permits."""
+        steps = [_first_step(height), _first_step(width)]
+        at = [np.arange(-(-size // s) + 1) * s for size, s in zip((height, width), steps, strict=True)]
+        nodes = np.empty((len(at[0]), len(at[1]), 2), dtype=np.float32)
+        _compute(position, at[0], at[1], nodes)
+        axis, settled = 0, 0
+        while settled < 2:
+            if steps[axis] > 1:
+                finer_at, finer = _halved(position, at, nodes, axis)
+                if _worst_inside(finer, axis, height, width, steps[axis]) > _TOLERANCE:
+                    nodes, at[axis], steps[axis], settled = finer, finer_at, steps[axis] // 2, 0
+                    continue
+            axis, settled = 1 - axis, settled + 1
+        # Nothing is sampled far outside, and a diverging map would exceed the range of numbers.
+        far = float(height + width)
+        np.nan_to_num(nodes, copy=False, nan=-far, posinf=2 * far, neginf=-far)
+        return cls(np.clip(nodes, -far, 2 * far, out=nodes), steps[0], steps[1], height, width)
+
+    @property
+    def whole(self) -> Tile:
+        """The whole output as a tile."""
+        return Tile(0, self.height, 0, self.width)
+
+    def everywhere(
+        self,
+    ) -> tuple[
+        Float32[np.ndarray, "{self.height} {self.width}"],
+        Float32[np.ndarray, "{self.height} {self.width}"],
+    ]:
+        """Computes the map at every pixel of the output: col and row, each float32 [H, W]."""
+        col, row = (np.empty((self.height, self.width), np.float32) for _ in range(2))
+        for tile in self.whole.tiles():
+            col[tile.within(self.whole)], row[tile.within(self.whole)] = self.positions(tile)
+        return col, row
+
+    def positions(
+        self, tile: Tile, left: int = 0, top: int = 0, out: Float32[np.ndarray, "2 rows cols"] | None = None
+    ) -> tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
+        """Computes the map at every pixel of a tile: col and row, each float32 [rows, cols].
+
+        Args:
+            left, top: origin from which columns and rows of the input are counted.
+            out: float32 [2, rows, cols] to write the result to; by default a new array.
+        """
+        nodes, first_row, first_col = self._nodes_about(tile)
+        down = _weights(np.arange(first_row, first_row + tile.bottom - tile.top), self.row_step, nodes.shape[0])
+        across = _weights(np.arange(first_col, first_col + tile.right - tile.left), self.col_step, nodes.shape[1])
+        planes = np.ascontiguousarray(np.moveaxis(nodes, 2, 0)) - np.array([[[left]], [[top]]], dtype=np.float32)
+        col, row = np.matmul(down @ planes, across.T, out=out)
+        return col, row
+
+    def at(
+        self, rows: Real[np.ndarray, "rows"], cols: Real[np.ndarray, "cols"]
+    ) -> tuple[Float32[np.ndarray, "rows cols"], Float32[np.ndarray, "rows cols"]]:
+        """Computes the map at the crossings of given rows and columns of the output: col and row."""
+        down = _weights(rows, self.row_step, self.nodes.shape[0])
+        across = _weights(cols, self.col_step, self.nodes.shape[1])
+        col, row = np.matmul(down @ np.moveaxis(self.nodes, 2, 0), across.T)
+        return col, row
+
+    def extent(self, tile: Tile) -> Extent:
+        """Returns bounds of a tile's positions from the surrounding nodes: cheaper than exact bounds, but wider."""
+        nodes, _, _ = self._nodes_about(tile)
+        (left, top), (right, bottom) = nodes.min(axis=(0, 1)).tolist(), nodes.max(axis=(0, 1)).tolist()
+        return Extent(left, top, right, bottom)
+
+    def contains(self, extent: Extent) -> bool:
+        """Whether all positions within the bounds are inside the picture."""
+        least, most = min(extent.left, extent.top), max(extent.right - self.width, extent.bottom - self.height)
+        return least >= -_INSIDE_SLACK and most <= _INSIDE_SLACK - 1
+
+    def inside(
+        self,
+        col: Float[np.ndarray, "rows cols"],
+        row: Float[np.ndarray, "rows cols"],
+        left: int = 0,
+        top: int = 0,
+        beyond: float = 0.0,
+    ) -> Bool[np.ndarray, "rows cols"]:
+        """Whether positions, counted from left and top, are inside the picture or up to ``beyond`` px outside; bool."""
+        right, bottom, slack = self.width - 1 - left, self.height - 1 - top, max(beyond, _INSIDE_SLACK)
+        within_width = (col >= -left - slack) & (col <= right + slack)
+        return within_width & (row >= -top - slack) & (row <= bottom + slack)
+
+    def _nodes_about(self, tile: Tile) -> tuple[np.ndarray, int, int]:
+        """Returns the nodes of a tile's cells, and row and column of its first pixel relative to the first node."""
+        first_row, first_col = tile.top // self.row_step, tile.left // self.col_step
+        last_row, last_col = -(-tile.bottom // self.row_step), -(-tile.right // self.col_step)
+        nodes = self.nodes[first_row : last_row + 1, first_col : last_col + 1]
+        return nodes, tile.top - first_row * self.row_step, tile.left - first_col * self.col_step
+
+
+def _weights(at: np.ndarray, step: int, nodes: int) -> np.ndarray:
+    """Returns [N, nodes] linear interpolation weights at some pixels, for nodes ``step`` pixels apart.
+
+    Multiplying by zeros costs less than picking two nodes for each pixel.
+    """
+    return np.maximum(1 - np.abs(at[:, None] / step - np.arange(nodes)), 0).astype(np.float32)
+
+
+def _in_stored_frame(motion: Motion, in_frame: PositionMap) -> PositionMap:
+    """Converts a map between positions of the readout frame to one between stored positions."""
+    readout, size = motion.readout, motion.readout.frame_size(motion.height, motion.width)
+
+    def in_stored(col: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return readout.points_to_stored(*in_frame(*readout.points_to_frame(col, row, *size)), *size)
+
+    return in_stored
+
+
+def _first_step(size: int) -> int:
+    """Returns the largest power of two up to an eighth of the side, keeping nodes beyond the picture close to it."""
+    return min(1 << max((size // 8).bit_length() - 1, 0), _COARSEST_STEP)
+
+
+def _compute(position: PositionMap, rows: np.ndarray, cols: np.ndarray, out: np.ndarray) -> None:
+    """Writes the map at rows x cols to out [rows, cols, 2], in bands to limit memory."""
+    band = max(_BAND_POINTS // len(cols), 1)
+    for first in range(0, len(rows), band):
+        row, col = np.meshgrid(rows[first : first + band].astype(float), cols.astype(float), indexing="ij")
+        with np.errstate(all="ignore"):  # far outside, Newton's method may diverge
+            out[first : first + band, :, 0], out[first : first + band, :, 1] = position(col, row)
+
+
+def _halved(position: PositionMap, at: list[np.ndarray], nodes: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Inserts nodes midway between the existing ones along an axis; returns their positions and the nodes."""
+    finer_at = np.linspace(at[axis][0], at[axis][-1], 2 * len(at[axis]) - 1).astype(int)
+    shape = (len(finer_at), len(at[1]), 2) if axis == 0 else (len(at[0]), len(finer_at), 2)
+    finer = np.empty(shape, dtype=np.float32)
+    if axis == 0:
+        finer[0::2] = nodes
+        _compute(position, finer_at[1::2], at[1], finer[1::2])
+    else:
+        finer[:, 0::2] = nodes
+        _compute(position, at[0], finer_at[1::2], finer[:, 1::2])
+    return finer_at, finer
+
+
+def _worst_inside(finer: np.ndarray, axis: int, height: int, width: int, step: int) -> float:
+    """Returns the largest error [px] of interpolating every other node along an axis, for positions inside the picture.
+
+    Positions up to half a step outside are included, because other pixels of their cells may be inside.
+    """
+    near = max(step / 2, 1)
+    lines = np.moveaxis(finer, axis, 0)
+    before, exact, after = lines[:-1:2], lines[1::2], lines[2::2]
+    band = max(_BAND_POINTS // exact.shape[1], 1)
+    worst = 0.0
+    for first in range(0, len(exact), band):
+        part = slice(first, first + band)
+        error = np.abs(exact[part] - (before[part] + after[part]) / 2).max(axis=-1)
+        col, row = exact[part, :, 0], exact[part, :, 1]
+        inside = (col >= -near) & (col <= width - 1 + near) & (row >= -near) & (row <= height - 1 + near)
+        worst = max(worst, float(error[inside].max(initial=0.0)))
+    return worst
+
+
+# ---- edges ---------------------------------------------------------------------------------------------
+
+LEAST_CROP = 0.1  # share of a picture's area: a smaller crop is refused
+LEAST_AUTO_CROP = 0.8  # share of a picture's area: automatic edges do not crop more than a fifth
+
+Size: TypeAlias = tuple[int, int]  # height and width [px]
+
+
+class EdgeDecision(NamedTuple):
+    """The decision on how to handle the edges of a rectified picture."""
+
+    edges: Edges  # ``keep``, ``crop``, ``fill`` or ``borrow``, never ``auto``
+    window: Tile  # the part of the picture that is kept
+    whole: float | None = None  # share of the picture's area that a crop leaves; None if no crop was computed
+
+
+@dataclass(frozen=True)
+class EdgePolicy:
+    """A user's choice of edges, and the resulting decision for a picture."""
+
+    # ``keep`` leaves areas that the picture does not show black, ``fill`` mirrors the picture at its border,
+    # ``borrow`` takes them from neighbouring frames, ``crop`` cuts them away, ``auto`` crops if that leaves at least
+    # :data:`LEAST_AUTO_CROP` of the area, otherwise keeps
+    edges: Edges
+
+    @property
+    def may_crop(self) -> bool:
+        """Whether the decision depends on how much a crop would leave."""
+        return self.edges in ("crop", "auto")
+
+    def decide(self, size: Size, largest_crop: Callable[[], Tile], subject: str = "photo") -> EdgeDecision:
+        """Decides how to handle the edges of a picture, which is called ``subject`` in messages.
+
+        ``largest_crop`` finds the largest window that the original shows entirely, if a crop is possible.
+        """
+        whole = Tile(0, size[0], 0, size[1])
+        if not self.may_crop:
+            return EdgeDecision(self.edges, whole)
+        window = largest_crop()
+        share = window.area / whole.area
+        if self.edges == "crop" and share < LEAST_CROP:
+            raise CropTooSmallError.leaving(share, subject)
+        if self.edges == "crop" or share >= LEAST_AUTO_CROP:
+            return EdgeDecision("crop", window, share)
+        return EdgeDecision("keep", whole, share)
+
+    def without_motion(self, size: Size) -> EdgeDecision:
+        """Returns the decision for an unchanged picture, which has no missing areas."""
+        return EdgeDecision("keep" if self.edges == "auto" else self.edges, Tile(0, size[0], 0, size[1]))
+
+
+_SEARCH_CELLS = 250_000
+
+
+def crop_window(grid: SamplingGrid, beyond: float = 0.0) -> Tile:
+    """Finds the largest upright rectangle of the picture's aspect ratio whose pixels all sample the input picture.
+
+    Args:
+        beyond: positions less than this far outside the input picture count as inside [px].
+    """
+    block = _block(grid.height, grid.width)
+    # positions vary smoothly: a block is inside if its four corners are
+    rows, cols = (_first_and_last(size, block) for size in (grid.height, grid.width))
+    corners = grid.inside(*grid.at(rows, cols), beyond=beyond)
+    if corners.all():
+        return grid.whole
+    down, across = grid.height // block, grid.width // block  # number of whole blocks
+    corners = corners[: 2 * down, : 2 * across]
+    rows_inside = corners[0::2] & corners[1::2]
+    whole = rows_inside[:, 0::2] & rows_inside[:, 1::2]  # all(axis=...) takes thirty times as long
+    return _largest(whole, block, grid.height, grid.width)
+
+
+def valid_window(mask: Bool[np.ndarray, "height width"]) -> Tile:
+    """Finds the largest upright rectangle of True pixels with the mask's aspect ratio, nearest to the centre.
+
+    Empty if no pixel is True. Exact up to a quarter of a million pixels; larger masks are searched in blocks whose
+    pixels are all True, which loses a few pixels (at 12 megapixels up to 14 of 4000).
+    """
+    height, width = mask.shape
+    if mask.all():
+        return Tile(0, height, 0, width)
+    block = _block(height, width)
+    rows, cols = height // block, width // block
+    whole = np.asarray(mask[: rows * block, : cols * block].reshape(rows, block, cols, block).all(axis=(1, 3)))
+    return _largest(whole, block, height, width)
+
+
+def _block(height: int, width: int) -> int:
+    """Returns the side [px] of the square blocks in which a picture is searched."""
+    return int(np.ceil(np.sqrt(height * width / _SEARCH_CELLS)))
+
+
+def _first_and_last(size: int, block: int) -> np.ndarray:
+    """Returns [2 * blocks] first and last row (or column) of every block, in order; the last block may be truncated."""
+    first = np.arange(0, size, block)
+    return np.stack([first, np.minimum(first + block, size) - 1], axis=1).ravel()
+
+
+def _largest(whole: np.ndarray, block: int, height: int, width: int) -> Tile:
+    """Finds the largest rectangle in a picture of height x width [px], given which blocks [rows, cols] are whole."""
+    filled = np.pad(whole.astype(np.int32).cumsum(0, np.int32).cumsum(1, np.int32), ((1, 0), (1, 0)))
+
+    def size_at(blocks_long: int) -> tuple[int, int]:  # px
+        if width >= height:
+            w = min(blocks_long * block, width)
+            return w, max(round(w * height / width), 1)
+        h = min(blocks_long * block, height)
+        return max(round(h * width / height), 1), h
+
+    def fits_at(blocks_long: int) -> np.ndarray:  # top and left blocks at which such a rectangle fits
+        w, h = (-(-side // block) for side in size_at(blocks_long))
+        count = filled[h:, w:] - filled[:-h, w:] - filled[h:, :-w] + filled[:-h, :-w]
+        return count == h * w
+
+    fits, too_long = 0, max(whole.shape) + 1  # a rectangle that fits contains every smaller one
+    while too_long - fits > 1:
+        middle = (fits + too_long) // 2
+        fits, too_long = (middle, too_long) if fits_at(middle).any() else (fits, middle)
+    if fits == 0:
+        return Tile(0, 0, 0, 0)
+    (w, h), places = size_at(fits), np.argwhere(fits_at(fits)) * block
+    from_centre = (places[:, 0] + h / 2 - height / 2) ** 2 + (places[:, 1] + w / 2 - width / 2) ** 2
+    top, left = places[from_centre.argmin()].tolist()
+    return Tile(top, top + h, left, left + w)

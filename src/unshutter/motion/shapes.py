@@ -1,0 +1,32 @@
+"""Annotation types that state an array's data type and shape: jaxtyping's, checked in the tests.
+
+    if TYPE_CHECKING:
+        from unshutter.motion.shapes import Float
+
+    def rotation_matrix(vectors: Float[Array, "*at 3"]) -> Float[Array, "*at 3 3"]: ...
+
+A dimension is a number, or a name that stands for the same number wherever it appears in one signature; ``*at`` is any
+number of dimensions, ``#`` before a name allows broadcasting, ``_`` and ``...`` match anything, and ``{...}`` is
+computed from the arguments. Nothing imports this module at run time, so the package does not need jaxtyping.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from typing import Annotated as Bool
+    from typing import Annotated as Float
+    from typing import Annotated as Float32
+    from typing import Annotated as Float64
+    from typing import Annotated as Real
+    from typing import Annotated as UInt
+    from typing import Annotated as UInt8
+
+    Numbers = np.ndarray
+else:
+    from jaxtyping import Bool, Float, Float32, Float64, Real, UInt, UInt8
+
+    Numbers = np.ndarray | np.float64  # NumPy returns a number instead of an array without dimensions
+
+__all__ = ["Bool", "Float", "Float32", "Float64", "Numbers", "Real", "UInt", "UInt8"]

@@ -1,0 +1,227 @@
+"""Options for clips (see the package's options/). Nothing here imports NumPy or PyAV."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+from unshutter.errors import UsageError
+from unshutter.options import MOST_STRENGTH, FrameModel, Reference, check_time, option
+from unshutter.options.photo_options import check_focal, check_ratio, check_strength
+from unshutter.orientation import Readout
+from unshutter.readout_time import ReadoutTime
+
+ClipEdges = Literal["keep", "crop", "fill", "borrow"]
+MAX_CLIP_PIXELS = 38_000_000  # per frame, unless the user allows more: 8K
+_LONGEST_S = 1e9
+GYRO_OFF = "off"
+GIVEN = "given"  # source of a readout time that the user states
+JOIN = "FFmpeg joins pictures, ffmpeg -framerate 30 -i frames/%05d.png -c:v libx264 film.mp4"
+USUAL_PERIOD_S = 2.0
+_ZOOM_LIMIT, _MOST_ZOOM_LIMIT = 15.0, 50.0  # per cent
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """The camera of a clip, as far as the user knows it."""
+
+    readout_ms: float | None = option(
+        None, "Readout time of a frame, if you know it. Default: from the clip or the table of cameras.", metavar="MS"
+    )
+    readout_ratio: float | None = option(
+        None, "Readout time as a share of the time between two frames, above 0 and at most 1."
+    )
+    camera: str | None = option(
+        None,
+        "Name of the camera in the table of readout times; `unshutter cameras` lists them. Default: from the "
+        "clip's metadata.",
+        names="word",
+    )
+    readout: str = option(
+        "auto",
+        "Direction in which the sensor was read out, if an editor has rotated the frames. Default: top-to-bottom.",
+        choices=("auto", *Readout),
+    )
+    focal_px: float | None = option(None, "Focal length in px of a frame. Default: found from the clip.")
+    gyro: str | None = option(
+        None,
+        "Gyro log of the clip: a .gcsv file, or what telemetry-parser reads; off: none. "
+        "Default: the log in the clip's own file.",
+        metavar="FILE",
+        names="input",
+        page=False,
+    )
+
+    def __post_init__(self) -> None:
+        Readout.parse(self.readout)
+        if self.readout_ms is not None and self.readout_ratio is not None:
+            raise UsageError("say either --readout-ms or --readout-ratio")
+        if self.camera is not None and (self.readout_ms is not None or self.readout_ratio is not None):
+            raise UsageError("say either the readout time or --camera")
+        check_time("readout", self.readout_ms, "ms")
+        check_ratio(self.readout_ratio)
+        check_focal(self.focal_px)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the user states no readout time, camera, focal length or gyro log."""
+        return self.readout_ms is self.readout_ratio is self.camera is self.focal_px is self.gyro is None
+
+    def readout_time(self, interval_s: float) -> ReadoutTime | None:
+        """Returns the stated readout time of frames that are so far apart, or None if it is not stated."""
+        if self.readout_ratio is not None:
+            return ReadoutTime(self.readout_ratio, 0.0, GIVEN, unit_s=interval_s)
+        if self.readout_ms is None:
+            return None
+        if self.readout_ms / 1000 / interval_s > 1.0005:
+            raise UsageError(
+                f"frames are {1000 * interval_s:.2f} ms apart: they cannot take {self.readout_ms:g} ms to be read out"
+            )
+        return ReadoutTime.of_ms(self.readout_ms, GIVEN).in_frames(interval_s)
+
+
+@dataclass(frozen=True)
+class ClipUndo:
+    """How the motion of frames is undone."""
+
+    reference: Reference = option("middle", "Row whose capture time each frame should show. Default: middle.")
+    strength: float = option(
+        1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.", limits=(0, MOST_STRENGTH)
+    )
+    edges: ClipEdges = option(
+        "fill",
+        "Pixels outside the original frame: fill them with a mirror image, keep them black, crop all frames "
+        "alike so that none are left, or, with --model dense, borrow them from the frames before and after. "
+        "Default: fill.",
+    )
+    model: FrameModel = option(
+        "camera",
+        "camera: one motion for the whole frame. dense: near and far objects may move differently; slower. "
+        "Default: camera.",
+    )
+
+    def __post_init__(self) -> None:
+        check_strength(self.strength)
+        if self.edges not in get_args(ClipEdges) or self.reference not in get_args(Reference):
+            raise UsageError(
+                "unknown edges or reference row: choose keep, crop, fill or borrow, and first, middle or last"
+            )
+        if self.model not in get_args(FrameModel):
+            raise UsageError(f"unknown model '{self.model}': choose camera or dense")
+        if self.edges == "borrow" and self.model != "dense":
+            raise UsageError("--edges borrow needs --model dense: choose fill, keep or crop without it")
+        if self.edges == "crop" and self.model == "dense":
+            raise UsageError("--model dense cannot crop frames: choose --edges borrow, fill or keep")
+
+
+@dataclass(frozen=True)
+class Steadiness:
+    """How the camera's path is smoothed."""
+
+    stabilize: float | None = option(
+        None,
+        "Also smooth the camera's path: removes movements shorter than this many seconds "
+        f"({USUAL_PERIOD_S:g} if you give no number). Frames are enlarged until no border shows.",
+        metavar="SECONDS",
+        bare=USUAL_PERIOD_S,
+    )
+    zoom_limit: float | None = option(
+        None,
+        "Largest share of the width and height that --stabilize may cut off, in per cent; if that is not enough, it "
+        f"smooths less. Default: {_ZOOM_LIMIT:g}.",
+        metavar="PERCENT",
+    )
+    level: bool = option(
+        False, "With --stabilize, keep the horizon level. Needs a gyro log that includes acceleration.", page=False
+    )
+
+    def __post_init__(self) -> None:
+        if self.stabilize is None and (self.zoom_limit is not None or self.level):
+            raise UsageError(f"{'--level' if self.level else '--zoom-limit'} needs --stabilize")
+        check_time("smoothing", self.stabilize, "s")
+        if self.zoom_limit is not None and not 0 <= self.zoom_limit <= _MOST_ZOOM_LIMIT:
+            raise UsageError(f"--zoom-limit must lie between 0 and {_MOST_ZOOM_LIMIT:g}, got {self.zoom_limit:g}")
+
+    @property
+    def largest_zoom(self) -> float:
+        """Zoom at the limit of what may be cut off."""
+        return 1 / (1 - (_ZOOM_LIMIT if self.zoom_limit is None else self.zoom_limit) / 100)
+
+
+@dataclass(frozen=True)
+class Encode:
+    """How frames are encoded."""
+
+    codec: str | None = option(
+        None, "Encoder: libx264, libx265, libsvtav1, prores_ks, ffv1 ... Default: the clip's own codec.", names="word"
+    )
+    crf: float | None = option(
+        None,
+        "Quality: lower looks better and makes larger files. Default: as many bits per second as the clip has; for "
+        "another codec than the clip's, 18 (libx264), 20 (libx265), 24 (libsvtav1).",
+    )
+    preset: str | None = option(
+        None, "Speed of the encoder: ultrafast to veryslow (libx264, libx265), 13 to 0 (libsvtav1).", names="word"
+    )
+
+    def __post_init__(self) -> None:
+        if self.crf is not None and not 0 <= self.crf <= 63:
+            raise UsageError(f"--crf must lie between 0 and 63, got {self.crf:g}")
+
+
+@dataclass(frozen=True)
+class RectifyClip:
+    """Everything that can be chosen about rectifying a clip."""
+
+    shutter: Shutter = field(default_factory=Shutter)  # what the user states about the camera
+    undo: ClipUndo = field(default_factory=ClipUndo)  # how motion is undone
+    steadiness: Steadiness = field(default_factory=Steadiness)  # how the camera's path is smoothed
+    # how frames are encoded. start, end: limits of the part to keep [s]; None for no limit.
+    encode: Encode = field(default_factory=Encode)
+    start: float | None = option(None, "Start at this second of the clip.", metavar="SECONDS")
+    end: float | None = option(None, "Stop at this second of the clip.", metavar="SECONDS")
+    motion: Path | None = option(
+        None, "Undo the motion in this file (from --save-motion) instead of finding it.", names="input", page=False
+    )
+    save_motion: Path | None = option(
+        None, "Also write the clip's motion to this JSON file.", metavar="PATH", names="output", page=False
+    )
+    preview: Path | None = option(
+        None,
+        "Also write before and after side by side: five frames (.jpg, .png), or a film (.mp4).",
+        names="output",
+        page=False,
+    )
+    plot: Path | None = option(
+        None,
+        "Also plot how fast the camera turned (.png, .svg, .pdf). Needs the extra `plot`.",
+        names="output",
+        page=False,
+    )
+    only_changed: bool = option(False, "Write nothing if no frame changes. Default: copy the clip.", page=False)
+    overwrite: bool = option(False, "Replace output files that exist already, but never the clip itself.", page=False)
+    json_log: Path | None = option(
+        None, "Append a record of the run to this file: one JSON object per line.", names="output", page=False
+    )
+    max_pixels: int = option(
+        MAX_CLIP_PIXELS, "Refuse clips with larger frames. Default: 38 000 000 pixels (8K).", page=False
+    )
+
+    def __post_init__(self) -> None:
+        if self.motion is not None and not self.shutter.is_empty:
+            raise UsageError("the motion file says how the camera was read out: leave out the camera's options")
+        if self.undo.model == "dense" and (self.motion is not None or self.save_motion is not None):
+            raise UsageError("motion files hold the camera's motion, which --model dense does not undo: use camera")
+        if self.steadiness.level and self.motion is not None:
+            raise UsageError("--level needs the clip's gyro log, which a motion file does not hold: leave out --motion")
+        start, end = self.start or 0.0, math.inf if self.end is None else self.end
+        if not 0 <= start < _LONGEST_S or not (end > start and (self.end is None or end < _LONGEST_S)):
+            raise UsageError("--start must be 0 or later, and --end after it, in seconds")
+        if self.max_pixels < 1:
+            raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
+
+    def span(self, duration_s: float) -> tuple[float, float]:
+        """Returns start and end [s] of the part to keep; a clip of unknown length (0) is assumed to last a minute."""
+        return self.start or 0.0, self.end or duration_s or 60.0

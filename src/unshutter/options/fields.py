@@ -1,0 +1,225 @@
+"""Describes options in one place, for the command line, forms, the page and Python keywords.
+
+An option is a field of a frozen dataclass, created with :func:`option`, which defines its type, default and help;
+:func:`describe` reads them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import numbers
+import os
+import re
+import reprlib
+import textwrap
+import types
+import typing
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+from unshutter.errors import UnshutterError, UsageError
+
+# What an option's value names: files or folders that are read, a file that is written, the place of results (a folder,
+# or one file: only the command knows which files), or none of these.
+Names = Literal["input", "output", "results", "word"]
+
+T = TypeVar("T")
+
+
+def option(default: Any, help: str, **more: Any) -> Any:
+    """Defines a field that is an option.
+
+    Args:
+        default: value if the option is not used.
+        help: description of the option, for all interfaces.
+        more: ``names`` (:data:`Names`), required for paths and text: ``RunFiles`` collects inputs and outputs, and a
+            test gives every option that names something written the names of all inputs; ``metavar``, ``choices``,
+            ``limits`` (minimum and maximum of a number) and ``short`` (``-o``); ``bare``, the value of the flag alone
+            if the command line accepts it without a value; ``page=False`` if the page does not offer it.
+    """
+    return field(default=default, metadata={"help": help, **more})
+
+
+def positional(help: str, names: Names, optional: bool = False) -> Any:
+    """Defines a positional argument; an optional list may be empty."""
+    return field(metadata={"help": help, "names": names, "positional": True, "optional": optional})
+
+
+def required(help: str, names: Names, short: str | None = None) -> Any:
+    """Defines an option that must be given."""
+    return field(metadata={"help": help, "names": names, "short": short})
+
+
+_LONGEST = 1e9  # of a time, in any unit
+
+
+def check_time(name: str, time: float | None, unit: str) -> None:
+    """Checks a time; None is allowed."""
+    if time is not None and not 0 < time <= _LONGEST:
+        raise UsageError(f"the {name} must take a positive time of at most {_LONGEST:g} {unit}, got {time:g} {unit}")
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option as described by its field."""
+
+    key: str  # its name in Python, such as ``roll_deg``
+    type: type  # type of its value, or of each value of a list, without None
+    default: Any  # value if the option is not used; ``dataclasses.MISSING`` if it is required
+    help: str  # description of the option
+    choices: tuple[str, ...] = ()  # allowed values; empty: any value of the type
+    several: bool = False  # whether it takes a list of values
+    more: typing.Mapping[str, Any] = field(default_factory=dict)  # further metadata of the field, see :func:`option`
+
+    @property
+    def name(self) -> str:
+        """The name in forms and, after two dashes, on the command line: ``roll-deg``."""
+        return self.key.rstrip("_").replace("_", "-")
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Minimum and maximum of a number, for forms; None if there are no limits that a form could check."""
+        return self.more.get("limits")
+
+    @property
+    def on_page(self) -> bool:
+        """Whether the page and its API offer the option."""
+        return self.more.get("page", True)
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group of options that belong together, defined by their own dataclass."""
+
+    key: str  # name of the field that holds them
+    kind: type  # the dataclass
+
+    @property
+    def title(self) -> str:
+        """The title of the group: the first line of its dataclass's docstring."""
+        return (self.kind.__doc__ or "").partition("\n")[0].rstrip(".")
+
+
+@functools.cache
+def describe(kind: type) -> tuple[Option | Group, ...]:
+    """Returns the options and groups of a dataclass in order; fields without help are skipped."""
+    hints = typing.get_type_hints(kind)
+    described: list[Option | Group] = []
+    for each in dataclasses.fields(kind):
+        if dataclasses.is_dataclass(hints[each.name]):
+            described.append(Group(each.name, hints[each.name]))
+        elif "help" in each.metadata:
+            described.append(_option(each, hints[each.name]))
+    return tuple(described)
+
+
+def options_of(kind: type) -> Iterator[Option]:
+    """Yields the options of a dataclass, including those of its groups."""
+    for each in describe(kind):
+        if isinstance(each, Group):
+            yield from options_of(each.kind)
+        else:
+            yield each
+
+
+def with_values(kind: type[T], value: Callable[[Option], Any]) -> T:
+    """Creates a dataclass of options."""
+    return kind(
+        **{
+            each.key: with_values(each.kind, value) if isinstance(each, Group) else value(each)
+            for each in describe(kind)
+        }
+    )
+
+
+def _option(each: dataclasses.Field, inner: Any) -> Option:
+    if isinstance(inner, types.UnionType) or get_origin(inner) is typing.Union:
+        (inner,) = (one for one in get_args(inner) if one is not type(None))
+    several = get_origin(inner) is list
+    if several:
+        (inner,) = get_args(inner)
+    choices = tuple(map(str, each.metadata.get("choices", ())))
+    if get_origin(inner) is Literal:
+        inner, choices = str, get_args(inner)
+    if not choices and inner in (Path, str) and "names" not in each.metadata:
+        raise TypeError(f"say what the option '{each.name}' names (options/fields.py)")
+    return Option(each.name, inner, each.default, each.metadata["help"], choices, several, each.metadata)
+
+
+# ---- as keywords of Python functions --------------------------------------------------------------------------------
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_ALLOWED = {
+    bool: ((bool, numbers.Integral), "True or False"),
+    int: (numbers.Integral, "a whole number"),
+    float: (numbers.Real, "a number"),
+    str: (str, "text"),
+    Path: ((str, os.PathLike), "a path"),
+}
+_WIDTH = 120
+
+
+def from_keywords(kind: type[T], keywords: Mapping[str, Any]) -> T:
+    """Creates a dataclass of options from a function's keywords; raises UsageError for a value of the wrong type."""
+    return with_values(kind, lambda option: _value(option, keywords.get(option.key, option.default)))
+
+
+def _value(option: Option, value: Any) -> Any:
+    if value is None and option.default is None:
+        return None
+    types, allowed = _ALLOWED[option.type]
+    check_type(option.key, value, types, f"one of {', '.join(option.choices)}" if option.choices else allowed)
+    return Path(value) if option.type is Path and value is not None else value
+
+
+def check_type(key: str, value: Any, types: Any, allowed: str) -> None:
+    """Raises UsageError, which names the keyword and what it allows, if its value is of another type."""
+    if not isinstance(value, types):
+        raise UsageError(f"{key} must be {allowed}, got {reprlib.repr(value)}")
+
+
+def for_python(*kinds: type) -> Callable[[F], F]:
+    """Decorates a public function: its docstring gets the help of keywords that are options, its errors name keywords.
+
+    Where names in several dataclasses are equal, the first counts.
+    """
+
+    def decorate(function: F) -> F:
+        helps = {each.key: each.help for kind in reversed(kinds) for each in options_of(kind)}
+        head, args, tail = (function.__doc__ or "").partition("Args:\n")
+        described, blank, rest = tail.partition("\n\n")
+        indent = " " * (len(described) - len(described.lstrip()))
+        for name in inspect.signature(function).parameters:
+            if name in helps and f"{indent}{name}: " not in described:
+                text = f"{name}: {in_python(helps[name])}"
+                described += "\n" + textwrap.fill(
+                    text, _WIDTH, initial_indent=indent, subsequent_indent=f"{indent}    "
+                )
+        function.__doc__ = head + args + described + blank + rest
+        return errors_in_python()(function)
+
+    return decorate
+
+
+def in_python(text: str) -> str:
+    """Replaces flags by keywords, ``--readout-ms`` by ``readout_ms``, except in commands between backticks."""
+    return _FLAG.sub(lambda found: found[1].replace("-", "_") if found[1] else found[0], text)
+
+
+_FLAG = re.compile(r"`[^`]*`|(?<![\w-])--([a-z][a-z-]*[a-z])")
+
+
+@contextmanager
+def errors_in_python() -> Iterator[None]:
+    """Makes UnshutterErrors of the block name keywords instead of flags; also a decorator."""
+    try:
+        yield
+    except UnshutterError as error:
+        error.args = tuple(in_python(each) if isinstance(each, str) else each for each in error.args)
+        raise

@@ -1,0 +1,311 @@
+"""Options for photos: finding the motion, undoing it, writing the picture, and the frames before and after."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, get_args
+
+from unshutter.errors import UsageError
+from unshutter.options.fields import check_time, option
+from unshutter.orientation import Readout
+from unshutter.readout_time import ReadoutTime
+
+DEFAULT_ESTIMATOR = "segment-manhattan"
+MOST_ROLL_DEG, MOST_TILT_DEG = 45, 90  # beyond these, up is no longer up
+
+
+_WIDEST, _LONGEST_PX = 20.0, 1e9  # most heights per focal length; the longest focal length
+
+
+def check_focal(focal_px: float | None, rows: int = 64) -> None:
+    """Checks a focal length [px], if any, for a picture of so many rows; by default, the fewest that are accepted."""
+    least = rows / _WIDEST
+    if focal_px is not None and not least <= focal_px <= _LONGEST_PX:
+        raise UsageError(f"the focal length must lie between {least:g} and {_LONGEST_PX:g} px, got {focal_px:g} px")
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What you know about the camera."""
+
+    readout: str = option(
+        "auto",
+        "Direction in which the sensor was read out, if an editor has rotated the file. Default: taken from "
+        "--motion or found in the photo, otherwise top-to-bottom.",
+        choices=("auto", *Readout),
+    )
+    focal_px: float | None = option(
+        None,
+        "Focal length in px of the photo, for methods that use it. Default: from EXIF, otherwise 0.85 "
+        "(width + height).",
+    )
+    roll_deg: float | None = option(
+        None,
+        "Camera roll in degrees, clockwise from upright, if you know it; for methods that use it.",
+        limits=(-MOST_ROLL_DEG, MOST_ROLL_DEG),
+    )
+    tilt_deg: float | None = option(
+        None,
+        "Camera tilt in degrees, if you know it: positive is up, -90 straight down.",
+        limits=(-MOST_TILT_DEG, MOST_TILT_DEG),
+    )
+    exposure_s: float | None = option(
+        None, "Exposure time of the photo, in seconds. Default: from EXIF.", metavar="SECONDS"
+    )
+    readout_ms: float | None = option(
+        None,
+        "Readout time, from the first row to the last, in milliseconds. Default: the usual time for such a camera.",
+        metavar="MS",
+    )
+    moving: bool = option(False, "The camera was on the move: in a train, on a car, on a drone.")
+    no_film: bool = option(False, "Do not use the film that belongs to a motion photo or Live Photo.")
+    candidate: int | None = option(
+        None,
+        "Undo candidate N from `unshutter estimate --candidates`, however unsure, instead of the first.",
+        metavar="N",
+    )
+    # whether to accept the likeliest motion even if no motion at all is likelier; set by a least confidence of 0
+    # (:meth:`for_least_confidence`)
+    at_any_odds: bool = False
+
+    def __post_init__(self) -> None:
+        Readout.parse(self.readout)
+        if self.candidate is not None and self.candidate < 1:
+            raise UsageError(f"candidates are counted from 1, got {self.candidate}")
+        check_focal(self.focal_px)
+        for name, time, unit in (("exposure", self.exposure_s, "s"), ("readout", self.readout_ms, "ms")):
+            check_time(name, time, unit)
+        for name, angle, most in (("roll", self.roll_deg, MOST_ROLL_DEG), ("tilt", self.tilt_deg, MOST_TILT_DEG)):
+            if angle is not None and not -most <= angle <= most:
+                raise UsageError(f"the camera's {name} must lie between -{most} and {most} degrees, got {angle:g}")
+
+    @property
+    def direction(self) -> Readout:
+        """The readout direction, with ``auto`` resolved."""
+        return Readout.parse(self.readout)
+
+    def for_least_confidence(self, least: float) -> Camera:
+        """Adapts the options to a least confidence of motions; 0 accepts the likeliest motion, however unsure."""
+        return replace(self, at_any_odds=least == 0 and self.candidate is None)
+
+    def check_unused(self) -> None:
+        """Checks that only the readout direction is set, as required when no motion is to be found."""
+        if self != Camera(self.readout):
+            raise UsageError(
+                "focal length, roll, tilt, exposure, readout time, --moving, --no-film and --candidate are for finding "
+                "a motion: leave them out when you give one"
+            )
+
+
+@dataclass(frozen=True)
+class Find:
+    """How a photo's motion is found."""
+
+    estimator: str = option(
+        DEFAULT_ESTIMATOR, "Method that finds the camera's motion; `unshutter models` lists them.", names="word"
+    )
+    camera: Camera = field(default_factory=Camera)  # known facts about the camera
+
+
+MIN_CONFIDENCE = 0.02  # least confidence of a motion that is undone, unless the user sets another
+MOST_STRENGTH = 2.0
+
+Reference = Literal["first", "middle", "last"]
+Edges = Literal["auto", "keep", "crop", "fill", "borrow"]
+
+
+def check_edges(edges: str) -> None:
+    """Checks a choice of edges that needs only the photo."""
+    if edges not in get_args(Edges) or edges == "borrow":
+        raise UsageError(f"unknown edges '{edges}': choose auto, keep, crop or fill")
+
+
+def check_strength(strength: float) -> None:
+    """Checks the share of the motion to undo."""
+    if not 0 <= strength <= MOST_STRENGTH:
+        raise UsageError(f"strength must lie between 0 and {MOST_STRENGTH:g}, got {strength:g}")
+
+
+@dataclass(frozen=True)
+class Undo:
+    """How a motion is undone."""
+
+    reference: Reference | None = option(
+        None, "Row whose capture time the result shows. Default: taken from --motion, otherwise first."
+    )
+    strength: float = option(
+        1.0, f"How much of the motion to undo, 0 to {MOST_STRENGTH:g}; 1 is all of it.", limits=(0, MOST_STRENGTH)
+    )
+    edges: Edges = option(
+        "auto",
+        "Areas outside the original photo: keep them empty (black, or transparent with alpha), crop them away, "
+        "or fill them with a mirror image of the photo. auto crops if at least 80 % of the photo is left; "
+        "otherwise it keeps them, as it does where coordinates refer to the whole photo: with masks, saved motions and "
+        "sequences. borrow takes them from the neighbouring frames. Default: auto.",
+    )
+    min_confidence: float = option(
+        MIN_CONFIDENCE,
+        "Leave a photo unchanged if the confidence in its motion is below this; 0 undoes the likeliest motion, however "
+        "unsure. A motion that you supply is undone whatever its confidence. "
+        f"Default: {MIN_CONFIDENCE:g}.",
+        limits=(0, 1),
+    )
+
+    def __post_init__(self) -> None:
+        check_strength(self.strength)
+        if not 0 <= self.min_confidence <= 1:
+            raise UsageError(f"the least confidence must lie between 0 and 1, got {self.min_confidence:g}")
+        if self.edges != "borrow":
+            check_edges(self.edges)
+        if self.reference not in (None, *get_args(Reference)):
+            raise UsageError(f"unknown reference row '{self.reference}': choose first, middle or last")
+
+    def keeping_coordinates(self) -> Undo:
+        """Returns the options with automatic edges set to keep, for results that keep the photo's coordinates."""
+        return replace(self, edges="keep") if self.edges == "auto" else self
+
+    def at_any_confidence(self) -> Undo:
+        """Returns the options for a motion from the user, which is undone regardless of its confidence."""
+        if self.min_confidence not in (0, MIN_CONFIDENCE):
+            raise UsageError("a given motion is undone whatever its confidence: leave out the least confidence")
+        return replace(self, min_confidence=0)
+
+
+PictureFormat = Literal["jpeg", "png", "webp", "tiff", "avif"]
+Subsampling = Literal["4:4:4", "4:2:0"]
+
+
+@dataclass(frozen=True)
+class Save:
+    """How a picture is written."""
+
+    format: PictureFormat | None = option(
+        None, "File format of the results. Default: same as the photo; AVIF for HEIC, 16-bit TIFF for raw files."
+    )
+    quality: int | None = option(
+        None, "Quality of JPEG, WebP and AVIF, 1 to 100. Default: close to the original's.", limits=(1, 100)
+    )
+    subsampling: Subsampling | None = option(
+        None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: same as the original."
+    )
+    keep_times: bool = option(False, "Give each result the access and modification times of its photo.", page=False)
+    only_changed: bool = option(False, "Write only photos that change. Default: copy the others.", page=False)
+    keep_names: bool = option(
+        False, "Keep the photos' file names for the results, in the folder set by --output.", page=False
+    )
+
+    def __post_init__(self) -> None:
+        if self.quality is not None and not 1 <= self.quality <= 100:
+            raise UsageError(f"quality must lie between 1 and 100, got {self.quality}")
+        if self.subsampling not in (None, *get_args(Subsampling)):
+            choices = ", ".join(get_args(Subsampling))
+            raise UsageError(f"unknown subsampling '{self.subsampling}': choose one of {choices}")
+        if self.format not in (None, *get_args(PictureFormat)):
+            choices = ", ".join(get_args(PictureFormat))
+            raise UsageError(f"unknown picture format '{self.format}': choose one of {choices}")
+
+
+FrameModel = Literal["camera", "dense"]
+
+
+def check_ratio(ratio: float | None) -> None:
+    """Checks a readout ratio; None, for unknown, is allowed."""
+    if ratio is not None and not 0 < ratio <= 1:
+        raise UsageError(
+            f"the readout ratio (readout time / time from frame to frame) must be above 0 and at most 1, got {ratio:g}"
+        )
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How fast frames were taken and read out."""
+
+    readout_ratio: float | None = option(
+        None,
+        "Readout time of a frame divided by the time between frames, 0 to 1. Default: found from a sequence, if "
+        "possible.",
+        limits=(0, 1),
+    )
+    fps: float | None = option(
+        None, "Frames per second; together with the readout time, it replaces the ratio.", metavar="N"
+    )
+    readout_ms: float | None = None  # set by the camera's option of this name
+
+    def __post_init__(self) -> None:
+        if self.readout_ratio is not None and self.fps is not None:
+            raise UsageError("say either --readout-ratio, or --readout-ms with --fps")
+        for each in (self.readout_ms, self.fps):
+            if each is not None and not 0 < each < math.inf:
+                raise UsageError(f"readout time and frame rate must be positive, got {each:g}")
+        check_ratio(self._ratio)
+
+    @property
+    def _ratio(self) -> float | None:
+        """Readout time / frame interval, if it was stated, directly or by readout time and frame rate."""
+        by_rate = None if self.readout_ms is None or self.fps is None else self.readout_ms * self.fps / 1000
+        return by_rate if self.readout_ratio is None else self.readout_ratio
+
+    @property
+    def readout_time(self) -> ReadoutTime | None:
+        """The stated readout time, in frame intervals; None if it was not stated."""
+        return None if self._ratio is None else ReadoutTime(self._ratio, 0.0, "what was given")
+
+
+def model_for(model: FrameModel | None, at: float | None, undo: Undo) -> FrameModel | None:
+    """Chooses the motion model: as requested, otherwise as other options require; None: as the frames suggest."""
+    if model not in (None, *get_args(FrameModel)):
+        raise UsageError(f"unknown model '{model}': choose camera or dense")
+    dense, camera = at is not None or undo.edges == "borrow", undo.strength != 1
+    if dense and (camera or model == "camera"):
+        wrong = "--model camera" if model == "camera" else "--strength"
+        raise UsageError(f"--at and --edges borrow are for --model dense: leave out {wrong}")
+    if camera and model == "dense":
+        raise UsageError("--model dense undoes the whole motion: leave out --strength")
+    return "dense" if dense else "camera" if camera else model
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Frames taken just before and after the photo."""
+
+    before: Path | None = option(
+        None, "Frame taken by the same camera just before the photo. It shows what moved.", names="input"
+    )
+    after: Path | None = option(None, "Frame taken just after the photo; one of the two is enough.", names="input")
+    sequence: bool = option(
+        False,
+        "The photos are frames from one camera at even intervals, in the order given (in folders: by name). "
+        "Their motions are found from one another, and so is the readout ratio unless you give it.",
+        page=False,
+    )
+    clock: Clock = field(default_factory=Clock)  # timing of the frames
+    at: float | None = option(
+        None,
+        "Moment that the result shows, instead of that of a reference row. In frame intervals, "
+        "counted from the photo's first row: with --after, 0.5 is halfway to the next frame.",
+    )
+    model: FrameModel | None = option(
+        None,
+        "camera: one motion for the whole picture. dense: near and far objects may move differently. "
+        "Default: the one that fits the frames.",
+    )
+    fallback: bool = option(
+        False, "If the neighbouring frames show no motion, use the photo alone. Default: leave the photo unchanged."
+    )
+
+    def __post_init__(self) -> None:
+        if self.sequence and self:
+            raise UsageError("--sequence already gives each photo its neighbours: leave out --before and --after")
+        others = self.clock != Clock() or self.at is not None or self.model is not None or self.fallback
+        if not (self or self.sequence) and others:
+            raise UsageError(
+                "--readout-ratio, --fps, --at, --model and --fallback are for a photo with neighbours: "
+                "name one with --before or --after, or several with --sequence"
+            )
+        if self.at is not None and not -1 <= self.at <= 1:
+            raise UsageError(f"--at must lie between -1 and 1 frame intervals, got {self.at:g}")
+
+    def __bool__(self) -> bool:
+        return self.before is not None or self.after is not None

@@ -1,0 +1,164 @@
+"""All options for rectifying a photo or estimating its motion, and for how a command works through its photos."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from unshutter.errors import UsageError
+from unshutter.options.fields import option, positional
+from unshutter.options.photo_options import Camera, Find, Neighbours, Reference, Save, Undo, model_for
+from unshutter.readout_time import ReadoutTime
+
+
+@dataclass(frozen=True)
+class Rectify:
+    """What is done to a photo: its motion found or given, undone, and the picture written."""
+
+    find: Find = field(default_factory=Find)  # how the motion is found
+    # motion file to undo; None: the motion is found
+    motion: Path | None = field(default=None, metadata={"names": "input"})
+    undo: Undo = field(default_factory=Undo)  # how the motion is undone
+    save: Save = field(default_factory=Save)  # how the picture is written
+    # frames before and after that show how the camera moved; without them, only the photo is used
+    neighbours: Neighbours = field(default_factory=Neighbours)
+
+    def settled(self) -> Rectify:
+        """Returns the options with their consequences for one another.
+
+        A given motion is undone regardless of its confidence, results of a sequence keep their coordinates, and a least
+        confidence of 0 accepts the likeliest motion.
+        """
+        find, undo = self.find, self.undo
+        if self.motion is not None:
+            undo = undo.at_any_confidence()
+        if self.neighbours.sequence:
+            undo = undo.keeping_coordinates()
+        if self.find_alone is not None or self.neighbours.fallback:
+            find = replace(find, camera=find.camera.for_least_confidence(undo.min_confidence))
+        return replace(self, find=find, undo=undo)
+
+    def __post_init__(self) -> None:
+        if self.motion is not None:
+            self.find.camera.check_unused()
+        if self.neighbours or self.neighbours.sequence:
+            self._check_neighbours()
+        elif self.undo.edges == "borrow":
+            raise UsageError("--edges borrow needs a neighbour: name one with --before or --after")
+
+    def _check_neighbours(self) -> None:
+        camera, neighbours = self.find.camera, self.neighbours
+        if self.motion is not None:
+            raise UsageError("--before, --after and --sequence are for finding a motion: leave out --motion")
+        if (
+            replace(camera, readout_ms=None, focal_px=None, no_film=False) != Camera(camera.readout)
+            and not neighbours.fallback
+        ):
+            raise UsageError("roll, tilt, exposure and --moving are for single photos: leave them out")
+        if neighbours.at is not None and self.undo.reference is not None:
+            raise UsageError("--at and --reference both set the moment of the picture: choose one")
+        if (camera.readout_ms is None) != (neighbours.clock.fps is None) and not neighbours.fallback:
+            raise UsageError("--readout-ms and --fps go together: what counts is their product")
+        _ = self.readout_time  # raises for impossible numbers
+        model_for(neighbours.model, neighbours.at, self.undo)
+
+    @property
+    def readout_time(self) -> ReadoutTime | None:
+        """The stated readout time of neighbouring frames; None if it was not stated."""
+        return replace(self.neighbours.clock, readout_ms=self.find.camera.readout_ms).readout_time
+
+    @property
+    def find_alone(self) -> Find | None:
+        """Options for finding the motion from each photo alone; None if it is not found that way."""
+        return None if self.motion is not None or self.neighbours or self.neighbours.sequence else self.find
+
+
+_LONGEST_TIMEOUT_S = 86_400  # one day
+MAX_PIXELS = 1_000_000_000  # per photo, unless the user allows more
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a command works through its photos; none of this changes the results."""
+
+    overwrite: bool = option(False, "Replace existing outputs, including finished ones.")
+    jobs: int | None = option(None, "Number of processes, each on one processor. Default: a single process.")
+    scheduler: str | None = option(
+        None,
+        "Address (tcp://HOST:PORT) of a Dask scheduler; its workers do the work (needs the extra `dask`).",
+        names="word",
+    )
+    dry_run: bool = option(False, "List what would be done without writing anything.")
+    json_log: Path | None = option(
+        None, "Append a log of the run to this file, one JSON object per line.", names="output"
+    )
+    manifest: str | None = option(
+        None,
+        "Keep the list of finished results (unshutter-manifest.jsonl) in this folder. Default: next to the results.",
+        metavar="FOLDER",
+        names="results",
+    )
+    preview: Path | None = option(
+        None,
+        "Also write this picture: before and after, side by side; for a folder, a contact sheet of all its photos.",
+        metavar="FILE",
+        names="output",
+    )
+    max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
+    timeout: float | None = option(
+        None,
+        "Give up on a photo that takes longer, and go on with the next. Default: 1800 with --jobs, else none.",
+        metavar="SECONDS",
+    )
+
+    def __post_init__(self) -> None:
+        if self.timeout is not None and not 0 < self.timeout <= _LONGEST_TIMEOUT_S:
+            raise UsageError(f"--timeout must lie between 0 and {_LONGEST_TIMEOUT_S} s, got {self.timeout:g}")
+        if self.timeout is not None and self.scheduler is not None:
+            raise UsageError("--timeout is for this machine: the workers of a scheduler have limits of their own")
+        if self.jobs is not None and self.jobs < 1:
+            raise UsageError(f"--jobs must be at least 1, got {self.jobs}")
+        if self.max_pixels < 1:
+            raise UsageError(f"--max-pixels must be at least 1, got {self.max_pixels}")
+        if self.jobs is not None and self.scheduler is not None:
+            raise UsageError("--jobs is for this machine, --scheduler for a cluster: choose one")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Arguments of ``unshutter estimate``."""
+
+    photos: list[Path] = positional("Photos, or folders of photos, including the folders below.", "input")
+    output: Path | None = option(
+        None,
+        "JSON file (one photo) or folder (several, one JSON file each). Default: standard output (one photo).",
+        short="-o",
+        names="results",
+    )
+    reference: Reference = option("first", "Row that the motion is measured from. Default: first.")
+    candidates: bool = option(
+        False,
+        "List all motions that fit each photo, with kind, probability and expected error, instead of only the "
+        "likeliest. rectify --candidate N undoes one of them.",
+    )
+    plot: Path | None = option(
+        None,
+        "Also draw the motion of one photo into this PNG file (needs the extra `plot`).",
+        metavar="FILE",
+        names="output",
+    )
+    lines: Path | None = option(
+        None,
+        "Find the photo's motion from lines that you drew in it (JSON, docs/guide/by-hand.md).",
+        metavar="FILE",
+        names="input",
+    )
+    overwrite: bool = option(False, "Replace outputs that exist already.")
+    max_pixels: int = option(MAX_PIXELS, "Refuse photos with more pixels. Default: 1 000 000 000.")
+    find: Find = field(default_factory=Find)
+
+    def __post_init__(self) -> None:
+        if self.candidates and (self.plot or self.find.camera.candidate is not None):
+            raise UsageError("--candidates lists all of them: leave out --plot and --candidate")
+        if self.candidates and self.lines:
+            raise UsageError("lines show one motion: leave out --candidates or --lines")

@@ -1,0 +1,375 @@
+"""The page's server as an ASGI application: its addresses, and the handlers of their requests."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import secrets
+import sys
+from collections.abc import AsyncIterator, Callable, Mapping
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path, PurePosixPath
+from typing import Any, TypeVar
+from urllib.parse import unquote
+
+from starlette.applications import Starlette
+from starlette.background import BackgroundTask
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from unshutter import errors
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, visible
+from unshutter.options.clip_options import RectifyClip
+from unshutter.page import clip_jobs, photo_jobs
+from unshutter.page.guard import Guard, Limits
+from unshutter.page.opened import Kind
+from unshutter.page.saves import Item, Saving, Savings, To, photo_result
+from unshutter.page.settings import PhotoOptions, page_module, read, read_clip
+from unshutter.page.store import Busy, Desk, Full, Missing, OpenFile, Urgency
+from unshutter.run.inputs import motion_name
+from unshutter.version import __version__
+
+R = TypeVar("R")
+
+PAGE = Path(__file__).parent / "web"
+_PATIENCE_S = 10.0  # longest wait for the next piece of a body
+_TYPES = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".svg": "image/svg+xml",
+    ".jpg": "image/jpeg",
+}
+_SCREEN_SIDES = ("320", "1000", "1600", "2400")  # longer sides of copies for screens [px]; few, as each is cached
+_FULL = "full"
+_NOT_OPTIONS = ("longest", "later", "draft", "moment")  # query parameters
+_MOST_REQUEST = 2_000_000  # bytes of a request to save
+_ALIVE_S = 15.0  # between keep-alive messages to the page
+
+# HTTP status for each type of error; the first matching type wins.
+_STATUSES: dict[type[Exception], int] = {UsageError: 400, Missing: 404, Full: 413, Busy: 503, UnshutterError: 422}
+_HEADERS: dict[int, dict[str, str]] = {503: {"retry-after": "1"}}
+
+
+def application(desk: Desk, token: str, port: int, patience_s: float = _PATIENCE_S) -> ASGIApp:
+    """Builds the ASGI application for the whole server."""
+    photo, clip, save = "/api/photos/{id}", "/api/clips/{id}", "/api/saves/{id}"
+    routes = [
+        *_files(),
+        Route("/api/about", _about),
+        Route("/api/wake", _wake, methods=["POST"]),
+        Route("/api/photos", partial(_open, kind="photo"), methods=["POST"]),
+        Route(photo, _close, methods=["DELETE"]),
+        Route(f"{photo}/before", _before_photo),
+        Route(f"{photo}/after", _after_photo),
+        Route(f"{photo}/candidates", _candidates),
+        Route(f"{photo}/segments", _segments),
+        Route(f"{photo}/picture", _picture),
+        Route(f"{photo}/motion", _motion),
+        Route("/api/clips", partial(_open, kind="clip"), methods=["POST"]),
+        Route(clip, _close, methods=["DELETE"]),
+        Route(f"{clip}/before", _before_clip),
+        Route(f"{clip}/after", _after_clip),
+        Route(f"{clip}/film", _film),
+        Route(f"{clip}/readout", _readout),
+        Route("/api/saves", _save, methods=["POST"]),
+        Route(f"{save}/events", _events),
+        Route(save, _cancel, methods=["DELETE"]),
+        Route(f"{save}/file", _download),
+    ]
+    limits = Middleware(Limits, desk.settings, patience_s)
+    kinds = (HTTPException, UnshutterError, OSError, Exception)
+    app = Starlette(routes=routes, middleware=[limits], exception_handlers=dict.fromkeys(kinds, _refusal))
+    app.state.desk, app.state.savings = desk, Savings(desk)
+    return Guard(app, token, port, desk.settings.host)
+
+
+def _files() -> list[Route]:
+    """Lists routes for the page's files, which are read now: an update may replace them while the server runs."""
+    files = {path.name: path.read_bytes() for path in PAGE.iterdir() if path.suffix in _TYPES}
+    files["options.js"] = page_module().encode()
+
+    async def file(request: Request) -> Response:
+        name = request.path_params.get("name", "index.html")
+        if name not in files:
+            raise HTTPException(404)
+        return Response(files[name], media_type=_TYPES[PurePosixPath(name).suffix])
+
+    return [Route("/", file), Route("/page/{name}", file)]
+
+
+async def _about(request: Request) -> Response:
+    """Version, largest photo and clip [bytes], and how to get clips."""
+    settings = _desk(request).settings
+    limits = {"max_bytes": settings.max_bytes, "max_clip_bytes": settings.max_clip_bytes}
+    clips = {"clips": _clips_can_be_opened(), "install_clips": errors.extra("video")}
+    return JSONResponse({"version": __version__, **clips, **limits})
+
+
+async def _wake(request: Request) -> Response:
+    """Loads what the first photo needs, in two workers: one to show the photo, the other to estimate its motion."""
+    lanes = _desk(request).lanes
+    await asyncio.gather(*(lanes.do(Urgency.NOW, photo_jobs.warm) for _ in range(2)))
+    return Response(status_code=204)
+
+
+# ---- photos ----------------------------------------------------------------------------------------------------
+
+
+async def _open(request: Request, kind: Kind) -> Response:
+    """Opens the file in the request's body, named by the header ``Unshutter-Name``, and responds with its id."""
+    if kind == "clip" and not _clips_can_be_opened():
+        raise UnshutterError(f"clips need the extra: {errors.extra('video')}")
+    name = unquote(request.headers.get("unshutter-name", kind))
+    length = request.headers.get("content-length", "")
+    size = int(length) if length.isdigit() else 0
+    try:
+        open_file = await _desk(request).store.add(name, request.stream(), kind, size)
+    except ClientDisconnect:
+        return Response(status_code=400)
+    return JSONResponse({"id": open_file.id, "name": open_file.name}, 201)
+
+
+async def _close(request: Request) -> Response:
+    _desk(request).store.remove(_open_file(request))
+    return Response(status_code=204)
+
+
+async def _before_photo(request: Request) -> Response:
+    return _shown(*await _do(request, _urgency(request), photo_jobs.before, _longest(request)))
+
+
+async def _after_photo(request: Request) -> Response:
+    options, is_draft = _photo_options(request), request.query_params.get("draft") == "1"
+    return _shown(*await _do(request, _urgency(request), photo_jobs.after, options, _longest(request), is_draft))
+
+
+async def _candidates(request: Request) -> Response:
+    """The motions that fit the photo, in the order that option ``candidate`` counts."""
+    return JSONResponse(await _do(request, _urgency(request), photo_jobs.candidates, _photo_options(request)))
+
+
+async def _segments(request: Request) -> Response:
+    return JSONResponse(await _do(request, Urgency.NOW, photo_jobs.segments, _photo_options(request)))
+
+
+async def _picture(request: Request) -> Response:
+    """The rectified photo as a file, exactly as the command line would write it."""
+    open_file, options = _open_file(request), _photo_options(request)
+    name = photo_result(open_file.name, options.save.format)
+    target = open_file.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
+    report = await _do(request, Urgency.NOW, photo_jobs.saved, target, options)
+    headers = {"unshutter-result": _header(report), "unshutter-name": _header(name)}
+    clean_up = BackgroundTask(target.unlink, missing_ok=True)
+    return FileResponse(target, filename=name, headers=headers, background=clean_up)
+
+
+async def _motion(request: Request) -> Response:
+    """The photo's motion as JSON, in the format of ``unshutter estimate``."""
+    open_file, options = _open_file(request), _photo_options(request)
+    if options.neighbours:
+        raise UsageError("neighbours show more than the motion of the camera: leave them out to get a motion")
+    text = await _do(request, Urgency.NOW, photo_jobs.estimated, options)
+    name = _header(motion_name(PurePosixPath(open_file.name).stem))
+    return Response(text, media_type="application/json", headers={"unshutter-name": name})
+
+
+# ---- clips -----------------------------------------------------------------------------------------------------
+
+
+def _clips_can_be_opened() -> bool:
+    return find_spec("av") is not None
+
+
+async def _before_clip(request: Request) -> Response:
+    job = clip_jobs.before, _clip_options(request), _moment(request), _longest(request)
+    return _shown(*await _do(request, _urgency(request), *job))
+
+
+async def _after_clip(request: Request) -> Response:
+    job = clip_jobs.after, _clip_options(request), _moment(request), _longest(request)
+    return _shown(*await _do(request, Urgency.LATER, *job))
+
+
+async def _film(request: Request) -> Response:
+    """A WebM film of a few seconds around a moment, each frame before and after."""
+    file = await _do(request, Urgency.LATER, clip_jobs.film, _clip_options(request), _moment(request))
+    return FileResponse(file, media_type="video/webm")
+
+
+async def _readout(request: Request) -> Response:
+    """The readout time of the clip's camera, as stated or estimated."""
+    return JSONResponse(await _do(request, Urgency.LATER, clip_jobs.readout, _clip_options(request)))
+
+
+# ---- saving ----------------------------------------------------------------------------------------------------
+
+
+async def _save(request: Request) -> Response:
+    """Starts to save photos and clips with their options, and responds with the id of the task."""
+    to, items = _wishes(_desk(request), await _json(request))
+    return JSONResponse(request.app.state.savings.begin(to, items).as_json(), 202)
+
+
+async def _json(request: Request) -> dict[str, Any]:
+    data = b""
+    async for piece in request.stream():
+        data += piece
+        if len(data) > _MOST_REQUEST:
+            raise Full("the request is too long")
+    try:
+        parsed = json.loads(data)
+    except (ValueError, RecursionError):  # not JSON, or too deeply nested
+        parsed = None
+    if not isinstance(parsed, dict):
+        raise UsageError('send JSON: {"to": "zip", "photos": [{"id": ..., "options": {...}}]}')
+    return parsed
+
+
+def _wishes(desk: Desk, body: dict[str, Any]) -> tuple[To, list[Item]]:
+    to, photos = body.get("to"), body.get("photos")
+    if to not in ("file", "zip"):
+        raise UsageError("'to' takes file or zip")
+    if not isinstance(photos, list) or not photos:
+        raise UsageError("'photos' takes a list of photos or clips, at least one")
+    if to == "file" and len(photos) > 1:
+        raise UsageError("'file' is for one photo or clip: choose zip for several")
+    return to, [_item(desk, each) for each in photos]
+
+
+def _item(desk: Desk, each: Any) -> Item:
+    id, options = (each.get("id"), each.get("options", {})) if isinstance(each, dict) else (None, None)
+    if not (isinstance(id, str) and isinstance(options, dict) and _are_texts(options)):
+        raise UsageError('each photo is {"id": ..., "options": {name: text}}')
+    open_file = desk.store.get(id)
+    return open_file, read_clip(options) if open_file.kind == "clip" else read(options, desk.photo_path)
+
+
+def _are_texts(options: dict[str, Any]) -> bool:
+    """Returns whether all values are strings, and neither they nor the names contain a lone surrogate."""
+    try:
+        "".join([*options, *options.values()]).encode()
+    except (TypeError, UnicodeEncodeError):
+        return False
+    return True
+
+
+async def _events(request: Request) -> Response:
+    """The task's progress as server-sent events, until its end."""
+    saving = _saving(request)
+
+    async def lines() -> AsyncIterator[str]:
+        while True:
+            changed = saving.changed
+            yield f"data: {json.dumps(saving.as_json())}\n\n"
+            while saving.state == "working" and not changed.is_set():
+                try:
+                    await asyncio.wait_for(changed.wait(), _ALIVE_S)
+                except TimeoutError:
+                    yield ": still at work\n\n"
+            if saving.state != "working" and not changed.is_set():
+                return
+
+    return StreamingResponse(lines(), media_type="text/event-stream")
+
+
+async def _cancel(request: Request) -> Response:
+    saving = _saving(request)
+    await saving.cancel()
+    return JSONResponse(saving.as_json())
+
+
+async def _download(request: Request) -> Response:
+    """The zip file, or the one photo or clip."""
+    result = _saving(request).result
+    if result is None:
+        raise Missing("there is no such file, or not yet")
+    return FileResponse(result, filename=result.name, headers={"unshutter-name": _header(result.name)})
+
+
+def _saving(request: Request) -> Saving:
+    return request.app.state.savings.get(request.path_params["id"])
+
+
+# ---- requests and responses --------------------------------------------------------------------------------------
+
+
+def _desk(request: Request) -> Desk:
+    return request.app.state.desk
+
+
+def _open_file(request: Request) -> OpenFile:
+    return _desk(request).store.get(request.path_params["id"])
+
+
+async def _do(request: Request, urgency: Urgency, job: Callable[..., R], *arguments: Any) -> R:
+    """Runs a job on the open photo or clip whose id is in the address."""
+    return await _desk(request).lanes.do(urgency, job, _open_file(request), *arguments)
+
+
+def _photo_options(request: Request) -> PhotoOptions:
+    return read(_fields(request), _desk(request).photo_path)
+
+
+def _clip_options(request: Request) -> RectifyClip:
+    return read_clip(_fields(request))
+
+
+def _fields(request: Request) -> dict[str, str]:
+    return {name: value for name, value in request.query_params.items() if name not in _NOT_OPTIONS}
+
+
+def _moment(request: Request) -> int:
+    text = request.query_params.get("moment", "0")
+    if not (text.isdecimal() and len(text) == 1 and int(text) < clip_jobs.MOMENTS):
+        raise UsageError(f"'moment' takes 0 to {clip_jobs.MOMENTS - 1}, got '{text:.40}'")
+    return int(text)
+
+
+def _longest(request: Request) -> int | None:
+    """Returns the longer side of the copy to send [px], or None for full size."""
+    text = request.query_params.get("longest", "1600")
+    if text not in (*_SCREEN_SIDES, _FULL):
+        raise UsageError(f"'longest' takes {', '.join(_SCREEN_SIDES)} or {_FULL}, got '{text:.40}'")
+    return None if text == _FULL else int(text)
+
+
+def _urgency(request: Request) -> Urgency:
+    return Urgency.LATER if request.query_params.get("later") == "1" else Urgency.NOW
+
+
+def _shown(jpeg: bytes, facts: dict[str, Any]) -> Response:
+    """Returns a JPEG for the screen, with facts about it in a header."""
+    return Response(jpeg, media_type="image/jpeg", headers={"unshutter-result": _header(facts)})
+
+
+def _header(value: Any) -> str:
+    """Encodes a value as ASCII JSON for use in a header."""
+    return json.dumps(value, separators=(",", ":"))
+
+
+async def _refusal(request: Request, error: Exception) -> Response:
+    """Returns the response to a failed request: an HTTP status and ``{"error": one line}``."""
+    if isinstance(error, HTTPException):
+        return _line(error.detail, error.status_code, error.headers)
+    if isinstance(error, UnshutterError):
+        status = next(status for kind, status in _STATUSES.items() if isinstance(error, kind))
+        about = error.reason.as_json() if isinstance(error, UnknownRatioError) else {}
+        reason = {name: about[name] for name in ("code", "figures") if name in about}
+        return JSONResponse({"error": str(error), **reason}, status, _HEADERS.get(status))
+    if isinstance(error, OSError):  # for example, a full disc
+        return _line(error.strerror or "the system refuses", 500)
+    if os.environ.get("UNSHUTTER_DEBUG"):
+        raise error
+    print(f"unshutter: unexpected {type(error).__name__} (UNSHUTTER_DEBUG=1 shows more)", file=sys.stderr)
+    return _line(f"unexpected {type(error).__name__}: please report it", 500)
+
+
+def _line(line: str, status: int, headers: Mapping[str, str] | None = None) -> Response:
+    return JSONResponse({"error": visible(line)}, status, headers)

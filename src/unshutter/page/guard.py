@@ -1,0 +1,201 @@
+"""Middleware that protects the server from other sites, from strangers, and from requests too large or slow.
+
+Any website can make a browser send requests to 127.0.0.1. Three checks keep them out: the Host must be one of ours
+(which rules out DNS rebinding), the Origin must be the page's own, and the API requires the access token, which other
+sites cannot read.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import secrets
+import time
+from typing import Any
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from unshutter.page.settings import LOCAL_HOSTS, Settings
+
+_CONTENT_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; media-src blob:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "content-security-policy": _CONTENT_POLICY,
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "cache-control": "no-store",
+}
+_CLOSE = {"connection": "close"}  # the rest of the body will not be read
+_LEAST_RATE = 20_000.0  # lowest speed of a body [bytes/s]
+_HEADERS_S = 10.0  # from the connection, or the first bytes of a request, to the end of its headers
+
+
+class Guard:
+    """ASGI middleware that rejects unauthorised requests and adds security headers to every response.
+
+    If the server listens on a host that is not local, any IP address is accepted as the Host, too.
+    """
+
+    def __init__(self, app: ASGIApp, token: str, port: int, host: str):
+        self._app, self._token, self._port, self._host = app, token.encode(), port, host
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """See ASGI."""
+        if scope["type"] != "http":
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        refusal = self._refusal(scope)
+        await (refusal or self._app)(scope, receive, send_with_headers)
+
+    def _refusal(self, scope: Scope) -> JSONResponse | None:
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        if not self._is_ours(host):
+            return _denial(403, "this is not the name of this server: open the link that `unshutter serve` printed")
+        origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
+        is_api = scope["path"].startswith("/api/")
+        if (origin is not None and origin != f"http://{host}") or (is_api and site not in ("none", "same-origin")):
+            return _denial(403, "only unshutter's own page may ask this")
+        kind, _, token = headers.get("authorization", "").partition(" ")
+        is_known = kind.lower() == "bearer" and secrets.compare_digest(token.strip().encode(), self._token)
+        if is_api and not is_known:
+            return _denial(401, "the token is missing or wrong: open the link that `unshutter serve` printed")
+        return None
+
+    def _is_ours(self, host: str) -> bool:
+        name, _, port = host.rpartition(":")
+        if port != str(self._port):  # browsers omit port 80, and only that one
+            if self._port != 80 or (":" in host and not host.endswith("]")):
+                return False
+            name = host
+        name = name.strip("[]").lower()
+        if name in LOCAL_HOSTS or name == self._host.lower():
+            return True
+        return self._host not in LOCAL_HOSTS and _is_address(name)  # which cannot be rebound as a DNS name can
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _denial(status: int, reason: str) -> JSONResponse:
+    return JSONResponse({"error": reason}, status, headers=_CLOSE)
+
+
+class Limits:
+    """ASGI middleware that rejects bodies that are too large (413) or arrive too slowly (408).
+
+    ``patience_s`` is the longest wait for the next piece of a body, and the time before its speed is checked.
+    """
+
+    def __init__(self, app: ASGIApp, settings: Settings, patience_s: float):
+        self._app, self._settings, self._patience_s = app, settings, patience_s
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """See ASGI."""
+        if scope["type"] == "http":
+            most = self._settings.max_clip_bytes if scope["path"] == "/api/clips" else self._settings.max_bytes
+            receive = self._watched(Headers(scope=scope).get("content-length", ""), most, receive)
+        await self._app(scope, receive, send)
+
+    def _watched(self, declared: str, most: int, receive: Receive) -> Receive:
+        received, began, finished = 0, time.monotonic(), False
+
+        async def watched() -> Message:
+            nonlocal received, finished
+            if finished:  # waits for the connection to end, however long that takes
+                return await receive()
+            if declared.isdigit() and int(declared) > most:
+                raise _too_large(most)
+            try:
+                message = await asyncio.wait_for(receive(), self._patience_s)
+            except TimeoutError:
+                raise _too_slow() from None
+            received += len(message.get("body", b""))
+            finished = not message.get("more_body", False)
+            if received > most:
+                raise _too_large(most)
+            elapsed_s = time.monotonic() - began
+            if not finished and elapsed_s > self._patience_s and received < _LEAST_RATE * elapsed_s:
+                raise _too_slow()
+            return message
+
+        return watched
+
+
+class Connection(H11Protocol):
+    """HTTP connection that closes if no request arrives, sooner if its place is needed; uvicorn's own would wait."""
+
+    def __init__(self, *arguments: Any, **options: Any):
+        super().__init__(*arguments, **options)
+        self._deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        """See asyncio.Protocol."""
+        super().connection_made(transport)
+        if self.limit_concurrency is not None and len(self.connections) >= self.limit_concurrency:
+            self._make_room()
+        self._expect_headers()
+
+    def _make_room(self) -> None:
+        """Closes the connection that has waited longest for a request, so that silent ones keep nobody out."""
+        connections = (each for each in self.connections if isinstance(each, Connection))
+        waiting = [(each._deadline.when(), each) for each in connections if each._deadline is not None]
+        if waiting:
+            _, oldest = min(waiting, key=lambda pair: pair[0])
+            oldest._give_up()
+            self.connections.discard(oldest)
+
+    def data_received(self, data: bytes) -> None:
+        """See asyncio.Protocol."""
+        if self._deadline is None and (self.cycle is None or self.cycle.response_complete):
+            self._expect_headers()
+        super().data_received(data)
+        if self.cycle is not None and not self.cycle.response_complete:
+            self._forget()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """See asyncio.Protocol."""
+        self._forget()
+        super().connection_lost(exc)
+
+    def _expect_headers(self) -> None:
+        self._deadline = asyncio.get_running_loop().call_later(_HEADERS_S, self._give_up)
+
+    def _give_up(self) -> None:
+        self._deadline = None
+        if self.transport is not None and (self.cycle is None or self.cycle.response_complete):
+            self.transport.close()
+
+    def _forget(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
+
+
+def _too_large(most: int) -> HTTPException:
+    return HTTPException(413, f"the file has more than {most / 1e6:g} MB, the limit set by --max-mb", _CLOSE)
+
+
+def _too_slow() -> HTTPException:
+    return HTTPException(408, "the file came too slowly, and was given up", _CLOSE)

@@ -1,0 +1,165 @@
+"""Open files as jobs see them: small upright copies for the screen, positions in them, progress and errors.
+
+Positions for the page are shares of the upright picture's width and height, with (0, 0) at the top left corner.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from unshutter.errors import errors_in_one_line
+from unshutter.options import Neighbours
+from unshutter.orientation import Orientation, Readout
+from unshutter.photo import Photo
+from unshutter.photo.libvips import as_image, refusing
+
+if TYPE_CHECKING:
+    import numpy as np
+
+Kind: TypeAlias = Literal["photo", "clip"]
+
+_NOTE_S = 0.2  # between progress updates
+_QUALITY = 88  # of JPEGs for the screen
+
+# Readout directions in the stored picture as (right, down), and names of directions in the upright picture.
+_READ = {
+    Readout.TOP_TO_BOTTOM: (0, 1),
+    Readout.BOTTOM_TO_TOP: (0, -1),
+    Readout.LEFT_TO_RIGHT: (1, 0),
+    Readout.RIGHT_TO_LEFT: (-1, 0),
+}
+_ARROWS = {(0, 1): "down", (0, -1): "up", (1, 0): "right", (-1, 0): "left"}
+
+
+@dataclass(frozen=True)
+class OpenFile:
+    """An open photo or clip."""
+
+    id: str  # identifier used by the page
+    kind: Kind  # photo or clip; also its name in messages
+    name: str  # sanitised name of the uploaded file
+    path: Path  # path of the file, in a folder of its own that also holds its cache
+    max_pixels: int  # largest photo allowed [px]
+
+
+@dataclass
+class ProgressFile:
+    """A file to which a worker writes its progress for the server to read."""
+
+    file: Path
+    _noted_s: float = field(default=-math.inf, init=False)
+
+    def read(self) -> dict[str, Any] | None:
+        """Returns the latest progress as given to :meth:`note`, or None if the job has not started yet."""
+        try:
+            return json.loads(self.file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+
+    def note(self, what: str, done: int, total: int) -> None:
+        """Writes the progress, at most a few times a second; ``total`` is 0 if not known yet."""
+        now = time.monotonic()
+        if now - self._noted_s >= _NOTE_S or done >= total:
+            self._noted_s = now
+            put_text(self.file, json.dumps({"what": what, "done": done, "total": total}))
+
+
+def opened(open_file: OpenFile) -> Photo:
+    """Opens the photo without decoding its pixels."""
+    return Photo.open(open_file.path, open_file.max_pixels)
+
+
+def digest(*values: object) -> str:
+    """Hashes a combination of options into a short name."""
+    return hashlib.sha256(repr(values).encode()).hexdigest()[:16]
+
+
+def put(file: Path, write: Callable[[Path], Any]) -> None:
+    """Writes a file atomically, since another worker may be writing it at the same time."""
+    part = file.with_name(f"{os.getpid()}-{file.name}")  # with its suffix, which may determine the format
+    write(part)
+    os.replace(part, file)
+
+
+def put_text(file: Path, text: str) -> None:
+    """Writes a text file atomically."""
+    put(file, lambda part: part.write_text(text, encoding="utf-8"))
+
+
+@contextmanager
+def errors_of(open_file: OpenFile, names: Mapping[Path, str] | None = None) -> Iterator[None]:
+    """Turns errors in the block into one line that refers to files by names that the user recognises."""
+    called = {open_file.path: f"the {open_file.kind}", **(names or {})}
+    with errors_in_one_line(names={str(path): name for path, name in called.items()}):
+        yield
+
+
+def neighbour_names(neighbours: Neighbours) -> dict[Path, str]:
+    """Maps the paths of a photo's neighbours to their name in messages."""
+    return dict.fromkeys(filter(None, (neighbours.before, neighbours.after)), "its neighbour")
+
+
+# ---- copies for the screen, and positions in them --------------------------------------------------------------
+
+
+def small_copy(open_file: OpenFile, photo: Photo, longest: int | None) -> np.ndarray:
+    """Returns a copy of the stored pixels whose longer side is at most ``longest`` px, and caches it unless None."""
+    import numpy as np
+
+    if longest is None:
+        return photo.screen_copy()
+    file = open_file.path.with_name(f"copy-{longest}.npy")
+    if file.exists():
+        return np.load(file, mmap_mode="r")
+    pixels = photo.screen_copy(longest)
+    put(file, lambda part: np.save(part, pixels))
+    return pixels
+
+
+def as_jpeg(pixels: np.ndarray, orientation: int = 1) -> bytes:
+    """Encodes stored pixels as an upright JPEG for the screen."""
+    with refusing("cannot encode the copy for the screen"):
+        return as_image(Orientation(orientation).upright(pixels)).jpegsave_buffer(Q=_QUALITY, keep=0)
+
+
+def shares(col: Any, row: Any, size: tuple[int, int], orientation: int) -> np.ndarray:
+    """Converts stored positions ([N] each, pixel centres at whole numbers) to [N, 2] shares of the upright picture.
+
+    ``size`` is width and height of the stored picture [px].
+    """
+    import numpy as np
+
+    across, down = (np.asarray(col) + 0.5) / size[0], (np.asarray(row) + 0.5) / size[1]
+    return np.stack(Orientation(orientation).upright_point(across, down), axis=-1)
+
+
+def pixels_of(across: Any, down: Any, size: tuple[int, int], orientation: int) -> np.ndarray:
+    """Converts shares ([N] each) of the upright picture to [N, 2] stored positions; inverts :func:`shares`."""
+    import numpy as np
+
+    across, down = Orientation(orientation).stored_point(np.asarray(across), np.asarray(down))
+    return np.stack([across * size[0] - 0.5, down * size[1] - 0.5], axis=-1)
+
+
+def corners_of(window: tuple[float, float, float, float], orientation: int) -> list[float]:
+    """Converts a window (left, top, right, bottom) from shares of the stored picture to shares of the upright one."""
+    import numpy as np
+
+    left, top, right, bottom = window
+    across, down = Orientation(orientation).upright_point(np.array([left, right]), np.array([top, bottom]))
+    return [float(across.min()), float(down.min()), float(across.max()), float(down.max())]
+
+
+def arrows(orientation: int) -> dict[str, str]:
+    """Maps each readout direction to its direction in the upright picture: up, down, left or right."""
+    upright = Orientation(orientation).upright_direction
+    return {str(readout): _ARROWS[upright(*direction)] for readout, direction in _READ.items()}

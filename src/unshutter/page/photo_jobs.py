@@ -1,0 +1,362 @@
+"""Jobs on a photo: small upright previews with facts about them, and files as the command line writes them.
+
+The motion of an open photo is estimated and cached, or set by hand with lines drawn on it and sliders.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.options import Find, Rectify, Undo
+from unshutter.orientation import Orientation
+from unshutter.page.opened import (
+    OpenFile,
+    arrows,
+    as_jpeg,
+    corners_of,
+    digest,
+    errors_of,
+    neighbour_names,
+    opened,
+    pixels_of,
+    put_text,
+    shares,
+    small_copy,
+)
+from unshutter.page.settings import ByHand, PhotoOptions
+from unshutter.photo import Photo
+from unshutter.photo.libvips import libvips
+from unshutter.run.work import Job, finish_job
+from unshutter.single.register import load, method
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from unshutter.motion import Motion
+    from unshutter.motion.grid import EdgeDecision
+    from unshutter.motion.verdict import Candidate
+    from unshutter.single.drawn_lines import DrawnLine
+
+_CURVE_POINTS = 41
+NAME = "by-hand"  # recorded as the estimator of motions set by hand
+
+
+def warm() -> int:
+    """Preloads what the first photo would otherwise have to wait for, and returns the process id."""
+    import unshutter.api
+    import unshutter.motion.warp  # noqa: F401
+
+    libvips()
+    load().prepare()
+    return os.getpid()
+
+
+def estimated(open_file: OpenFile, options: PhotoOptions) -> str:
+    """Returns the photo's motion as JSON, in the format of `unshutter estimate`."""
+    with errors_of(open_file):
+        motion, undo = _motion_to_undo(open_file, opened(open_file), options)
+        return motion.rereferenced(undo.reference or "first").to_json() + "\n"
+
+
+def saved(open_file: OpenFile, target: Path, options: PhotoOptions) -> dict[str, Any]:
+    """Writes the rectified photo exactly as `unshutter rectify` does, and returns the verdict and a note as JSON."""
+    with errors_of(open_file, {target: target.name, **neighbour_names(options.neighbours)}):
+        asked, motion = _with_known_motion(open_file, options)
+        job = Job(open_file.path, target, None, overwrite=False, max_pixels=open_file.max_pixels)
+        outcome = finish_job(job, asked, motion)
+    verdict = outcome.verdict.as_json() if outcome.verdict else {}
+    return {**verdict, "note": outcome.note} if outcome.note else verdict
+
+
+def candidates(open_file: OpenFile, options: PhotoOptions) -> list[dict[str, Any]]:
+    """Lists the motions that fit a photo as JSON, in the order of option ``candidate``; ``taken``: the default."""
+    from unshutter.motion.rectified import judged
+
+    find = options.rectify.find
+    find = replace(find, camera=replace(find.camera, candidate=None, at_any_odds=False))
+    with errors_of(open_file):
+        photo = opened(open_file)
+        possible = _candidates_of(open_file, photo, find)
+        motions = [judged(each.motion, options.undo, photo.height, photo.width) for each in possible]
+    changes = motions[0][1].changes
+    taken = 0 if changes else next((k for k, each in enumerate(possible) if each.kind == "still"), None)
+    return [
+        {
+            "kind": each.kind,
+            "direction": each.direction if each.kind == "pan" else None,
+            "description": each.description,
+            "largest_px": round(motion.largest_px, 2),  # at the requested strength
+            "probability": None if each.probability is None else round(each.probability, 4),
+            "taken": taken == k,
+        }
+        for k, (each, (motion, _)) in enumerate(zip(possible, motions, strict=True))
+    ]
+
+
+def segments(open_file: OpenFile, options: PhotoOptions) -> dict[str, Any]:
+    """Returns the line segments that estimators use, before and after, as shares of the upright photo's size."""
+    import numpy as np
+
+    from unshutter.motion.grid import rs_to_gs_map
+    from unshutter.motion.rectified import judged
+    from unshutter.single.likelihood import MOST_SEGMENTS, SHORT_SIDE, find_segments
+
+    with errors_of(open_file, neighbour_names(options.neighbours)):
+        photo = opened(open_file)
+        grey = photo.grey(SHORT_SIDE)
+        ends = find_segments(grey, MOST_SEGMENTS).reshape(-1, 2)
+        scale = np.array([photo.width / grey.shape[1], photo.height / grey.shape[0]])
+        col, row = ((ends + 0.5) * scale - 0.5).T
+        found = {"before": (col, row)}
+        if not options.neighbours:  # motion from neighbours applies to places, not to lines
+            motion, verdict = judged(*_motion_to_undo(open_file, photo, options), photo.height, photo.width)
+            found["after"] = rs_to_gs_map(motion)(col, row) if verdict.changes else (col, row)
+        size = photo.width, photo.height
+        return {
+            side: shares(*at, size, photo.orientation).reshape(-1, 4).round(4).tolist() for side, at in found.items()
+        }
+
+
+def before(open_file: OpenFile, longest: int | None) -> tuple[bytes, dict[str, Any]]:
+    """Returns the upright photo as a JPEG for the screen, and its upright size and readout directions as JSON.
+
+    Its longer side has ``longest`` px, or full size if that is None.
+    """
+    with errors_of(open_file):
+        photo = opened(open_file)
+        jpeg = as_jpeg(small_copy(open_file, photo, longest), photo.orientation)
+        height, width = Orientation(photo.orientation).size(photo.height, photo.width)
+        return jpeg, {"height": height, "width": width, "arrows": arrows(photo.orientation)}
+
+
+def after(
+    open_file: OpenFile, options: PhotoOptions, longest: int | None, draft: bool = False
+) -> tuple[bytes, dict[str, Any]]:
+    """Returns the rectified photo, uncropped, as :func:`before` does, and what was done to it as JSON.
+
+    A draft saves time while a slider is being dragged: decisions are based on the small copy, and the crop is not
+    computed.
+    """
+    with errors_of(open_file, neighbour_names(options.neighbours)):
+        asked, photo = options.rectify, opened(open_file)
+        if asked.neighbours:
+            pixels, result = _rectified_between(open_file, photo, asked, longest)
+        else:
+            motion, undo = _motion_to_undo(open_file, photo, options)
+            pixels, result = _rectified_alone(photo, small_copy(open_file, photo, longest), motion, undo, draft)
+            shape = {name: round(value, 3) for name, value in vars(Shape.of(motion)).items()}
+            result |= {"shape": shape, "readout": str(motion.readout)}
+        return as_jpeg(pixels, photo.orientation), {"edges": None, "whole": None, "crop": None, **result}
+
+
+def _rectified_alone(
+    photo: Photo, pixels: np.ndarray, motion: Motion, undo: Undo, draft: bool
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """Undoes a motion in a small copy; decisions are made at full size, as for saving, or at that of a draft's copy."""
+    from unshutter.motion.rectified import judged
+    from unshutter.motion.warp import edge_decision, straighten
+
+    full, (height, width) = (photo.height, photo.width), pixels.shape[:2]
+    motion, verdict = judged(motion, undo, *((height, width) if draft else full))
+    if draft:
+        verdict = replace(verdict, largest_px=verdict.largest_px * photo.height / height)
+    result, edges = {**verdict.as_json(), **_motion_json(motion)}, undo.edges
+    if not verdict.changes:
+        return pixels, result
+    if not draft:
+        decision = edge_decision(motion, undo.edges)
+        result, edges = result | _edges_json(decision, full, photo.orientation), decision.edges
+        motion = motion.resized(*motion.readout.frame_size(height, width))
+    return straighten(pixels, motion, "fill" if edges == "fill" else "keep").pixels, result
+
+
+def _rectified_between(
+    open_file: OpenFile, photo: Photo, options: Rectify, longest: int | None
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """Rectifies a small copy of the photo, using small copies of its neighbours."""
+    from unshutter.frames.sequence_rectification import SequenceOptions, rectify_between
+    from unshutter.motion.grid import EdgePolicy, valid_window
+
+    policy, frames = EdgePolicy(options.undo.edges), options.neighbours
+    undo = replace(options.undo, edges="keep") if policy.may_crop else options.undo
+    scale = 1.0 if longest is None else max(max(photo.height, photo.width) / longest, 1.0)
+    focal_px = options.find.camera.focal_px or photo.focal_px()
+    alone = options.find if frames.fallback else None
+    described = frames.at, frames.model, focal_px and focal_px / scale, alone
+    sequence = SequenceOptions(options.readout_time, undo, options.find.camera.direction, *described)
+    neighbours = [path and replace(open_file, path=path) for path in (frames.before, frames.after)]
+    for each in filter(None, neighbours):
+        _check_size(photo, opened(each))
+    copies = [each and Photo.from_array(small_copy(each, opened(each), longest)) for each in neighbours]
+    frame = rectify_between(Photo.from_array(small_copy(open_file, photo, longest)), copies[0], copies[1], sequence)
+    verdict = replace(frame.verdict, largest_px=frame.verdict.largest_px * scale)
+    result = {**verdict.as_json(), "neighbours": True, "shape": None, "readout": str(sequence.readout)}
+    if not frame.changed:
+        return frame.pixels, result
+    rows, cols = frame.valid.shape
+    decision = policy.decide((rows, cols), lambda: valid_window(frame.valid))
+    return frame.pixels, result | _edges_json(decision, (rows, cols), photo.orientation)
+
+
+def _check_size(photo: Photo, neighbour: Photo) -> None:
+    sizes = [f"{each.width} × {each.height} px" for each in (neighbour, photo)]
+    if sizes[0] != sizes[1]:
+        raise UnshutterError(f"it has {sizes[0]} and the photo {sizes[1]}, so they are not of one burst or clip")
+
+
+def _motion_json(motion: Motion) -> dict[str, Any]:
+    """Returns the motion's curves at a few rows, and what it says of the camera."""
+    import numpy as np
+
+    rows = np.linspace(0, motion.height - 1, _CURVE_POINTS).round().astype(int)
+    return {
+        "attitude": {"roll_deg": motion.roll_deg, "tilt_deg": motion.tilt_deg, "from": motion.attitude_from},
+        "exposure_s": motion.exposure_s,
+        "film": motion.film.as_json() if motion.film else None,
+        "tx_px": np.round(motion.tx_px[rows], 2).tolist(),
+        "rz_deg": np.round(np.degrees(motion.rz_rad[rows]), 3).tolist(),
+    }
+
+
+def _edges_json(decision: EdgeDecision, size: tuple[int, int], orientation: int) -> dict[str, Any]:
+    """Describes a decision about edges of stored pixels of height x width; the crop in shares of the upright photo."""
+    (height, width), window = size, decision.window
+    shares_left = window.left / width, window.top / height, window.right / width, window.bottom / height
+    crop = corners_of(shares_left, orientation) if decision.edges == "crop" else None
+    return {"edges": decision.edges, "whole": decision.whole, "crop": crop}
+
+
+# ---- the motion ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A motion described by the three numbers that the page's sliders set."""
+
+    lean_deg: float  # angle by which the change in t_x from the first row to the last slants vertical lines
+    bend_percent: float  # deviation of t_x at the middle row from the line between first and last row [% of the rows]
+    turn_deg: float  # r_z of the last row minus that of the first
+
+    @classmethod
+    def of(cls, motion: Motion) -> Shape:
+        """Measures the lean, bend and turn of a motion."""
+        tx, rz, rows = motion.tx_px, motion.rz_rad, motion.height
+        bend = (tx[(rows - 1) // 2] + tx[rows // 2]) / 2 - (tx[0] + tx[-1]) / 2
+        lean = math.degrees(math.atan((tx[-1] - tx[0]) / rows))
+        return cls(lean, 100 * float(bend) / rows, math.degrees(float(rz[-1] - rz[0])))
+
+
+def _motion_to_undo(open_file: OpenFile, photo: Photo, options: PhotoOptions) -> tuple[Motion, Undo]:
+    """Returns the motion before strength is applied, and how to undo it: at any confidence if it was set by hand."""
+    from unshutter.single.methods import chosen
+
+    asked = options.rectify
+    if options.hand.lines:
+        motion = _motion_of_lines(open_file, photo, asked.find, options.hand.lines)
+    else:
+        motion = chosen(_candidates_of(open_file, photo, asked.find), asked.find.camera.candidate)
+    if not options.hand:
+        return motion, asked.undo
+    return _adjusted(motion, options.hand), asked.undo.at_any_confidence()
+
+
+def _with_known_motion(open_file: OpenFile, options: PhotoOptions) -> tuple[Rectify, str | None]:
+    """Returns the options for saving, and the JSON of the motion if it was set by hand or already estimated."""
+    from unshutter.single.methods import chosen
+
+    asked = options.rectify
+    if options.hand:
+        motion, _ = _motion_to_undo(open_file, opened(open_file), options)
+        file = open_file.path.with_name(f"hand-{digest(asked.find, options.hand)}.json")
+        put_text(file, motion.to_json())
+        return Rectify(motion=file, undo=asked.undo, save=asked.save).settled(), motion.to_json()
+    kept = None if asked.neighbours else _kept_candidates(open_file, asked.find)
+    return asked, chosen(kept, asked.find.camera.candidate).to_json() if kept else None
+
+
+def _candidates_of(open_file: OpenFile, photo: Photo, find: Find) -> tuple[Candidate, ...]:
+    """Returns the motions that fit a photo, estimating them unless cached; the first row is the reference."""
+    from unshutter.api import photo_candidates
+
+    kept = _kept_candidates(open_file, find)
+    if kept is not None:
+        return kept
+    photo.start_decoding(grey_px=method(find.estimator).grey_px, whole=False)
+    candidates = photo_candidates(photo, load(find.estimator), find.camera)
+    listed = [{**vars(each), "motion": each.motion.to_json()} for each in candidates]
+    put_text(_candidates_file(open_file, find), json.dumps(listed))
+    return candidates
+
+
+def _kept_candidates(open_file: OpenFile, find: Find) -> tuple[Candidate, ...] | None:
+    from unshutter.motion import Motion
+    from unshutter.motion.verdict import Candidate
+
+    file = _candidates_file(open_file, find)
+    if not file.exists():
+        return None
+    listed = json.loads(file.read_text(encoding="utf-8"))
+    return tuple(Candidate(**{**each, "motion": Motion.from_json(each["motion"])}) for each in listed)
+
+
+def _candidates_file(open_file: OpenFile, find: Find) -> Path:
+    """Returns the path of the cache file of all candidates, which does not depend on the one chosen."""
+    find = replace(find, camera=replace(find.camera, candidate=None))
+    return open_file.path.with_name(f"candidates-{digest(find)}.json")
+
+
+# ---- by hand -----------------------------------------------------------------------------------------------------
+
+
+def _motion_of_lines(open_file: OpenFile, photo: Photo, find: Find, text: str) -> Motion:
+    """Estimates the motion from drawn lines, and caches it for adjustment with the sliders."""
+    from unshutter.api import motion_of_lines
+    from unshutter.motion import Motion
+
+    file = open_file.path.with_name(f"lines-{digest(find, text)}.json")
+    if not file.exists():
+        put_text(file, motion_of_lines(photo, _lines(text, photo), find.camera).to_json())
+    return Motion.from_json(file.read_text(encoding="utf-8"))
+
+
+def _lines(text: str, photo: Photo) -> list[DrawnLine]:
+    from unshutter.single.drawn_lines import DrawnLine
+
+    try:
+        listed = [(kind, [float(share) for share in positions]) for kind, *positions in json.loads(text)]
+    except (ValueError, TypeError, RecursionError):
+        raise UsageError("'lines' takes JSON: [[kind, x, y, x, y, ...], ...]") from None
+    lines = []
+    for kind, positions in listed:
+        if len(positions) % 2:
+            raise UsageError("each position of a line has two numbers, x and y")
+        points = pixels_of(positions[::2], positions[1::2], (photo.width, photo.height), photo.orientation)
+        lines.append(DrawnLine(kind, tuple(map(tuple, points.tolist()))))
+    return lines
+
+
+def _adjusted(motion: Motion, hand: ByHand) -> Motion:
+    """Applies the numbers set by hand to a motion; everything else about it is left unchanged."""
+    import numpy as np
+
+    from unshutter.motion import RowMotion
+
+    shape, u = Shape.of(motion), np.linspace(0, 1, motion.height)
+    lean_deg = shape.lean_deg if hand.lean_deg is None else hand.lean_deg
+    lean = math.tan(math.radians(lean_deg)) - math.tan(math.radians(shape.lean_deg))
+    bend = 0.0 if hand.bend_percent is None else hand.bend_percent - shape.bend_percent
+    turn = 0.0 if hand.turn_deg is None else hand.turn_deg - shape.turn_deg
+    tx_px = motion.tx_px + motion.height * (lean * u + bend / 100 * 4 * u * (1 - u))
+    rz_rad = motion.rz_rad + math.radians(turn) * u
+    adjusted = RowMotion(motion.width, tx_px, rz_rad, readout=motion.readout, estimator=NAME)
+    try:
+        adjusted.check_unfolded()
+    except UnshutterError:
+        raise UsageError("no camera moves like that: the picture would fold over itself") from None
+    return adjusted

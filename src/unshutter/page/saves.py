@@ -1,0 +1,235 @@
+"""Tasks that save photos and clips: one as a file, several as a zip file; and the names of these files."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import secrets
+import shutil
+import unicodedata
+import zipfile
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal, TypeAlias
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.options.clip_options import RectifyClip
+from unshutter.page import clip_jobs, photo_jobs
+from unshutter.page.opened import ProgressFile, neighbour_names
+from unshutter.page.settings import PhotoOptions
+from unshutter.page.store import Busy, Desk, Missing, OpenFile, Urgency
+from unshutter.photo.formats import of_suffix
+from unshutter.run.inputs import MOST_BYTES, film_name, fitting, picture_name
+
+To: TypeAlias = Literal["file", "zip"]
+Item: TypeAlias = tuple[OpenFile, PhotoOptions | RectifyClip]  # an open photo or clip, and its options
+
+_ZIP_NAME = "unshutter.zip"
+_MOST_KEPT = 8  # tasks that are running, or whose files can be downloaded
+_LOOK_S = 0.25  # interval at which a worker's progress is read
+_STANDSTILL_S = 600.0  # a clip without progress for this long is abandoned
+
+
+@dataclass
+class Saving:
+    """A task that saves photos and clips."""
+
+    id: str  # identifier used by the page
+    to: To  # destination; ``file`` is for a single photo or clip
+    folder: Path  # temporary folder for the results
+    items: list[Item]  # the photos and clips, with the options of each
+    kept: ExitStack = field(default_factory=ExitStack)  # keeps the files of the items until the task ends
+    # reports on the items that are finished: each with the name of its ``result``, or an ``error`` of one line
+    done: list[dict[str, Any]] = field(default_factory=list)
+    now: OpenFile | None = None  # the clip being processed
+    progress: dict[str, Any] | None = None  # progress of that clip, or None if it has not started
+    state: str = "working"  # ``working``, ``finished``, ``cancelled``, or ``failed`` with ``error``
+    error: str = ""
+    task: asyncio.Task[None] | None = None
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+
+    @property
+    def result(self) -> Path | None:
+        """The file to download, or None if there is none or it is not ready yet."""
+        if self.state != "finished":
+            return None
+        name = _ZIP_NAME if self.to == "zip" else self.done[0].get("result")
+        return self.folder / name if name and (self.folder / name).is_file() else None
+
+    def as_json(self) -> dict[str, Any]:
+        """Returns the state and progress."""
+        now = None if self.now is None else _named(self.now) | (self.progress or {"what": "waiting"})
+        about = {"id": self.id, "to": self.to, "state": self.state, "total": len(self.items), "now": now}
+        return about | {"done": self.done} | ({"error": self.error} if self.error else {})
+
+    def forget(self) -> None:
+        """Deletes the results."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    async def cancel(self) -> None:
+        """Stops the task, or deletes its results if it has already ended."""
+        if self.task is not None and not self.task.done():
+            self.task.cancel()
+            await asyncio.wait([self.task])
+        else:
+            self.forget()
+
+    async def run(self, desk: Desk) -> None:
+        """Saves all items, and records the outcome in ``state``."""
+        try:
+            for open_file, options in self.items:
+                self.done.append(_named(open_file) | await self._one(desk, open_file, options))
+                self.now = self.progress = None
+                self._wake()
+            self.state = "finished"
+        except asyncio.CancelledError:
+            self.forget()
+            self.state = "cancelled"
+        except OSError as error:
+            self.state, self.error = "failed", f"cannot write the zip file: {error.strerror}"
+        finally:
+            self.kept.close()
+            self._wake()
+
+    async def _one(self, desk: Desk, open_file: OpenFile, options: PhotoOptions | RectifyClip) -> dict[str, Any]:
+        try:
+            if isinstance(options, RectifyClip):
+                target = self._free_name(clip_result(open_file.name))
+                report = await self._clip(desk, open_file, target, options)
+            else:
+                target = self._free_name(photo_result(open_file.name, options.save.format))
+                report = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, open_file, target, options)
+        except UnshutterError as error:
+            return {"error": str(error)}
+        except OSError as error:
+            return {"error": f"cannot write it: {error.strerror}"}
+        if self.to == "zip":
+            await asyncio.to_thread(_move_into_zip, target, self.folder / _ZIP_NAME)
+        return {"result": target.name, **report}
+
+    def _free_name(self, name: str) -> Path:
+        return free_name(self.folder, name, [report.get("result", "") for report in self.done])
+
+    async def _clip(self, desk: Desk, open_file: OpenFile, target: Path, options: RectifyClip) -> dict[str, Any]:
+        """Saves one clip, updating ``now`` and ``progress``."""
+        note = ProgressFile(open_file.path.with_name(f"saving-{self.id}.json"))
+        note.file.unlink(missing_ok=True)
+        work = desk.long_lanes.do(Urgency.LATER, clip_jobs.rectified, open_file, target, options, note)
+        job, clock = asyncio.create_task(work), asyncio.get_running_loop()
+        last_change_s = clock.time()
+        try:
+            while not (await asyncio.wait([job], timeout=_LOOK_S))[0]:
+                progress = note.read()
+                if progress != self.progress or self.now is None:
+                    self.now, self.progress, last_change_s = open_file, progress, clock.time()
+                    self._wake()
+                elif progress is not None and clock.time() - last_change_s > _STANDSTILL_S:
+                    raise UnshutterError(f"given up: nothing was done for {_STANDSTILL_S:g} s")
+            return job.result()
+        finally:
+            if not job.done():
+                job.cancel()
+                await asyncio.wait([job])
+
+    def _wake(self) -> None:
+        """Notifies everything that waits for ``changed``."""
+        self.changed.set()
+        self.changed = asyncio.Event()
+
+
+class Savings:
+    """Registry of saving tasks by id: those that are running, and the last few that ended."""
+
+    def __init__(self, desk: Desk):
+        self._desk = desk
+        self._savings: dict[str, Saving] = {}
+
+    def begin(self, to: To, items: list[Item]) -> Saving:
+        """Starts a new task. The files of its items may be closed at once."""
+        self._make_room()
+        id = secrets.token_urlsafe(9)
+        folder = self._desk.store.folder / f"saving-{id}"
+        folder.mkdir()
+        saving = self._savings[id] = Saving(id, to, folder, items)
+        saving.kept.enter_context(self._desk.store.used([file for item in items for file in self._files(item)]))
+        saving.task = asyncio.create_task(saving.run(self._desk))
+        return saving
+
+    def get(self, id: str) -> Saving:
+        """Returns the task with this id."""
+        if id not in self._savings:
+            raise Missing("this saving is not known: the server may have been restarted")
+        return self._savings[id]
+
+    def _files(self, item: Item) -> Iterator[OpenFile]:
+        """Yields a photo with its neighbours, or a clip."""
+        open_file, options = item
+        yield open_file
+        if isinstance(options, PhotoOptions):
+            yield from (self._desk.store.get(path.parent.name) for path in neighbour_names(options.neighbours))
+
+    def _make_room(self) -> None:
+        over = [saving for saving in self._savings.values() if saving.state != "working"]
+        for saving in over[: max(len(self._savings) - _MOST_KEPT + 1, 0)]:
+            del self._savings[saving.id]
+            saving.forget()
+        if len(self._savings) >= _MOST_KEPT:
+            raise Busy("too many files are being saved at once: wait for one of these to end")
+
+
+def _named(open_file: OpenFile) -> dict[str, Any]:
+    return {"photo": open_file.id, "name": open_file.name}
+
+
+def _move_into_zip(file: Path, packed: Path) -> None:
+    with zipfile.ZipFile(packed, "a", zipfile.ZIP_STORED) as stream:  # pictures are already compressed
+        stream.write(file, file.name)
+    file.unlink()
+
+
+# ---- names of files -------------------------------------------------------------------------------------------
+
+
+def photo_result(name: str, format: str | None) -> str:
+    """Returns the name of a photo's result, as on the command line: ``street.rectified.jpg``, or of another format."""
+    pure = PurePosixPath(name)
+    if of_suffix(pure.suffix) is None and format is None:
+        raise UsageError(f"the name '{name}' does not say the picture's format: choose one for the result")
+    return picture_name(pure, format)  # pyright: ignore[reportArgumentType]
+
+
+def clip_result(name: str) -> str:
+    """Returns the name of a clip's result: ``walk.rectified.mp4``."""
+    from unshutter.video.film_file import check_ending
+
+    pure = PurePosixPath(name)
+    try:
+        check_ending(pure.suffix)
+    except UnshutterError:
+        problem = f"the name '{name}' does not say what kind of film it is: give it an extension such as .mp4"
+        raise UsageError(problem) from None
+    return film_name(pure)
+
+
+def free_name(folder: Path, name: str, taken: Iterable[str]) -> Path:
+    """Returns a path for a result in a folder: ``a.rectified.jpg``, or ``a.rectified-2.jpg`` if the first is taken."""
+    most, occupied, number = _most_bytes(folder), {_comparable(other) for other in taken}, 1
+    path = folder / fitting(name, most=most)
+    while _comparable(path.name) in occupied:
+        number += 1
+        path = folder / fitting(name, f"-{number}", most)
+    return path
+
+
+def _most_bytes(folder: Path) -> int:
+    try:
+        return min(os.pathconf(folder, "PC_NAME_MAX"), MOST_BYTES)
+    except (AttributeError, OSError, ValueError):  # Windows, and file systems that do not report it
+        return MOST_BYTES
+
+
+def _comparable(name: str) -> str:
+    """Normalises a name, so that names that some file systems treat as identical are equal."""
+    return unicodedata.normalize("NFC", name).casefold()

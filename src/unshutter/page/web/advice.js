@@ -1,0 +1,53 @@
+// What to do next: with a photo that was left unchanged, why, and buttons for what may help; with lines, how they are drawn.
+
+import { make, refill } from "./nodes.js";
+import { words } from "./words.js";
+
+const NOT_LIKELY = ["no-rolling-shutter", "asked-for-nothing", "strength-0"]; // nothing is left to try
+
+export class Advice {
+  // node: where to; on: {moving, anyway, neighbour, ratio, byHand, leaveNeighbours, drawn} called when the user takes an offer.
+  constructor(node, on) {
+    this.node = node;
+    this.on = on;
+  }
+
+  // Shows what holds for a photo; nothing where it was straightened, or is still being worked on. While lines of a kind are
+  // drawn, only how: the picture must not move under the pointer when an answer comes.
+  show(photo, drawing = null) {
+    const lines = drawing ? this.#drawing(drawing) : photo?.kind === "photo" && photo.state === "done" ? this.#lines(photo) : [];
+    this.node.classList.toggle("drawing", drawing !== null);
+    this.node.hidden = !lines.length;
+    refill(this.node, lines);
+  }
+
+  #drawing(kind) {
+    const done = make("button", { type: "button", class: "main", id: "drawDone", title: words.drawDoneHelp, onclick: this.on.drawn }, words.drawDone);
+    return [make("p", {}, words.drawHelp[kind]), done];
+  }
+
+  #lines(photo) {
+    const { result, options } = photo;
+    const lines = [];
+    if (photo.neighbourError) {
+      const missing = photo.neighbourCode === "ratio-unknown";
+      lines.push(make("p", { class: "wrong" }, missing ? words.ratioMissing : words.neighbourRefused(photo.neighbourError)),
+        make("div", { class: "row" }, missing ? this.#offer("adviceRatio", this.on.ratio) : this.#offer("adviceNeighbours", this.on.neighbour),
+          this.#offer("adviceLeaveNeighbours", this.on.leaveNeighbours)));
+    }
+    if (result.changed || photo.byHand || options.strength === "0" || "candidate" in options) return lines;
+    lines.push(make("p", {}, words.declined(words.why(result))));
+    if (NOT_LIKELY.includes(result.code)) return lines;
+    const offers = [];
+    if (options.moving !== "true") offers.push(this.#offer("adviceMoving", this.on.moving));
+    if (result.cause === "not sure" && options["min-confidence"] !== "0") offers.push(this.#offer("adviceAnyway", this.on.anyway));
+    if (!Object.keys(photo.neighbours).length) offers.push(this.#offer("adviceNeighbour", this.on.neighbour));
+    offers.push(this.#offer("adviceByHand", this.on.byHand));
+    lines.push(make("div", { class: "row" }, ...offers));
+    return lines;
+  }
+
+  #offer(word, taken) {
+    return make("button", { type: "button", id: word, onclick: taken }, words[word]);
+  }
+}

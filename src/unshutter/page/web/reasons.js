@@ -1,0 +1,56 @@
+// Why a photo, moment or clip is left unchanged, in English. Part of the words of the page (words.js).
+
+// Numbers as the page writes them.
+export const percent = (share) => `${Math.floor(100 * share + 1e-9)} %`;
+export const pixels = (px) => (px >= 10 ? `${px.toFixed(0)} px` : `${px.toFixed(1)} px`);
+export const count = (n, one, many) => (n === 1 ? `1 ${one}` : `${n} ${many}`);
+
+// Code of a reason -> why a photo, moment or clip is left unchanged, with the reason's figures.
+export const reasons = {
+  "stated": ({ sentence }) => sentence,
+  "too-long": ({ aspect }) => `one side is more than ${aspect} times as long as the other`,
+  "too-few-segments": ({ segments }) => `only ${count(segments, "straight line was", "straight lines were")} found`,
+  "no-right-angles": () => "the photo shows no right angles",
+  "too-fast-for-hands": () => "the lines would mean more motion than a hand-held camera makes",
+  "too-sharp": ({ exposure }) => `it is too sharp for a camera that moved during an exposure of ${exposure}`,
+  "no-rolling-shutter": () => "this camera exposes all rows at once",
+  "film-stood-still": () => "the camera stood still, as the film inside it shows",
+  "impossible-motion": ({ detail }) => `no camera moves like that: ${detail}`,
+  "asked-for-nothing": () => "that is what you asked for",
+  "no-motion": () => "the camera did not move",
+  "no-visible-motion": () => "no motion can be seen",
+  "strength-0": () => "the strength is 0",
+  "unsure": ({ confidence }) => `not sure how the camera moved (confidence ${percent(confidence)})`,
+  "unsure-whether-moved": ({ confidence }) => `not sure whether the camera moved (confidence ${percent(confidence)})`,
+  "too-small": () => "nothing would move by as much as half a pixel",
+  "stood-still": () => "the camera stood still",
+  "nothing-moved": () => "nothing moved between the frames",
+  "nothing-to-see": ({ px }) => `nothing to see: at most ${px.toFixed(1)} px at any plausible readout time`,
+  "hardly-moved": () => "the camera hardly moved",
+  "no-common-motion": () => "near and far move too differently for one motion of the camera",
+  "only-others-moved": () => "the camera stood still; what moved in front of it is not straightened",
+  "no-neighbour": () => "there is no frame before or after it",
+  "shot-too-short": () => "the shot is too short to show how the camera moved",
+  "other-size": () => "the frames before and after it have another size",
+  "too-little-to-follow": () => "there is too little to follow from frame to frame",
+  "scenes-differ": () => "its neighbours show another scene, or near and far move too differently in them",
+  "frames-disagree": () => "the frames do not show how the camera moved",
+  "ratio-unknown": ({ why }) => `the readout time cannot be found from these frames (${why})`,
+  "readout-time-unknown": ({ why }) => `this clip does not show its readout time (${why})`,
+  "too-few-frames": ({ frames }) => `${count(frames, "frame is", "frames are")} too few to show it`,
+  "shook-too-fast": () => "the camera shook faster than frames were taken",
+  "too-even": () => "the camera moved too evenly, or there was too little to follow",
+  "imprecise": ({ evidence, value, error }) => `${evidence} give ${value.toFixed(2)} ± ${error.toFixed(2)}`,
+  "no-angles-or-motion": () => "the frames show no right angles, or barely move from side to side",
+  "parts-disagree": ({ ratios }) => `parts of the clip disagree: ${ratios}`,
+  "film-too-short": () => "the film inside it is too short",
+  "film-differs": () => "the film inside it shows something else",
+  "film-stabilised": () => "the film inside it is stabilised",
+  "gyro-too-calm": () => "the camera hardly turned: the clip does not show which moment of its gyro log is which",
+  "gyro-too-short": () => "the gyro log ends before the clip, or has gaps",
+  "gyro-disagrees": ({ correlation }) =>
+    `the picture does not follow the gyro log (correlation ${correlation.toFixed(2)}): the clip was stabilised, or the log is of another clip`,
+  "gyro-unread": () => "reading it needs the extra gyro",
+  "stabilised-in-camera": () => "its camera stabilised the clip: when its rows were taken is unknown",
+  "no-clear-part": ({ frames }) => `no ${frames} frames in a row show one scene clearly`,
+};

@@ -1,0 +1,80 @@
+// Photos and clips saved: one as a download, many as a zip file.
+
+import { ask, close, download, events } from "./api.js";
+import { by } from "./nodes.js";
+import { words } from "./words.js";
+
+export async function saveOne(photo, notice) {
+  if (photo.kind === "clip") return saveMany([photo], "file", notice); // that takes long
+  try {
+    const wishes = photo.wishes;
+    notice(words.savedOne(await download(await photo.ask("picture"))));
+    photo.keep(wishes);
+  } catch (error) {
+    notice(words.error(photo.name, error.message));
+  }
+}
+
+export async function saveMotion(photo, notice) {
+  try {
+    await download(await photo.ask("motion"));
+  } catch (error) {
+    notice(words.error(photo.name, error.message));
+  }
+}
+
+// Saves one or many: to = "file" or "zip".
+export async function saveMany(photos, to, notice) {
+  const savable = photos.filter((photo) => photo.id !== null && !["failed", "asking"].includes(photo.state));
+  if (!savable.length) return notice(words.nothingToSave);
+  const [box, stop] = [by("saving"), by("saving-stop")];
+  let saving = null;
+  const leave = () => saving && close("/api/saves", saving.id); // nobody will fetch it
+  addEventListener("pagehide", leave);
+  try {
+    const wishes = savable.map((photo) => photo.wishes);
+    const asked = await Promise.all(savable.map(async (photo) => ({ id: photo.id, options: await photo.asked() })));
+    const body = JSON.stringify({ to, photos: asked });
+    saving = await (await ask("/api/saves", { method: "POST", body })).json();
+    let stopped = false;
+    stop.onclick = () => {
+      stopped = true;
+      ask(`/api/saves/${saving.id}`, { method: "DELETE" });
+    };
+    box.hidden = false;
+    for await (saving of events(`/api/saves/${saving.id}/events`)) {
+      showHowFar(saving);
+    }
+    if (stopped) saving.state = "cancelled"; // even if it was just finished: its files are gone
+    await ended(saving, notice);
+    savable.forEach((photo, k) => saving.done[k]?.result && photo.keep(wishes[k]));
+  } catch (error) {
+    notice(error.message);
+  } finally {
+    box.hidden = true;
+    removeEventListener("pagehide", leave);
+    leave();
+  }
+}
+
+// How many are done; of a clip at work, how many frames.
+function showHowFar({ done, total, now }) {
+  const bar = by("saving-bar");
+  const many = total > 1 || !now ? words.saving(done.length, total) : "";
+  by("saving-words").textContent = [many, now ? words.making(now) : ""].filter(Boolean).join(" · ");
+  if (now && !now.done) bar.removeAttribute("value"); // nobody knows yet
+  else Object.assign(bar, now ? { max: now.total, value: Math.min(now.done, now.total) } : { max: total, value: done.length });
+}
+
+async function ended(saving, notice) {
+  const failed = saving.done.filter((each) => each.error);
+  const count = saving.done.length - failed.length;
+  if (saving.state === "cancelled") return notice(words.cancelled);
+  if (saving.state !== "finished") return notice(saving.error);
+  if (count) {
+    by("saving-words").textContent = words.fetching;
+    await download(await ask(`/api/saves/${saving.id}/file`));
+  }
+  const clip = saving.total === 1 && count === 1 && saving.done[0].frames !== undefined;
+  notice(clip ? words.clipSaved(saving.done[0]) : words.saved(count, failed));
+}

@@ -1,0 +1,358 @@
+"""Boxes, the building blocks of AVIF, HEIC and Canon's newest raw files, and the items in those of AVIF and HEIC.
+
+Results contain only the primary picture and its metadata. Everything else (maps, mattes, further pictures, films) is
+only reported by name: maps and mattes fit only the old pixels, and nothing here can write the rest.
+
+Source: ISO/IEC 14496-12 (boxes; iinf, iloc), ISO/IEC 23008-12 (HEIF: items, properties, references, auxiliary images),
+ISO 21496-1 (gain maps).
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+from collections.abc import Iterator
+from typing import BinaryIO, NamedTuple
+
+from unshutter.errors import UnshutterError
+from unshutter.orientation import Orientation
+from unshutter.photo.libvips import Source
+
+_HEAD, _LONG_HEAD = 8, 16  # bytes of size and type, and with a 64-bit size
+_LONGEST_READ = 1 << 24  # bytes: headers of pictures take a few thousand
+_MOST_BOXES = 10_000  # at the top level of a file: pictures have a handful
+_ANIMATION = re.compile(rb"....ftyp(avis|hevc|hevx|msf1)", re.DOTALL)
+
+
+# ---- boxes ---------------------------------------------------------------------------------------------
+
+
+def top_level(file: BinaryIO, kind: bytes) -> bytes:
+    """Returns the content of a top-level box, leaving the file just after it; raises KeyError if there is none."""
+    for name, start, end in top_level_extents(file):
+        if name == kind:
+            file.seek(start)
+            return file.read(min(end - start, _LONGEST_READ))
+    raise KeyError(kind)
+
+
+def top_level_extents(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
+    """Yields (type, first byte of the content, byte after it) of the top-level boxes.
+
+    The last one may claim to end beyond the end of the file.
+    """
+    length, at = file.seek(0, io.SEEK_END), 0
+    for _ in range(_MOST_BOXES):
+        file.seek(at)
+        if at + _HEAD > length:
+            return
+        head, size, name = _head(file.read(_LONG_HEAD), length - at)
+        if size < head:
+            return
+        yield name, at + head, at + size
+        at += size
+
+
+def inside(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yields (type, content) of the boxes inside the content of another box."""
+    at = 0
+    while at + _HEAD <= len(data):
+        head, size, name = _head(data[at : at + _LONG_HEAD], len(data) - at)
+        if size < head:
+            return
+        yield name, data[at + head : at + size]
+        at += size
+
+
+def in_meta(file: BinaryIO) -> dict[bytes, bytes]:
+    """Returns the contents of the boxes in the box meta by type; raises KeyError if there is none."""
+    return dict(inside(top_level(file, b"meta")[4:]))
+
+
+def _head(data: bytes, left: int) -> tuple[int, int, bytes]:
+    """Parses the header of a box with at least 8 bytes into (bytes of the header, of the whole box, type).
+
+    A size of 0 means everything that is ``left``, and 1 a 64-bit size after the type.
+    """
+    size, name = struct.unpack_from(">I4s", data)
+    if size == 1 and len(data) >= _LONG_HEAD:
+        return _LONG_HEAD, struct.unpack_from(">Q", data, _HEAD)[0], name
+    return _HEAD, size or left, name
+
+
+def refuse_animation(source: Source) -> None:
+    """Rejects a file whose type is that of a sequence of pictures."""
+    with source.stream() as stream:
+        if _ANIMATION.match(stream.read(12)):
+            raise UnshutterError("{photo} is an animation: unshutter takes single photos", photo=source)
+
+
+# ---- properties of the primary picture -----------------------------------------------------------------
+
+
+class BoxCoding(NamedTuple):
+    """Coding of the primary picture of an AVIF or HEIC.
+
+    ``grey`` and ``subsampled`` are valid for AVIF only.
+    """
+
+    # transformation that decoders apply to the stored pixels (boxes irot, imir)
+    orientation: Orientation = Orientation.NORMAL
+    grey: bool = False  # whether there is no chroma
+    subsampled: bool = True  # whether chroma has half the resolution in both directions (4:2:0)
+    # primaries and transfer function of the colours; (2, 2) if the file does not specify them
+    code_points: tuple[int, int] = (2, 2)
+
+
+_MIRRORS = (Orientation.FLIP_TOP_BOTTOM, Orientation.FLIP_LEFT_RIGHT)  # by the value in imir
+
+
+def read_coding(file: BinaryIO) -> BoxCoding:
+    """Reads the properties of the primary picture (boxes pitm, ipco, ipma); defaults if damaged."""
+    try:
+        meta = in_meta(file)
+        listed = _properties(meta, _primary(meta))
+        own = dict(listed)
+        colours = [
+            struct.unpack_from(">HH", data, 4) for name, data in listed if (name, data[:4]) == (b"colr", b"nclx")
+        ]
+        orientation = _orientation(own)
+        coding = own[b"av1C"][2] if b"av1C" in own else 0x0C  # for a picture made of tiles, it is in the tiles
+    except (KeyError, IndexError, struct.error):
+        return BoxCoding()
+    return BoxCoding(
+        orientation,
+        grey=bool(coding & 0x10),
+        subsampled=coding & 0x0C == 0x0C,
+        code_points=colours[0] if colours else (2, 2),
+    )
+
+
+def _orientation(own: dict[bytes, bytes]) -> Orientation:
+    """Combines the transformations among the properties of a picture, in their order."""
+    orientation = Orientation.NORMAL
+    for name, data in own.items():
+        if name == b"irot":  # quarter turns, counter-clockwise
+            orientation = orientation.then(Orientation.of_steps(-(data[0] & 3)))
+        elif name == b"imir":
+            orientation = orientation.then(_MIRRORS[data[0] & 1])
+    return orientation
+
+
+def _primary(meta: dict[bytes, bytes]) -> int:
+    return struct.unpack_from(">I" if meta[b"pitm"][0] else ">H", meta[b"pitm"], 4)[0]
+
+
+def _properties(meta: dict[bytes, bytes], item: int) -> list[tuple[bytes, bytes]]:
+    """Returns (type, content) of an item's properties; raises KeyError, IndexError or struct.error if damaged."""
+    iprp = dict(inside(meta[b"iprp"]))
+    listed = list(inside(iprp[b"ipco"]))
+    return [listed[i - 1] for i in _associations(iprp[b"ipma"], item) if i]
+
+
+def _associations(ipma: bytes, item: int) -> list[int]:
+    """Returns the numbers, from 1, of the properties associated with an item."""
+    version, wide_index = ipma[0], ipma[3] & 1
+    (entries,) = struct.unpack_from(">I", ipma, 4)
+    at = 8
+    for _ in range(entries):
+        (name,) = struct.unpack_from(">I" if version else ">H", ipma, at)
+        at += 4 if version else 2
+        count, at = ipma[at], at + 1
+        form, mask = (">H", 0x7FFF) if wide_index else (">B", 0x7F)
+        numbers = [struct.unpack_from(form, ipma, at + i * (1 + wide_index))[0] & mask for i in range(count)]
+        if name == item:
+            return numbers
+        at += count * (1 + wide_index)
+    return []
+
+
+# ---- items ---------------------------------------------------------------------------------------------
+
+_MOST_ITEMS = 10_000
+_ALPHA = (":auxid:1", ":auxiliary:alpha")  # endings of the types of auxiliary pictures
+_DEPTH = (":auxid:2", ":auxiliary:depth")
+_METADATA = {b"Exif": "a second EXIF", b"mime": "a second XMP"}  # names for further items of these kinds
+_XMP = b"application/rdf+xml"
+_FILMS = (b"moov", b"mpvd")
+_STRUCTURE = frozenset({b"ftyp", b"meta", b"mdat", b"free", b"skip", b"wide"})
+_LONGEST_NAME = 40
+
+
+class _Item(NamedTuple):
+    """An item: its kind, whether viewers should hide it, and the content type if its kind is ``mime``."""
+
+    kind: bytes
+    hidden: bool
+    content_type: bytes
+
+
+class _Reference(NamedTuple):
+    """A reference from one item to others, of a certain kind."""
+
+    kind: bytes
+    item: int
+    to: tuple[int, ...]
+
+
+def extras_in_words(file: BinaryIO) -> tuple[str, ...]:
+    """Names additional content of the file; empty if the file is damaged."""
+    try:
+        meta = in_meta(file)
+        names = [*_of_items(meta), *_of_boxes(file)]
+    except (KeyError, IndexError, struct.error):
+        return ()
+    return tuple(dict.fromkeys(names))
+
+
+def _of_boxes(file: BinaryIO) -> Iterator[str]:
+    for name, _, _ in top_level_extents(file):
+        if name in _FILMS:
+            yield "film"
+        elif name not in _STRUCTURE:
+            yield f"data of other programs (box {printable(name)})"
+
+
+def _of_items(meta: dict[bytes, bytes]) -> Iterator[str]:
+    items, references = _items(meta[b"iinf"]), _references(meta.get(b"iref", bytes(4)))
+    primary = _primary(meta)
+    auxiliary = {one.item: one.to for one in references if one.kind == b"auxl"}
+    described = {one.item: one.to for one in references if one.kind == b"cdsc"}
+    parts = {primary, *(part for one in references if one.kind == b"dimg" for part in one.to)}
+    parts |= {one.item for one in references if one.kind in (b"thmb", b"auxl")}
+    descriptions = {
+        number: item.kind
+        for number, item in items.items()
+        if _is_metadata(item) and primary in described.get(number, (primary,))
+    }
+    for kind, name in _METADATA.items():
+        if list(descriptions.values()).count(kind) > 1:
+            yield name
+    for number, item in items.items():
+        if primary in auxiliary.get(number, ()):
+            yield from _auxiliary_in_words(meta, number)
+        elif not _is_metadata(item) and number not in parts:
+            yield from _item_in_words(item)
+
+
+def _is_metadata(item: _Item) -> bool:
+    return item.kind in _METADATA and (item.kind != b"mime" or item.content_type == _XMP)
+
+
+def _item_in_words(item: _Item) -> Iterator[str]:
+    """Names an item that is neither part of the primary picture nor a thumbnail; nothing for hidden pictures."""
+    if item.kind == b"tmap":
+        yield "gain map"
+    elif item.kind == b"iptc":
+        yield "IPTC"
+    elif item.kind in (b"mime", b"uri "):
+        yield f"data of other programs ({printable(item.content_type) or 'uri'})"
+    elif not item.hidden:
+        yield "further pictures"
+
+
+def _auxiliary_in_words(meta: dict[bytes, bytes], item: int) -> Iterator[str]:
+    """Names an auxiliary picture by its property auxC; nothing for transparency, which results keep."""
+    own = dict(_properties(meta, item))
+    kind = own.get(b"auxC", b"")[4:].partition(b"\0")[0].decode(errors="replace").lower()
+    if kind.endswith(_DEPTH):
+        yield "depth map"
+    elif "gainmap" in kind:
+        yield "gain map"
+    elif kind.endswith("matte"):
+        yield "mattes"
+    elif not kind.endswith(_ALPHA):
+        name = printable(kind.rpartition(":")[2].encode())
+        yield f"auxiliary picture ({name})" if name else "auxiliary picture"
+
+
+def item_entries(iinf: bytes) -> Iterator[bytes]:
+    """Yields the contents of the boxes infe, one for each item."""
+    return (data for name, data in inside(iinf[6 if iinf[0] == 0 else 8 :]) if name == b"infe")
+
+
+def _items(iinf: bytes) -> dict[int, _Item]:
+    items: dict[int, _Item] = {}
+    for data in item_entries(iinf):
+        if data[0] >= 2 and len(items) < _MOST_ITEMS:
+            number, at = _number_of(data)
+            _, _, texts = data[at + 4 :].partition(b"\0")
+            items[number] = _Item(data[at : at + 4], bool(data[3] & 1), texts.partition(b"\0")[0])
+    return items
+
+
+def _number_of(entry: bytes) -> tuple[int, int]:
+    """Parses (number of an item, position of its kind) in its box infe."""
+    is_wide = entry[0] > 2
+    return struct.unpack_from(">I" if is_wide else ">H", entry, 4)[0], 10 if is_wide else 8
+
+
+def _references(iref: bytes) -> list[_Reference]:
+    form = "I" if iref[0] else "H"
+    size, references = struct.calcsize(form), []
+    for kind, data in inside(iref[4:]):
+        number, count = struct.unpack_from(f">{form}H", data)
+        references.append(_Reference(kind, number, struct.unpack_from(f">{count}{form}", data, size + 2)))
+        if len(references) >= _MOST_ITEMS:
+            break
+    return references
+
+
+def printable(name: bytes, most: int = _LONGEST_NAME) -> str:
+    """Returns the printable ASCII characters among the first of a name."""
+    return "".join(chr(byte) for byte in name[:most] if 32 < byte < 127)
+
+
+# ---- positions -----------------------------------------------------------------------------------------
+
+
+class Extent(NamedTuple):
+    """Position of an item in a file."""
+
+    at: int
+    length: int
+    base: int  # position that the offset of ``at`` in the file's table is relative to
+    numbers_at: int  # position of that offset and the length in the table
+    are_32_bits: bool  # whether both numbers have 32 bits
+
+
+def extent(file: BinaryIO, kind: bytes) -> Extent | None:
+    """Returns the position of the first item of a kind; None if there is none, or it is fragmented."""
+    try:
+        content = top_level(file, b"meta")
+        content_at = file.tell() - len(content)
+        meta = dict(inside(content[4:]))
+        entries = ((entry, *_number_of(entry)) for entry in item_entries(meta[b"iinf"]))
+        item = next(number for entry, number, at in entries if entry[at : at + 4] == kind)
+        return _extent_of(meta[b"iloc"], item, content_at + content.index(meta[b"iloc"]))
+    except (KeyError, IndexError, StopIteration, struct.error):
+        return None
+
+
+def _extent_of(iloc: bytes, item: int, iloc_at: int) -> Extent | None:
+    """Finds the position of an item in the box iloc; raises IndexError if that is damaged."""
+    version, sizes, more_sizes = iloc[0], iloc[4], iloc[5]
+    stream = io.BytesIO(iloc)
+    stream.seek(6)
+
+    def number(size: int) -> int:
+        data = stream.read(size)
+        if len(data) < size:
+            raise IndexError
+        return int.from_bytes(data, "big")
+
+    for _ in range(min(number(4 if version == 2 else 2), _MOST_ITEMS)):
+        own = number(4 if version == 2 else 2)
+        in_file = version == 0 or number(2) & 15 == 0  # otherwise relative to another box
+        number(2)  # number of the file that contains it: this one
+        base, pieces = number(more_sizes >> 4), number(2)
+        for _ in range(pieces):
+            number(more_sizes & 15 if version else 0)
+            numbers_at = iloc_at + stream.tell()
+            offset, length = number(sizes >> 4), number(sizes & 15)
+            if own == item and in_file and pieces == 1:
+                return Extent(base + offset, length, base, numbers_at, sizes == 0x44)
+            if own == item:
+                return None
+    return None

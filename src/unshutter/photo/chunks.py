@@ -1,0 +1,275 @@
+"""The pieces that PNG, JPEG and Photoshop's metadata consist of: chunks, segments and image resources.
+
+libvips truncates the image resources of a TIFF, which include IPTC, to a quarter when writing them. Therefore
+``Metadata.resources`` stores them as in a JPEG, and each format writes them itself, TIFF by :func:`resource_tags`.
+
+Source: W3C, PNG third edition, sections 5 (structure, naming conventions) and 14 (treatment of unknown chunks by
+editors); ITU-T T.81, annex B (segments); Adobe, Photoshop File Formats (image resource blocks); TIFF tags 33723 (IPTC)
+and 34377 (Photoshop).
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import struct
+import zlib
+from collections.abc import Collection, Iterator, Sequence
+from typing import BinaryIO, NamedTuple
+
+from unshutter.photo.directories import EXIF_PREFIX, Entry, Tree
+
+_PIECE = 1 << 20  # bytes read at once, because pictures may be larger than memory
+
+# ---- files ---------------------------------------------------------------------------------------------
+
+
+def remove(file: BinaryIO, start: int, end: int) -> None:
+    """Removes bytes in the middle of a finished file."""
+    while file.seek(end) and (piece := file.read(_PIECE)):
+        file.seek(start)
+        file.write(piece)
+        start, end = start + len(piece), end + len(piece)
+    file.truncate(start)
+
+
+def insert(file: BinaryIO, at: int, data: bytes) -> None:
+    """Inserts bytes, moving the data after them in pieces from the end."""
+    end = file.seek(0, io.SEEK_END)
+    while end > at:
+        start = max(at, end - _PIECE)
+        file.seek(start)
+        piece = file.read(end - start)
+        file.seek(start + len(data))
+        file.write(piece)
+        end = start
+    file.seek(at)
+    file.write(data)
+
+
+# ---- chunks of PNG -------------------------------------------------------------------------------------
+
+SIGNATURE_BYTES = 8
+TEXTS = frozenset({b"tEXt", b"zTXt", b"iTXt"})
+COLOURS = frozenset({b"gAMA", b"cHRM", b"sRGB", b"cICP", b"mDCV", b"cLLI"})
+_NAMED = TEXTS | COLOURS | {b"pHYs", b"tIME", b"bKGD"}  # these are meaningful beyond PNG
+_USUAL_GAMMA = struct.pack(">I", 45455)
+_USUAL_PRIMARIES = struct.pack(">8I", 31270, 32900, 64000, 33000, 30000, 60000, 15000, 6000)
+_LARGEST, _MOST, _MOST_BYTES = 1 << 26, 10_000, 1 << 27  # of a chunk's data, of chunks, and of the data of all [bytes]
+_LOWER = 0x20  # the bit that distinguishes lower-case from upper-case letters
+
+
+class Chunk(NamedTuple):
+    """A chunk's name and data; ``data`` is None if they are damaged, or too long for a photo's metadata."""
+
+    name: bytes
+    data: bytes | None
+
+
+def is_safe_to_copy(name: bytes) -> bool:
+    """Whether a chunk's data remain valid for other pixels, according to the case of letters in its name."""
+    return bool(name[0] & _LOWER and name[3] & _LOWER)
+
+
+def chunks_of(file: BinaryIO, skipped: Collection[bytes]) -> Iterator[Chunk]:
+    """Yields all chunks of a PNG, including those after the pixels, except for names to skip."""
+    file.seek(SIGNATURE_BYTES)
+    count, left = 0, _MOST_BYTES
+    while len(head := file.read(8)) == 8 and head[4:] != b"IEND":
+        length, name = struct.unpack(">I4s", head)
+        if name in skipped:
+            file.seek(length + 4, 1)
+            continue
+        count += 1
+        if length > min(_LARGEST, left) or count > _MOST:
+            file.seek(length + 4, 1)
+            yield Chunk(name, None)
+            continue
+        left -= length
+        data, checksum = file.read(length), file.read(4)
+        yield Chunk(name, data if checksum == struct.pack(">I", zlib.crc32(name + data)) else None)
+
+
+def has_data_behind(file: BinaryIO) -> bool:
+    """Whether data follow the last chunk of a PNG; to be called after reading :func:`chunks_of` to the end."""
+    return bool(file.read(_LARGEST)[4:].strip(b"\0\r\n"))  # after a checksum
+
+
+def encoded_chunk(name: bytes, data: bytes) -> bytes:
+    """Encodes a chunk."""
+    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+
+def extent_of(file: BinaryIO, name: bytes) -> tuple[int, int] | None:
+    """Returns the start and end of a chunk before the pixels; None if there is none."""
+    at = SIGNATURE_BYTES
+    file.seek(at)
+    while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
+        (length,) = struct.unpack_from(">I", head)
+        if head[4:] == name:
+            return at, at + 12 + length
+        at += 12 + length
+        file.seek(at)
+    return None
+
+
+def lost_in_words(chunks: Sequence[tuple[bytes, bytes]], has_profile: bool) -> Iterator[str]:
+    """Yields names of what is lost without chunks; not colours, if a profile describes them or they are sRGB's."""
+    names = {name for name, _ in chunks}
+    if names & TEXTS:
+        yield "texts"
+    by_name = dict(chunks)
+    are_usual = b"sRGB" in names or (
+        by_name.get(b"gAMA", _USUAL_GAMMA) == _USUAL_GAMMA
+        and by_name.get(b"cHRM", _USUAL_PRIMARIES) == _USUAL_PRIMARIES
+    )
+    if not has_profile and names & {b"gAMA", b"cHRM"} and not are_usual:
+        yield "colours (gAMA and cHRM)"
+    if b"bKGD" in names:
+        yield "background colour (bKGD)"
+    if b"mDCV" in names or b"cLLI" in names:
+        yield "brightness of the screen (mDCV, cLLI)"
+    if any(name not in _NAMED for name in names):
+        yield "chunks of other programs"
+
+
+# ---- segments of JPEG ----------------------------------------------------------------------------------
+
+# markers; application segments identify their content by their first bytes
+END, SCAN, APP0, APP1, APP2, APP13, APP14, COMMENT = 0xD9, 0xDA, 0xE0, 0xE1, 0xE2, 0xED, 0xEE, 0xFE
+LONGEST = 65_533  # bytes of content
+_MOST_FILL = 1 << 16  # bytes before a marker
+_IN_A_SCAN = re.compile(rb"\xff[\x02-\xcf\xd8-\xfe]")  # a marker that ends coded data, unlike restart markers
+_MOST_BEHIND = 64  # pieces that are examined behind the picture
+_FILL = b"\0\xff \r\n\t"
+
+
+def before_the_scan(file: BinaryIO, markers: tuple[int, ...]) -> Iterator[tuple[int, bytes]]:
+    """Yields (marker, content) of the segments before the first scan that have one of the markers."""
+    file.seek(2)
+    while (marker := _marker(file)) not in (None, SCAN):
+        size = file.read(2)
+        length = int.from_bytes(size, "big")
+        if len(size) < 2 or length < 2:
+            return
+        if marker in markers:
+            yield marker, file.read(length - 2)
+        else:
+            file.seek(length - 2, 1)
+
+
+def _marker(file: BinaryIO) -> int | None:
+    """Reads the next marker, which any number of bytes 0xFF may precede; returns None if there is none."""
+    if file.read(1) != b"\xff":
+        return None
+    for _ in range(_MOST_FILL):
+        if (byte := file.read(1)) != b"\xff":
+            return byte[0] if byte else None
+    return None
+
+
+def bytes_behind(file: BinaryIO) -> int:
+    """Counts the bytes after the end of the picture; 0 after 64 MB of padding, or if the picture has no end."""
+    for _ in before_the_scan(file, ()):
+        pass
+    while (marker := _after_segment(file)) not in (None, END):
+        pass
+    at = file.tell()
+    if marker is None or not any(file.read(_PIECE).strip(_FILL) for _ in range(_MOST_BEHIND)):
+        return 0
+    return file.seek(0, io.SEEK_END) - at
+
+
+def _after_segment(file: BinaryIO) -> int | None:
+    """Skips a segment whose marker was read, and coded data after it; reads and returns the next marker."""
+    size = file.read(2)
+    if len(size) < 2:
+        return None
+    at = file.tell() + int.from_bytes(size, "big") - 2
+    file.seek(at)
+    while len(piece := file.read(_PIECE)) > 1:
+        match = _IN_A_SCAN.search(piece)
+        if match is not None:
+            file.seek(at + match.end())
+            return piece[match.end() - 1]
+        at += len(piece) - 1  # a marker may be split between two pieces
+        file.seek(at)
+    return None
+
+
+def encoded_segment(marker: int, content: bytes) -> bytes:
+    """Encodes a segment."""
+    return struct.pack(">BBH", 0xFF, marker, len(content) + 2) + content
+
+
+def exif_of(file: BinaryIO) -> bytes | None:
+    """Returns the EXIF blob of a JPEG; None if there is none."""
+    return next((content for _, content in before_the_scan(file, (APP1,)) if content.startswith(EXIF_PREFIX)), None)
+
+
+# ---- Photoshop's image resources -----------------------------------------------------------------------
+
+IPTC_TAG, RESOURCES_TAG = 33723, 34377
+RESOURCES_PREFIX = b"Photoshop 3.0\0"
+_IPTC, _THUMBNAILS = 1028, (1033, 1036)
+
+
+def resources_of_tiff(tree: Tree) -> bytes | None:
+    """Returns the resources of a TIFF's first page in the form used in JPEG; None if it has none."""
+    blocks, iptc = tree.data(RESOURCES_TAG) or b"", tree.data(IPTC_TAG)
+    if iptc and not any(kind == _IPTC for kind, _, _ in _blocks(blocks)):
+        blocks = _iptc_block(iptc) + blocks
+    return RESOURCES_PREFIX + blocks if blocks else None
+
+
+def resources_of_blocks(blocks: bytes) -> bytes:
+    """Converts blocks without a prefix, or bare IPTC, to resources in the form used in JPEG."""
+    return RESOURCES_PREFIX + (blocks if blocks.startswith(b"8BIM") else _iptc_block(blocks))
+
+
+def _iptc_block(iptc: bytes) -> bytes:
+    return b"8BIM" + struct.pack(">HHI", _IPTC, 0, len(iptc)) + iptc + bytes(len(iptc) % 2)
+
+
+def resource_tags(resources: bytes | None) -> dict[int, Entry]:
+    """Returns the TIFF tags for resources; empty without resources."""
+    blocks = (resources or b"").removeprefix(RESOURCES_PREFIX)
+    tags = {RESOURCES_TAG: Entry(7, len(blocks), blocks)} if blocks else {}
+    iptc = next((data for kind, data, _ in _blocks(blocks) if kind == _IPTC), None)
+    return tags | ({IPTC_TAG: Entry(7, len(iptc), iptc)} if iptc else {})
+
+
+def split_resources(resources: bytes | None) -> list[bytes]:
+    """Splits resources into contents of JPEG segments; empty without resources."""
+    blocks, room = (resources or b"").removeprefix(RESOURCES_PREFIX), LONGEST - len(RESOURCES_PREFIX)
+    return [RESOURCES_PREFIX + blocks[at : at + room] for at in range(0, len(blocks), room)]
+
+
+def has_iptc(resources: bytes) -> bool:
+    """Whether the resources contain IPTC."""
+    return any(kind == _IPTC for kind, _, _ in _blocks(resources.removeprefix(RESOURCES_PREFIX)))
+
+
+def without_thumbnails(resources: bytes) -> bytes:
+    """Removes thumbnails from resources; anything unreadable is left unchanged."""
+    prefix = RESOURCES_PREFIX if resources.startswith(RESOURCES_PREFIX) else b""
+    blocks = resources.removeprefix(prefix)
+    kept, end = [], 0
+    for kind, _, block in _blocks(blocks):
+        end += len(block)
+        kept += [] if kind in _THUMBNAILS else [block]
+    return prefix + b"".join(kept) + blocks[end:]
+
+
+def _blocks(blocks: bytes) -> Iterator[tuple[int, bytes, bytes]]:
+    """Yields (kind, content, whole block) of each resource, as far as they can be read."""
+    at = 0
+    while blocks[at : at + 4] == b"8BIM" and len(blocks) >= at + 12:
+        name = blocks[at + 6] + 1
+        size_at = at + 6 + name + name % 2
+        if len(blocks) < size_at + 4:
+            return
+        kind, size = struct.unpack_from(">H", blocks, at + 4)[0], struct.unpack_from(">I", blocks, size_at)[0]
+        end = size_at + 4 + size + size % 2
+        yield kind, blocks[size_at + 4 : size_at + 4 + size], blocks[at:end]
+        at = end

@@ -1,1 +1,0 @@
-"""File structures that several formats share."""

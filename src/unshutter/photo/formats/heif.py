@@ -1,0 +1,202 @@
+"""AVIF and HEIC: pictures in boxes, which contain their orientation and the position of their EXIF.
+
+HEIC is read through libheif (package pi-heif, extra ``heic``). Its pixels are those read from the sensor; the boxes
+irot and imir state how a viewer should rotate and mirror them. libheif always applies them while decoding, which is
+undone here.
+
+Source: ISO/IEC 23008-12 (HEIF), AV1 Image File Format.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, final
+
+from unshutter import errors
+from unshutter.errors import UnshutterError
+from unshutter.photo import boxes, exif
+from unshutter.photo.directories import EXIF_PREFIX
+from unshutter.photo.formats import picture_format
+from unshutter.photo.formats.picture_format import Coding, Format, Header, Metadata, Picture, WrittenFormat
+from unshutter.photo.libvips import Source, field, in_plain_words, memory_returned, profile_of, threads
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+_THREADS = 4  # of the encoder, on every machine: it splits the picture into tiles by their number
+
+
+@final
+class Avif(WrittenFormat):
+    """AVIF: 8, 10 or 12 bits, RGB; the decoder returns grey as three channels."""
+
+    name = written_as = "avif"
+    suffixes = (".avif",)
+    signature = re.compile(rb"....ftyp(avis|(....)*avif)", re.DOTALL)
+    longest_side, deep, grey, alpha = 16_384, True, False, True
+    holds = frozenset({"exif", "icc", "xmp"})
+
+    def read_header(self, source: Source) -> Header:
+        """See Format. The orientation is that of the boxes, which decoders apply; EXIF's is ignored."""
+        boxes.refuse_animation(source)
+        readable = picture_format.without_exif_loops(source, _exif_blocks)
+        image = picture_format.open_image(readable, "heifload")
+        with source.stream() as stream:
+            own, left_behind = boxes.read_coding(stream), boxes.extras_in_words(stream)
+        coding = Coding(subsampled=own.subsampled, bits=field(image, "bits-per-sample", 8))
+        metadata = replace(picture_format.metadata_of(image), left_behind=left_behind)
+        if readable is not source:
+            metadata = replace(metadata, exif=None, left_behind=("EXIF (damaged)", *left_behind))
+        metadata = replace(metadata, exif=exif.with_header(metadata.exif))
+        if metadata.icc is None:
+            metadata = replace(metadata, icc=profile_of(*own.code_points, source))
+        header = picture_format.header(self, source, image, coding, metadata, pictures=1)
+        height, width = own.orientation.size(header.height, header.width)
+        bands = header.bands - 2 if own.grey else header.bands
+        return replace(header, height=height, width=width, bands=bands, orientation=own.orientation)
+
+    @memory_returned()
+    def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
+        """See Format."""
+        pixels = picture_format.decode(picture_format.without_exif_loops(source, _exif_blocks), "heifload")
+        if header.bands <= 2 < pixels.shape[2]:
+            pixels = pixels[..., [0] if pixels.shape[2] == 3 else [0, 3]]
+        return header.orientation.stored(pixels)
+
+    def encode(self, picture: Picture, path: Path | None) -> bytes | None:
+        """See WrittenFormat."""
+        coding = picture.coding
+        deep = coding.bits if coding.bits in (10, 12) else 12
+        options = {
+            "compression": "av1",
+            "Q": picture.quality or 80,
+            "effort": 0,  # takes a quarter of the time of 2; docs/reference/formats.md describes what is lost
+            "bitdepth": deep if picture.image.format == "ushort" else 8,
+            "subsample_mode": "on" if coding.subsampled else "off",
+        }
+        with threads(_THREADS), memory_returned():
+            return picture_format.encode(picture, "heifsave", path, **options)
+
+    def embed(self, file: BinaryIO, picture: Picture) -> list[str]:
+        """See WrittenFormat. Appends EXIF, and makes the item of the zeroed placeholder point to it."""
+        blob = picture.metadata.exif
+        if blob is None:
+            return []
+        old = boxes.extent(file, b"Exif")
+        if old is None or not old.are_32_bits:
+            return ["EXIF"]
+        end = file.seek(0, 2)
+        content = struct.pack(">I", len(EXIF_PREFIX)) + EXIF_PREFIX + blob.removeprefix(EXIF_PREFIX)
+        file.write(struct.pack(">I4s", 8 + len(content), b"mdat") + content)
+        file.seek(old.at)
+        file.write(bytes(old.length))
+        file.seek(old.numbers_at)
+        file.write(struct.pack(">II", end + 8 - old.base, len(content)))
+        return []
+
+
+def _exif_blocks(file: BinaryIO) -> Iterator[picture_format.ExifBlock]:
+    extent = boxes.extent(file, b"Exif")
+    if extent is not None:
+        file.seek(extent.at)
+        content = file.read(extent.length)  # four bytes with the position of the TIFF header, then EXIF
+        start = 4 + int.from_bytes(content[:4], "big")
+        yield picture_format.ExifBlock(extent.at + start, content[start:])
+
+
+@final
+class Heic(Format):
+    """HEIC: read-only."""
+
+    name, written_as = "heic", "avif"
+    suffixes = (".heic", ".heif", ".hif")
+    signature = re.compile(rb"....ftyp(hevc|hevx|msf1|(....)*(hei[cxms]|mif1))", re.DOTALL)
+
+    def read_header(self, source: Source) -> Header:
+        """See Format."""
+        boxes.refuse_animation(source)
+        picture = _primary(source)
+        info = picture.info
+        with source.stream() as stream:
+            own, left_behind = boxes.read_coding(stream), boxes.extras_in_words(stream)
+        height, width = own.orientation.size(*picture.size[::-1])
+        profile, packet = info.get("icc_profile") or profile_of(*own.code_points, source), info.get("xmp")
+        blob = info.get("exif")
+        metadata = Metadata(
+            exif=exif.without_loop(blob) if blob else None,
+            icc=bytes(profile) if profile else None,
+            xmp=bytes(packet) if packet else None,
+            left_behind=(("EXIF (damaged)",) if blob and exif.has_loop(blob) else ()) + left_behind,
+        )
+        coding = Coding(subsampled=info.get("chroma") == 420, bits=info["bit_depth"])
+        return Header(self, coding, height, width, len(_channels(picture)), own.orientation, metadata)
+
+    @memory_returned()
+    def decode(self, source: Source, header: Header, shrink: int = 1) -> np.ndarray:
+        """See Format."""
+        pixels = header.orientation.stored(_upright_pixels(source))
+        if pixels.shape != (header.height, header.width, header.bands):
+            raise UnshutterError("{photo} is damaged: it holds another picture than it says", photo=source)
+        return pixels
+
+
+def _upright_pixels(source: Source) -> np.ndarray:
+    """Decodes the primary picture, [H, W, bands] uint8 or uint16, rotated and mirrored as the file specifies."""
+    import numpy as np
+
+    picture = _primary(source)
+    try:
+        pixels = np.array(picture)  # copied, because pi-heif's pixels are freed with its picture
+    except Exception as error:  # libheif's errors, in whichever class pi-heif raises them
+        raise UnshutterError(f"{{photo}} is damaged or incomplete: {_cause(error)}", photo=source) from None
+    pixels = pixels.reshape(*pixels.shape[:2], -1)
+    if _channels(picture).endswith("a"):  # colours are premultiplied
+        top = np.iinfo(pixels.dtype).max
+        opacity = np.maximum(pixels[..., -1:], 1) / top
+        plain = np.minimum(np.round(pixels[..., :-1] / opacity), top).astype(pixels.dtype)
+        pixels = np.concatenate([plain, pixels[..., -1:]], axis=2)
+    pixels.setflags(write=False)
+    return pixels
+
+
+def _channels(picture: Any) -> str:
+    return picture.mode.partition(";")[0]  # one letter per channel
+
+
+def _primary(source: Source) -> Any:
+    try:
+        import pi_heif
+    except ImportError:
+        raise UnshutterError(f"{{photo}} is a HEIC photo: to read it, {errors.extra('heic')}", photo=source) from None
+    try:
+        with source.stream() as stream:
+            if not _item_names_are_text(stream):
+                raise ValueError("names of its parts are not text")
+            file = pi_heif.open_heif(stream, convert_hdr_to_8bit=False)
+            if not len(file):
+                raise ValueError("it holds no picture")
+            return file[file.primary_index]
+    except Exception as error:
+        if isinstance(error, OSError) and error.strerror:
+            raise
+        raise UnshutterError(
+            f"{{photo}} is a HEIC photo, damaged, incomplete or unusual: {_cause(error)}", photo=source
+        ) from None
+
+
+def _item_names_are_text(file: BinaryIO) -> bool:
+    """Whether the types of all items are ASCII; otherwise pi-heif crashes (1.4)."""
+    try:
+        entries = boxes.item_entries(boxes.in_meta(file)[b"iinf"])
+    except (KeyError, IndexError):
+        return True  # reported elsewhere
+    return all(byte < 128 for entry in entries for byte in entry[8:])
+
+
+def _cause(error: Exception) -> str:
+    return in_plain_words(" ".join(str(error).split())) or type(error).__name__

@@ -1,0 +1,220 @@
+"""Fits pictures to a format, and writes them: as an encoded file in memory, or to a file on disc."""
+
+from __future__ import annotations
+
+import io
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from unshutter.errors import UnshutterError
+from unshutter.options import PictureFormat, Save, Subsampling
+from unshutter.options.fields import errors_in_python, from_keywords
+from unshutter.orientation import Orientation
+from unshutter.photo import chunks, exif, xmp
+from unshutter.photo.formats import FORMATS, WRITTEN, of_target
+from unshutter.photo.formats.picture_format import Metadata, Picture, WrittenFormat
+from unshutter.photo.libvips import field, in_srgb, refusing, standard, to_8_bits
+from unshutter.storage.files import Times, check_target, written_whole
+
+if TYPE_CHECKING:
+    import pyvips
+
+
+_THUMBNAIL_SIDE = 160  # px
+_NAMED = 4  # number of omitted parts to name; the others are counted
+
+
+class Encoded(NamedTuple):
+    """A picture as an encoded file."""
+
+    data: bytes  # the file
+    left_out: tuple[str, ...]  # names of metadata that it lacks: ("IPTC", "texts")
+
+
+def not_written(left_out: Sequence[str]) -> str:
+    """Lists the metadata that a file cannot hold in one line for the user; empty if there are none."""
+    if not left_out:
+        return ""
+    named = list(dict.fromkeys(left_out))
+    more = [f"{len(named) - _NAMED} more"] if len(named) > _NAMED else []
+    named = [*named[:_NAMED], *more]
+    listed = " and ".join([", ".join(named[:-1]), named[-1]]) if len(named) > 1 else named[0]
+    return f"not written: {listed}"
+
+
+class FileOutput(ABC):
+    """A picture with metadata that can be written in any output format."""
+
+    format: str
+    path: Path | None
+
+    @property
+    @abstractmethod
+    def times_ns(self) -> Times:
+        """Access and modification time of its file [ns since 1970]."""
+
+    @abstractmethod
+    def _picture_for(self, format: WrittenFormat, save: Save) -> tuple[Picture, tuple[str, ...]]:
+        """Returns the picture as a format can hold it, and the names of what it cannot hold."""
+
+    def to_bytes(
+        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+    ) -> bytes:
+        """Encodes the photo.
+
+        Args:
+            format: ``jpeg``, ``png``, ``webp``, ``tiff`` or ``avif``; its own by default
+                (PNG for arrays, AVIF for HEIC, TIFF for raw).
+            quality: 1-100 for JPEG, WebP and AVIF; by default like the input's, else 95, 90 and 80.
+            subsampling: chroma subsampling of JPEG and AVIF, ``4:4:4`` (none) or ``4:2:0``; by default like the input's
+                (4:4:4 for anything in between).
+        """
+        return self.encode(format, quality, subsampling).data
+
+    def encode(
+        self, format: PictureFormat | None = None, quality: int | None = None, subsampling: Subsampling | None = None
+    ) -> Encoded:
+        """Encodes the photo like :meth:`to_bytes`, and names the metadata that the format cannot hold."""
+        save = from_keywords(Save, locals())
+        own = "png" if self.format == "array" else FORMATS[self.format].written_as
+        target = WRITTEN[save.format or own]
+        picture, left_out = self._picture_for(target, save)
+        with refusing(f"cannot encode the picture as {target.name.upper()}"):
+            data = target.encode(picture, None)
+        assert data is not None
+        stream = io.BytesIO(data)
+        left_out += tuple(target.embed(stream, picture))
+        return Encoded(stream.getvalue(), left_out)
+
+    @errors_in_python()
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        quality: int | None = None,
+        overwrite: bool = False,
+        subsampling: Subsampling | None = None,
+        keep_times: bool = False,
+    ) -> tuple[str, ...]:
+        """Writes the photo atomically: to a temporary file next to ``path`` that is renamed when complete.
+
+        It gets the permissions of the file from which the photo was read.
+
+        Args:
+            path: file to write; its extension determines the format: .jpg .jpeg .png .webp .tif .tiff .avif.
+            quality: see :meth:`to_bytes`.
+            overwrite: whether an existing file may be replaced; never the photo's own or the target of a link.
+            subsampling: see :meth:`to_bytes`.
+            keep_times: whether it also gets the access and modification time that the photo's file had when it was
+                opened, as far as the file system supports them.
+
+        Returns:
+            The names of metadata that the format cannot hold, such as ``("IPTC",)``.
+        """
+        options, target = from_keywords(Save, locals()), Path(path)
+        format = of_target(target)
+        check_target(target, overwrite, self.path)
+        return write_photo(self, target, format, options, overwrite)
+
+
+def write_photo(photo: FileOutput, target: Path, format: WrittenFormat, save: Save, overwrite: bool) -> tuple[str, ...]:
+    """Writes a photo as :meth:`FileOutput.save` does, without checking the target first."""
+    times_ns = photo.times_ns if save.keep_times else None
+    picture, left_out = photo._picture_for(format, save)  # decodes: damage is found before writing
+    with written_whole(target, overwrite, mode_of=photo.path, times_ns=times_ns) as part:
+        with refusing(f"cannot write {target}"):
+            format.encode(picture, part)
+        with part.open("r+b") as stream:
+            left_out += tuple(format.embed(stream, picture))
+    return left_out
+
+
+# ---- contents of a file --------------------------------------------------------------------------------
+
+
+def fitted(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Picture, tuple[str, ...]]:
+    """Fits a picture to a format, updates its metadata to match the pixels, and names what is lost.
+
+    If the pixels differ from those of the file that the metadata come from, thumbnails are replaced or removed.
+    """
+    lost_channels: tuple[str, ...] = ()
+    if picture.masked and not format.masks:  # otherwise libvips would treat the mask as transparency
+        lost_channels = ("mask channel",)
+        picture = replace(picture, image=standard(picture.image[: picture.image.bands - 1]))
+    elif picture.has_alpha and not format.alpha and _is_transparent(picture.image):
+        lost_channels = ("transparency",)
+    metadata, left_out = _updated_metadata(picture, format, is_new)
+    image, profile = _fitted_pixels(picture.image, metadata.icc, format)
+    fitting = replace(picture, image=image, metadata=replace(metadata, icc=profile))
+    return fitting, (*dict.fromkeys(left_out), *lost_channels)
+
+
+def _updated_metadata(picture: Picture, format: WrittenFormat, is_new: bool) -> tuple[Metadata, list[str]]:
+    """Returns metadata that match the pixels, and the names of those that are lost."""
+    image, metadata, orientation = picture.image, picture.metadata, picture.orientation
+    left_out = [*metadata.lost_in(format.holds), *metadata.left_behind]
+    packet, resources = metadata.xmp, metadata.resources
+    if packet is not None:
+        film = metadata.film if "film" in format.holds else None
+        left_out += xmp.lost(packet, film is not None)
+        # an orientation given only in XMP is kept there
+        xmp_orientation = orientation if orientation is not Orientation.NORMAL else exif.orientation(metadata.exif)
+        packet = xmp.updated(
+            packet, xmp.NextPicture(image.height, image.width, xmp_orientation, is_new, film and film.place)
+        )
+        if packet is None:
+            left_out.append("XMP (damaged)")
+    if is_new and resources is not None:
+        resources = chunks.without_thumbnails(resources)
+    blob = _updated_exif(image, metadata.exif, orientation, is_new)
+    return replace(metadata, exif=blob, xmp=packet, resources=resources), left_out
+
+
+def _updated_exif(image: pyvips.Image, blob: bytes | None, orientation: Orientation, is_new: bool) -> bytes | None:
+    if blob is not None:
+        blob = exif.with_size(blob, image.height, image.width)
+        if is_new and exif.has_thumbnail(blob):
+            blob = exif.with_thumbnail(blob, _thumbnail(image), orientation)
+    return exif.with_orientation(blob, orientation)
+
+
+def _thumbnail(image: pyvips.Image) -> bytes:
+    small = image.flatten() if image.hasalpha() else image
+    small = small.resize(min(_THUMBNAIL_SIDE / max(small.width, small.height), 1.0), kernel="linear")
+    return to_8_bits(small).jpegsave_buffer(Q=80, keep=0)
+
+
+def _fitted_pixels(
+    image: pyvips.Image, profile: bytes | None, format: WrittenFormat
+) -> tuple[pyvips.Image, bytes | None]:
+    """Converts pixels to depth and channels that a format can hold; returns them with their ICC profile.
+
+    Transparency that it cannot hold is flattened on black, and grey becomes three channels.
+    """
+    if max(image.width, image.height) > format.longest_side:
+        raise UnshutterError(
+            f"a picture of {image.width}x{image.height} px does not fit into {format.name.upper()}, "
+            f"which ends at {format.longest_side} px: choose another format"
+        )
+    if image.hasalpha() and not format.alpha:
+        image = image.flatten()
+    if not format.deep:
+        image = to_8_bits(image)
+    if image.bands > 2 or format.grey:
+        return image, profile
+    grey, alpha = standard(image[0]), image[1:] if image.bands == 2 else None
+    if profile is not None and profile[16:20] == b"GRAY":  # for grey only, so it would be lost
+        colour = in_srgb(grey, profile)
+        profile = field(colour, "icc-profile-data")
+    else:
+        colour = grey.bandjoin([grey, grey])
+    return standard(colour if alpha is None else colour.bandjoin(alpha)), profile
+
+
+def _is_transparent(image: pyvips.Image) -> bool:
+    """Whether any pixel of an image is transparent, according to its last channel."""
+    opaque = 65_535 if image.format == "ushort" else 255
+    return float(image[image.bands - 1].min()) < opaque  # pyright: ignore[reportArgumentType]

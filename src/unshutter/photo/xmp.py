@@ -1,0 +1,323 @@
+"""XMP: a packet as a tree with positions, and updates of the properties that must change along with the pixels.
+
+Changes are made in the packet's bytes, and the rest is left unchanged. The parser is Python's expat, restricted against
+dangerous XML: a packet with a document type, which alone can define entities, is rejected, as is one with too many
+elements. The time taken is proportional to the packet's size.
+
+Source: W3C, XML 1.0 and Namespaces in XML; ISO 16684-1 (XMP); Adobe, XMP specification parts 1 and 3; Google, Motion
+Photo format 1.0 and Ultra HDR image format 1.1.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+from xml.parsers import expat
+
+# Prefixes and their namespaces; packets that use them undeclared are accepted.
+NAMESPACES = {
+    "rdf": "http://www.w3.org/1999/02/22-rdf-syntax-ns#",
+    "xmp": "http://ns.adobe.com/xap/1.0/",
+    "xap": "http://ns.adobe.com/xap/1.0/",
+    "xmpNote": "http://ns.adobe.com/xmp/note/",
+    "tiff": "http://ns.adobe.com/tiff/1.0/",
+    "exif": "http://ns.adobe.com/exif/1.0/",
+    "hdrgm": "http://ns.adobe.com/hdr-gain-map/1.0/",
+    "HDRGainMap": "http://ns.apple.com/HDRGainMap/1.0/",
+    "GCamera": "http://ns.google.com/photos/1.0/camera/",
+    "Container": "http://ns.google.com/photos/1.0/container/",
+    "Item": "http://ns.google.com/photos/1.0/container/item/",
+    "GDepth": "http://ns.google.com/photos/1.0/depthmap/",
+    "GImage": "http://ns.google.com/photos/1.0/image/",
+}
+_PREFIX_OF = {uri: prefix for prefix, uri in reversed(NAMESPACES.items())}
+_MOST_ELEMENTS = 100_000
+_TAG_NAME = re.compile(rb"<[^\s/>]+")
+_ATTRIBUTE = re.compile(rb"""\s*([^\s=/>]+)\s*=\s*("[^"]*"|'[^']*')""")
+_TAG_END = re.compile(rb"\s*(/?)>")
+
+
+class UnreadableError(Exception):
+    """A packet that is not well-formed, or too dangerous to read."""
+
+
+@dataclass(slots=True)
+class Attribute:
+    """An attribute: its value, and the positions of the whole attribute (with preceding space) and of the value."""
+
+    value: str
+    at: int
+    end: int
+    value_at: int
+    value_end: int
+
+
+@dataclass(slots=True)
+class Element:
+    """An element."""
+
+    name: str  # with the usual prefix of its namespace, regardless of the packet's: ``tiff:Orientation``
+    at: int  # start of the whole element
+    content_at: int  # start of the content between its tags
+    attributes: dict[str, Attribute]  # attributes by name, in the same form
+    end: int = 0
+    content_end: int = 0
+    children: list[Element] = field(default_factory=list)  # direct child elements
+
+    def below(self) -> Iterator[Element]:
+        """Yields this element and all elements inside it."""
+        waiting: list[Element] = [self]
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting.extend(reversed(element.children))
+
+
+class Packet:
+    """A packet and the changes to be made in it."""
+
+    def __init__(self, data: bytes) -> None:
+        """Parses the packet."""
+        self.data = data
+        self.root = _Reader(data).root
+        self._changes: list[tuple[int, int, bytes]] = []
+
+    def remove(self, thing: Element | Attribute) -> None:
+        """Removes an element with its content, or an attribute."""
+        self._changes.append((thing.at, thing.end, b""))
+
+    def set_number(self, thing: Element | Attribute, value: int) -> None:
+        """Sets the text of an element or the value of an attribute, if it is an integer now."""
+        is_element = isinstance(thing, Element)
+        at, end = (thing.content_at, thing.content_end) if is_element else (thing.value_at, thing.value_end)
+        old = self.data[at:end]
+        if old.strip().isdigit():
+            at += len(old) - len(old.lstrip())
+            self._changes.append((at, at + len(old.strip()), b"%d" % value))
+
+    def changed(self) -> bytes:
+        """Returns the packet with all changes."""
+        pieces, done = [], 0
+        for at, end, new in sorted(self._changes, key=lambda change: (change[0], -change[1])):
+            if at >= done:  # otherwise inside a removed part
+                pieces += [self.data[done:at], new]
+                done = end
+        return b"".join([*pieces, self.data[done:]])
+
+
+class _Reader:
+    """Handlers for expat, which reports where an element begins; its tag is parsed again for attribute positions."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._bound: dict[str, list[str]] = {}  # by prefix: namespaces, innermost declaration last
+        self._declared: list[list[str]] = []  # prefixes declared by each open element
+        self._open: list[Element] = []
+        self._elements = 0
+        parser = self._parser = expat.ParserCreate()
+        parser.StartElementHandler = self._begin
+        parser.EndElementHandler = self._finish
+        parser.StartDoctypeDeclHandler = self._refuse
+        try:
+            parser.Parse(data.rstrip(b"\0"), True)
+        except (expat.ExpatError, ValueError, LookupError) as error:
+            raise UnreadableError(str(error)) from None
+        finally:
+            parser.StartElementHandler = parser.EndElementHandler = parser.StartDoctypeDeclHandler = None
+
+    def _refuse(self, *_: object) -> None:
+        raise UnreadableError("it has a document type")
+
+    def _begin(self, name: str, values: dict[str, str]) -> None:
+        self._elements += 1
+        if self._elements > _MOST_ELEMENTS:
+            raise UnreadableError("it has too many elements")
+        prefixes = [key[6:] for key in values if key.startswith("xmlns:")]
+        for prefix in prefixes:
+            self._bound.setdefault(prefix, []).append(values[f"xmlns:{prefix}"])
+        self._declared.append(prefixes)
+        at = self._parser.CurrentByteIndex
+        attributes, end, is_empty = self._tag(at, values)
+        element = Element(self._usual(name), at, end, attributes, end if is_empty else 0, end)
+        if self._open:
+            self._open[-1].children.append(element)
+        else:
+            self.root = element
+        self._open.append(element)
+
+    def _finish(self, _: str) -> None:
+        element = self._open.pop()
+        for prefix in self._declared.pop():
+            self._bound[prefix].pop()
+        if not element.end:
+            element.content_end = self._parser.CurrentByteIndex
+            element.end = self._data.index(b">", element.content_end) + 1
+
+    def _tag(self, at: int, values: dict[str, str]) -> tuple[dict[str, Attribute], int, bool]:
+        """Parses (attributes, end of the tag, whether the element is empty) from a tag that expat has accepted."""
+        start = _TAG_NAME.match(self._data, at)
+        place = start.end() if start else at
+        attributes = {}
+        while match := _ATTRIBUTE.match(self._data, place):
+            place = match.end()
+            name = match[1].decode(errors="replace")
+            if not name.startswith("xmlns"):
+                value = values.get(name, "")
+                attributes[self._usual(name)] = Attribute(value, *match.span(), match.start(2) + 1, match.end(2) - 1)
+        end = _TAG_END.match(self._data, place)
+        if end is None:  # an encoding that does not include ASCII
+            raise UnreadableError("it is not in UTF-8")
+        return attributes, end.end(), bool(end[1])
+
+    def _usual(self, name: str) -> str:
+        """Returns a name with the usual prefix of its namespace."""
+        prefix, colon, local = name.partition(":")
+        bound = self._bound.get(prefix)
+        uri = bound[-1] if bound else NAMESPACES.get(prefix, prefix)
+        return f"{_PREFIX_OF.get(uri, uri)}:{local}" if colon else name
+
+
+# ---- what follows the pixels ---------------------------------------------------------------------------
+
+TIFF_TAG = 0x02BC
+# Most packets contain none of these names; nothing in them depends on the pixels, and they are not even parsed.
+_FOLLOWS = re.compile(
+    rb"Image(?:Width|Length)|Pixel[XY]Dimension|Orientation|Thumbnails|HasExtendedXMP|MotionPhoto|MicroVideo"
+    rb"|Container|[Gg]ain[Mm]ap|gain-map|depthmap|photos/1.0/image|GDepth|GImage|hdrgm|<!DOCTYPE"
+)
+_WIDTHS, _HEIGHTS = ("exif:PixelXDimension", "tiff:ImageWidth"), ("exif:PixelYDimension", "tiff:ImageLength")
+_SMALL_OR_ELSEWHERE = ("xmp:Thumbnails", "xmpNote:HasExtendedXMP")
+_FILM = re.compile("GCamera:(MotionPhoto|MicroVideo)")
+_BESIDE = re.compile("(hdrgm|HDRGainMap|GDepth|GImage):")
+_DIRECTORY = "Container:Directory"
+_SEMANTIC, _LENGTH, _PADDING = "Item:Semantic", "Item:Length", "Item:Padding"
+_OLD_FILM_LENGTH = "GCamera:MicroVideoOffset"  # relative to the end of the file
+
+
+class FilmPlace(NamedTuple):
+    """Position of a motion photo's film in its file."""
+
+    at: int  # distance from the end of the picture to the film's start [bytes]
+    length: int  # of the film [bytes]
+    to_end: int  # distance from the film's start to the end of the file [bytes]
+
+
+class NextPicture(NamedTuple):
+    """The picture that a packet should describe."""
+
+    height: int
+    width: int
+    orientation: int | None  # EXIF orientation 1-8; None: the packet's own is kept
+    is_new: bool  # whether the pixels have changed, so that thumbnails of the old ones are removed
+    film: FilmPlace | None  # of a motion photo, if it still follows the picture; gain maps and the like never do
+
+
+def updated(packet: bytes, picture: NextPicture) -> bytes | None:
+    """Adapts the packet to the next picture; everything else is kept byte for byte.
+
+    Returns None if the packet cannot be read and may describe pictures that no longer exist.
+    """
+    if not _FOLLOWS.search(packet):
+        return packet
+    read = _read(packet)
+    if read is None:
+        is_stale = b"<!DOCTYPE" in packet or (picture.is_new and b"Thumbnails" in packet) or b"photos/1.0/" in packet
+        return None if is_stale else packet
+    directory = None
+    for element in read.root.below():
+        _update(read, element, element.name, picture)
+        for name, attribute in element.attributes.items():
+            _update(read, attribute, name, picture)
+        if element.name == _DIRECTORY and directory is None:
+            directory = element
+    if directory is not None and picture.film is not None:
+        _keep_film_alone(read, directory, picture.film)
+    return read.changed()
+
+
+def _update(packet: Packet, thing: Element | Attribute, name: str, picture: NextPicture) -> None:
+    """Updates or removes one property, which is an element or an attribute."""
+    if name in _WIDTHS:
+        packet.set_number(thing, picture.width)
+    elif name in _HEIGHTS:
+        packet.set_number(thing, picture.height)
+    elif name == "tiff:Orientation":
+        if picture.orientation is not None:
+            packet.set_number(thing, picture.orientation)
+    elif name == _OLD_FILM_LENGTH and picture.film is not None:
+        packet.set_number(thing, picture.film.to_end)
+    elif (
+        _BESIDE.match(name)
+        or (picture.is_new and name in _SMALL_OR_ELSEWHERE)
+        or (picture.film is None and (name == _DIRECTORY or _FILM.match(name)))
+    ):
+        packet.remove(thing)
+
+
+def _keep_film_alone(packet: Packet, directory: Element, film: FilmPlace) -> None:
+    """Reduces the list of the file's contents to picture and film, and updates the film's position."""
+    for item in directory.below():
+        meaning = _value(item, _SEMANTIC)
+        if item.name == "rdf:li" and meaning not in (None, "Primary", "MotionPhoto"):
+            packet.remove(item)
+        if _PADDING in item.attributes:  # between the end of this item and the next one
+            packet.set_number(item.attributes[_PADDING], film.at if meaning == "Primary" else 0)
+        length = item.attributes.get(_LENGTH)
+        if meaning == "MotionPhoto" and length is not None and length.value != str(film.length):
+            packet.set_number(length, film.to_end)  # Samsung's may extend to the end of the file
+
+
+# ---- further pictures and films ------------------------------------------------------------------------
+
+
+def film_bytes(packet: bytes | None) -> int | None:
+    """Returns the length of a motion photo's film, which ends with the file; None if there is none."""
+    if packet is None or (b"MotionPhoto" not in packet and b"MicroVideo" not in packet):
+        return None
+    read = _read(packet)
+    if read is None:
+        return None
+    length = None
+    for element in read.root.below():
+        if element.name == "rdf:li" and _value(element, _SEMANTIC) == "MotionPhoto":
+            return _integer(_value(element, _LENGTH))
+        if length is None:
+            length = _integer(_text_of(read, element, _OLD_FILM_LENGTH))
+    return length
+
+
+def lost(packet: bytes, has_film: bool) -> list[str]:
+    """Names additional pictures and films that the packet describes but the next file lacks."""
+    film = not has_film and film_bytes(packet) is not None
+    return ["gain map"] * has_gain_map(packet) + ["film"] * film
+
+
+def has_gain_map(packet: bytes | None) -> bool:
+    """Whether the packet describes a gain map."""
+    return packet is not None and (b"GainMap" in packet or b"hdrgm:" in packet)
+
+
+def _read(packet: bytes) -> Packet | None:
+    try:
+        return Packet(packet)
+    except UnreadableError:
+        return None
+
+
+def _value(item: Element, name: str) -> str | None:
+    """Returns the value of an attribute of a list item, or of an element in it."""
+    having = (element for element in (item, *item.children) if name in element.attributes)
+    return next((element.attributes[name].value for element in having), None)
+
+
+def _text_of(packet: Packet, element: Element, name: str) -> str | None:
+    if element.name == name:
+        return packet.data[element.content_at : element.content_end].decode(errors="replace")
+    return element.attributes[name].value if name in element.attributes else None
+
+
+def _integer(text: str | None) -> int | None:
+    text = (text or "").strip()
+    return int(text) if text.isascii() and text.isdigit() and len(text) < 19 else None

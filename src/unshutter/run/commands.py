@@ -1,0 +1,167 @@
+"""The commands that process many photos: ``unshutter rectify`` and ``unshutter estimate``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, closing, nullcontext
+from functools import partial
+from typing import TYPE_CHECKING
+
+from unshutter.errors import UnshutterError, UsageError, visible
+from unshutter.options import Estimate, Rectify, Run, Undo
+from unshutter.run.inputs import find_photos
+from unshutter.run.loop import Batch, InThisProcess, Workers, check_outputs
+from unshutter.run.manifest import Manifest
+from unshutter.run.plan import Goal, Outputs, Plan, motion_targets, planned, with_motions
+from unshutter.run.report import Report, Tell, about, each_photo
+from unshutter.run.work import Lookahead, PhotoAhead, do_job
+from unshutter.single import register
+from unshutter.storage.files import check_motion_name
+from unshutter.storage.locations import Place, RunFiles, check_place, write_place
+
+if TYPE_CHECKING:
+    from unshutter.photo import Photo
+
+
+def rectify_files(photos: Sequence[str | os.PathLike[str]], into: Outputs, request: Rectify, run: Run) -> int:
+    """Rectifies each photo into its own file; returns the exit code."""
+    inputs = find_photos(photos, leave_out=into.pictures.place if into.pictures is not None else None)
+    plan = planned(inputs, into, request, run)
+    manifest = None
+    if plan.home is not None:
+        manifest = Manifest(plan.home, plan.request, plan.motion, run.manifest is not None, read_only=run.dry_run)
+    with closing(manifest) if manifest is not None else nullcontext():
+        if manifest is not None:
+            plan.sort(manifest)
+        return _carried_out(plan, manifest) if not run.dry_run else _dry_run(plan)
+
+
+def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
+    """Does the jobs of a plan and reports them; returns the exit code."""
+    request, run = plan.request, plan.run
+    ratio = None
+    if request.neighbours.sequence and plan.to_do:
+        plan.to_do, ratio = with_motions(plan.to_do, list(plan.inputs.photos), request, run.max_pixels)
+    here = {}  # what only this process has
+    if run.jobs is run.scheduler is run.timeout is None and plan.to_do:
+        sources = [job.source for job in plan.to_do]
+        here["lookahead"] = Lookahead(sources, request.find_alone, run.max_pixels, request.undo)
+    with Report(plan) as report:
+        report.begin("" if ratio is None else f"unshutter: readout ratio {ratio}")
+        with _workers_for(run) as workers:
+            work = partial(do_job, request=request, motion=plan.motion, **here)
+            Batch(work, workers, manifest, report, plan.files).run(plan.to_do)
+        report.save_preview()
+    return report.exit_code()
+
+
+def _workers_for(run: Run) -> AbstractContextManager[Workers]:
+    """Returns the workers that the options of a run call for: a cluster, processes, or this process."""
+    if run.scheduler is run.jobs is run.timeout is None:
+        return nullcontext(Workers(InThisProcess(), 1, InThisProcess))
+    from unshutter.run.workers import cluster, processes  # imported here: for one photo, this would take 7 ms
+
+    if run.scheduler is not None:
+        return cluster(run.scheduler)
+    if run.jobs is not None:
+        return processes(run.jobs, run.timeout)
+    return processes(1, run.timeout, all_processors=True)  # this process could not stop a decoder that hangs in it
+
+
+def _dry_run(plan: Plan) -> int:
+    inputs = plan.inputs
+    refused = [reason for _, reason in plan.refused]
+    refused += [f"cannot read folder {folder}: {reason}" for folder, reason in inputs.unreadable]
+    count = 0
+    for job in plan.to_do:
+        try:
+            check_outputs(job, plan.files, new_folders=True)
+        except UnshutterError as error:
+            refused.append(f"{job.source}: {error}")
+        else:
+            count += 1
+            print(visible(f"{job.source} -> {job.target}"))
+    for reason in refused:
+        print(visible(f"unshutter: {reason}"), file=sys.stderr)
+    if inputs.passed_over:
+        print(f"unshutter: {inputs.not_taken()}", file=sys.stderr)
+    photos = "1 photo" if count == 1 else f"{count} photos"
+    line = f"{photos} to do, {len(plan.finished)} finished already, {len(refused)} refused"
+    print(f"unshutter: {line}; nothing was written", file=sys.stderr)
+    return 1 if refused else 0
+
+
+def estimate_files(request: Estimate) -> int:
+    """Estimates the motion of each photo; returns the exit code."""
+    output, overwrite = request.output, request.overwrite
+    inputs = find_photos(request.photos, leave_out=output)
+    if inputs.many and output is None:
+        raise UsageError("several photos need --output FOLDER for their motions")
+    if inputs.many and request.plot:
+        raise UsageError("--plot draws the motion of one photo only")
+    if inputs.many and request.lines:
+        raise UsageError("--lines are those of one photo only")
+    register.check_name(request.find.estimator)
+    goal = Goal(output) if output else None
+    targets = motion_targets(inputs, goal) if goal else {}
+    for target in targets.values():
+        check_motion_name(target.name)
+    files = RunFiles(request, reads=[*inputs.files, register.weights_file(request.find.estimator)], folders=[output])
+    files.writes("the motion", *targets.values())
+    files.prepare([*targets.values(), *filter(None, [request.plot])])
+    lookahead = Lookahead(list(inputs.photos), None if request.candidates else request.find, request.max_pixels)
+
+    def one(photo: Place, tell: Tell) -> None:
+        target = targets.get(photo)
+        for file in filter(None, (target, request.plot)):
+            files.check(file)
+            check_place(file, overwrite)
+        ahead = lookahead.take(photo)
+        if request.candidates:
+            text = _candidates_as_text(ahead.photo, photo, request, tell)
+        else:
+            text = _estimate_as_text(ahead, photo, request, tell)
+        if target:
+            write_place(f"{text}\n".encode(), target, overwrite, mode_of=photo)
+        else:
+            print(text)
+
+    return each_photo(inputs, one)
+
+
+def _estimate_as_text(ahead: PhotoAhead, source: Place, request: Estimate, tell: Tell) -> str:
+    """Returns a photo's motion as JSON, reports a photo to be left unchanged, and draws the plot asked for."""
+    from unshutter.motion.verdict import Verdict, json_with_speed
+
+    photo, readout_ms = ahead.photo, request.find.camera.readout_ms
+    if request.lines is None:
+        motion = ahead.motion()
+    else:
+        from unshutter.api import motion_of_lines
+        from unshutter.single.drawn_lines import read_lines
+
+        motion = motion_of_lines(photo, read_lines(request.lines), request.find.camera)
+    motion = motion.rereferenced(request.reference)
+    verdict = Verdict.of(motion, Undo())
+    if motion.reason:
+        tell(f"{source}: no motion ({motion.reason})")
+    elif not verdict.changes:
+        tell(f"{source}: rectify leaves it unchanged ({about(verdict)})")
+    if request.plot:
+        from unshutter.export import plot_motion
+
+        plot_motion(motion, request.plot, title=source.name, readout_ms=readout_ms)
+    return motion.to_json() if readout_ms is None else json_with_speed(motion, readout_ms)
+
+
+def _candidates_as_text(photo: Photo, source: Place, request: Estimate, tell: Tell) -> str:
+    """Returns the candidates of a photo as JSON, and reports each in a line."""
+    from unshutter.api import photo_candidates
+    from unshutter.motion.verdict import candidates_to_json
+
+    listed = photo_candidates(photo, register.load(request.find.estimator), request.find.camera, request.reference)
+    for number, each in enumerate(listed, 1):
+        tell(f"{source}: {number}  {each.described()}")
+    return candidates_to_json(listed)

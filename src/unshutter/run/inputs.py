@@ -1,0 +1,166 @@
+"""Finds the photos named by the user, and names their results."""
+
+from __future__ import annotations
+
+import os
+import unicodedata
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath, PurePosixPath
+
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.photo.decoder import SEVERAL_PICTURES
+from unshutter.photo.film import films_beside
+from unshutter.photo.formats import FORMATS, WRITTEN, of_suffix
+from unshutter.storage.locations import Place, is_folder, names_below, place
+
+PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suffixes}
+FILM_SUFFIXES = {".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".3g2"}
+FILM_SUFFIXES |= {".ts", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv", ".flv"}
+RECTIFIED = ".rectified"
+_OURS = "unshutter-manifest"
+_NO_PHOTOS = "no photos"
+# reasons for skipping files in a folder, as counted in logs
+_REASONS: dict[str, Callable[[PurePosixPath], bool]] = {
+    "hidden": lambda name: any(part.startswith(".") for part in name.parts),
+    "made by unshutter": lambda name: name.stem.endswith(RECTIFIED) or name.parts[0].startswith(_OURS),
+    "with several pictures in one file": lambda name: name.suffix.lower() == SEVERAL_PICTURES,
+    "films": lambda name: name.suffix.lower() in FILM_SUFFIXES,
+    _NO_PHOTOS: lambda name: name.suffix.lower() not in PHOTO_SUFFIXES,
+}
+
+
+@dataclass
+class Inputs:
+    """The photos to process."""
+
+    # photo -> its folder relative to the given one (``.`` for photos named one by one)
+    photos: dict[Place, PurePosixPath] = field(default_factory=dict)
+    many: bool = False  # whether the user named several photos or a folder
+    # (folder, error) of each folder that cannot be read
+    unreadable: list[tuple[str, str]] = field(default_factory=list)
+    # files in the given folders that were skipped: reason -> number of files with each extension
+    passed_over: dict[str, Counter[str]] = field(default_factory=dict)
+
+    @property
+    def files(self) -> list[Place]:
+        """The photos, and where a film next to each may be."""
+        return [
+            *self.photos,
+            *(film for photo in self.photos if isinstance(photo, Path) for film in films_beside(photo)),
+        ]
+
+    def counts(self) -> dict[str, int]:
+        """Returns the number of skipped files by reason."""
+        return {reason: endings.total() for reason, endings in self.passed_over.items()}
+
+    def not_taken(self) -> str:
+        """Describes the skipped files in a line; empty if there are none."""
+        text = []
+        for reason, endings in sorted(self.passed_over.items(), key=lambda item: (-item[1].total(), item[0])):
+            names = [ending or "no extension" for ending, _ in endings.most_common(5)]
+            more = ", ..." if len(endings) > 5 else ""
+            count = endings.total()
+            text.append(f"{count} {_in_words(reason, count)} ({', '.join(names)}{more})")
+        return f"not taken: {'; '.join(text)}" if text else ""
+
+
+def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | None = None) -> Inputs:
+    """Finds the photos to process, expanding folders recursively; the contents of a folder are sorted.
+
+    Skipped in folders are hidden files and folders, links to folders, pictures that unshutter wrote next to their
+    originals (``*.rectified.*``), and the output folder.
+    """
+    inputs = Inputs()
+    for source in map(place, sources):
+        if source.suffix.lower() in FILM_SUFFIXES and not is_folder(source):
+            raise UsageError(f"{source} is a film, not a photo: unshutter video {source}")
+        may_be_folder = isinstance(source, Path) or not source.suffix  # queries to a store are slow
+        if not (may_be_folder and is_folder(source)):
+            inputs.photos.setdefault(source, PurePosixPath())
+            continue
+        inputs.many, is_empty = True, True
+        for name, reason in names_below(source, leave_out, inputs.unreadable):
+            reason = reason or next((why for why, applies in _REASONS.items() if applies(name)), "")
+            if reason:
+                inputs.passed_over.setdefault(reason, Counter())[name.suffix.lower()] += 1
+            else:
+                inputs.photos.setdefault(source / name, name.parent)
+                is_empty = False
+        if is_empty and inputs.unreadable:
+            folder, cause = inputs.unreadable[0]
+            raise UnshutterError(f"cannot read folder {folder}: {cause}")
+        if is_empty:
+            text = f"no photos in folder {source} (looked for JPEG, PNG, WebP, TIFF, AVIF, HEIC and raw files)"
+            raise UnshutterError(f"{text}; {inputs.not_taken()}" if inputs.passed_over else text)
+    if not inputs.photos:
+        raise UsageError("no photo given")
+    inputs.many = inputs.many or len(inputs.photos) > 1
+    return inputs
+
+
+def _in_words(reason: str, count: int) -> str:
+    """Phrases the reason why ``count`` files were skipped."""
+    if reason == _NO_PHOTOS:
+        return "is not a photo" if count == 1 else "are not photos"
+    if reason == "films":
+        return f"{'film' if count == 1 else 'films'}, see unshutter video"
+    return reason
+
+
+MOST_BYTES = 255  # longest file name in UTF-8; file systems that encrypt names may allow less
+_JOINER = "\u200d"
+
+
+def picture_name(photo: Place, format: str | None = None, keep: bool = False) -> str:
+    """Returns the name of a photo's result: ``a.jpg`` -> ``a.rectified.jpg``, or its own name if that is kept.
+
+    A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``, because cameras write
+    ``a.jpg`` next to it; a name that is kept changes its extension, ``a.heic`` -> ``a.avif``. Read-only formats have an
+    output format by default.
+    """
+    own = of_suffix(photo.suffix)
+    kind = format or (own.written_as if own else "")
+    same = not kind or (own and kind == own.name)
+    if keep:
+        return photo.name if same else f"{photo.stem}{WRITTEN[kind].suffixes[0]}"
+    if same:
+        return fitting(f"{photo.stem}{RECTIFIED}{photo.suffix}")
+    return fitting(f"{photo.name}{RECTIFIED}{WRITTEN[kind].suffixes[0]}")
+
+
+def film_name(film: PurePath) -> str:
+    """Returns the name of a film's result: ``walk.mp4`` -> ``walk.rectified.mp4``."""
+    return fitting(f"{film.stem}{RECTIFIED}{film.suffix}")
+
+
+def motion_name(stem: str) -> str:
+    """Returns the name of a motion file: ``street`` -> ``street.json``."""
+    return _cut(stem, MOST_BYTES - len(".json")) + ".json"
+
+
+def fitting(result: str, number: str = "", most: int = MOST_BYTES) -> str:
+    """Adds a number such as ``-2`` to the name of a result, and shortens it to fit the file system.
+
+    Whole characters are cut, until the name has at most ``most`` bytes in UTF-8.
+    """
+    stem, mark, ending = result.rpartition(RECTIFIED)
+    tail = f"{mark}{number}{ending}"
+    return _cut(stem, most - _size(tail)) + tail
+
+
+def _cut(text: str, most: int) -> str:
+    """Truncates a text to a number of bytes in UTF-8, without splitting accents and the like from their letters."""
+    if _size(text) <= most:
+        return text
+    # whether each character extends the previous one: accents, vowel signs, joined emoji, Korean syllables
+    extends = [unicodedata.category(c)[0] == "M" or c == _JOINER or "\u1160" <= c <= "\u11ff" for c in text]
+    end = len(text) - 1
+    while end > 0 and (_size(text[:end]) > most or extends[end] or text[end - 1] == _JOINER):
+        end -= 1
+    return text[:end].rstrip(" .")
+
+
+def _size(text: str) -> int:
+    return len(text.encode("utf-8", "surrogateescape"))  # names of files may have bytes that are not text

@@ -1,0 +1,201 @@
+"""The main loop of a batch: passes jobs to workers, and outcomes to the manifest and the report."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, errors_in_one_line
+from unshutter.run.manifest import Manifest
+from unshutter.run.report import Report
+from unshutter.run.work import Job, Outcome
+from unshutter.storage.files import remove_leftovers
+from unshutter.storage.locations import RunFiles, check_place
+
+
+@dataclass
+class Workers:
+    """An executor and how to use it."""
+
+    executor: Executor  # runs the jobs
+    at_once: int  # number of jobs to submit before the first has ended, enough to keep all workers busy
+    renew: Callable[[], Executor]  # creates a new executor after a worker's death broke the old one
+    elsewhere: bool = False  # whether a job may run twice because a worker died unnoticed
+    timeout_s: float | None = None  # longest duration of a job; None: no limit
+    is_overdue: Callable[[Future[Any]], bool] = lambda _: False  # whether a job whose worker died had used up its time
+
+
+class InThisProcess(Executor):
+    """Runs each job immediately when it is submitted."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Runs the job and returns a completed future."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+Work = Callable[[Job], Outcome]
+
+
+def check_outputs(job: Job, files: RunFiles, new_folders: bool = False) -> None:
+    """Checks that a job may write its outputs, as far as a quick check can tell; new folders will be created."""
+    for target, left in zip(job.targets, job.left, strict=True):
+        if target is not None and not (new_folders and isinstance(target, Path) and not target.parent.is_dir()):
+            files.check(target)
+            # the worker checks the digest of what an earlier run may have written
+            check_place(target, job.overwrite or job.may_repeat or left is not None)
+
+
+@dataclass
+class Batch:
+    """Runs jobs on workers; ``work`` is pickled along with the jobs if these are other processes."""
+
+    work: Work
+    workers: Workers
+    manifest: Manifest | None
+    report: Report
+    files: RunFiles = field(default_factory=RunFiles)
+    _stopping: bool = field(default=False, init=False)
+    _running: dict[Future[Outcome], Job] = field(default_factory=dict, init=False)
+
+    def run(self, jobs: Iterable[Job]) -> None:
+        """Runs all jobs."""
+        waiting = deque(jobs)
+        self.files.prepare(target for job in waiting for target in job.outputs)
+        try:
+            while waiting or self._running:
+                starting: list[Job] = []
+                while waiting and len(self._running) + len(starting) < self.workers.at_once:
+                    job = waiting.popleft()
+                    if self._may_start(job):
+                        starting.append(self._begun(job))
+                if self.manifest is not None:
+                    self.manifest.flush()
+                for job in starting:
+                    self._running[self._submit(job)] = job
+                self._collect()
+        except KeyboardInterrupt:
+            self._stop()
+            raise
+
+    def _submit(self, job: Job) -> Future[Outcome]:
+        """Submits the job; returns a failed future if a worker has just died unnoticed."""
+        try:
+            return self.workers.executor.submit(self.work, job)
+        except BrokenExecutor as error:
+            broken: Future[Outcome] = Future()
+            broken.set_exception(error)
+            return broken
+
+    def _may_start(self, job: Job) -> bool:
+        """Whether a job is allowed; reports it if not."""
+        try:
+            with errors_in_one_line(job.source):
+                check_outputs(job, self.files)
+        except UnshutterError as error:
+            self._report_on(job, Outcome(str(error), isinstance(error, UsageError)))
+            return False
+        return True
+
+    def _begun(self, job: Job) -> Job:
+        """Records the start of a job and returns it as it is sent to the worker."""
+        if self.manifest is not None:
+            self.manifest.begin(job)
+            job = replace(job, recorded=True)
+        return replace(job, may_repeat=True) if self.workers.elsewhere else job
+
+    def _collect(self) -> None:
+        """Waits for at least one running job to end; returns at once if there is none."""
+        crashed: dict[Future[Outcome], Job] = {}
+        for future in wait(self._running, return_when=FIRST_COMPLETED).done:
+            job = self._running.pop(future)
+            error = _error_of(future)
+            if isinstance(error, BrokenExecutor):
+                crashed[future] = job
+            elif isinstance(error, CancelledError):
+                raise UnshutterError("the workers cannot be reached any more: give the same command again to go on")
+            elif error is not None:
+                line = f"{job.source}: {type(error).__name__}: {' '.join(str(error).split())}"
+                self._finish(job, Outcome(line))
+            else:
+                self._finish(job, future.result())
+        if crashed and self._stopping:  # the signal that stopped this process may also have ended its workers
+            self._running = {}
+        elif crashed:
+            crashed |= self._running  # all jobs of a broken executor
+            self._running = {}
+            self._go_on_after(crashed)
+
+    def _go_on_after(self, crashed: dict[Future[Outcome], Job]) -> None:
+        """Finds out which of the jobs killed its worker, and restarts the others."""
+        overdue = {future for future in crashed if self.workers.is_overdue(future)}
+        self.workers.executor = self.workers.renew()
+        for folder in {job.target.parent for job in crashed.values()}:
+            if isinstance(folder, Path):
+                remove_leftovers(folder)
+        if not overdue:
+            self._one_by_one(crashed.values())
+        for future, job in crashed.items():
+            if future in overdue:
+                self._finish(job, self._timed_out(job))
+            elif overdue:
+                again = replace(job, may_repeat=True)
+                self._running[self._submit(again)] = again
+
+    def _one_by_one(self, jobs: Iterable[Job]) -> None:
+        for job in jobs:
+            future = self._submit(replace(job, may_repeat=True))
+            try:
+                outcome = future.result()
+            except BrokenExecutor:
+                died = Outcome(f"{job.source}: its worker died: not enough memory, or a fault in a decoder")
+                outcome = self._timed_out(job) if self.workers.is_overdue(future) else died
+                self.workers.executor = self.workers.renew()
+            self._finish(job, outcome)
+
+    def _timed_out(self, job: Job) -> Outcome:
+        limit_s = self.workers.timeout_s or 0.0
+        return Outcome(f"{job.source}: given up after {limit_s:g} s (--timeout gives it longer)", seconds=limit_s)
+
+    def _finish(self, job: Job, outcome: Outcome) -> None:
+        if self.manifest is not None:
+            self.manifest.end(job, outcome)
+        self._report_on(job, outcome)
+
+    def _report_on(self, job: Job, outcome: Outcome) -> None:
+        if not outcome.error:
+            self.report.done(job, outcome)
+        elif self.report.total == 1:
+            unknown = UnknownRatioError if outcome.unknown_ratio else UnshutterError
+            raise (UsageError if outcome.usage else unknown)(outcome.error)
+        else:
+            self.report.failed(job.source, outcome.error, outcome.seconds)
+
+    def _stop(self) -> None:
+        """Drops jobs that have not started and waits for the others."""
+        self._stopping = True
+        for future in list(self._running):
+            if future.cancel():
+                del self._running[future]
+        if self._running:
+            with suppress(OSError):  # the terminal is closed
+                self.report.tell("unshutter: finishing the photos that are at work (Ctrl-C again to drop them)")
+        while self._running:
+            self._collect()
+
+
+def _error_of(future: Future[Outcome]) -> BaseException | None:
+    """Returns the exception of a completed future; a scheduler that shuts down cancels all its jobs."""
+    try:
+        return future.exception()
+    except CancelledError as cancelled:
+        return cancelled

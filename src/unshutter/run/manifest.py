@@ -1,0 +1,310 @@
+"""The manifest in an output folder: records which results are finished, so that an interrupted run can resume.
+
+It is a journal of one JSON record per line, to which one run at a time adds. Before work on a result begins, a record
+announces it; when the result exists under its final name, a second record describes it. If the run stops in between,
+the next run finds a result that was begun but not finished, and repeats it. Truncated records are ignored.
+
+In a folder of files, the journal is one file, ``NAME.jsonl``. Objects can be neither appended to nor locked: behind a
+URL, each run writes pieces, ``NAME/RUN-NUMBER.jsonl``, and merges them at the end.
+
+Whether a result is finished is judged by its size and time, which are quick to look up. It is replaced only if it still
+has the digest recorded for it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from dataclasses import MISSING, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from unshutter.errors import UnshutterError
+from unshutter.options import Rectify
+from unshutter.run.work import Job, Outcome
+from unshutter.single.register import weights_file
+from unshutter.storage import locations
+from unshutter.storage.files import is_torn, open_plain, write_all
+from unshutter.version import __version__
+
+if TYPE_CHECKING:
+    from upath import UPath
+
+
+NAME = "unshutter-manifest"
+State = Literal["finished", "another's", "open"]
+
+
+# options of a result that the first digests contained, or whose defaults may still change
+_ALWAYS_COUNTED = {"estimator", "focal_px", "quality", "readout", "reference", "roll_deg", "strength", "edges"}
+_ALWAYS_COUNTED |= {"tilt_deg", "min_confidence"}
+
+
+def _digest_of(request: Rectify, motion: str | None) -> str:
+    """Returns a digest of all options that affect results. Newer options are included only if not at their defaults."""
+    weights = weights_file(request.find.estimator)
+    facts = {"motion": motion, "weights": "" if weights is None else locations.fingerprint(weights), "overwrite": None}
+    neighbours = request.neighbours
+    for group in (request.find, request.find.camera, request.undo, request.save, neighbours, neighbours.clock):
+        for each in fields(group):
+            value = vars(group)[each.name]
+            if each.name in _ALWAYS_COUNTED or (each.default is not MISSING and value != each.default):
+                facts[each.name] = value
+    for name in ("format", "keep_names"):  # already part of the result's name
+        facts.pop(name, None)
+    from hashlib import sha256  # imported here: see storage/files.py
+
+    return sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _size(recorded: Any) -> str | None:
+    """Returns the part of a recorded fingerprint that is a file's size."""
+    return recorded.partition(":")[0] if isinstance(recorded, str) else None
+
+
+class Manifest:
+    """The known state of the results in a folder; nothing is written before the first record, or if it is read-only.
+
+    Results are recorded relative to the folder, which can then be moved with them, or by their whole paths. Raises
+    UnshutterError if the existing manifest cannot be read, or another run is writing to it.
+    """
+
+    def __init__(
+        self,
+        folder: locations.Place,
+        request: Rectify,
+        motion: str | None = None,
+        whole_paths: bool = False,
+        read_only: bool = False,
+    ):
+        self.run = os.urandom(6).hex()
+        self._folder = folder
+        self._request, self._motion = request, motion
+        self._whole_paths = whole_paths
+        self._entries: dict[str, dict[str, Any]] = {}
+        self._journal = journal_in(folder, NAME, self.run, read_only)
+        try:
+            self._read()
+        except UnshutterError:
+            self._journal.close()
+            raise
+
+    @cached_property
+    def _options(self) -> str:
+        return _digest_of(self._request, self._motion)
+
+    def compared(self, job: Job) -> tuple[State, Job]:
+        """Classifies the existing results of a job, and adds what the manifest knows about them to it.
+
+        A manifest, which anybody may have written, is not sufficient reason to replace a file: the file must have the
+        recorded digest, which is computed when the job runs.
+
+        Returns:
+            finished: they are there, unmodified, from this photo with these options. another's: they come from
+            another photo. open: there is work to do.
+        """
+        entry = self._entries.get(self._key(job.target))
+        if entry is None:
+            return "open", job
+        keys = [self._key(target) for target in job.outputs]
+        now = [locations.fingerprint(target) for target in job.outputs]
+        recorded, digests = entry.get("outputs", {}), entry.get("digests")
+        left: dict[locations.Place | None, str | None] = {
+            target: digests.get(key)
+            for target, key, found in zip(job.outputs, keys, now, strict=True)
+            if isinstance(digests, dict) and found and _size(found) == _size(recorded.get(key))
+        }
+        known = replace(
+            job, left=tuple(left.get(target) for target in job.targets), may_repeat=entry["state"] == "begun"
+        )
+        source_is = locations.fingerprint(job.source)
+        if entry.get("source") != str(locations.absolute(job.source)) and entry.get("source_is") != source_is:
+            return "another's", known
+        same = (entry.get("source_is"), entry.get("options")) == (source_is, self._options) and source_is is not None
+        # a result is unmodified by its size and time, or, if it was copied, by its digest
+        is_whole = all(
+            recorded.get(key) == found or (left.get(target) is not None and locations.digest(target) == left[target])
+            for target, key, found in zip(job.outputs, keys, now, strict=True)
+        )
+        return "finished" if entry["state"] == "done" and same and is_whole else "open", known
+
+    def _read(self) -> None:
+        for line in self._journal.read().splitlines():
+            try:
+                record = json.loads(line)
+            except (ValueError, RecursionError):  # truncated when its run ended, or damaged
+                continue
+            if not (isinstance(record, dict) and isinstance(record.get("target"), str)):
+                continue
+            target = record["target"]
+            if isinstance(record.get("outputs", {}), dict):
+                # details of a finished result are kept while it is repeated
+                self._entries[target] = {"state": "", **self._entries.get(target, {}), **record}
+
+    def begin(self, job: Job) -> None:
+        """Records that work on a result begins."""
+        self._journal.add(json.dumps(self._record(job, "begun")))
+
+    def end(self, job: Job, outcome: Outcome) -> None:
+        """Records that a job has ended, successfully or not."""
+        if outcome.error:
+            self._journal.add(json.dumps({**self._record(job, "failed"), "error": outcome.error}))
+            return
+        keys = [self._key(target) for target in job.outputs]
+        outputs = dict(zip(keys, outcome.outputs_are, strict=False))
+        digests = dict(zip(keys, outcome.digests, strict=False))
+        origin = {"source_is": outcome.source_is, "options": self._options, "outputs": outputs, "digests": digests}
+        about = {"seconds": round(outcome.seconds, 3), "unshutter": __version__}
+        verdict = outcome.verdict.as_json() if outcome.verdict else {}
+        self._journal.add(json.dumps({**self._record(job, "done"), **origin, **verdict, **about}))
+
+    def _record(self, job: Job, state: str) -> dict[str, Any]:
+        at = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        return {
+            "target": self._key(job.target),
+            "state": state,
+            "source": str(locations.absolute(job.source)),
+            "run": self.run,
+            "at": at,
+        }
+
+    def _key(self, target: locations.Place) -> str:
+        inside = None if self._whole_paths else locations.way(self._folder, target)
+        return str(inside or locations.absolute(target).as_posix())
+
+    def flush(self) -> None:
+        """Writes pending records; call it between :meth:`begin` and the work."""
+        self._journal.flush()
+
+    def close(self) -> None:
+        """Writes pending records and lets other runs use the manifest."""
+        self._journal.close()
+
+
+# ---- journals ---------------------------------------------------------------------------------------------------
+
+
+def journal_in(folder: locations.Place, name: str, run: str, read_only: bool = False) -> FileJournal | ObjectJournal:
+    """Returns the journal of a folder for one run; nothing is written before the first line."""
+    return FileJournal(folder, name, read_only) if isinstance(folder, Path) else ObjectJournal(folder, name, run)
+
+
+class FileJournal:
+    """A journal in one file, to which each line is written at once. Links and files with a second name are refused.
+
+    The run that writes to it locks it: the system ends the lock with the process, however that ends.
+    """
+
+    def __init__(self, folder: Path, name: str, read_only: bool = False):
+        self._path = folder / f"{name}.jsonl"
+        self._read_only = read_only
+        self._lock: int | None = None
+
+    def read(self) -> bytes:
+        """Returns the complete lines of earlier runs; raises UnshutterError if another run writes to the journal."""
+        if not self._read_only and os.path.lexists(self._path):
+            self._hold()
+        try:
+            with open(open_plain(self._path, os.O_RDONLY), "rb") as stream:
+                text = stream.read()
+        except FileNotFoundError:
+            return b""
+        except OSError as error:
+            raise UnshutterError(f"cannot read {self._path}: {error.strerror}") from None
+        return text[: text.rfind(b"\n") + 1]
+
+    def add(self, line: str) -> None:
+        """Appends a line."""
+        locations.make_folder(self._path.parent)
+        try:
+            descriptor = open_plain(self._path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
+            try:
+                if self._lock is None:
+                    self._hold()
+                write_all(descriptor, (("\n" if is_torn(descriptor) else "") + line + "\n").encode())
+            finally:
+                os.close(descriptor)
+        except OSError as error:
+            raise UnshutterError(f"cannot write {self._path}: {error.strerror}") from None
+
+    def flush(self) -> None:
+        """Does nothing: lines are not buffered."""
+
+    def close(self) -> None:
+        """Lets other runs use the journal."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def _hold(self) -> None:
+        lock = open_plain(self._path, os.O_RDONLY)
+        try:
+            _lock(lock)
+        except BlockingIOError:
+            os.close(lock)
+            raise UnshutterError(
+                "another run is writing to {folder}: wait until it has ended, or choose another folder",
+                folder=self._path.parent,
+            ) from None
+        self._lock = lock
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _lock(descriptor: int) -> None:
+        os.lseek(descriptor, 1 << 30, os.SEEK_SET)  # beyond the lines: locked bytes cannot be read
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except PermissionError:
+            raise BlockingIOError from None
+
+else:
+    import fcntl
+
+    def _lock(descriptor: int) -> None:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise
+        except OSError:
+            pass  # the file system does not support locks
+
+
+class ObjectJournal:
+    """A journal in objects, one for the lines between two calls of :meth:`flush`."""
+
+    def __init__(self, folder: UPath, name: str, run: str):
+        self._folder, self._name, self._run = folder, name, run
+        self._lines: list[str] = []  # of this run
+        self._pieces: list[int] = [0]  # number of lines written up to each piece
+
+    def read(self) -> bytes:
+        """Returns the lines of earlier runs."""
+        below = locations.objects_below(self._folder)
+        pieces = [each for each in below if each.parts[0] == self._name and each.suffix == ".jsonl"]
+        return b"\n".join(locations.read_place(self._folder / piece) for piece in pieces)
+
+    def add(self, line: str) -> None:
+        """Appends a line, which the next flush writes."""
+        self._lines.append(line + "\n")
+
+    def flush(self) -> None:
+        """Writes pending lines."""
+        if len(self._lines) > self._pieces[-1]:
+            locations.write_place("".join(self._lines[self._pieces[-1] :]).encode(), self._piece(len(self._pieces)))
+            self._pieces.append(len(self._lines))
+
+    def close(self) -> None:
+        """Writes pending lines and merges the pieces into one."""
+        self.flush()
+        if len(self._pieces) > 2:
+            locations.write_place("".join(self._lines).encode(), self._piece(0))
+            for number in range(1, len(self._pieces)):
+                locations.remove(self._piece(number))
+
+    def _piece(self, number: int) -> UPath:
+        return self._folder / self._name / f"{self._run}-{number:06}.jsonl"

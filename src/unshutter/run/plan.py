@@ -1,0 +1,318 @@
+"""Plans a run of ``unshutter rectify``: its jobs, finished results, and the files that must not be overwritten.
+
+For ``--sequence``, the motions of all frames are found here, before each frame becomes a separate job.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from datetime import timedelta
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
+from unshutter.options import Rectify, Run, model_for
+from unshutter.photo.formats import WRITTEN, of_suffix, of_target
+from unshutter.run.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES, Inputs, motion_name, picture_name
+from unshutter.run.manifest import NAME, Manifest
+from unshutter.run.work import SHEET_PX, Job, open_photo
+from unshutter.single.register import check_name, weights_file
+from unshutter.storage.files import check_motion_name, check_target, remove_leftovers
+from unshutter.storage.locations import Place, RunFiles, absolute, place
+
+if TYPE_CHECKING:
+    from datetime import datetime
+
+    from unshutter.frames.sequence import CameraMotion, GreyFrame
+    from unshutter.readout_time import ReadoutTime
+
+
+# Names with these extensions are meant as files, even if a folder is needed.
+_FILE_SUFFIXES = {*PHOTO_SUFFIXES, *FILM_SUFFIXES, ".json", ".gif", ".bmp", ".jp2", ".jxl", ".psd", ".mpo", ".zip"}
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A place for results as the user named it: a folder, or the file of a single result."""
+
+    text: str | os.PathLike[str]
+
+    @cached_property
+    def place(self) -> Place:
+        """The place."""
+        return place(self.text)
+
+    def is_folder(self, many: bool) -> bool:
+        """Whether it is a folder for results rather than a single result; a name without extension means a folder."""
+        return many or not self.place.suffix or (isinstance(self.place, Path) and self.place.is_dir())
+
+    def must_be_folder(self, what: str) -> None:
+        """Checks that it is meant as a folder, as ``what`` (``masks need``) does."""
+        goal = self.place
+        there = isinstance(goal, Path) and goal.is_dir()
+        if isinstance(goal, Path) and goal.exists() and not there:
+            raise UsageError(f"{what} a folder to go to, but {goal} is a file")
+        if goal.suffix.lower() in _FILE_SUFFIXES and not there and not os.fspath(self.text).endswith(("/", os.sep)):
+            raise UsageError(
+                f"{what} a folder to go to, but {goal.name} is the name of a file: leave out {goal.suffix}"
+            )
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Destinations of a run's results."""
+
+    pictures: Goal | None = None  # file (one photo) or folder; None: next to the photos
+    motions: Goal | None = None  # file (one photo) or folder for motion files; None: no motion files
+    masks: Goal | None = None  # folder for masks; None: no masks
+
+    @classmethod
+    def named(cls, *texts: str | None) -> Outputs:
+        """Returns the destinations of pictures, motions and masks that the user named."""
+        return cls(*(None if text is None else Goal(text) for text in texts))
+
+
+@dataclass
+class Plan:
+    """The jobs of a batch, to do, finished or refused, and what all of them share."""
+
+    to_do: list[Job]
+    finished: list[Job] = field(default_factory=list)
+    refused: list[tuple[Job, str]] = field(default_factory=list)
+    inputs: Inputs = field(default_factory=Inputs)  # the photos
+    request: Rectify = field(default_factory=Rectify)  # what is done to them
+    motion: str | None = None  # text of the motion file named in ``request``, which other machines may not have
+    run: Run = field(default_factory=Run)  # how
+    files: RunFiles = field(default_factory=RunFiles)  # the files that are read and written
+    home: Place | None = None  # folder of the manifest; None if no later run will look for the results
+
+    def sort(self, manifest: Manifest) -> None:
+        """Sorts the jobs to do by the state of their results in the manifest."""
+        jobs, self.to_do, overwrite = self.to_do, [], self.run.overwrite
+        for job in jobs:
+            state, known = manifest.compared(job)
+            if state == "another's" and not overwrite:
+                reason = f"{job.target} is the result of another photo: choose another folder, or use --overwrite"
+                self.refused.append((job, f"{job.source}: {reason}"))
+            elif state == "finished" and not overwrite:
+                self.finished.append(job)
+            else:
+                self.to_do.append(known)
+
+
+def planned(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan:
+    """Plans a run: creates a job for each photo, and checks the files that are not a photo's own."""
+    request = _checked(request, inputs, into, run)
+    jobs, home = _jobs_for(inputs, into, request, run), _manifest_folder(inputs, into, run)
+    check_name(request.find.estimator)
+    motion = None
+    if request.motion is not None:
+        from unshutter.motion import Motion  # imported here: NumPy comes after decoding has begun
+
+        motion = Motion.load(request.motion).to_json()
+    weights = weights_file(request.find.estimator)
+    if run.preview is not None:
+        of_target(run.preview)
+    folders = [goal.place for goal in (into.pictures, into.motions, into.masks) if goal is not None]
+    files = RunFiles(request, run, reads=[*inputs.files, weights], folders=folders)
+    if home is not None:
+        files.writes("the manifest", home / f"{NAME}.jsonl")
+        files.check(home / f"{NAME}.jsonl")
+    purposes = ("the picture", "its motion", "its mask")
+    for what, targets in zip(purposes, zip(*(job.targets for job in jobs), strict=True), strict=True):
+        files.writes(what, *targets)
+    for job in jobs[:1]:  # those of several photos are named here
+        check_motion_name(job.motion_target.name if job.motion_target else ".json")
+    if run.preview is not None:
+        check_target(run.preview, run.overwrite)
+        remove_leftovers(run.preview.parent)
+    return Plan(jobs, inputs=inputs, request=request, motion=motion, run=run, files=files, home=home)
+
+
+def _checked(request: Rectify, inputs: Inputs, into: Outputs, run: Run) -> Rectify:
+    """Checks the request against the photos and outputs; returns it adapted to motion files and masks."""
+    neighbours, save, undo = request.neighbours, request.save, request.undo
+    goal = into.pictures
+    in_folder = goal is not None and goal.is_folder(inputs.many)
+    if save.format and goal is not None and not in_folder:
+        raise UsageError(f"--format is for folders: the name '{goal.place.name}' says the format")
+    if neighbours and len(inputs.photos) > 1:
+        raise UsageError(f"--before and --after are the neighbours of one photo, but there are {len(inputs.photos)}")
+    if neighbours and run.scheduler is not None:
+        raise UsageError("--before and --after are for this machine: leave out --scheduler")
+    if neighbours.sequence and len(inputs.photos) < 2:
+        raise UsageError("--sequence needs several photos: name them in order, or their folder")
+    if into.masks is not None and undo.edges == "crop":
+        raise UsageError("--masks are for whole pictures: leave out --edges crop")
+    if into.motions is not None and (neighbours or neighbours.sequence):
+        if model_for(neighbours.model, neighbours.at, undo) == "dense":
+            raise UsageError(
+                "--save-motion needs a motion of the camera alone: leave out --model dense, --at and --edges borrow"
+            )
+        request = replace(request, neighbours=replace(neighbours, model="camera"))
+    if save.keep_names and not in_folder:
+        raise UsageError("--keep-names needs --output FOLDER for the results")
+    if into.motions is None and into.masks is None:
+        return request
+    return replace(request, undo=undo.keeping_coordinates())  # motion files and masks refer to whole pictures
+
+
+def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list[Job]:
+    """Creates a job for each photo."""
+    rectified = partial(picture_name, format=request.save.format, keep=request.save.keep_names)
+    if into.pictures is not None:
+        targets = _plan_targets(inputs, into.pictures, rectified)
+    else:
+        targets = _all_different({photo: photo.with_name(rectified(photo)) for photo in inputs.photos})
+    motions = motion_targets(inputs, into.motions) if into.motions else {}
+    if into.masks:
+        into.masks.must_be_folder("masks need")
+    where = absolute if run.scheduler is not None else lambda path: path  # other machines: other working folders
+    preview_px = 0 if len(targets) == 1 else SHEET_PX
+    for file in (file for pair in targets.items() for file in pair if request.save.keep_times):
+        if not isinstance(file, Path):  # only the store sets times of objects
+            raise UsageError(f"--keep-times is for files, and {file} is behind a URL: leave it out")
+    return [
+        Job(
+            source=where(photo),
+            target=where(target),
+            motion_target=where(motions[photo]) if motions else None,
+            # the picture's whole name plus ``.png``, as COLMAP expects
+            mask_target=where(into.masks.place / inputs.photos[photo] / f"{target.name}.png") if into.masks else None,
+            overwrite=run.overwrite,
+            max_pixels=run.max_pixels,
+            preview_px=preview_px if run.preview is not None else None,
+        )
+        for photo, target in targets.items()
+    ]
+
+
+def _plan_targets(inputs: Inputs, goal: Goal, name: Callable[[Place], str]) -> dict[Place, Place]:
+    """Assigns each photo's result a place: a file, or one in a folder that mirrors the folders of photos."""
+    if not goal.is_folder(inputs.many):
+        return {next(iter(inputs.photos)): goal.place}
+    goal.must_be_folder("several photos need")
+    return _all_different({photo: goal.place / (inside / name(photo)) for photo, inside in inputs.photos.items()})
+
+
+def _all_different(targets: dict[Place, Place]) -> dict[Place, Place]:
+    taken: dict[Place, Place] = {}
+    for photo, target in targets.items():
+        if target in taken:
+            raise UsageError(f"{photo} and {taken[target]} would both be written to {target}")
+        taken[target] = photo
+    return targets
+
+
+def motion_targets(inputs: Inputs, goal: Goal) -> dict[Place, Place]:
+    """Assigns each photo's motion file a place: ``a.jpg`` -> ``a.json``; ``a.heic`` -> ``a.heic.json``.
+
+    If ``a.jpg`` and ``a.png`` go to the same folder, both keep their whole names, as in ``a.jpg.json``, regardless of
+    their order. Names are compared case-insensitively, as some file systems do.
+    """
+    asked = Counter(
+        (inside, name.casefold())
+        for photo, inside in inputs.photos.items()
+        for name in {_short_name(photo), motion_name(photo.name)}
+    )
+
+    def name(photo: Place) -> str:
+        short = _short_name(photo)
+        return short if asked[inputs.photos[photo], short.casefold()] == 1 else motion_name(photo.name)
+
+    return _plan_targets(inputs, goal, name)
+
+
+def _short_name(photo: Place) -> str:
+    own = of_suffix(photo.suffix)
+    return motion_name(photo.stem if own is None or own.name in WRITTEN else photo.name)
+
+
+def _manifest_folder(inputs: Inputs, into: Outputs, run: Run) -> Place | None:
+    """Returns the manifest's folder; None if no later run will look for the results.
+
+    Results next to their photos, and the result of a single photo, are identified by their names and need no manifest.
+    """
+    if run.manifest is None:
+        return into.pictures.place if into.pictures is not None and inputs.many else None
+    if not inputs.many:
+        raise UsageError("--manifest is for several photos: leave it out")
+    home = Goal(run.manifest)
+    home.must_be_folder("the manifest needs")
+    return home.place
+
+
+_LONGEST_INTERVAL = timedelta(seconds=10)  # between neighbours that are worth comparing
+_MANY = 2.5  # a gap is longer than this many usual intervals
+_RESOLUTION = timedelta(seconds=2)  # apparent jitter of cameras that record whole seconds
+
+
+def with_motions(
+    jobs: list[Job], photos: list[Place], request: Rectify, max_pixels: int
+) -> tuple[list[Job], ReadoutTime | None]:
+    """Returns the jobs that remain, each with the motion of its photo, and the readout ratio found from the frames.
+
+    All photos in order, including finished ones, are neighbours. Each folder is a separate sequence, split by
+    unreadable photos; the jobs of those photos report why they cannot be read. There is no ratio if the user has stated
+    it, or nothing moves.
+    """
+    from unshutter.frames.sequence import CameraMotion
+
+    stated, camera = request.readout_time, request.find.camera
+    finder = CameraMotion(stated, camera.focal_px, camera.direction)
+    readable: list[Place] = []
+    pairs: list[tuple[Place, Place]] = []  # consecutive photos
+    frame_motions = list(finder.motions(_grey_frames(finder, photos, readable, pairs, max_pixels)))
+    motions = dict(zip(map(absolute, readable), frame_motions, strict=True))
+    unknown = next((motion.reason for motion in frame_motions if motion.ratio_unknown), None)
+    if unknown is not None and finder.ratio is None and not request.neighbours.fallback:
+        raise UnknownRatioError(str(unknown), unknown)
+    after = {absolute(first): absolute(second) for first, second in pairs}
+    before = {second: first for first, second in after.items()}
+    places = [(job, absolute(job.source)) for job in jobs]
+    complete = [replace(job, motion=motions.get(at), before=before.get(at), after=after.get(at)) for job, at in places]
+    return complete, None if stated is not None else finder.ratio
+
+
+def _grey_frames(
+    finder: CameraMotion, photos: list[Place], readable: list[Place], pairs: list[tuple[Place, Place]], max_pixels: int
+) -> Iterator[GreyFrame | None]:
+    """Yields grey copies of the photos; None where the sequence is interrupted.
+
+    It is interrupted between folders, at unreadable photos, and at gaps in time. Readable photos are appended to
+    ``readable``, and pairs of consecutive photos to ``pairs``.
+    """
+    last: tuple[Place, datetime | None] | None = None
+    interval: timedelta | None = None
+    for where in photos:
+        try:
+            photo = open_photo(where, max_pixels)
+            frame = finder.look(photo)
+        except UnshutterError:
+            last = None
+            yield None
+            continue
+        time = photo.taken()
+        if last is not None:
+            since = time - last[1] if time is not None and last[1] is not None else None
+            if last[0].parent != where.parent or _is_gap(since, interval):
+                interval = None
+                yield None
+            else:
+                interval = max(interval or since, since) if since is not None else interval
+                pairs.append((last[0], where))
+        last = where, time
+        readable.append(where)
+        yield frame
+
+
+def _is_gap(since: timedelta | None, interval: timedelta | None) -> bool:
+    """Whether the time since the last photo (None: unknown) is too long for a sequence with this longest interval."""
+    if since is None:
+        return False
+    longest = _LONGEST_INTERVAL if interval is None else max(_MANY * interval, _RESOLUTION)
+    return not -_RESOLUTION <= since <= longest

@@ -1,0 +1,298 @@
+"""Reports a batch to the user: messages, progress, the JSON log, the summary, the exit code and the preview."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from unshutter.errors import UnshutterError, errors_in_one_line
+from unshutter.photo import Photo
+from unshutter.progress import Progress, rate
+from unshutter.reasons import Cause, Code, pixels
+from unshutter.run.inputs import Inputs
+from unshutter.run.work import Job, Outcome, open_photo
+from unshutter.storage.files import JsonLog
+from unshutter.storage.locations import Place, fingerprint
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from unshutter.motion.verdict import Verdict
+    from unshutter.run.plan import Plan
+
+
+Tell = Callable[[str], None]  # prints a line for the user
+
+_NO_VISIBLE_MOTION = {Code.NO_MOTION, Code.NO_VISIBLE_MOTION}
+_BY_ITSELF = {*_NO_VISIBLE_MOTION, Code.NO_RIGHT_ANGLES, Code.TOO_FEW_SEGMENTS, Code.TOO_FAST_FOR_HANDS}
+
+
+class Report:
+    """Counts and reports the outcomes of a batch; entering it raises UnshutterError if the log cannot be written."""
+
+    def __init__(self, plan: Plan):
+        self._plan, self._inputs, run = plan, plan.inputs, plan.run
+        self._preview = Preview(run.preview, run.overwrite) if run.preview is not None else None
+        self.total = sum(map(len, (plan.to_do, plan.finished, plan.refused, self._inputs.unreadable)))
+        self.counts = {"done": 0, "skipped": 0, "failed": 0}
+        self._changed = 0
+        self._left: Counter[Cause] = Counter()  # photos that were left unchanged
+        self._start = time.monotonic()
+        self._advised: set[Any] = set()  # folders for which the next step was already suggested
+        self._log: JsonLog | None = None
+
+    def __enter__(self) -> Report:
+        log = self._plan.run.json_log
+        self._log = JsonLog(log) if log is not None else None
+        self._bar = Progress(len(self._plan.to_do))
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._bar.__exit__(*error)
+        fates = {"changed": self._changed, "left_as_they_are": dict(self._left)}
+        summary = {**self.counts, **fates, "photos": self.total, "stopped": error[0] is not None}
+        if self._inputs.passed_over:
+            summary["not_taken"] = self._inputs.counts()
+        self._note("end", **summary, seconds=round(time.monotonic() - self._start, 3))
+
+    def begin(self, line: str) -> None:
+        """Prints a line, unless it is empty, and reports what is not in the plan to do."""
+        if line:
+            self.tell(line)
+        for folder, reason in self._inputs.unreadable:
+            self.failed(folder, f"cannot read folder {folder}: {reason}")
+        for job in self._plan.finished:  # when the batch began, or by another run
+            self._count("skipped", job.source, target=str(job.target))
+            if self._preview is not None:
+                self._preview.add_finished(job)
+        for job, reason in self._plan.refused:
+            self.failed(job.source, reason)
+
+    def done(self, job: Job, outcome: Outcome) -> None:
+        """Reports a photo that was changed or left unchanged."""
+        verdict = outcome.verdict
+        extras = {name: value for name in ("model", "note") if (value := getattr(outcome, name))}
+        self._count(
+            "done",
+            job.source,
+            target=str(job.target) if outcome.is_written else None,
+            **(verdict.as_json() if verdict else {}),
+            seconds=round(outcome.seconds, 3),
+            **extras,
+        )
+        if self._preview is not None:
+            self._preview.add(job, outcome)
+        changed = verdict is None or verdict.changes
+        if verdict is None or verdict.cause is None:
+            self._changed += 1
+        else:
+            self._left[verdict.cause] += 1
+        model = f"model {outcome.model}" if outcome.model and changed else ""
+        details = "; ".join(
+            filter(None, (verdict and about(verdict), self._next_step(job, verdict), model, outcome.note))
+        )
+        what = f"{job.source} -> {job.target}" if changed else f"{job.source} left unchanged"
+        self.tell(f"{what} ({details})" if details else what)
+        self._bar.advance()
+
+    def _next_step(self, job: Job, verdict: Verdict | None) -> str:
+        """Suggests options for a photo that does not show by itself that it moved; once per folder."""
+        if verdict is None or verdict.reason is None or verdict.reason.code not in _BY_ITSELF:
+            return ""
+        if job.source.parent in self._advised:
+            return ""
+        self._advised.add(job.source.parent)
+        moved = "if the camera moved: --moving; " if verdict.reason.code in _NO_VISIBLE_MOTION else ""
+        return f"{moved}with a neighbour: --after"
+
+    def save_preview(self) -> None:
+        """Writes the preview, if there is one, and reports it."""
+        if self._preview is not None:
+            self.tell(self._preview.save())
+
+    def failed(self, photo: str | Place, error: str, seconds: float = 0.0) -> None:
+        """Reports a photo that failed."""
+        self._count("failed", photo, error=error, **({"seconds": round(seconds, 3)} if seconds else {}))
+        self.tell(f"unshutter: {error}")
+        self._bar.advance()
+
+    def tell(self, line: str) -> None:
+        """Prints one line for the user."""
+        self._bar.tell(line)
+
+    def _count(self, fate: str, photo: str | Place, **facts: Any) -> None:
+        self.counts[fate] += 1
+        self._note(fate, photo=str(photo), **facts)
+
+    def _note(self, event: str, **facts: Any) -> None:
+        if self._log is None:
+            return
+        log, self._log = self._log, None  # report a log that cannot be written only once
+        log.add(event, at=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()), **facts)
+        self._log = log
+
+    def exit_code(self) -> int:
+        """Prints the summary; returns the exit code of the command."""
+        seconds, done, skipped = time.monotonic() - self._start, self.counts["done"], self.counts["skipped"]
+        if self.total > 1:
+            speed = f" ({rate(done / seconds)})" if done else ""
+            before = f", {skipped} finished already" if skipped else ""
+            if self._inputs.passed_over:
+                self.tell(f"unshutter: {self._inputs.not_taken()}")
+            self.tell(f"unshutter: {done} of {self.total} photos done in {_spoken(seconds)}{speed}{before}")
+            if done:
+                causes = ", ".join(f"{count} {cause}" for cause, count in self._left.most_common())
+                line = f"{self._changed} changed, {self._left.total()} left unchanged"
+                self.tell(f"unshutter: {line} ({causes})" if causes else f"unshutter: {line}")
+        return exit_code(self.counts["failed"], self.total)
+
+
+def _spoken(seconds: float) -> str:
+    hours, rest = divmod(round(seconds), 3600)
+    return f"{hours} h {rest // 60} min" if hours else f"{rest // 60} min {rest % 60} s" if rest >= 60 else f"{rest} s"
+
+
+def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
+    """Calls ``one`` for each photo, continuing past failures; returns the exit code."""
+    files = list(inputs.photos)
+    failed = len(inputs.unreadable)
+    with Progress(len(files)) as bar:
+        for folder, reason in inputs.unreadable:
+            bar.tell(f"unshutter: cannot read folder {folder}: {reason}")
+        for photo in files:
+            try:
+                with errors_in_one_line(photo):
+                    one(photo, bar.tell)
+            except UnshutterError as error:
+                if len(files) == 1:
+                    raise
+                failed += 1
+                bar.tell(f"unshutter: {error}")
+            bar.advance()
+        if inputs.passed_over:
+            bar.tell(f"unshutter: {inputs.not_taken()}")
+    return exit_code(failed, len(files) + len(inputs.unreadable))
+
+
+def exit_code(failed: int, total: int) -> int:
+    """Returns 1 if something failed, and prints how many photos did."""
+    if failed:
+        print(f"unshutter: {failed} of {total} photos failed", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def about(verdict: Verdict) -> str:
+    """Describes the verdict, why a film inside the photo was not used, and what the user can do."""
+    return "; ".join(filter(None, (verdict.described(), verdict.film_sentence, _advice(verdict))))
+
+
+def _advice(verdict: Verdict) -> str:
+    """Names the option with which the photo would be changed; empty if there is none."""
+    if verdict.reason is None or verdict.confidence is None:
+        return ""
+    if verdict.reason.code is Code.UNSURE:
+        steps = 10 if verdict.confidence >= 0.1 else 100
+        limit = math.floor(steps * verdict.confidence) / steps  # one digit: 0.36 -> 0.3, 0.036 -> 0.03, 0.0036 -> 0
+        return f"--min-confidence {limit:g} would move it by up to {pixels(verdict.largest_px)}"
+    return "--moving says that it did" if verdict.reason.code is Code.UNSURE_WHETHER_MOVED else ""
+
+
+# ---- preview ----------------------------------------------------------------------------------------------------
+
+MOST_PHOTOS = 500  # per sheet
+_ACROSS = 3  # photos per row
+_GAP = 8  # px; larger for a large single photo
+_WHITE, _BLACK = 255, (0, 0, 0)
+
+
+class Preview:
+    """Collects before and after pictures, and writes them as one."""
+
+    def __init__(self, path: Path, overwrite: bool):
+        self._path, self._overwrite = path, overwrite
+        self._pairs: list[tuple[str, tuple[np.ndarray, np.ndarray]]] = []
+        self._left_out = 0
+
+    def add(self, job: Job, outcome: Outcome) -> None:
+        """Adds a processed photo."""
+        if outcome.preview is None:
+            return
+        verdict, summary = outcome.verdict, ""
+        if verdict is not None:
+            summary = verdict.described() if verdict.changes else f"left unchanged ({verdict.sentence})"
+        self._add(f"{job.source.name}: {summary}", outcome.preview)
+
+    def add_finished(self, job: Job) -> None:
+        """Adds a photo whose result exists from an earlier run, unless one of the two can no longer be read."""
+        if job.preview_px is None:
+            return
+        with suppress(UnshutterError):
+            before = after = open_photo(job.source, job.max_pixels).upright(job.preview_px)
+            if fingerprint(job.target) is not None:  # an unchanged photo may have no result
+                after = open_photo(job.target, job.max_pixels).upright(job.preview_px)
+            self._add(f"{job.source.name}: finished already", (before, after))
+
+    def _add(self, caption: str, pair: tuple[np.ndarray, np.ndarray]) -> None:
+        if len(self._pairs) == MOST_PHOTOS:
+            self._left_out += 1
+        else:
+            self._pairs.append((caption, pair))
+
+    def save(self) -> str:
+        """Writes the picture; returns a line about it."""
+        if not self._pairs:
+            return f"no photo was done: {self._path} was not written"
+        Photo.from_array(_sheet(self._pairs)).save(self._path, quality=90, overwrite=self._overwrite)
+        more = f" (the first {MOST_PHOTOS} photos; {self._left_out} more are not in it)" if self._left_out else ""
+        return f"before and after: {self._path}{more}"
+
+
+def _sheet(pairs: list[tuple[str, tuple[np.ndarray, np.ndarray]]]) -> np.ndarray:
+    """Arranges all pairs, captioned, in rows; returns uint8 [H, W, 3]."""
+    import numpy as np
+
+    tiles = [_tile(caption, *pair) for caption, pair in pairs]
+    width = max(tile.shape[1] for tile in tiles) + 2 * _GAP
+    rows = []
+    for first in range(0, len(tiles), _ACROSS):
+        row = tiles[first : first + _ACROSS]
+        height = max(tile.shape[0] for tile in row) + _GAP
+        rows.append(np.full((height, min(_ACROSS, len(tiles)) * width, 3), _WHITE, np.uint8))
+        for k, tile in enumerate(row):
+            rows[-1][: tile.shape[0], k * width + _GAP :][:, : tile.shape[1]] = tile
+    return np.concatenate(rows)
+
+
+def _tile(caption: str, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Places both pictures side by side, vertically centred, under their caption."""
+    import numpy as np
+
+    gap = max(_GAP, before.shape[1] // 100)
+    height, width = max(before.shape[0], after.shape[0]), before.shape[1] + gap + after.shape[1]
+    title = _title(caption, width)
+    tile = np.full((len(title) + height, width, 3), _WHITE, np.uint8)
+    tile[: len(title)] = title
+    for picture, left in ((before, 0), (after, before.shape[1] + gap)):
+        top = len(title) + (height - picture.shape[0]) // 2
+        tile[top : top + picture.shape[0], left : left + picture.shape[1]] = picture
+    return tile
+
+
+def _title(caption: str, width: int) -> np.ndarray:
+    """Draws a line of text, [H, width, 3]; OpenCV's font is ASCII only."""
+    import cv2
+    import numpy as np
+
+    text = caption.encode("ascii", "replace").decode()
+    font, scale = cv2.FONT_HERSHEY_SIMPLEX, max(0.4, width / 2500)
+    thick = max(1, round(1.5 * scale))
+    (wide, high), _ = cv2.getTextSize(text, font, scale, thick)
+    scale *= min(1.0, (width - _GAP) / max(wide, 1))
+    title = np.full((2 * high + _GAP, width, 3), _WHITE, np.uint8)
+    return np.asarray(cv2.putText(title, text, (2, high + high // 2), font, scale, _BLACK, thick, cv2.LINE_AA))

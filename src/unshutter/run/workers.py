@@ -1,0 +1,196 @@
+"""Workers elsewhere: processes on this machine, which exit when a job takes too long, and a Dask cluster."""
+
+from __future__ import annotations
+
+import faulthandler
+import logging
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any
+
+from unshutter import errors
+from unshutter.errors import UnshutterError
+from unshutter.run.loop import Workers
+from unshutter.storage.files import remove_own_parts
+
+LONGEST_JOB_S = 1800.0  # unless the user chooses another limit: the largest photo takes minutes on a slow processor
+
+
+@contextmanager
+def processes(count: int, timeout_s: float | None = None, all_processors: bool = False) -> Iterator[Workers]:
+    """Starts worker processes on this machine, each on one processor or on all of them.
+
+    A job may take half an hour unless its limit is given.
+    """
+    limit_s = LONGEST_JOB_S if timeout_s is None else timeout_s
+
+    def pool() -> Executor:
+        pools.append(TimedPool(count, limit_s, settle_only_worker if all_processors else settle_worker))
+        return pools[-1]
+
+    def is_overdue(future: Future[Any]) -> bool:
+        return any(each.is_overdue(future) for each in pools)
+
+    _keep_tracker_from_hanging_up()
+    pools: list[TimedPool] = []
+    try:
+        yield Workers(pool(), 2 * count, pool, timeout_s=limit_s, is_overdue=is_overdue)
+    finally:
+        for each in pools:
+            each.shutdown(wait=True, cancel_futures=True)
+
+
+def _keep_tracker_from_hanging_up() -> None:
+    """Starts multiprocessing's resource tracker, which outlives the workers, with SIGHUP ignored.
+
+    Python does so for SIGINT and SIGTERM only. A tracker ended by SIGHUP would be replaced by one that complains of
+    unknown resources.
+    """
+    from multiprocessing import resource_tracker
+
+    if hasattr(signal, "SIGHUP") and threading.current_thread() is threading.main_thread():
+        before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        resource_tracker.ensure_running()
+        signal.signal(signal.SIGHUP, before)
+
+
+def settle_worker() -> None:
+    """Restricts a worker process to one processor, leaves Ctrl-C to its parent, and ends it when its parent ends.
+
+    When terminated, it removes its partial files.
+    """
+    for name in ("VIPS_CONCURRENCY", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"
+    import cv2
+
+    cv2.setNumThreads(1)
+    settle_only_worker()
+
+
+def settle_only_worker() -> None:
+    """Leaves Ctrl-C to a worker's parent, and ends the worker when its parent ends; it uses all processors."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _end)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end(number: int, _frame: object) -> None:
+    remove_own_parts()
+    os._exit(128 + number)  # an exception would count as the job's, and the worker would continue
+
+
+def _end_with_parent() -> None:
+    """Ends this worker when its parent ends: a killed parent cannot notify workers, which would wait indefinitely."""
+    from multiprocessing import parent_process
+    from multiprocessing.connection import wait
+
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        remove_own_parts()
+        os._exit(1)
+
+
+_clock: Any = None  # in a worker: start times of the jobs, by slot
+
+
+class TimedPool(ProcessPoolExecutor):
+    """A pool whose workers exit when a job takes too long: nothing else stops a decoder that hangs.
+
+    A worker's exit breaks the pool, as any worker's death does; :meth:`is_overdue` identifies the job responsible. Each
+    new process calls ``settle`` first.
+    """
+
+    def __init__(self, count: int, timeout_s: float, settle: Callable[[], None]):
+        # a fork would copy libvips's and OpenCV's locks without the threads that hold them
+        context = get_context("spawn")
+        self._began = context.RawArray("d", 4 * count)
+        self._free = list(range(len(self._began)))
+        self._places: dict[Future[Any], int] = {}
+        self._timeout_s = timeout_s
+        super().__init__(count, mp_context=context, initializer=_settle, initargs=(self._began, settle))
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Submits a job and assigns it a slot for its start time."""
+        place = self._free.pop() if self._free else None
+        if place is not None:
+            self._began[place] = 0
+        future = super().submit(_timed, place, self._timeout_s, fn, *args, **kwargs)
+        if place is not None:
+            self._places[future] = place
+            future.add_done_callback(self._set_free)
+        return future
+
+    def _set_free(self, future: Future[Any]) -> None:
+        if future.cancelled() or not isinstance(future.exception(), BrokenExecutor):
+            self._free.append(self._places.pop(future))
+
+    def is_overdue(self, future: Future[Any]) -> bool:
+        """Whether an unfinished job had used up its time when the pool broke."""
+        place = self._places.get(future)
+        began = 0.0 if place is None else self._began[place]
+        return began > 0 and time.monotonic() - began >= self._timeout_s
+
+
+def _settle(clock: Any, settle: Callable[[], None]) -> None:
+    global _clock
+    _clock = clock
+    settle()
+
+
+def _timed(place: int | None, timeout_s: float, fn: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    """Runs a job; ends this process if it takes too long, even in native code: the watchdog does not need Python."""
+    if place is not None:
+        _clock[place] = time.monotonic()
+    with open(os.devnull, "w") as nowhere:
+        faulthandler.dump_traceback_later(timeout_s, exit=True, file=nowhere)
+        try:
+            return fn(*args, **kwargs)
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+
+
+# ---- cluster ----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _quiet_loggers() -> Iterator[None]:
+    """Keeps Dask from printing tracebacks when its scheduler shuts down, which unshutter reports itself."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Workers]:
+    """Connects to the workers of a Dask scheduler, which need unshutter and the same view of the files."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise UnshutterError(f"--scheduler needs the extra: {errors.extra('dask')} ({error})") from None
+    try:
+        client = Client(address, timeout=5, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise UnshutterError(f"cannot reach the Dask scheduler {address}: {' '.join(str(error).split())}") from None
+    with _quiet_loggers(), client:
+
+        def executor() -> Executor:
+            return client.get_executor(pure=False)
+
+        threads: Any = client.nthreads()
+        yield Workers(executor(), max(4 * sum(threads.values()), 32), executor, elsewhere=True)

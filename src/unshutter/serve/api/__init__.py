@@ -1,1 +1,0 @@
-"""Request handlers, one per address; each docstring starts with the address. No module here imports another."""

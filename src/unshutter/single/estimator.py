@@ -1,0 +1,205 @@
+"""The Estimator interface and its input, View."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.motion import Motion, RotationMotion, RowMotion
+from unshutter.motion.verdict import Candidate, alone
+from unshutter.options import Camera
+from unshutter.orientation import Readout, scene_up
+from unshutter.photo import Photo
+from unshutter.photo.attitude import Attitude
+from unshutter.readout_time import ReadoutTime
+from unshutter.reasons import Code, Reason
+from unshutter.single import Method
+from unshutter.single.sharpness import SpeedLimit, speed_limit
+
+
+@dataclass(frozen=True)
+class View:
+    """A photo as seen by an estimator: in its readout frame, with the first line read on top (orientation.py).
+
+    Attributes:
+        photo: the photo as read.
+        camera: what the user states about the camera; otherwise the photo's own metadata are used.
+        guessed_focal_px: a better guess than that from the picture's size, for instance for a crop of a larger photo.
+    """
+
+    photo: Photo
+    camera: Camera = field(default_factory=Camera)
+    guessed_focal_px: float | None = None
+
+    @property
+    def readout(self) -> Readout:
+        """Direction in which the stored pixels were read: as stated, or else from gravity, or else top to bottom."""
+        if self.camera.readout == "auto" and self.photo.attitude is not None:
+            return self.photo.attitude.readout
+        return self.camera.direction
+
+    @property
+    def height(self) -> int:
+        """Rows of the full-size readout frame."""
+        return self.readout.frame_size(self.photo.height, self.photo.width)[0]
+
+    @property
+    def width(self) -> int:
+        """Columns of the full-size readout frame."""
+        return self.readout.frame_size(self.photo.height, self.photo.width)[1]
+
+    @property
+    def up(self) -> tuple[int, int]:
+        """Unit vector (right, down) towards the top of the scene, from the EXIF orientation."""
+        return scene_up(self.photo.orientation, self.readout)
+
+    def grey(self, short_side: int | None = None) -> np.ndarray:
+        """Returns a [h, w] uint8 grey copy whose short side is about ``short_side`` px; never enlarged."""
+        return self.readout.turn(self.photo.grey(short_side))
+
+    def focal_px(self) -> float:
+        """Returns the focal length [px of the full-size picture], if unknown guessed as 0.85 (width + height)."""
+        return self.known_focal_px() or self.guessed_focal_px or 0.85 * (self.width + self.height)
+
+    def known_focal_px(self) -> float | None:
+        """Returns the focal length [px of the full-size picture] as stated, or else EXIF's, or else None."""
+        return self.camera.focal_px or self.photo.focal_px()
+
+    def attitude(self) -> Attitude:
+        """Returns the camera's attitude: each angle as stated, or else the photo's own, or else None."""
+        own = self.photo.attitude or Attitude(None, None, "")
+        roll, tilt = self.camera.roll_deg, self.camera.tilt_deg
+        if roll is None and tilt is None:
+            return own
+        kept = own.tilt_deg if tilt is None else own.roll_deg if roll is None else None
+        roll, tilt = own.roll_deg if roll is None else roll, own.tilt_deg if tilt is None else tilt
+        return Attitude(roll, tilt, "given" if kept is None else f"given; {own.source}", own.readout)
+
+    def attitude_deg(self) -> tuple[float | None, float | None]:
+        """Returns the camera's roll and tilt [degrees] as stated, or else the photo's own, or else None."""
+        held = self.attitude()
+        return held.roll_deg, held.tilt_deg
+
+    def exposure_s(self) -> float | None:
+        """Returns the exposure time of each line [s] as stated, or else EXIF's, or else None."""
+        return self.camera.exposure_s or self.photo.exposure_s()
+
+    def readout_s(self) -> ReadoutTime:
+        """Returns the readout time or its plausible range: as stated, or else typical for the kind of camera."""
+        if self.camera.readout_ms is None:
+            return self.photo.readout_time()
+        return ReadoutTime.of_ms(self.camera.readout_ms, "given")
+
+    @cached_property
+    def speed_limit(self) -> SpeedLimit | None:
+        """The fastest motion that the photo's sharpness allows; None if it sets no limit.
+
+        Reads the photo at full size, once.
+
+        Raises:
+            UnshutterError: the photo is damaged or gone.
+        """
+        return speed_limit(
+            lambda: self.readout.turn(self.photo.pixels), self.exposure_s(), self.readout_s(), self.photo.is_merged()
+        )
+
+    def noted(self, motion: Motion) -> Motion:
+        """Returns the motion with what is known about the photo apart from its pixels."""
+        held = self.attitude()
+        roll, tilt = (None if angle is None else round(angle, 2) for angle in (held.roll_deg, held.tilt_deg))
+        return replace(motion, roll_deg=roll, tilt_deg=tilt, attitude_from=held.source, exposure_s=self.exposure_s())
+
+    def no_motion(self, estimator: str, reason: Reason | str | None = None) -> Motion:
+        """Returns the answer of an estimator that declines.
+
+        Args:
+            reason: why; methods from other packages give a sentence. None for the unchanged photo among candidates.
+        """
+        why = Reason.stated(reason) if isinstance(reason, str) else reason
+        return RowMotion.zero(self.height, self.width, readout=self.readout, estimator=estimator, reason=why)
+
+    def cubic_motion(self, coefficients: np.ndarray, estimator: str, confidence: float | None = None) -> Motion:
+        """Returns the answer of an estimator that found a cubic row motion, first row as the reference.
+
+        Args:
+            coefficients: [2, 3] of u, u^2, u^3 with u = (row + 1/2) / rows: t_x [rows], r_z [rad].
+        """
+        u = (np.arange(self.height) + 0.5) / self.height
+        tx, rz = (c[0] * u + c[1] * u**2 + c[2] * u**3 for c in coefficients)
+        return RowMotion(
+            width=self.width,
+            tx_px=(tx - tx[0]) * self.height,
+            rz_rad=rz - rz[0],
+            readout=self.readout,
+            estimator=estimator,
+            confidence=confidence,
+        )
+
+    def rotation_motion(self, rotations: np.ndarray, estimator: str) -> Motion:
+        """Returns the answer of an estimator that found rotations about three axes, first row as the reference.
+
+        Args:
+            rotations: [height, 3] (r_x, r_y, r_z) of every row [rad].
+        """
+        try:
+            motion = RotationMotion(
+                width=self.width,
+                rotations=rotations,
+                focal_px=self.focal_px(),
+                readout=self.readout,
+                estimator=estimator,
+            ).rereferenced("first")
+            motion.check_unfolded()
+        except UnshutterError as error:
+            return self.no_motion(estimator, Reason.of(Code.IMPOSSIBLE_MOTION, detail=str(error)))
+        return motion
+
+
+class Estimator(ABC):
+    """Estimates the row motion of a photo. Thread-safe.
+
+    Args:
+        method: its entry in the register.
+        weights: weights file; None for methods that need none.
+    """
+
+    def __init__(self, method: Method, weights: Path | None = None):
+        self.method = method
+        self.weights = weights
+
+    def __reduce__(self) -> tuple:  # an open network cannot be pickled; it is reopened
+        return type(self), (self.method, self.weights)
+
+    @property
+    def name(self) -> str:
+        """The method's name, which its motions carry as ``estimator``."""
+        return self.method.name
+
+    def prepare(self) -> None:
+        """Performs work that the first estimate would otherwise wait for, such as opening a network.
+
+        Does nothing by default. May be called more than once.
+
+        Raises:
+            UnshutterError: the weights cannot be used.
+        """
+        return
+
+    @abstractmethod
+    def estimate(self, view: View) -> Motion:
+        """Returns the motion of the full-size photo in its readout frame, first row as the reference.
+
+        If the photo is inconclusive, the motion is zero and carries a reason; that is not an error.
+        """
+
+    def candidates(self, view: View) -> tuple[Candidate, ...]:
+        """Returns the possible motions of the photo, including leaving it unchanged, that of :meth:`estimate` first.
+
+        Methods that find several override this.
+        """
+        return alone(self.estimate(view), view.photo.orientation)

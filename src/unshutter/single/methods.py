@@ -1,0 +1,168 @@
+"""The product's methods of estimating a single photo's motion, and the choice among their answers."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from unshutter.errors import UnshutterError
+from unshutter.motion import Motion
+from unshutter.motion.verdict import Candidate, alone
+from unshutter.reasons import Code, Reason
+from unshutter.single import Method
+from unshutter.single.candidates import candidates_by_smear, candidates_of
+from unshutter.single.estimator import Estimator, View
+from unshutter.single.likelihood import (
+    MOST_SEGMENTS,
+    STARTS,
+    find_segments,
+    in_rows,
+    likelihood_of,
+    segments_of,
+    unusable,
+)
+from unshutter.single.network import SegmentNetwork
+from unshutter.single.prior import MotionKind, NetworkErrors, SecondOpinion, shipped
+from unshutter.single.search import PX, Posterior, displacement, explore
+
+
+class DoNothing(Estimator):
+    """none: leaves photos unchanged, the baseline of every table."""
+
+    def estimate(self, view: View) -> Motion:
+        """Returns zero motion."""
+        return view.no_motion(self.name, Reason(Code.ASKED_FOR_NOTHING))
+
+
+def find_motion(estimator: Estimator, view: View) -> Motion:
+    """Returns the motion of a photo, first row as the reference, with what is known apart from its pixels."""
+    return chosen(find_candidates(estimator, view), view.camera.candidate)
+
+
+def chosen(candidates: tuple[Candidate, ...], number: int | None) -> Motion:
+    """Returns the motion of a candidate, counted from 1; None: the first, with its confidence.
+
+    One that a person has chosen has no confidence, as no doubt remains.
+    """
+    if number is None:
+        return candidates[0].motion
+    if number > len(candidates):
+        listed = ", ".join(each.description for each in candidates)
+        raise UnshutterError(f"there is no candidate {number}: the photo has {len(candidates)} ({listed})")
+    taken = candidates[number - 1]
+    strength = 0 if taken.kind == "still" else 1  # "as it is" leaves no trace of motion, either
+    return replace(taken.motion.scaled(strength), confidence=None)
+
+
+def find_candidates(estimator: Estimator, view: View) -> tuple[Candidate, ...]:
+    """Returns the possible motions of a photo, that of :func:`find_motion` first, including no change.
+
+    Motions that would have blurred the photo more than it is are dropped; if this removes the first one, it is
+    replaced by zero motion with the reason.
+    """
+    candidates = estimator.candidates(view)
+    limit = None if all(each.motion.is_zero for each in candidates) else view.speed_limit
+    if limit is not None:
+        possible = tuple(each for each in candidates if each.motion.is_zero or not limit.refutes(each.motion))
+        if candidates[0] not in possible:
+            none = Candidate("still", view.no_motion(estimator.name, limit.reason))
+            possible = (none, *(each for each in possible if each.kind != "still"))
+        candidates = possible
+    return tuple(replace(each, motion=view.noted(each.motion)) for each in candidates)
+
+
+class _RightAngles(Estimator):
+    """Finds the posterior of the motion under the Manhattan likelihood (likelihood.py, search.py)."""
+
+    def estimate(self, view: View) -> Motion:
+        """Returns cubic t_x and r_z; zero motion with a reason if there are too few segments."""
+        return self.candidates(view)[0].motion
+
+    def candidates(self, view: View) -> tuple[Candidate, ...]:
+        """Returns the modes of the posterior; zero motion with a reason if there are too few segments."""
+        segments, size = segments_of(view)
+        reason = unusable(segments, view.height, view.width)
+        if reason:
+            return alone(view.no_motion(self.name, reason), view.photo.orientation)
+        return self._modes(view, segments, size)
+
+    @abstractmethod
+    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Candidate, ...]: ...
+
+
+class Manhattan(_RightAngles):
+    """manhattan: the motion, camera and focal length that make line segments straight and square; no learning."""
+
+    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Candidate, ...]:
+        return candidates_of(explore(likelihood_of(view, segments, size), STARTS), view, self.name)
+
+
+_SEEN_TILTS = (-15.0, 50.0)  # degrees: range of the network's training data
+
+
+class SegmentManhattan(_RightAngles):
+    """segment-manhattan: the posterior mean, including the network's estimate as an observation.
+
+    The network estimates curvature well and shear poorly; right angles, if present, determine the shear. Its estimate
+    therefore enters the likelihood as one more observation, with the covariance of its errors.
+    """
+
+    def __init__(
+        self,
+        method: Method,
+        weights: Path | None = None,
+        errors: NetworkErrors | None = None,
+        kinds: tuple[MotionKind, ...] = (),
+    ):
+        super().__init__(method, weights)
+        self._network = SegmentNetwork(weights)
+        self._errors = errors or shipped().network_errors
+        self.kinds = kinds or shipped().kinds
+
+    def prepare(self) -> None:
+        """Opens the network."""
+        self._network.open()
+
+    def _modes(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Candidate, ...]:
+        _, tilt = view.attitude_deg()
+        if tilt is not None and not _SEEN_TILTS[0] <= tilt <= _SEEN_TILTS[1]:
+            likelihood = likelihood_of(view, segments, size, kinds=self.kinds)
+            return candidates_of(explore(likelihood, STARTS), view, self.name)
+        posterior, answer = self.weigh(view, segments, size)
+        by_smear = candidates_by_smear(posterior, view, self.name)
+        return by_smear or candidates_of(posterior, view, self.name, answer)
+
+    def weigh(self, view: View, segments: np.ndarray, size: tuple[int, int]) -> tuple[Posterior, np.ndarray]:
+        """Returns the posterior including the network's estimate, and that estimate: [6] coefficients."""
+        answer = self._network.coefficients(segments, view.up).ravel()
+        precision = self._errors.precision(PX * displacement(answer))
+        opinion = SecondOpinion(answer, precision, self._errors.freedom)
+        return explore(likelihood_of(view, segments, size, opinion, self.kinds), [answer]), answer
+
+
+SHORT_SIDE = 512  # of the grey copy in which segments are detected [px]
+
+
+class SegmentTransformer(Estimator):
+    """segment-transformer: the answer of the network (network.py) on the line segments of a photo."""
+
+    def __init__(self, method: Method, weights: Path | None = None):
+        super().__init__(method, weights)
+        self._network = SegmentNetwork(weights)
+
+    def prepare(self) -> None:
+        """Opens the network."""
+        self._network.open()
+
+    def estimate(self, view: View) -> Motion:
+        """Returns cubic t_x and r_z; zero motion with a reason if there are too few segments."""
+        grey = view.grey(SHORT_SIDE)
+        segments = find_segments(grey, MOST_SEGMENTS)
+        reason = unusable(segments, view.height, view.width)
+        if reason:
+            return view.no_motion(self.name, reason)
+        coefficients = self._network.coefficients(in_rows(segments, *grey.shape), view.up)
+        return view.cubic_motion(coefficients, self.name)

@@ -1,0 +1,322 @@
+"""The unknowns of a photo, the priors on them, and the calibration that all photos share.
+
+Hypotheses are rows of an array [S, 10]: coefficients of u, u^2, u^3 of t_x [rows] and of r_z [rad], with u = row
+coordinate + 1/2; the camera's roll and tilt [rad]; the logarithm of its focal length [rows]; its yaw against the
+streets [rad]. Coordinates are centred, in rows.
+
+``unshutter calibrate`` (unshutter-lab) measures the network's errors, the odds of motion and the accuracy of answers,
+and writes weights/calibration.json, which names its data.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+UNKNOWNS = 10
+MOTION, ROLL, TILT, LOG_FOCAL, YAW = slice(0, 6), 6, 7, 8, 9
+CAMERA = slice(MOTION.stop, UNKNOWNS)
+
+_DEGREE = math.pi / 180
+NORMAL = 1e9  # degrees of freedom at which Student's t distribution is practically normal
+
+
+@dataclass(frozen=True)
+class Beliefs:
+    """Priors and noise for photos in general, measured on a separate set of photos (docs/research/own-model.md).
+
+    Sigmas are standard deviations. Angles are in radians, lengths in px of the picture in which segments were detected.
+    """
+
+    sigma_exact: float = 0.002  # of the directions of accurate edges, in addition to the detector's
+    sigma_sloppy: float = 0.02  # of the directions of inaccurate edges,
+    sloppy_share: float = 0.5  # and their share
+    sigma_end_px: float = 0.3  # detector noise: this divided by the length
+    outlier_share: float = 0.3  # outliers: segments of arbitrary direction
+    vertical_share: float = 0.34  # verticals among the inliers
+    full_weight_px: float = 64.0  # shorter segments have proportionally less weight
+    independent_share: float = 0.4  # independent information: the errors of similar windows are correlated
+    sigma_roll: float = 0.8 * _DEGREE
+    sigma_askew: float = 4 * _DEGREE  # roll of cameras that were held carelessly,
+    askew_share: float = 0.1  # and their share
+    sigma_tilt: float = 9 * _DEGREE
+    sigma_steep: float = 25 * _DEGREE  # tilt of cameras that look up at towers or down from them,
+    steep_share: float = 0.15  # and their share
+    median_focal_rows: float = 1.7  # of a square picture
+    sigma_log_focal: float = 0.35
+    sigma_known_log_focal: float = 0.05  # if known from EXIF or the user
+    sigma_known_attitude: float = 1.0 * _DEGREE  # of a known roll or tilt: error of an accelerometer in the hand
+
+
+@dataclass(frozen=True, eq=False)
+class MotionKind:
+    """Prior of the motions of one kind: a Student's t distribution centred on no motion."""
+
+    name: str  # quadratic (as drawn in benchmarks), hand (shake) or pan (an even rotation to one side)
+    scale: np.ndarray  # [6, 6] scale matrix of the coefficients of t_x and r_z
+    freedom: float  # degrees of freedom; NORMAL for a normal distribution
+    share: float  # prior probability of this kind
+
+    @property
+    def precision(self) -> np.ndarray:
+        """[6, 6] inverse of the scale matrix."""
+        return np.linalg.inv(self.scale)
+
+    @property
+    def log_peak(self) -> float:
+        """Log density at no motion, relative to that of a normal distribution with the same scale."""
+        nu, n = self.freedom, len(self.scale)
+        return math.lgamma((nu + n) / 2) - math.lgamma(nu / 2) - n / 2 * math.log(nu / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownCamera:
+    """What is known about the camera that took this photo."""
+
+    up: tuple[int, int] = (0, -1)  # unit vector (right, down) towards the top of the scene
+    # logarithm of the focal length [rows] (from EXIF or the user); None if unknown. roll, tilt: clockwise rotation of
+    # the scene in the picture, and upward tilt of the camera [rad] (from gimbal or accelerometer); None if unknown.
+    log_focal: float | None = None
+    roll: float | None = None
+    tilt: float | None = None
+    speed: np.ndarray | None = None  # [6, 6] precision of the motion from the photo's sharpness; None if unknown
+
+
+@dataclass(frozen=True)
+class SecondOpinion:
+    """Another estimate of the motion, with heavy-tailed errors (Student's t)."""
+
+    motion: np.ndarray  # [6] coefficients
+    precision: np.ndarray  # [6, 6] inverse of the scale matrix of its errors
+    freedom: float = 3.0  # degrees of freedom; the fewer, the more readily it is overruled
+
+
+_SHIPPED = Path(__file__).parents[1] / "weights" / "calibration.json"
+
+
+@dataclass(frozen=True)
+class NetworkErrors:
+    """Errors of the network's six coefficients (t_x [rows], then r_z [rad]): Student's t distribution."""
+
+    freedom: float  # degrees of freedom; the fewer, the more often errors are large
+    scales: np.ndarray  # [6] scales of the distribution
+    correlations: np.ndarray  # [6, 6] between the coefficients
+    usual_px: float  # size of the estimate [px of 256 rows] at which squared errors are twice those of small estimates
+
+    @classmethod
+    def of(cls, fields: dict[str, Any]) -> NetworkErrors:
+        """Reads the errors from the fields of a file."""
+        scales, correlations = np.array(fields["scales"]), np.array(fields["correlations"])
+        return cls(fields["freedom"], scales, correlations, fields["usual_px"])
+
+    def precision(self, size_px: float) -> np.ndarray:
+        """[6, 6] inverse of the scale matrix.
+
+        Args:
+            size_px: root mean square displacement of the network's estimate [px of 256 rows].
+        """
+        scale = self.correlations * np.outer(self.scales, self.scales)
+        return np.linalg.inv(scale) / (1 + (size_px / self.usual_px) ** 2)
+
+
+@dataclass(frozen=True)
+class Forest:
+    """Gradient-boosted decision trees of equal size. The values of their leaves add up to log odds."""
+
+    features: tuple[str, ...]  # names of the figures tested by nodes
+    baseline: float  # constant to which the leaves' values are added
+    # steps from a root to its farthest leaf. feature, threshold, left, right, value: [trees, nodes]: a node leads to
+    # ``left`` if its figure is at most the threshold, otherwise to ``right``; a leaf leads to itself and has a value.
+    depth: int
+    feature: np.ndarray
+    threshold: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    value: np.ndarray
+
+    def odds(self, figures: dict[str, float]) -> float:
+        """Returns the log odds that undoing the motion is better than leaving it."""
+        asked = np.array([figures[name] for name in self.features])
+        tree, node = np.arange(len(self.value)), np.zeros(len(self.value), int)
+        for _ in range(self.depth):
+            below = asked[self.feature[tree, node]] <= self.threshold[tree, node]
+            node = np.where(below, self.left[tree, node], self.right[tree, node])
+        return self.baseline + float(self.value[tree, node].sum())
+
+    @classmethod
+    def of(cls, fields: dict[str, Any]) -> Forest:
+        """Reads the forest from the fields of a file."""
+        arrays = {name: np.array(fields[name]) for name in ("feature", "threshold", "left", "right", "value")}
+        return cls(tuple(fields["features"]), fields["baseline"], fields["depth"], **arrays)
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A logistic regression."""
+
+    constant: float  # log odds if all figures are 0
+    slopes: dict[str, float]  # name of a figure -> change of the log odds per unit of it
+
+    def log_odds(self, figures: dict[str, float]) -> float:
+        """Returns the log odds."""
+        return self.constant + sum(slope * figures[name] for name, slope in self.slopes.items())
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """All parts of the default method other than its network."""
+
+    kinds: tuple[MotionKind, ...]  # kinds of motion and their priors
+    network_errors: NetworkErrors  # error distribution of the network's estimate
+    forest: Forest  # odds that there was motion, if the network was run
+    odds_without_network: Regression  # odds that there was motion, if it was not
+    # for photos that are rectified and those left unchanged, with the network's estimate and without: "rectified",
+    # "left", "rectified without network", "left without network" -> log odds that the error is below 1 px of 256 rows
+    # or a tenth of the motion
+    confidence: dict[str, Regression]
+
+    @classmethod
+    def read(cls, path: Path) -> Calibration:
+        """Reads a calibration file written by ``unshutter calibrate``."""
+        fields = json.loads(path.read_text(encoding="utf-8"))
+        return cls(
+            kinds_of(fields["kinds"]),
+            NetworkErrors.of(fields["network_errors"]),
+            Forest.of(fields["forest"]),
+            Regression(**fields["odds_without_network"]),
+            {name: Regression(**each) for name, each in fields["confidence"].items()},
+        )
+
+
+def kinds_of(fields: dict[str, Any]) -> tuple[MotionKind, ...]:
+    """Reads the kinds of motion from the fields of a file."""
+    return tuple(
+        MotionKind(
+            name,
+            np.array(each["correlations"]) * np.outer(each["scales"], each["scales"]),
+            each["freedom"] or NORMAL,
+            each["share"],
+        )
+        for name, each in fields.items()
+    )
+
+
+@cache
+def shipped() -> Calibration:
+    """Returns the calibration that comes with unshutter."""
+    return Calibration.read(_SHIPPED)
+
+
+class Prior:
+    """The prior of every kind of motion, each combined with the same prior of the camera.
+
+    Student's t around no motion and around a second opinion; Gaussians for the camera, mixtures of two for roll and
+    tilt.
+    """
+
+    def __init__(
+        self,
+        beliefs: Beliefs,
+        known: KnownCamera,
+        aspect: float,
+        opinion: SecondOpinion | None = None,
+        kinds: Sequence[MotionKind] = (),
+    ):
+        b = beliefs
+        log_focal, sigma_log_focal = math.log(b.median_focal_rows * (1 + aspect) / 2), b.sigma_log_focal
+        if known.log_focal is not None:
+            log_focal, sigma_log_focal = known.log_focal, b.sigma_known_log_focal
+        self.mean = np.array([*[0.0] * 6, known.roll or 0.0, known.tilt or 0.0, log_focal, 0.0])
+        any_yaw = 1e3
+        self.sigma = np.array([*[math.inf] * 6, b.sigma_roll, b.sigma_tilt, sigma_log_focal, any_yaw])
+        # for roll and tilt: sigmas of the main and the rare component, share of the rare one
+        measured = b.sigma_known_attitude, b.sigma_known_attitude, 0.5
+        self._mixtures = {
+            ROLL: measured if known.roll is not None else (b.sigma_roll, b.sigma_askew, b.askew_share),
+            TILT: measured if known.tilt is not None else (b.sigma_tilt, b.sigma_steep, b.steep_share),
+        }
+        self._opinion = opinion
+        self._of_speed = np.zeros((6, 6)) if known.speed is None else known.speed
+        self.kinds = tuple(kinds) or shipped().kinds
+        self._precision = np.stack([kind.precision for kind in self.kinds])
+        self._freedom = np.array([kind.freedom for kind in self.kinds])
+        self.log_volume = np.array([self._log_volume(kind) for kind in self.kinds])
+
+    def _log_volume(self, kind: MotionKind) -> float:
+        """Returns the log volume of one kind; exact without a speed limit, or if it is much narrower than the kind."""
+        precision = kind.precision * math.exp(2 * kind.log_peak / len(kind.scale)) + self._of_speed
+        return 0.5 * float(np.linalg.slogdet(precision)[1])
+
+    def expanded(
+        self, unknowns: np.ndarray, kind: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the negative log prior [S], its gradient [S, 10], and a positive definite Hessian [S, 10, 10].
+
+        The Hessian ignores how mixture weights and the trust in an opinion change with the unknowns. Normalised as far
+        as it differs between the hypotheses of a photo, except for :attr:`log_volume`.
+
+        Args:
+            kind: [S] index of each motion's kind in :attr:`kinds`; the first by default.
+        """
+        kind = np.zeros(len(unknowns), int) if kind is None else kind
+        off = unknowns - self.mean
+        precision = np.broadcast_to(1 / self.sigma**2, unknowns.shape).copy()
+        scaled = off / self.sigma
+        energy = np.zeros(len(unknowns))
+        for k, mixture in self._mixtures.items():
+            scaled[:, k] = 0
+            part, precision[:, k] = two_gaussians(off[:, k], *mixture)
+            energy += part
+        energy += 0.5 * (scaled**2).sum(-1)
+        gradient = precision * off
+        hessian = precision[:, :, None] * np.eye(UNKNOWNS)
+        slowed = unknowns[:, MOTION] @ self._of_speed
+        energy += 0.5 * (slowed * unknowns[:, MOTION]).sum(-1)
+        gradient[:, MOTION] += slowed
+        hessian[:, MOTION, MOTION] += self._of_speed
+        pulls = [_student_t(unknowns[:, MOTION], self._precision[kind], self._freedom[kind])]
+        if self._opinion is not None:
+            off, opinion = unknowns[:, MOTION] - self._opinion.motion, self._opinion
+            pulls.append(_student_t(off, opinion.precision, opinion.freedom))
+        for part, J_motion, H_motion in pulls:
+            energy = energy + part
+            gradient[:, MOTION] += J_motion
+            hessian[:, MOTION, MOTION] += H_motion
+        return energy, gradient, hessian
+
+    def of_motions(self, motions: np.ndarray) -> np.ndarray:
+        """Returns the negative log density of the first kind, relative to that of no motion: [M, 6] -> [M]."""
+        return _student_t(motions, self._precision[0], self._freedom[0])[0]
+
+
+def two_gaussians(off: np.ndarray, usual: float, rare: float, rare_share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns E = -log sum_j share_j / sigma_j exp(-off^2 / 2 sigma_j^2) of off [...], and P in dE/doff = P off."""
+    log_usual, log_rare = (
+        math.log(share / sigma) - 0.5 * (off / sigma) ** 2
+        for share, sigma in ((1 - rare_share, usual), (rare_share, rare))
+    )
+    log_both = np.logaddexp(log_usual, log_rare)
+    is_usual = np.exp(log_usual - log_both)
+    return -log_both, is_usual / usual**2 + (1 - is_usual) / rare**2
+
+
+def _student_t(
+    off: np.ndarray, precision: np.ndarray, freedom: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns E = (nu + 6) / 2 log(1 + off^T P off / nu) of off [S, 6], dE/doff = t P off, and t P.
+
+    Here t = (nu + 6) / (nu + off^T P off) is the trust, P is [6, 6] or [S, 6, 6], nu a number or [S].
+    """
+    dimensions = off.shape[1]
+    pulled = (precision @ off[..., None])[..., 0]
+    distance2 = (pulled * off).sum(-1)
+    trust = (freedom + dimensions) / (freedom + distance2)
+    energy = 0.5 * (freedom + dimensions) * np.log1p(distance2 / freedom)
+    return energy, trust[:, None] * pulled, trust[:, None, None] * precision

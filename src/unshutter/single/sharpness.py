@@ -1,0 +1,246 @@
+"""What a photo's sharpness says about the camera's speed: the limit it sets, and the length of its smears.
+
+A scene that moves s px/s across the sensor smears every edge across its path by s times the exposure. The sharpest
+edges of a photo therefore bound the speed, whatever it shows: s <= width / exposure, and the motion over a whole
+readout is at most width * readout / exposure.
+
+A smear of length L recurs in the picture: steps of brightness reappear, inverted, L px further on, and the
+autocorrelation of the differences between neighbouring columns has a dip at L, unlike that of the differences between
+neighbouring rows. Most bands of rows must agree, and the edges must be as wide as smears of this length make them;
+otherwise it is a pattern of the scene. The length gives the distance that the picture moved during readout,
+L * readout / exposure, but not the direction.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unshutter.motion import Motion
+from unshutter.reasons import Code, Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from unshutter.motion.shapes import Float32, Float64, UInt8
+    from unshutter.readout_time import ReadoutTime
+
+
+BANDS = 4  # of rows: the camera's motion may be uneven
+_LINES = 128  # rows, and columns, that are examined
+_CONTRAST = 60  # least contrast of an edge, in levels of 255: more than that of noise and JPEG blocks
+_SHARPEST = 10  # percentile of the edge widths that is used: noise and retouched areas may be even sharper
+_FEWEST = 30  # edges; fewer are inconclusive
+_OUTER = 0.25  # columns further than this from the centre [widths] reveal rotation
+_DOUBT = 1.5  # standard deviation of a speed, in speed limits
+_LEAST_SPEED, _ANY_SPEED = 1e-4, 10.0  # rows, and rad, over a readout: these keep its density finite
+_LEEWAY = 2.5  # multiple of the limit that refutes a motion: nine in ten blurred pictures are below (own-model.md)
+_SMEARED, _SMEARED_PX = 2.0, 4.0  # width relative to the others, and px: more than lens and focus cause
+_MERGED = 3.0  # factor on the speed: sharp parts of a merged photo may come from exposures shorter than EXIF's
+
+
+@dataclass(frozen=True)
+class SpeedLimit:
+    """The fastest motion that a photo's sharpness allows, in its readout frame."""
+
+    # [BANDS] change of t_x over a whole readout at the highest speed of each band [px]
+    tx_px: Float64[np.ndarray, "bands"]
+    # [BANDS] vertical displacement of the scene over a whole readout at that speed [px]
+    ty_px: Float64[np.ndarray, "bands"]
+    rz_rad: float  # change of r_z over a whole readout at the highest speed, over all rows [rad]
+    exposure_s: float  # exposure time of each row [s]
+    readout_s: float  # upper estimate of the readout time [s]
+    # whether edges across the rows are so much wider than those along them that the camera must have moved sideways
+    # while each row was exposed
+    smeared: bool = False
+
+    @property
+    def reason(self) -> Reason:
+        """Why a photo that refutes the motion is left unchanged."""
+        if self.readout_s == 0:
+            return Reason(Code.NO_ROLLING_SHUTTER)
+        exposure = f"1/{1 / self.exposure_s:.0f} s" if self.exposure_s < 0.3 else f"{self.exposure_s:.1f} s"
+        return Reason.of(Code.TOO_SHARP, exposure=exposure)
+
+    def precision(self, rows: int) -> Float64[np.ndarray, "6 6"]:
+        """Returns that of Gaussians around zero speed at the centre of each band, in the coefficients of prior.py."""
+        tx = np.clip(_DOUBT * self.tx_px / rows, _LEAST_SPEED, _ANY_SPEED)
+        rz = float(np.clip(_DOUBT * self.rz_rad, _LEAST_SPEED, _ANY_SPEED))
+        u = (np.arange(BANDS) + 0.5) / BANDS
+        J_speed = np.stack([np.ones_like(u), 2 * u, 3 * u**2], axis=1)  # derivatives by the coefficients
+        precision = np.zeros((6, 6))
+        precision[:3, :3] = J_speed.T @ (J_speed / tx[:, None] ** 2)
+        precision[3:, 3:] = J_speed.T @ J_speed / rz**2
+        return precision
+
+    def refutes(self, motion: Motion) -> bool:
+        """Whether the photo would be less sharp if its camera had moved like this."""
+        turning, velocity = motion.rates()
+        per_readout = motion.height
+        bands = np.array_split(np.abs(velocity) * per_readout, BANDS)
+        fastest = np.array([np.median(band, axis=0) for band in bands])  # [BANDS, 2]
+        turned = np.median(np.abs(turning)) * per_readout
+        allowed = _LEEWAY * self.tx_px, _LEEWAY * self.ty_px, _LEEWAY * self.rz_rad
+        return bool((fastest > np.stack(allowed[:2], axis=1)).any() or turned > allowed[2])
+
+
+def speed_limit(
+    frame: Callable[[], np.ndarray], exposure_s: float | None, readout: ReadoutTime, merged: bool
+) -> SpeedLimit | None:
+    """Returns the limit that a photo's sharpness sets on the speed, or None if exposure or edges are unknown.
+
+    Args:
+        frame: returns the pixels [H, W, bands] at full size in the readout frame, uint8 or uint16; not always called.
+    """
+    if exposure_s is None:
+        return None
+    if readout.longest_s == 0:
+        return SpeedLimit(np.zeros(BANDS), np.zeros(BANDS), 0.0, exposure_s, 0.0)
+    pixels = frame()
+    along_rows = _Edges.of(_lines(pixels))
+    along_columns = _Edges.of(_lines(pixels.swapaxes(0, 1)))
+    height, width = pixels.shape[:2]
+    readout_s = math.sqrt(readout.typical_s * readout.longest_s)
+    factor = readout_s / exposure_s * (_MERGED if merged else 1)
+    across = _by_bands(along_rows.line * height / _LINES, along_rows.width, height)
+    upright = _by_bands(along_columns.middle, along_columns.width, height)
+    off_centre = np.abs((along_columns.line + 0.5) / _LINES - 0.5)
+    outer = off_centre > _OUTER
+    turning = _sharpest(along_columns.width[outer] / (off_centre[outer] * width))
+    if not np.isfinite([*across, *upright, turning]).any():
+        return None
+    smeared = np.median(across) > max(_SMEARED * np.median(upright), _SMEARED_PX)
+    return SpeedLimit(across * factor, upright * factor, turning * factor, exposure_s, readout_s, bool(smeared))
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Edges along lines: line index, position on it [px], and width [px]."""
+
+    line: np.ndarray
+    middle: np.ndarray
+    width: np.ndarray
+
+    @classmethod
+    def of(cls, lines: np.ndarray) -> _Edges:
+        """Finds runs of rising or falling brightness in uint8 [lines, px] by more than _CONTRAST levels.
+
+        Motion over L px turns each pixel's step into the difference of two values L apart, divided by L. So no edge is
+        wider than the photo's brightness range divided by the edge's steepest step.
+        """
+        values = lines.astype(np.int16)
+        steps = np.diff(values, axis=1)
+        count = steps.shape[1]
+        signs = np.sign(steps).astype(np.int8)
+        begins = np.empty(signs.shape, dtype=bool)
+        begins[:, 0] = True
+        np.not_equal(signs[:, 1:], signs[:, :-1], out=begins[:, 1:])
+        begin = np.flatnonzero(begins)
+        end = np.append(begin[1:], signs.size)  # one past its last step
+        line = begin // count
+        flat = values.ravel()  # one more value per line than steps
+        contrast = np.abs(flat[end + line] - flat[begin + line])
+        whole = (begin > line * count) & (end < (line + 1) * count)  # not cut by the border
+        strong = np.flatnonzero((contrast > _CONTRAST) & whole)
+        begin, end, line, contrast = begin[strong], end[strong], line[strong], contrast[strong]
+        if not len(strong):
+            return cls(line, begin.astype(float), contrast.astype(float))
+        heights = np.append(np.abs(steps).ravel(), 0)  # lets the last run end there
+        steepest = np.maximum.reduceat(heights, np.stack([begin, end], axis=1).ravel())[::2]
+        darkest, brightest = np.percentile(lines[:, ::4], [1, 99])
+        return cls(line, (begin + end) / 2 - line * count, np.maximum(brightest - darkest, contrast) / steepest)
+
+
+def _lines(pixels: np.ndarray) -> np.ndarray:
+    """Returns uint8 [_LINES, px]: evenly spaced rows of pixels [H, W, bands], in green."""
+    at = ((np.arange(_LINES) + 0.5) * len(pixels) / _LINES).astype(int)
+    bands = pixels.shape[2]
+    lines = pixels[at, :, 1 if bands >= 3 else 0]
+    return lines if lines.dtype == np.uint8 else (lines >> 8).astype(np.uint8)
+
+
+def _by_bands(row: np.ndarray, widths: np.ndarray, height: int) -> np.ndarray:
+    """[BANDS] width of the sharpest edges in each band of rows [px]; of the whole photo for bands with few edges."""
+    band = np.minimum((row * BANDS / height).astype(int), BANDS - 1)
+    everywhere = _sharpest(widths)
+    each = [_sharpest(widths[band == k]) for k in range(BANDS)]
+    return np.array([width if np.isfinite(width) else everywhere for width in each])
+
+
+def _sharpest(widths: np.ndarray) -> float:
+    """Returns the width of the sharpest edges, or infinity if there are too few."""
+    return float(np.percentile(widths, _SHARPEST)) if len(widths) >= _FEWEST else np.inf
+
+
+_SHORTEST, _LONGEST = 5, 128  # px of the copy
+_SMALLEST = 128  # px, short side of a copy
+_BANDS, _AGREEING = 4, 3
+_NEAR_PX, _NEAR_SHARE = 2.0, 0.25  # tolerated difference between the bands' lengths and their median
+_CLEAR = 3.2  # depth of a dip, relative to the spread of the rest
+_STEEPEST = 40.0  # levels: steeper steps are clipped, so that a few edges do not dominate
+_WIDEST = 2.0  # smears are rarely longer than this multiple of the sharpest edges' width
+_ACROSS = 1.6  # smeared edges are at least this multiple of the width of those along the motion
+_LENS_PX = 0.5  # offset of the dip from the length of the smear, due to the lens's blur
+_ERROR = 0.12  # relative error of lengths
+
+
+@dataclass(frozen=True)
+class Smear:
+    """The motion blur of a photo whose camera moved sideways."""
+
+    tx_px: float  # displacement of the picture over a whole readout, to the left or right [px of the photo]
+    error: float  # its relative standard deviation
+
+
+def smear_of(
+    grey: UInt8[np.ndarray, "height width"], scale: float, limit: SpeedLimit, readout_error: float
+) -> Smear | None:
+    """Measures the smears of a photo; returns None if there are none, or they do not fit sideways motion.
+
+    Args:
+        scale: px of the photo per px of the copy.
+        readout_error: standard deviation of the readout time's logarithm.
+    """
+    if not limit.readout_s or min(grey.shape) < _SMALLEST:
+        return None
+    per_px = limit.readout_s / limit.exposure_s
+    across, along = (float(np.median(width)) / per_px for width in (limit.tx_px, limit.ty_px))
+    if not _ACROSS * along <= across < math.inf:
+        return None
+    lengths, clear = _lengths(grey.astype(np.float32))
+    length = float(np.median(lengths))
+    agreeing = np.abs(lengths - length) <= max(_NEAR_PX, _NEAR_SHARE * length)
+    if agreeing.sum() < _AGREEING or np.median(clear) < _CLEAR or length < _SHORTEST:
+        return None
+    length = float(np.median(lengths[agreeing])) * scale
+    if length > _WIDEST * across:
+        return None
+    return Smear(length * per_px, math.hypot(_ERROR, readout_error))
+
+
+def _lengths(grey: Float32[np.ndarray, "height width"]) -> tuple[np.ndarray, np.ndarray]:
+    """[_BANDS] lengths of the smears along the rows of each band [px], and their clarity."""
+    height, width = grey.shape
+    lags = min(_LONGEST, width // 4, height // 4)
+    along = _autocorrelation(grey.T, lags)
+    lengths, clear = [], []
+    for band in np.array_split(grey, _BANDS):
+        dips = (_autocorrelation(band, lags) - along)[_SHORTEST:]
+        at = int(dips.argmin())
+        rest = np.delete(dips, slice(max(at - 3, 0), at + 4))
+        spread = 1.48 * float(np.median(np.abs(rest - np.median(rest))))
+        clear.append((float(np.median(rest)) - dips[at]) / max(spread, 1e-6))
+        lengths.append(at + _SHORTEST - _LENS_PX)
+    return np.array(lengths), np.array(clear)
+
+
+def _autocorrelation(lines: Float32[np.ndarray, "lines px"], lags: int) -> np.ndarray:
+    """[lags] autocorrelation of the differences along lines, averaged over them."""
+    steps = np.clip(np.diff(lines, axis=1), -_STEEPEST, _STEEPEST)
+    size = 1 << (steps.shape[1] + lags - 1).bit_length()
+    power = np.abs(np.fft.rfft(steps - steps.mean(), size, axis=1)) ** 2
+    found = np.fft.irfft(power.mean(axis=0), size)[:lags]
+    return found / max(float(found[0]), 1e-9)

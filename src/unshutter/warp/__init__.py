@@ -1,1 +1,0 @@
-"""Applies motions to pixels."""

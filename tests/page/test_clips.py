@@ -1,0 +1,315 @@
+"""Clips over the API: looked at, made as on the command line, refused in one line."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import av
+import httpx
+import numpy as np
+import pytest
+
+from support import clips
+from support.page_server import TOKEN, Asking, desk, events, served, temporary_folders
+from unshutter import errors
+from unshutter.cli import main
+from unshutter.cli.arguments import parse
+from unshutter.cli.clip_command import COMMAND
+from unshutter.errors import UsageError
+from unshutter.options.clip_options import RectifyClip
+from unshutter.page import app, saves
+from unshutter.page.app import application
+from unshutter.page.settings import Settings, fields, read_clip
+from unshutter.reasons import Code
+
+KNOWN = {"Authorization": f"Bearer {TOKEN}"}
+RATIO = {"readout-ratio": "0.6"}
+GREYS = clips.moving(20)[1]
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return clips.write(tmp_path_factory.mktemp("clips") / "walk.mp4", GREYS, sound=True)
+
+
+@pytest.fixture(scope="module")
+def lossless(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One whose result can be compared: x264 does not write the same bytes every time."""
+    return clips.write(tmp_path_factory.mktemp("clips") / "walk.mkv", GREYS, "ffv1", sound=True)
+
+
+@pytest.fixture(scope="module")
+def long_walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One that takes a while."""
+    path = tmp_path_factory.mktemp("clips") / "long.mp4"
+    return clips.write(path, GREYS * 40, options={"preset": "ultrafast"})
+
+
+def _opened(client: httpx.Client, clip: Path, name: str = "walk.mp4") -> str:
+    answer = client.post("/api/clips", content=clip.read_bytes(), headers={"Unshutter-Name": name})
+    assert answer.status_code == 201
+    return answer.json()["id"]
+
+
+def _saving(client: httpx.Client, id: str, to: str = "file", options: dict[str, str] = RATIO) -> dict:
+    answer = client.post("/api/saves", json={"to": to, "photos": [{"id": id, "options": options}]})
+    assert answer.status_code == 202
+    return answer.json()
+
+
+def _wait_for_frames(client: httpx.Client, id: str) -> None:
+    for told in events(client, id):
+        assert told["state"] == "working"
+        if told["now"] and told["now"].get("done"):
+            return
+    raise AssertionError("no frame was told of")
+
+
+def _fetched(client: httpx.Client, id: str, to: Path) -> Path:
+    answer = client.get(f"/api/saves/{id}/file")
+    assert answer.status_code == 200
+    to.write_bytes(answer.content)
+    return to
+
+
+def _are_alike(one: Path, other: Path) -> None:
+    """Every frame and every packet beside them."""
+    assert np.array_equal(clips.luma(one), clips.luma(other))
+    assert clips.times(one) == clips.times(other)
+    assert clips.packets(one) == clips.packets(other)
+    assert clips.facts(one) == clips.facts(other)
+
+
+def _refused(answer: httpx.Response, status: int, told: str) -> None:
+    assert answer.status_code == status, answer.text
+    line = answer.json()["error"]
+    assert told in line and "\n" not in line and "unshutter-serve-" not in line, line
+
+
+# ---- what it gives ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options", [{}, RATIO, {"readout-ms": "15", "strength": "0.5", "edges": "crop"}, RATIO | {"reference": "last"}]
+)
+def test_a_clip_is_the_command_lines(
+    client: httpx.Client, lossless: Path, tmp_path: Path, options: dict[str, str]
+) -> None:
+    flags = [word for name, value in options.items() for word in (f"--{name}", value)]
+    assert main(["video", str(lossless), "-o", str(tmp_path / "expected.mkv"), *flags]) == 0
+    id = _opened(client, lossless, "walk.mkv")
+    saving = _saving(client, id, options=options)
+    told = list(events(client, saving["id"]))[-1]
+    assert told["state"] == "finished" and told["done"][0]["frames"] == 20
+    answer = client.get(f"/api/saves/{saving['id']}/file")
+    assert json.loads(answer.headers["unshutter-name"]) == "walk.rectified.mkv"
+    _are_alike(_fetched(client, saving["id"], tmp_path / "saved.mkv"), tmp_path / "expected.mkv")
+    client.delete(f"/api/saves/{saving['id']}")
+    assert client.get(f"/api/saves/{saving['id']}/file").status_code == 404
+
+
+def test_a_clip_that_is_closed_while_it_is_saved(client: httpx.Client, long_walk: Path, tmp_path: Path) -> None:
+    id = _opened(client, long_walk)
+    saving = _saving(client, id, options=RATIO | {"end": "3"})
+    _wait_for_frames(client, saving["id"])
+    assert client.delete(f"/api/clips/{id}").status_code == 204
+    assert client.get(f"/api/clips/{id}/before").status_code == 404
+    told = list(events(client, saving["id"]))[-1]
+    assert told["done"][0].get("frames") == 90, told
+    assert len(clips.luma(_fetched(client, saving["id"], tmp_path / "saved.mp4"))) == 90
+
+
+def test_moments(client: httpx.Client, walk: Path) -> None:
+    id = _opened(client, walk)
+    before = client.get(f"/api/clips/{id}/before", params={"longest": "320", "moment": "2"})
+    facts = json.loads(before.headers["unshutter-result"])
+    assert (facts["width"], facts["height"], facts["frames"]) == (192, 144, 20)
+    assert facts["moments_s"] == pytest.approx([(k + 0.5) / 5 * 20 / 30 for k in range(5)])
+    part = client.get(f"/api/clips/{id}/before", params={"start": "0.2", "end": "0.4"})
+    assert json.loads(part.headers["unshutter-result"])["moments_s"] == pytest.approx(
+        [0.22, 0.26, 0.3, 0.34, 0.38], abs=1e-6
+    )
+    after = client.get(f"/api/clips/{id}/after", params=RATIO | {"longest": "320", "moment": "2"})
+    told = json.loads(after.headers["unshutter-result"])
+    assert told["changed"] and after.content != before.content
+    half = client.get(f"/api/clips/{id}/after", params=RATIO | {"moment": "2", "strength": "0.5"})
+    assert json.loads(half.headers["unshutter-result"])["largest_px"] == pytest.approx(told["largest_px"] / 2, rel=0.05)
+
+
+def test_a_clip_held_upright_is_seen_upright(client: httpx.Client, tmp_path: Path) -> None:
+    id = _opened(client, clips.write(tmp_path / "turned.mp4", GREYS, turn=90))
+    before = client.get(f"/api/clips/{id}/before")
+    facts = json.loads(before.headers["unshutter-result"])
+    assert (facts["width"], facts["height"]) == (144, 192)
+
+
+def test_the_readout_time(client: httpx.Client, walk: Path, tmp_path: Path) -> None:
+    told = client.get(f"/api/clips/{_opened(client, walk)}/readout", params={"readout-ms": "20"}).json()
+    assert told["ratio"] == pytest.approx(0.6) and told["found_by"] == "given"
+    id = _opened(client, clips.write(tmp_path / "still.mp4", clips.standing(30)))
+    for _ in range(2):  # found out once, and remembered
+        usual = client.get(f"/api/clips/{id}/readout").json()
+        assert usual["found_by"] == "usual value" and "the camera stood still" in usual["reason"]
+        low, high = usual["plausible_ms"]
+        assert low < usual["ms"] < high and usual["cameras"] == "cameras and phones"
+        after = json.loads(client.get(f"/api/clips/{id}/after").headers["unshutter-result"])
+        assert not after["changed"] and after["code"] == Code.STOOD_STILL
+
+
+def test_photos_and_clips_in_one_zip_file(client: httpx.Client, tmp_path: Path, photo: Path, walk: Path) -> None:
+    name = {"Unshutter-Name": "street.jpg"}
+    street = client.post("/api/photos", content=photo.read_bytes(), headers=name).json()["id"]
+    items = [{"id": street}, *({"id": _opened(client, walk), "options": RATIO} for _ in range(2))]
+    saving = client.post("/api/saves", json={"to": "zip", "photos": items}).json()
+    told = list(events(client, saving["id"]))[-1]
+    names = ["street.rectified.jpg", "walk.rectified.mp4", "walk.rectified-2.mp4"]
+    assert [one["result"] for one in told["done"]] == names
+    with zipfile.ZipFile(_fetched(client, saving["id"], tmp_path / "all.zip")) as packed:
+        assert packed.namelist() == names
+        assert len(clips.luma(Path(packed.extract(names[2], tmp_path)))) == 20
+
+
+def test_cancelled_while_frames_are_written(tmp_path: Path, long_walk: Path) -> None:
+    with served(tmp_path / "home") as server, server.client() as client:
+        id = _opened(client, long_walk)
+        saving = _saving(client, id)
+        _wait_for_frames(client, saving["id"])
+        assert client.delete(f"/api/saves/{saving['id']}").json()["state"] == "cancelled"
+        assert not list(temporary_folders(tmp_path / "home")[0].glob("saving-*"))
+        assert client.get(f"/api/clips/{id}/before").status_code == 200
+
+
+# ---- what it bears ---------------------------------------------------------------------------------------
+
+
+def test_the_server_is_killed_while_frames_are_written(tmp_path: Path, long_walk: Path) -> None:
+    """The next server removes what lay in its temporary folder."""
+    home = tmp_path / "home"
+    with served(home) as server, server.client() as client:
+        saving = _saving(client, _opened(client, long_walk))
+        _wait_for_frames(client, saving["id"])
+        (left,) = temporary_folders(home)
+        server.kill()
+    with served(home):
+        assert not left.exists() and len(temporary_folders(home)) == 1
+
+
+def _sound_alone(path: Path) -> Path:
+    with av.open(str(path), "w") as out:
+        stream = out.add_stream("aac", rate=48000)
+        clips._ring(out, stream, 0)
+        out.mux(stream.encode(None))
+    return path
+
+
+def test_clips_that_cannot_be_used(client: httpx.Client, walk: Path, tmp_path: Path) -> None:
+    sound = _sound_alone(tmp_path / "sound.mp4")
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes(walk.read_bytes()[: walk.stat().st_size * 2 // 3])
+    letter = tmp_path / "letter.mp4"
+    letter.write_text("no film" * 100)
+    for path, told in ((sound, "no film in it"), (cut, "cannot read the clip"), (letter, "no film that can be read")):
+        id = _opened(client, path)
+        _refused(client.get(f"/api/clips/{id}/before"), 422, told)
+        last = list(events(client, _saving(client, id)["id"]))[-1]
+        assert last["state"] == "finished" and told in last["done"][0]["error"]
+
+
+def test_a_clip_that_ends_too_soon_is_not_saved(client: httpx.Client, tmp_path: Path) -> None:
+    """Its tables come first, so that it can be looked at."""
+    whole = clips.write(tmp_path / "walk.mp4", GREYS, container={"movflags": "faststart"}).read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) * 2 // 3])
+    id = _opened(client, tmp_path / "cut.mp4")
+    saving = _saving(client, id)
+    error = list(events(client, saving["id"]))[-1]["done"][0]["error"]
+    assert "the clip" in error and "/" not in error and "\n" not in error
+    assert client.get(f"/api/saves/{saving['id']}/file").status_code == 404
+
+
+def test_requests_that_are_refused(client: httpx.Client, walk: Path) -> None:
+    id = _opened(client, walk)
+    _refused(client.get(f"/api/clips/{id}/before", params={"moment": "5"}), 400, "'moment' takes 0 to 4")
+    _refused(client.get(f"/api/clips/{id}/after", params={"readout-ms": "40"}), 400, "33.33 ms apart")
+    _refused(client.get(f"/api/clips/{id}/after", params={"save-motion": "/tmp/x"}), 400, "unknown field")
+    _refused(client.get(f"/api/clips/{id}/after", params=RATIO | {"start": "30"}), 422, "no frame at 30.0 s")
+    _refused(client.get(f"/api/photos/{id}/after", params=RATIO | {"before": id}), 400, "walk.mp4 is a clip")
+    two = [{"id": id}, {"id": id}]
+    _refused(client.post("/api/saves", json={"to": "file", "photos": two}), 400, "choose zip")
+    nameless = _opened(client, walk, "walk")
+    assert "what kind of film" in list(events(client, _saving(client, nameless)["id"]))[-1]["done"][0]["error"]
+
+
+def test_a_playlist_is_no_clip(client: httpx.Client, walk: Path, tmp_path: Path) -> None:
+    """It would have the decoder open other files of this machine, or fetch something."""
+    playlist = tmp_path / "list.mp4"
+    playlist.write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{walk}\n#EXT-X-ENDLIST\n")
+    _refused(client.get(f"/api/clips/{_opened(client, playlist)}/before"), 422, "no film that can be read")
+    playlist.write_text(f"ffconcat version 1.0\nfile '{walk.name}'\n")
+    (tmp_path / walk.name).write_bytes(walk.read_bytes())
+    _refused(client.get(f"/api/clips/{_opened(client, playlist)}/before"), 422, "no film that can be read")
+
+
+def test_too_large_and_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    with desk(Settings(token=TOKEN, max_mb=2)) as one:
+        client = Asking(application(one, TOKEN, 80))
+        _refused(client.post("/api/clips", content=bytes(4_000_000), headers=KNOWN), 413, "more than 2 MB")
+        monkeypatch.setattr(app, "_clips_can_be_opened", lambda: False)
+        _refused(client.post("/api/clips", content=b"x", headers=KNOWN), 422, errors.extra("video"))
+        assert client.get("/api/about", headers=KNOWN).json()["clips"] is False
+        assert not list(one.store.folder.glob("*/clip*"))
+
+
+def test_clips_may_be_larger_than_photos() -> None:
+    usual, own = Settings(token=TOKEN), Settings(token=TOKEN, max_mb=30)
+    assert (usual.max_bytes, usual.max_clip_bytes) == (400_000_000, 4_000_000_000)
+    assert (own.max_bytes, own.max_clip_bytes) == (30_000_000, 30_000_000)
+
+
+def test_no_room_on_the_disc() -> None:
+    with desk() as one:
+        client = Asking(application(one, TOKEN, 80))
+        one.store.most_bytes = 1000
+        answer = client.post("/api/clips", content=bytes(2000), headers=KNOWN)
+        _refused(answer, 413, "close some of them")
+
+
+def test_a_clip_at_which_nothing_moves_is_given_up(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, long_walk: Path
+) -> None:
+    import asyncio
+
+    from unshutter.page.saves import Saving
+
+    monkeypatch.setattr(saves, "_STANDSTILL_S", -1.0)  # at once
+
+    async def run(one) -> Saving:
+        stored = await one.store.add("walk.mp4", _pieces(long_walk.read_bytes()), "clip")
+        saving = Saving("x", "file", tmp_path / "results", [(stored, RectifyClip())])
+        (tmp_path / "results").mkdir()
+        await saving.run(one)
+        return saving
+
+    with desk() as one:
+        saving = asyncio.run(run(one))
+    assert "given up" in saving.done[0]["error"] and saving.result is None
+
+
+async def _pieces(data: bytes):
+    yield data
+
+
+# ---- options ---------------------------------------------------------------------------------------------
+
+
+def test_the_same_as_on_the_command_line() -> None:
+    given = RATIO | {"strength": "0.5", "edges": "crop", "start": "1.5", "codec": "ffv1", "readout": "bottom-to-top"}
+    words = [word for name, value in given.items() for word in (f"--{name}", value)]
+    assert read_clip(given) == parse("video", COMMAND, ["clip.mp4", "-o", "out.mp4", *words]).options
+
+
+def test_what_is_for_the_command_line_alone() -> None:
+    names = {field.name for field in fields(RectifyClip)}
+    assert {"readout-ms", "strength", "edges", "start", "end", "codec"} <= names
+    assert not names & {"motion", "save-motion", "preview", "plot", "overwrite", "json-log", "fps"}
+    with pytest.raises(UsageError, match="unknown field 'json-log'"):
+        read_clip({"json-log": "/etc/passwd"})

@@ -1,0 +1,227 @@
+"""The page in a real browser."""
+
+import json
+import zipfile
+from pathlib import Path
+from string import Formatter
+
+import numpy as np
+from playwright.sync_api import Browser, Page, expect
+
+from support.batches import rectify
+from support.browser import SLOW_MS, drop, wait_for
+from support.frame_pairs import Scene
+from support.page_server import TOKEN, Server, served
+from unshutter.photo import Photo
+from unshutter.reasons import Code, Reason
+
+
+def _image(page: Page, which: str) -> list[int]:
+    """The mean colour of what is shown."""
+    return page.evaluate(
+        """async which => {
+            const image = document.querySelector(`.layer.${which} img`);
+            await image.decode();
+            const canvas = new OffscreenCanvas(8, 8), context = canvas.getContext("2d");
+            context.drawImage(image, 0, 0, 8, 8);
+            return [...context.getImageData(0, 0, 8, 8).data];
+        }""",
+        which,
+    )
+
+
+def test_every_reason_has_its_words(page: Page) -> None:
+    """Each code of the program has a sentence on the page, complete with the figures that the program sends."""
+    for code in Code:
+        names = [name for _, name, _, _ in Formatter().parse(code.sentence) if name]
+        about = Reason.of(code, **dict.fromkeys(names, 3)).as_json()
+        line = page.evaluate(
+            "async about => (await import('/page/words.js')).reasons[about.code]?.(about.figures) ?? null", about
+        )
+        assert line is not None, f"{code} has no words in page/web/words.js"
+        assert all(bad not in str(line) for bad in ("undefined", "NaN", "--")), line
+    codes = page.evaluate("async () => Object.keys((await import('/page/words.js')).reasons)")
+    assert sorted(codes) == sorted(map(str, Code))
+
+
+def test_a_reason_in_the_words_of_the_page(page: Page, tmp_path: Path) -> None:
+    Photo.from_array(np.full((420, 560, 3), 128, np.uint8)).save(tmp_path / "grey.png")
+    drop(page, tmp_path / "grey.png")
+    wait_for(page, "alone")
+    expect(page.locator("#panel .said")).to_contain_text("Left unchanged: only 0 straight lines were found.")
+    about = {"code": "no-visible-motion", "figures": {}, "reason": "no visible motion", "confidence": 0.96}
+    line = page.evaluate("async about => (await import('/page/words.js')).words.why(about)", about)
+    assert line == "no motion can be seen (confidence 96 %)"
+
+
+def test_the_token_leaves_the_address(page: Page) -> None:
+    assert TOKEN not in page.url
+    expect(page.get_by_role("heading", name="Drop photos or clips here")).to_be_visible()
+    page.reload()
+    assert page.evaluate("fetch('/api/about').then(answer => answer.status)") == 401  # the page alone knows it
+    expect(page.locator("#notice")).to_be_hidden()
+
+
+def test_drop_and_slider(page: Page, photo: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    expect(page.locator("#panel .said")).to_contain_text("Straightened: some places moved by up to")
+    assert _image(page, "before") != _image(page, "after")
+    handle = page.get_by_role("slider", name="Divider between before and after")
+    expect(handle).to_have_attribute("aria-valuenow", "50")
+    handle.press("ArrowRight")
+    expect(handle).to_have_attribute("aria-valuenow", "52")
+    box = page.locator(".compare").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 4, box["y"] + 100, steps=3)
+    page.mouse.up()
+    expect(handle).to_have_attribute("aria-valuenow", "25")
+    page.keyboard.press("z")
+    expect(page.locator("#zoom")).to_have_attribute("aria-pressed", "true")
+    wide = page.locator(".compare").evaluate("node => node.offsetWidth")
+    assert wide == 560  # its own pixels
+    page.keyboard.press("l")
+    expect(page.locator(".lines.before line").first).to_be_attached()
+
+
+def test_controls_and_saving_to_the_byte(page: Page, photo: Path, tmp_path: Path) -> None:
+    drop(page, photo)
+    wait_for(page)
+    whole = _image(page, "after")
+    page.locator("#strength").fill("50")
+    page.locator("#edges").select_option("keep")
+    page.locator("#advanced summary").click()
+    page.locator("#panel").get_by_label("last", exact=True).check()
+    expect(page.locator("#panel .said")).to_contain_text("stay empty")
+    wait_for(page)
+    assert _image(page, "after") != whole
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    assert download.value.suggested_filename == "street.rectified.jpg"
+    flags = ["--strength", "0.5", "--edges", "keep", "--reference", "last"]
+    assert rectify(photo, "-o", tmp_path / "expected.jpg", *flags) == 0
+    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.jpg").read_bytes()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save motion").click()
+    assert json.loads(Path(download.value.path()).read_text())["format"] == "unshutter-motion/1"
+    page.get_by_label("Leave this photo alone").check()
+    expect(page.locator("#panel .said")).to_contain_text("Left unchanged, as you asked.")
+    expect(page.locator(".thumbnail .state")).to_have_text("left unchanged")
+
+
+def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:
+    """A file that is no picture, one of 100 MB, and good ones, saved together and cancelled once."""
+    bad, large, other = tmp_path / "bad.jpg", tmp_path / "large.jpg", tmp_path / "other.jpg"
+    bad.write_bytes(b"no picture")
+    large.write_bytes(photo.read_bytes() + bytes(100_000_000))  # what follows a JPEG's end is nobody's
+    other.write_bytes(photo.read_bytes())
+    page.set_input_files("#choose", [bad, photo, large, other])
+    for number, state in enumerate(("failed", "changed", "changed", "changed"), start=1):
+        wait_for(page, state, number)
+    expect(page.locator("#stage .message")).to_contain_text("is not a JPEG")
+    page.get_by_title("other.jpg").click()
+    page.get_by_label("Leave this photo alone").check()
+    expect(page.locator("#thumbnails li:nth-child(4) .thumbnail")).to_have_attribute("data-state", "alone")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save all (zip)").click()
+    packed = zipfile.ZipFile(download.value.path())
+    assert packed.namelist() == ["street.rectified.jpg", "large.rectified.jpg", "other.rectified.jpg"]
+    assert packed.read("other.rectified.jpg") == other.read_bytes()
+    page.evaluate("""() => new MutationObserver((_, observer) => {
+        const box = document.getElementById('saving');
+        if (!box.hidden) { observer.disconnect(); document.getElementById('saving-stop').click(); }
+    }).observe(document.getElementById('saving'), { attributes: true })""")
+    page.get_by_role("button", name="Save all (zip)").click()
+    expect(page.locator("#notice")).to_contain_text("Cancelled")
+    page.get_by_role("button", name="Close bad.jpg").click()
+    expect(page.locator("#thumbnails li")).to_have_count(3)
+
+
+def test_two_tabs(page: Page, server: Server, photo: Path) -> None:
+    other = page.context.new_page()
+    other.goto(server.link)
+    drop(page, photo)
+    drop(other, photo)
+    wait_for(page)
+    wait_for(other)
+    page.locator("#strength").fill("0")
+    expect(page.locator("#panel .said")).to_contain_text("as you asked")
+    expect(other.locator("#panel .said")).to_contain_text("Straightened")
+    page.close()
+    other.locator("#strength").fill("50")
+    wait_for(other)
+
+
+def test_a_server_that_is_killed_and_started_again(chromium: Browser, tmp_path: Path, photo: Path) -> None:
+    page = chromium.new_page()
+    page.set_default_timeout(SLOW_MS)
+    with served(tmp_path / "home") as first:
+        page.goto(first.link)
+        drop(page, photo)
+        wait_for(page)
+        first.kill()
+        page.locator("#strength").fill("0")
+        expect(page.locator("#notice")).to_contain_text("does not answer")
+    with served(tmp_path / "home", port=first.port):
+        expect(page.locator("#notice")).to_be_hidden()
+        expect(page.locator("#panel .said")).to_contain_text("as you asked")  # the photo was sent again
+    with served(tmp_path / "home", port=first.port, token="another-token"):
+        page.locator("#strength").fill("100")
+        expect(page.locator("#notice")).to_contain_text("This link is not valid")
+    page.close()
+
+
+def test_without_the_token_nothing_is_to_be_had(page: Page, server: Server) -> None:
+    stranger = page.context.browser
+    assert stranger is not None
+    other = stranger.new_page()
+    other.goto(f"{server.url}/")
+    expect(other.locator("#notice")).to_contain_text("This link is not valid")
+    other.close()
+
+
+def drop_two_frames(page: Page, folder: Path) -> list[Path]:
+    """Drops a frame, and names the one after it with the ratio of their camera; returns both files."""
+    scene = Scene()
+    frames = [folder / f"frame{number}.png" for number in range(2)]
+    for number, frame in enumerate(frames):
+        Photo.from_array(scene.frame(number, 0.8)).save(frame)
+    drop(page, frames[0])
+    wait_for(page, "changed|alone")
+    page.set_input_files("#choose-after", frames[1])
+    page.locator("#ratio").fill("0.8")
+    page.locator("#ratio").press("Enter")
+    return frames
+
+
+def test_a_frame_taken_after(page: Page, tmp_path: Path) -> None:
+    frames = drop_two_frames(page, tmp_path)
+    expect(page.locator("#panel .said")).to_contain_text("with the help of its neighbours")
+    page.locator("#edges").select_option("keep")
+    expect(page.locator("#panel .said")).to_contain_text("stay empty")
+    wait_for(page)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    flags = ["--after", frames[1], "--readout-ratio", "0.8", "--edges", "keep"]
+    assert rectify(frames[0], "-o", tmp_path / "expected.png", *flags) == 0
+    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()
+
+
+def test_the_moment_between_frames(page: Page, tmp_path: Path) -> None:
+    frames = drop_two_frames(page, tmp_path)
+    page.get_by_label("Take it at another moment").check()
+    expect(page.locator("output[for=at]")).to_have_text("50 % of the way to the frame after")
+    page.locator("#at").fill("0.75")
+    expect(page.locator("output[for=at]")).to_have_text("75 % of the way to the frame after")
+    page.get_by_text("More", exact=True).click()
+    page.locator("#model").select_option("dense")
+    page.get_by_label("use the photo alone").check()
+    expect(page.locator("#panel .said")).to_contain_text("with the help of its neighbours")
+    wait_for(page)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save this photo").click()
+    flags = ["--after", frames[1], "--readout-ratio", "0.8", "--at", "0.75", "--model", "dense", "--fallback"]
+    assert rectify(frames[0], "-o", tmp_path / "expected.png", *flags) == 0
+    assert Path(download.value.path()).read_bytes() == (tmp_path / "expected.png").read_bytes()

@@ -1,0 +1,201 @@
+"""Clips on the page, in a real browser."""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page, Route, expect
+
+from support import clips
+from support.browser import drop, wait_for
+from support.page_server import Server
+from unshutter import errors
+
+GREYS = clips.moving(24)[1]
+FOUND_MS = 60_000  # a readout time may take so long to be found while others work
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return clips.write(tmp_path_factory.mktemp("clips") / "walk.mp4", GREYS, sound=True)
+
+
+def _give_readout(page: Page, value: str = "20") -> None:
+    page.locator("#clip-readout-unit").select_option("ms")
+    page.locator("#clip-readout").fill(value)
+    page.locator("#clip-readout").press("Enter")
+
+
+def _shown(page: Page) -> tuple[str, str]:
+    """The addresses of the pictures before and after."""
+    return tuple(page.locator(f".layer.{which} img").get_attribute("src") or "" for which in ("before", "after"))
+
+
+def test_dropped_looked_at_and_saved(page: Page, walk: Path, photo: Path) -> None:
+    drop(page, photo, walk)
+    wait_for(page, "changed", 1)
+    wait_for(page, "opened", 2)  # of a clip that nobody looks at, no motion is looked for
+    page.get_by_title("walk.mp4").click()
+    expect(page.locator("#panel")).to_be_hidden()
+    _give_readout(page)
+    wait_for(page, "done", 2)
+    expect(page.locator("#clip-panel .said")).to_contain_text("some places moved by up to")
+    before, after = _shown(page)
+    assert before != after
+    expect(page.locator("#moments button")).to_have_count(5)
+    page.get_by_role("button", name="The clip at 0:00.1").click()
+    expect(page.locator("#moments [aria-pressed=true]")).to_contain_text("0:00.1")
+    wait_for(page, "done", 2)
+    assert _shown(page)[0] != before
+    page.locator("#clip-strength").fill("0")
+    expect(page.locator("#clip-panel .said")).to_contain_text("as you asked")
+    page.locator("#clip-strength").fill("100")
+    wait_for(page, "done", 2)
+    with page.expect_download(timeout=FOUND_MS) as download:
+        page.keyboard.press("s")
+    assert download.value.suggested_filename == "walk.rectified.mp4"
+    assert len(clips.luma(download.value.path())) == 24
+    expect(page.locator("#notice")).to_contain_text("24 of 24 frames straightened")
+    page.get_by_title("street.jpg").click()
+    expect(page.locator("#clip-panel")).to_be_hidden()
+    expect(page.locator("#moments")).to_be_hidden()
+
+
+def test_the_usual_readout_time_is_taken_where_a_clip_does_not_show_its_own(page: Page, tmp_path: Path) -> None:
+    drop(page, clips.write(tmp_path / "still.mp4", clips.standing(30)))
+    state = page.locator("#thumbnails li .thumbnail")
+    expect(state).to_have_attribute("data-state", "done", timeout=FOUND_MS)
+    usual = "16.0 ms is used. That is usual for cameras and phones (4.8 to 33.3 ms)"
+    expect(page.locator("#clip-panel")).to_contain_text(usual)
+    _give_readout(page, "400")
+    expect(page.locator("#clip-panel .said")).to_contain_text("33.33 ms apart")
+    expect(page.locator("#working")).to_be_empty()  # said once
+    expect(page.locator("#clip-panel .said")).to_contain_text("If you know how long your camera takes")
+    expect(page.get_by_role("button", name="Save this clip")).to_be_disabled()
+    _give_readout(page, "20")
+    wait_for(page, "done")
+    expect(page.locator("#clip-panel .said")).to_contain_text("left unchanged: the camera stood still")
+
+
+def test_the_readout_time_is_found(page: Page, tmp_path: Path) -> None:
+    drop(page, clips.write(tmp_path / "long.mp4", clips.moving(60)[1]))
+    expect(page.locator("#thumbnails li .thumbnail")).to_have_attribute("data-state", "done", timeout=FOUND_MS)
+    expect(page.locator("#clip-panel")).to_contain_text(re.compile(r"Found: (19|20|21)\.\d ± 0\.\d ms"))
+
+
+def test_progress_and_cancelling(page: Page, tmp_path: Path) -> None:
+    drop(page, clips.write(tmp_path / "long.mp4", GREYS * 20, options={"preset": "ultrafast", "crf": "30"}))
+    _give_readout(page)
+    wait_for(page, "done", timeout=FOUND_MS)
+    page.get_by_role("button", name="Save this clip").click()
+    expect(page.locator("#saving-words")).to_have_text(re.compile(r"long\.mp4: frame \d+ of 480"), timeout=FOUND_MS)
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.locator("#notice")).to_have_text("Cancelled.", timeout=FOUND_MS)
+    expect(page.locator("#saving")).to_be_hidden()
+    page.locator("#clip-strength").fill("50")  # it goes on as before
+    wait_for(page, "done", timeout=FOUND_MS)
+
+
+def test_a_clip_that_is_cut_off(page: Page, tmp_path: Path, walk: Path) -> None:
+    cut = tmp_path / "cut.mp4"
+    cut.write_bytes(walk.read_bytes()[: walk.stat().st_size // 2])
+    drop(page, cut)
+    wait_for(page, "failed")
+    text = "Cannot read the clip: no film that can be read; the file may be cut off or damaged."
+    expect(page.locator("#stage .message")).to_have_text(f"{text} Close it with × and choose another file.")
+    expect(page.locator("#zoom")).to_be_hidden()  # there is nothing to look at
+
+
+def test_without_the_extra(page: Page, server: Server, walk: Path) -> None:
+    def without(route: Route) -> None:
+        route.fulfill(json={**route.fetch().json(), "clips": False})
+
+    page.route("**/api/about", without)
+    page.goto(server.link)
+    page.wait_for_load_state("networkidle")
+    drop(page, walk)
+    expect(page.locator("#notice")).to_contain_text(errors.extra("video"))  # from where this one was installed
+    expect(page.locator("#empty")).to_be_visible()
+
+
+def _canvas(page: Page, which: str) -> list[int]:
+    """Some pixels of one half of the film."""
+    return page.locator(f".layer.{which} canvas").evaluate(
+        """canvas => [...canvas.getContext("2d").getImageData(0, canvas.height / 2, canvas.width, 1).data]"""
+    )
+
+
+def test_before_and_after_play_in_step(page: Page, walk: Path) -> None:
+    drop(page, walk)
+    _give_readout(page)
+    wait_for(page, "done")
+    with page.expect_response("**/film?*readout-ms=20*", timeout=FOUND_MS) as response:
+        page.get_by_role("button", name="Play before and after").click()
+    assert response.value.headers["content-type"] == "video/webm"
+    expect(page.get_by_role("button", name="Pause")).to_be_visible()
+    page.wait_for_function("() => Number(document.querySelector('#play-at').value) > 0.1")
+    expect(page.locator(".layer canvas")).to_have_count(2)
+    page.keyboard.press("p")
+    expect(page.get_by_role("button", name="Play before and after")).to_be_visible()
+    page.locator("#play-at").fill("0.1")
+    page.wait_for_function("() => document.querySelector('#play-at').value === '0.1'")
+    early = _canvas(page, "before")
+    assert early != _canvas(page, "after")  # the other half shows the same frame, straightened
+    page.locator("#play-at").fill("0.9")
+    page.wait_for_function(
+        """early => {
+            const canvas = document.querySelector(".layer.before canvas");
+            const now = canvas.getContext("2d").getImageData(0, canvas.height / 2, canvas.width, 1).data;
+            return String([...now]) !== early;
+        }""",
+        arg=",".join(map(str, early)),
+    )
+    page.locator("#clip-strength").fill("50")  # another wish: the film is gone
+    expect(page.locator(".layer canvas")).to_have_count(0)
+
+
+def test_the_camera_of_a_clip_is_searched_in_the_table(page: Page, walk: Path) -> None:
+    drop(page, walk)
+    page.locator("#clip-readout-unit").select_option("camera")
+    names = page.locator("#clip-camera-known option").evaluate_all("nodes => nodes.map(node => node.value)")
+    assert len(names) > 50
+    with page.expect_response("**/readout?*camera=*", timeout=FOUND_MS):
+        page.get_by_label("Camera (type to search)").fill(names[0])
+        page.get_by_label("Camera (type to search)").press("Enter")
+
+
+def test_the_field_for_the_readout_time_shows_where_it_is_asked_for(page: Page, walk: Path) -> None:
+    """A clip whose readout time cannot be found asks for it, once, with the field open."""
+    refusal = {
+        "error": "this clip does not show its readout time",
+        "code": "readout-time-unknown",
+        "figures": {"why": "x"},
+    }
+    page.route("**/readout?*", lambda route: route.fulfill(status=422, json=refusal))
+    drop(page, walk)
+    wait_for(page, "asking")
+    expect(page.locator("#clip-readout")).to_be_visible()
+    expect(page.get_by_text("does not show its readout time")).to_have_count(1)
+
+
+def test_what_only_the_saved_clip_shows_is_said_where_it_is_set(page: Page, walk: Path) -> None:
+    drop(page, walk)
+    _give_readout(page)
+    page.locator("#clip-panel").get_by_text("Advanced").click()
+    stabilized = page.get_by_text("Only the saved clip is stabilised")
+    dense = page.get_by_text("Only in the saved clip do near")
+    expect(stabilized).to_be_hidden()
+    page.get_by_label("Stabilize").fill("2")
+    page.get_by_label("Stabilize").press("Enter")
+    expect(stabilized).to_be_visible()
+    page.locator("#clip-option-model").select_option("dense")
+    expect(dense).to_be_visible()
+
+
+def test_a_saved_clip_is_marked(page: Page, walk: Path) -> None:
+    drop(page, walk)
+    _give_readout(page)
+    wait_for(page, "done")
+    with page.expect_download(timeout=FOUND_MS):
+        page.get_by_role("button", name="Save this clip").click()
+    expect(page.locator(".thumbnail .state")).to_have_text("saved")

@@ -1,0 +1,156 @@
+"""The server as a process: what it gives programs."""
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import httpx
+import pytest
+
+from support.frame_pairs import Scene
+from support.page_server import events, opened, run_command
+from unshutter.photo import Photo
+
+# ---- what it gives ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"strength": "0.5", "edges": "crop"}, {"format": "png", "roll-deg": "1"}, {"strength": "0"}]
+)
+def test_a_picture_is_the_command_lines_to_the_byte(
+    client: httpx.Client, photo: Path, tmp_path: Path, options: dict[str, str]
+) -> None:
+    flags = [word for name, value in options.items() if name != "format" for word in (f"--{name}", value)]
+    expected = tmp_path / f"expected.{options.get('format', 'jpg')}"
+    run_command("rectify", photo, "-o", expected, *flags)
+    id = opened(client, photo)
+    for _ in range(2):
+        saved = client.get(f"/api/photos/{id}/picture", params=options)
+        assert saved.content == expected.read_bytes()
+        client.get(f"/api/photos/{id}/after", params=options)  # whose motion is then used again
+    assert json.loads(saved.headers["unshutter-result"])["changed"] == (options.get("strength") != "0")
+    assert json.loads(saved.headers["unshutter-name"]) == (
+        "street.jpg.rectified.png" if "format" in options else "street.rectified.jpg"
+    )
+
+
+def test_a_motion_is_the_command_lines(client: httpx.Client, photo: Path, tmp_path: Path) -> None:
+    run_command("estimate", photo, "-o", tmp_path / "motion.json", "--reference", "last")
+    answer = client.get(f"/api/photos/{opened(client, photo)}/motion", params={"reference": "last"})
+    assert answer.text == (tmp_path / "motion.json").read_text()
+
+
+def test_candidates_are_the_command_lines(client: httpx.Client, photo: Path, tmp_path: Path) -> None:
+    run_command("estimate", photo, "-o", tmp_path / "candidates.json", "--candidates")
+    id = opened(client, photo)
+    listed = client.get(f"/api/photos/{id}/candidates").json()
+    kinds = [each["kind"] for each in json.loads((tmp_path / "candidates.json").read_text())["candidates"]]
+    assert [each["kind"] for each in listed] == kinds and listed[0]["taken"]
+    run_command("rectify", photo, "-o", tmp_path / "expected.jpg", "--candidate", "2")
+    picture = client.get(f"/api/photos/{id}/picture", params={"candidate": "2"})
+    assert picture.content == (tmp_path / "expected.jpg").read_bytes()
+    few = client.get(f"/api/photos/{id}/after", params={"candidate": "9"})
+    assert few.status_code == 422 and "there is no candidate 9" in few.json()["error"]
+
+
+def test_neighbours_are_open_photos(client: httpx.Client, tmp_path: Path) -> None:
+    frames = [tmp_path / f"frame{number}.png" for number in range(2)]
+    for number, frame in enumerate(frames):
+        Photo.from_array(Scene().frame(number, 0.8)).save(frame)
+    id, after = (opened(client, frame) for frame in frames)
+    answer = client.get(f"/api/photos/{id}/picture", params={"after": after, "readout-ratio": "0.8"})
+    run_command("rectify", frames[0], "-o", tmp_path / "out.png", "--after", frames[1], "--readout-ratio", "0.8")
+    assert answer.content == (tmp_path / "out.png").read_bytes()
+    Photo.from_array(Scene().frame(1, 0.8)[:100]).save(tmp_path / "smaller.png")
+    smaller = {"after": opened(client, tmp_path / "smaller.png"), "readout-ratio": "0.8"}
+    refused = client.get(f"/api/photos/{id}/picture", params=smaller)
+    assert refused.status_code == 422 and "its neighbour has 240x100 px" in refused.json()["error"]
+    assert client.get(f"/api/photos/{id}/after", params={"before": "x", "readout-ratio": "0.8"}).status_code == 404
+
+
+def test_what_the_page_is_told(client: httpx.Client, photo: Path) -> None:
+    id = opened(client, photo)
+    before = client.get(f"/api/photos/{id}/before", params={"longest": "320"})
+    facts = json.loads(before.headers["unshutter-result"])
+    assert (facts["width"], facts["height"]) == (560, 420)
+    after = client.get(f"/api/photos/{id}/after", params={"longest": "320", "edges": "crop"})
+    told = json.loads(after.headers["unshutter-result"])
+    assert told["changed"] and told["edges"] == "crop" and len(told["tx_px"]) == len(told["rz_deg"])
+    left, top, right, bottom = told["crop"]
+    assert (right - left) * (bottom - top) == pytest.approx(told["whole"], abs=1e-6)
+    lines = client.get(f"/api/photos/{id}/segments").json()
+    assert len(lines["before"]) == len(lines["after"]) > 20
+    assert all(-0.5 < share < 1.5 for line in lines["after"] for share in line)
+
+
+# ---- saving many ---------------------------------------------------------------------------------------
+
+
+def test_a_zip_file_of_all(client: httpx.Client, photo: Path, tmp_path: Path) -> None:
+    ids = [opened(client, photo) for _ in range(2)]
+    photos = [{"id": ids[0]}, {"id": ids[1], "options": {"strength": "0.5"}}]
+    saving = client.post("/api/saves", json={"to": "zip", "photos": photos}).json()
+    told = list(events(client, saving["id"]))[-1]
+    assert told["state"] == "finished" and [one["changed"] for one in told["done"]] == [True, True]
+    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
+    assert packed.namelist() == ["street.rectified.jpg", "street.rectified-2.jpg"]
+    run_command("rectify", photo, "-o", tmp_path / "half.jpg", "--strength", "0.5")
+    assert packed.read("street.rectified-2.jpg") == (tmp_path / "half.jpg").read_bytes()
+
+
+def test_a_photo_that_cannot_be_saved_does_not_spoil_the_others(
+    client: httpx.Client, photo: Path, tmp_path: Path
+) -> None:
+    name = {"Unshutter-Name": "../../broken.jpg"}
+    broken = client.post("/api/photos", content=b"no photo", headers=name).json()["id"]
+    photos = [{"id": broken}, {"id": opened(client, photo)}]
+    saving = client.post("/api/saves", json={"to": "zip", "photos": photos}).json()
+    told = list(events(client, saving["id"]))[-1]["done"]
+    assert "is not a JPEG" in told[0]["error"] and str(tmp_path) not in told[0]["error"]
+    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
+    assert packed.namelist() == ["street.rectified.jpg"]
+
+
+def test_saving_is_cancelled(client: httpx.Client, photo: Path) -> None:
+    id = opened(client, photo)
+    hanging = {"id": id, "options": {"estimator": "hanging"}}
+    saving = client.post("/api/saves", json={"to": "zip", "photos": [{"id": id}, hanging]}).json()
+    with client.stream("GET", f"/api/saves/{saving['id']}/events") as stream:
+        next(
+            line for line in stream.iter_lines() if line.startswith("data: ") and len(json.loads(line[6:])["done"]) == 1
+        )
+    assert client.delete(f"/api/saves/{saving['id']}").json()["state"] == "cancelled"
+    assert client.get(f"/api/saves/{saving['id']}/file").status_code == 404
+    assert client.get(f"/api/photos/{id}/after").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        (b"nonsense", "send JSON"),
+        (b'{"to": "mail", "photos": []}', "'to' takes file or zip"),
+        (b'{"to": "zip", "photos": []}', "at least one"),
+        (b'{"to": "zip", "photos": ["x"]}', "each photo is"),
+        (b'{"to": "zip", "photos": [{"id": "x", "options": {"strength": 1}}]}', "each photo is"),
+        (b"[" * 100_000, "send JSON"),
+        (b'{"to": "zip", "photos": ' + b'[{"a":' * 30_000, "send JSON"),
+        (b'{"to": "zip", "photos": [{"id": ' + b"[" * 900 + b"]" * 900 + b"}]}", "each photo is"),
+    ],
+)
+def test_savings_that_are_refused(client: httpx.Client, body: bytes, told: str) -> None:
+    answer = client.post("/api/saves", content=body)
+    assert answer.status_code == 400 and told in answer.json()["error"]
+
+
+@pytest.mark.parametrize("options", [b'{"\\ud800": "x"}', b'{"estimator": "\\ud800"}'])
+def test_half_a_character_is_no_text(client: httpx.Client, photo: Path, options: bytes) -> None:
+    body = b'{"to": "zip", "photos": [{"id": "%s", "options": %s}]}' % (opened(client, photo).encode(), options)
+    answer = client.post("/api/saves", content=body)
+    assert answer.status_code == 400 and "each photo is" in answer.json()["error"]
+
+
+def test_refusals_are_one_line(client: httpx.Client, photo: Path) -> None:
+    item = {"id": opened(client, photo), "options": {"a\nb\x1b": "x"}}
+    answer = client.post("/api/saves", json={"to": "zip", "photos": [item]})
+    assert answer.status_code == 400 and answer.json()["error"].startswith("unknown field 'a\\nb\\x1b'")

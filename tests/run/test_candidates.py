@@ -1,0 +1,67 @@
+"""``estimate --candidates`` and ``rectify --candidate``, on a photo whose shear may be a pan or a crooked camera."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import unshutter
+from support.batches import make_photos, rectify
+from support.sure_estimator import Sure
+from unshutter import Candidate, RowMotion, UnshutterError, UsageError, View
+from unshutter.cli import main
+
+
+class Torn(Sure):
+    """Finds no motion, but would not be surprised by two others."""
+
+    def candidates(self, view: View) -> tuple[Candidate, ...]:
+        def sheared(px: float) -> RowMotion:
+            motion = RowMotion.from_polynomials([0, px], [0], view.height, view.width)
+            return replace(motion, confidence=0.01, estimator=self.name)
+
+        still = Candidate("still", sheared(0.9), 0.6)  # a mean that is too small to be seen
+        return (still, Candidate("pan", sheared(-9), 0.3, 4.0), Candidate("hand", sheared(5), 0.1, 6.0))
+
+
+@pytest.fixture
+def photo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    make_photos(tmp_path, ["torn.png"])
+    for place in ("run.work", "single.register", "api"):
+        monkeypatch.setattr(f"unshutter.{place}.load", lambda name: Torn(0.01))
+    return tmp_path / "torn.png"
+
+
+def test_candidates_are_listed_for_people_and_for_programs(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["estimate", "--candidates", str(photo)]) == 0
+    listed = capsys.readouterr()
+    assert listed.err.splitlines() == [
+        f"{photo}: 1  as it is (probability 0.60)",
+        f"{photo}: 2  pan to the right, 9.0 px (probability 0.30, off by 4.0 px)",
+        f"{photo}: 3  hand, 5.0 px (probability 0.10, off by 6.0 px)",
+    ]
+    data = json.loads(listed.out)
+    assert data["format"] == "unshutter-candidates/1"
+    assert [(each["number"], each["kind"]) for each in data["candidates"]] == [(1, "still"), (2, "pan"), (3, "hand")]
+
+
+def test_the_chosen_candidate_is_undone_however_unsure(photo: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, saved = photo.with_name("out.png"), photo.with_name("motion.json")
+    assert rectify("--candidate", 2, photo, "-o", out, "--save-motion", saved) == 0
+    assert "up to 9.0 px)" in capsys.readouterr().err
+    assert unshutter.Motion.load(saved).tx_px[-1] == pytest.approx(-9, abs=0.1)
+    assert unshutter.rectify(photo, candidate=3).found.tx_px[-1] == pytest.approx(5, abs=0.1)
+    assert not unshutter.rectify(photo).changed
+
+
+def test_as_it_is_means_unchanged(photo: Path) -> None:
+    assert not unshutter.rectify(photo, candidate=1).changed
+
+
+def test_a_candidate_that_is_not_there_is_refused(photo: Path) -> None:
+    with pytest.raises(UnshutterError, match=r"there is no candidate 4: the photo has 3 .as it is, pan to the right"):
+        unshutter.rectify(photo, candidate=4)
+    with pytest.raises(UsageError, match="counted from 1"):
+        unshutter.rectify(photo, candidate=0)
+    assert main(["estimate", "--candidates", "--candidate", "2", str(photo)]) == 2

@@ -1,0 +1,151 @@
+"""Photos that are left unchanged: said, counted, copied or not written."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from support.batches import make_photos, rectify
+from support.sure_estimator import Sure
+from unshutter.motion import Motion, RowMotion
+from unshutter.photo import Photo
+from unshutter.single.estimator import View
+
+PHOTOS = ["clear.jpg", "dark.png", "slight.jpg", "unsure.jpg"]
+ANSWERS = {"c": Sure(0.9), "d": Sure(None, reason="too dark"), "s": Sure(0.9, px=0.2), "u": Sure(0.36)}
+
+
+class ByName(Sure):
+    """Answers by the photo's name."""
+
+    def estimate(self, view: View) -> Motion:
+        assert view.photo.path is not None
+        return ANSWERS[view.photo.path.name[0]].estimate(view)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    make_photos(tmp_path / "in", PHOTOS)
+    monkeypatch.setattr("unshutter.run.work.load", lambda name: ByName(None))
+    return tmp_path / "in"
+
+
+def found(*words: object) -> int:
+    """``unshutter rectify`` that leaves photos alone below .5."""
+    return rectify("--min-confidence", 0.5, *words)
+
+
+def same(one: Path, other: Path) -> bool:
+    return one.read_bytes() == other.read_bytes()
+
+
+def test_what_to_do_next_is_said_once_for_each_folder(tmp_path: Path, monkeypatch, capsys) -> None:
+    make_photos(tmp_path / "in", ["slight.jpg", "slighter.jpg"])
+    make_photos(tmp_path / "in" / "more", ["slight.jpg"])
+    monkeypatch.setattr("unshutter.run.work.load", lambda name: ByName(None))
+    assert rectify(tmp_path / "in", "-o", tmp_path / "out") == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if ".jpg left unchanged" in line]
+    step = "if the camera moved: --moving; with a neighbour: --after"
+    assert [step in line for line in told] == [True, False, True]
+    assert told[0].endswith(f"left unchanged (no visible motion, confidence 0.90: sure; {step})")
+
+
+def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None:
+    out, log = folder.parent / "out", folder.parent / "log.jsonl"
+    assert found(folder, "-o", out, "--json-log", log, "--edges", "keep") == 0
+    told = capsys.readouterr().err.splitlines()
+    assert told[0] == f"{folder}/clear.jpg -> {out}/clear.rectified.jpg (up to 9.0 px, confidence 0.90: sure)"
+    assert told[1] == f"{folder}/dark.png left unchanged (too dark)"
+    hint = "--min-confidence 0.3 would move it by up to 9.0 px"
+    assert told[3] == f"{folder}/unsure.jpg left unchanged (not sure: confidence 0.36; {hint})"
+    counted = "1 changed, 3 left unchanged (1 nothing to go by, 1 no motion, 1 not sure)"
+    assert told[-1] == f"unshutter: {counted}"
+    for name in PHOTOS:
+        copied = out / f"{Path(name).stem}.rectified{Path(name).suffix}"
+        assert same(folder / name, copied) == (name != "clear.jpg")
+
+    events = {Path(event.get("photo", "end")).stem: event for event in map(json.loads, log.read_text().splitlines())}
+    assert (events["clear"]["changed"], events["clear"]["confidence"]) == (True, 0.9)
+    assert (events["unsure"]["changed"], events["unsure"]["cause"]) == (False, "not sure")
+    assert events["unsure"]["largest_px"] == 9
+    assert events["end"]["changed"] == 1
+    assert events["end"]["left_as_they_are"] == {"nothing to go by": 1, "no motion": 1, "not sure": 1}
+    records = [json.loads(line) for line in (out / "unshutter-manifest.jsonl").read_text().splitlines()]
+    done = {record["target"]: record for record in records if record["state"] == "done"}
+    assert done["unsure.rectified.jpg"]["reason"] == "not sure: confidence 0.36"
+    assert done["clear.rectified.jpg"]["changed"]
+
+
+def test_zero_confidence_moves_all_that_moves(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert found(folder, "-o", folder.parent / "out", "--min-confidence", 0) == 0
+    assert "2 changed, 2 left unchanged" in capsys.readouterr().err
+
+
+def test_only_changed_photos_are_written_and_none_is_done_twice(folder: Path, capsys) -> None:
+    out = folder.parent / "out"
+    for finished in (0, 4):
+        assert found(folder, "-o", out, "--only-changed") == 0
+        assert sorted(path.name for path in out.glob("*.[jp]*g")) == ["clear.rectified.jpg"]
+        assert ("4 finished already" in capsys.readouterr().err) == (finished == 4)
+
+
+def test_copies_of_a_run_before_go_where_only_changed_photos_are_wanted(folder: Path) -> None:
+    out = folder.parent / "out"
+    assert found(folder, "-o", out) == 0
+    (out / "slight.rectified.jpg").write_bytes(b"edited since")
+    assert found(folder, "-o", out, "--only-changed") == 1  # what was edited is in the way, and stays
+    assert sorted(path.name for path in out.glob("*.[jp]*g")) == ["clear.rectified.jpg", "slight.rectified.jpg"]
+
+
+def test_another_format_is_encoded_and_that_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = folder.parent / "out"
+    assert found(folder / "unsure.jpg", "-o", out, "--format", "png") == 0
+    assert capsys.readouterr().err.endswith("px; encoded as PNG)\n")
+    assert (Photo.open(out / "unsure.jpg.rectified.png").pixels == Photo.open(folder / "unsure.jpg").pixels).all()
+    assert found(folder / "dark.png", "-o", folder.parent / "dark.png") == 0
+    assert "encoded as" not in capsys.readouterr().err
+
+
+def test_the_saved_motion_is_the_one_that_was_undone(folder: Path) -> None:
+    motion = folder.parent / "motion.json"
+    assert found(folder / "unsure.jpg", "-o", folder.parent / "out.jpg", "--save-motion", motion) == 0
+    left = Motion.load(motion)
+    assert left.is_zero and str(left.reason) == "not sure: confidence 0.36"
+
+
+def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:
+    for jobs in ([], ["--jobs", 2]):
+        out = tmp_path / f"out{len(jobs)}"
+        assert found(folder, "-o", out, "--estimator", "none", *jobs) == 0
+        assert all(same(folder / name, out / f"{Path(name).stem}.rectified{Path(name).suffix}") for name in PHOTOS[1:])
+
+
+# ---- edges -----------------------------------------------------------------------------------------------
+
+
+def test_little_is_cropped_away_much_is_kept_and_both_are_said(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    photo, motion, out = folder / "clear.jpg", folder.parent / "m.json", folder.parent / "out.png"
+    height, width = Photo.open(photo).pixels.shape[:2]
+    for px, said in (
+        (4, r"up to 4.0 px; cropped to (\d\d) %"),
+        (40, r"up to 40 px; black corners kept: .* leave (\d\d) %"),
+    ):
+        RowMotion.from_polynomials([0, px], [0], height, width).save(motion)
+        assert rectify(photo, "-o", out, "--motion", motion, "--overwrite") == 0
+        found = re.search(said, capsys.readouterr().err)
+        assert found is not None
+        share = Photo.open(out).height * Photo.open(out).width / (height * width)
+        assert (share < 1) == (px == 4)
+        assert (int(found[1]) >= 80) == (px == 4)
+        assert px != 4 or int(found[1]) == int(100 * share)
+
+
+def test_coordinates_that_are_wanted_are_kept(folder: Path) -> None:
+    out, motion = folder.parent / "out.png", folder.parent / "m.json"
+    assert rectify(folder / "clear.jpg", "-o", out, "--save-motion", motion) == 0
+    assert Photo.open(out).pixels.shape == Photo.open(folder / "clear.jpg").pixels.shape
+    assert rectify(folder / "clear.jpg", "-o", out, "--overwrite") == 0
+    assert Photo.open(out).width < Photo.open(folder / "clear.jpg").width

@@ -1,0 +1,222 @@
+"""What is worked on ahead comes out as without."""
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import unshutter
+from support.batches import rectify
+from unshutter.errors import UnshutterError, UsageError
+from unshutter.motion import Motion, RowMotion
+from unshutter.motion.verdict import Candidate
+from unshutter.options import Camera, Find, Rectify
+from unshutter.photo import Photo
+from unshutter.run import work
+from unshutter.run.work import Job, Lookahead, finish_job
+from unshutter.single import network, register
+from unshutter.single.estimator import Estimator, View
+from unshutter.single.methods import Manhattan, SegmentManhattan
+
+
+@pytest.fixture
+def photos(rolling_facade: np.ndarray, tmp_path: Path) -> list[Path]:
+    """Four photos of different widths, the third of which is none."""
+    paths = [tmp_path / f"{k}.jpg" for k in range(4)]
+    for k, path in enumerate(paths):
+        Photo.from_array(rolling_facade[:, : 560 - 10 * k]).save(path)
+    paths[2].write_bytes(b"no photo")
+    return paths
+
+
+@pytest.mark.parametrize("ending", [".jpg", ".png", ".tif"])
+def test_the_command_line_gives_what_python_gives(ending: str, rolling_facade: np.ndarray, tmp_path: Path) -> None:
+    photo, out, given = (tmp_path / f"{name}{ending}" for name in ("photo", "out", "given"))
+    Photo.from_array(np.kron(rolling_facade, np.ones((3, 3, 1), np.uint8))).save(photo)  # large enough to be shrunk
+    assert rectify(photo, "-o", out) == 0
+    result = unshutter.rectify(photo, edges="auto")
+    assert result.changed
+    result.save(given)
+    assert out.read_bytes() == given.read_bytes()
+
+
+def test_photos_come_in_order_with_some_left_out_and_once_more(photos: list[Path]) -> None:
+    lookahead = Lookahead(photos, None)
+    assert [lookahead.take(photos[k]).photo.width for k in (0, 1, 3)] == [560, 550, 530]
+    assert lookahead.take(photos[0]).photo.width == 560  # once more
+    lookahead = Lookahead(photos, None)
+    assert lookahead.take(photos[1]).photo.width == 550  # the first is left out
+
+
+def test_what_cannot_be_opened_is_said_where_it_is_taken(photos: list[Path]) -> None:
+    lookahead = Lookahead(photos[1:], Find("none"))
+    assert lookahead.take(photos[1]).motion().reason
+    ahead = lookahead.take(photos[2])
+    for ask in (lambda: ahead.photo, ahead.motion):
+        with pytest.raises(UnshutterError, match="is not a JPEG"):
+            ask()
+    assert lookahead.take(photos[3]).photo.width == 530
+
+
+def test_what_is_taken_is_what_is_there_when_it_is_opened(photos: list[Path], rolling_facade: np.ndarray) -> None:
+    assert Lookahead(photos[:1], None).take(photos[0]).photo.height == 420
+    Photo.from_array(rolling_facade[:200]).save(photos[0], overwrite=True)
+    assert Lookahead(photos[:1], None).take(photos[0]).photo.height == 200
+
+
+def test_a_photo_beyond_the_limit_is_refused(photos: list[Path]) -> None:
+    with pytest.raises(UnshutterError, match="more than the limit"):
+        _ = Lookahead(photos[:1], None, max_pixels=1000).take(photos[0]).photo
+
+
+def test_an_estimator_that_cannot_be_loaded_is_said_at_once_and_nobody_waits(photos: list[Path]) -> None:
+    before = threading.active_count()
+    with pytest.raises(UsageError, match="unknown estimator"):
+        Lookahead(photos, Find("magic"))
+    with pytest.raises(UnshutterError, match="no such file"):
+        Lookahead(photos, Find("segment-transformer@missing.onnx"))
+    assert threading.active_count() <= before + 4  # their threads end with them
+
+
+def test_a_folder_opens_the_network_once(
+    rolling_facade: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = []
+
+    read = network.read_weights
+    monkeypatch.setattr(network, "read_weights", lambda *given: opened.append(given) or read(*given))
+    register.load.cache_clear()
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for k in range(3):
+        Photo.from_array(np.roll(rolling_facade, 5 * k, axis=1)).save(folder / f"{k}.jpg")
+    try:
+        assert rectify(folder, "-o", tmp_path / "out") == 0
+    finally:
+        register.load.cache_clear()  # the counted one
+    assert len(list((tmp_path / "out").glob("*.jpg"))) == 3
+    assert len(opened) == 1
+
+
+class Counting(Estimator):
+    """Counts how often it was asked; fails where it is asked to."""
+
+    fail_at = asked = 0
+
+    def estimate(self, view: View) -> Motion:
+        self.asked += 1
+        if self.asked == self.fail_at:
+            raise UnshutterError("not this time")
+        return view.no_motion(self.name, f"asked {self.asked} times about {view.width} columns")
+
+
+@pytest.fixture
+def counting(monkeypatch: pytest.MonkeyPatch) -> Counting:
+    """What Lookahead loads, whatever it is asked for."""
+    estimator = Counting(register.method("none"), None)
+    monkeypatch.setattr("unshutter.run.work.load", lambda name: estimator)
+    return estimator
+
+
+def test_each_photo_is_estimated_once(photos: list[Path], counting: Counting) -> None:
+    lookahead = Lookahead(photos[:2], Find("none"))
+    for k in (0, 1):
+        ahead = lookahead.take(photos[k])
+        for _ in range(2):  # the answer stays
+            assert str(ahead.motion().reason) == f"asked {k + 1} times about {560 - 10 * k} columns"
+
+
+def test_what_goes_wrong_ahead_is_tried_again_where_it_is_asked_for(photos: list[Path], counting: Counting) -> None:
+    counting.fail_at = 1
+    ahead = Lookahead(photos[:1], Find("none")).take(photos[0])
+    assert str(ahead.motion().reason).startswith("asked 2 times")
+    counting.fail_at = 4
+    ahead = Lookahead(photos[:1], Find("none")).take(photos[0])
+    assert str(ahead.motion().reason).startswith("asked 3 times")
+    for counting.fail_at in range(5, 8):
+        with pytest.raises(UnshutterError, match="not this time"):
+            counting.asked = counting.fail_at - 1
+            ahead._estimate()
+
+
+def test_the_network_is_opened_while_the_first_photo_is_looked_at(
+    photos: list[Path], counting: Counting, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked = threading.Event()
+    monkeypatch.setattr(Counting, "estimate", lambda self, view: looked.set() or view.no_motion(self.name, "none"))
+    monkeypatch.setattr(Counting, "prepare", lambda self: None if looked.wait(10) else pytest.fail("it was waited for"))
+    assert Lookahead(photos[:1], Find("none")).take(photos[0]).motion().reason
+
+
+@pytest.mark.parametrize("options", [(), ("--estimator", "manhattan"), ("--focal-px", "900")])
+def test_one_estimate_is_made_beside_the_rest(
+    options: tuple[str, ...], rolling_facade: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind = Manhattan if "manhattan" in options else SegmentManhattan
+    original, threads = kind.candidates, []
+
+    def noting(self, view: View) -> tuple[Candidate, ...]:
+        threads.append(threading.current_thread())
+        return original(self, view)
+
+    monkeypatch.setattr(kind, "candidates", noting)
+    photo = tmp_path / "photo.png"
+    Photo.from_array(rolling_facade).save(photo)
+    assert rectify(photo, "-o", tmp_path / "out.png", *options) == 0
+    assert len(threads) == 1
+    assert threads[0] is not threading.main_thread()
+
+
+@pytest.mark.parametrize(
+    ("words", "find"),
+    [
+        ((), {}),
+        (("--estimator", "manhattan"), {"estimator": "manhattan"}),
+        (("--estimator=segment-transformer",), {"estimator": "segment-transformer"}),
+        (("--roll-deg", "3"), {"roll_deg": 3.0}),
+        (("--focal-px", "900"), {"focal_px": 900.0}),
+        (("--readout", "bottom-to-top"), {"readout": "bottom-to-top"}),
+    ],
+)
+def test_every_option_reaches_the_estimate(
+    words: tuple[str, ...], find: dict, rolling_facade: np.ndarray, tmp_path: Path
+) -> None:
+    photo, motion = tmp_path / "photo.png", tmp_path / "motion.json"
+    Photo.from_array(rolling_facade).save(photo)
+    undone = ("--min-confidence", "0.001", *words)  # 0 asks for another answer
+    assert rectify(photo, "-o", tmp_path / "out.png", "--save-motion", motion, *undone) == 0
+    np.testing.assert_array_equal(Motion.load(motion).tx_px, unshutter.estimate(photo, **find).tx_px)
+
+
+def test_a_camera_that_is_known_reaches_the_view(photos: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+
+    class Seeing(Counting):
+        def estimate(self, view: View) -> Motion:
+            seen.append(view.camera)
+            return super().estimate(view)
+
+    monkeypatch.setattr("unshutter.run.work.load", lambda name: Seeing(register.method("none"), None))
+    camera = Camera("bottom-to-top", 700.0, 2.0, -3.0)
+    Lookahead(photos[:1], Find("none", camera)).take(photos[0]).motion()
+    assert seen == [camera]
+
+
+def test_estimates_of_a_folder_are_those_of_its_photos(photos: list[Path], tmp_path: Path) -> None:
+    motions = tmp_path / "motions"
+    assert rectify(*photos, "-o", tmp_path / "out", "--save-motion", motions) == 1
+    for k in (0, 1, 3):
+        expected = unshutter.estimate(photos[k])
+        np.testing.assert_array_equal(Motion.load(motions / f"{k}.json").tx_px, expected.tx_px)
+    assert not (motions / "2.json").exists()
+
+
+def test_a_motion_that_is_known_is_not_estimated(
+    photos: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photo = Photo.open(photos[0])
+    known = RowMotion(photo.width, np.linspace(0, 40, photo.height), np.zeros(photo.height)).to_json()
+    monkeypatch.setattr(work, "load", lambda name: pytest.fail("the estimator was loaded"))
+    job = Job(photos[0], tmp_path / "saved.jpg", None, overwrite=False, max_pixels=10**9)
+    assert finish_job(job, Rectify(), known).is_written

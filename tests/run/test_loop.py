@@ -1,0 +1,134 @@
+"""Several workers: those that die, hang or are told to end cost nothing but their own photo."""
+
+import json
+import os
+import re
+import signal
+import time
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import pytest
+
+from support.batches import leave_some_undone, leftovers, make_photos, rectify, results, start_rectify
+from unshutter.run.loop import Batch, InThisProcess, Workers
+from unshutter.run.plan import Plan
+from unshutter.run.report import Report
+from unshutter.run.work import Job, Outcome
+from unshutter.run.workers import processes
+
+MANIFEST = "unshutter-manifest.jsonl"
+
+
+def test_processes_make_the_same_pictures(archive: Path, motion: Path, tmp_path: Path) -> None:
+    (archive / "bad.jpg").write_text("no photo")
+    assert rectify(archive, "-o", tmp_path / "one", "--motion", motion) == 1
+    assert rectify(archive, "-o", tmp_path / "two", "--motion", motion, "--jobs", 2) == 1
+    assert results(tmp_path / "one") == results(tmp_path / "two")
+    assert len(results(tmp_path / "one")) == 4
+
+
+def crash_on_b(job: Job) -> Outcome:
+    if job.source.stem == "b":
+        os._exit(9)
+    return Outcome(note=str(os.getpid()))
+
+
+def test_a_photo_that_kills_its_worker_costs_nothing_but_itself(tmp_path: Path, capsys) -> None:
+    jobs = [Job(tmp_path / f"{name}.jpg", tmp_path / f"{name}.out.jpg", None, False, 1) for name in "abcdefgh"]
+    with Report(Plan(jobs)) as report, processes(2) as workers:
+        Batch(crash_on_b, workers, None, report).run(jobs)
+    assert report.counts == {"done": 7, "skipped": 0, "failed": 1}
+    assert "b.jpg: its worker died" in capsys.readouterr().err
+    assert isinstance(workers.executor, ProcessPoolExecutor)
+
+
+class BreaksWhenGiven(InThisProcess):
+    """As a pool whose worker has died since the last job came back: it says so when it is given the next."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        if args[0].source.stem == "c":
+            raise BrokenProcessPool("a child process terminated abruptly")
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_a_worker_that_dies_between_two_jobs_costs_nothing(tmp_path: Path) -> None:
+    jobs = [Job(tmp_path / f"{name}.jpg", tmp_path / f"{name}.out.jpg", None, False, 1) for name in "abcdef"]
+    with Report(Plan(jobs)) as report:
+        workers = Workers(BreaksWhenGiven(), 2, InThisProcess)
+        Batch(lambda job: Outcome(), workers, None, report).run(jobs)
+    assert report.counts == {"done": 6, "skipped": 0, "failed": 0}
+
+
+def wait_for(found, seconds: float = 60) -> None:
+    until = time.monotonic() + seconds
+    while not found():
+        assert time.monotonic() < until, "nothing happened"
+        time.sleep(0.01)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+@pytest.mark.parametrize("jobs", [[], ["--jobs", 2]])
+def test_ctrl_c_keeps_what_is_finished(jobs: list, motion: Path, tmp_path: Path) -> None:
+    make_photos(tmp_path / "many", [f"{k:03}.jpg" for k in range(400)])
+    out = tmp_path / "out"
+    process = start_rectify(tmp_path / "many", "-o", out, "--motion", motion, *jobs)
+    wait_for(lambda: (out / MANIFEST).exists() and any(r["state"] == "done" for r in whole_records(out)))
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "Traceback" not in errors
+    assert leftovers(out) == []
+    done = {r["target"] for r in whole_records(out) if r["state"] == "done"}
+    kept = results(out)
+    assert done <= set(kept)
+    assert len(set(kept) - done) <= 1  # Ctrl-C may come after a result is in place and before its record
+    assert 0 < len(done) < 400
+    left = leave_some_undone(tmp_path / "many", set(kept))
+    assert rectify(tmp_path / "many", "-o", out, "--motion", motion, *jobs) == 0  # the same command goes on
+    assert len(results(out)) == left
+    assert kept.items() <= results(out).items()
+
+
+def whole_records(folder: Path) -> list[dict]:
+    text = (folder / MANIFEST).read_text()
+    return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+
+# ---- a photo that takes too long -----------------------------------------------------------------------------
+
+
+def hang_on_b(job: Job) -> Outcome:
+    """``b`` never ends, and lets nobody else in its process have a turn."""
+    if job.source.stem == "b":
+        re.match(r"(a|a)*c", "a" * 200)
+    time.sleep(0.05)
+    return Outcome(note=str(os.getpid()))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_photo_that_hangs_is_given_up_and_the_others_are_done(count: int, tmp_path: Path, capsys) -> None:
+    jobs = [Job(tmp_path / f"{name}.jpg", tmp_path / f"{name}.out.jpg", None, False, 1) for name in "abcdefgh"]
+    start = time.monotonic()
+    with Report(Plan(jobs)) as report, processes(count, timeout_s=2) as workers:
+        Batch(hang_on_b, workers, None, report).run(jobs)
+    assert report.counts == {"done": 7, "skipped": 0, "failed": 1}
+    assert "b.jpg: given up after 2 s (--timeout gives it longer)" in capsys.readouterr().err
+    assert time.monotonic() - start < 60
+
+
+def test_a_time_limit_without_processes_takes_one(archive: Path, motion: Path, tmp_path: Path, capsys) -> None:
+    assert rectify(archive, "-o", tmp_path / "out", "--motion", motion, "--timeout", 600) == 0
+    assert rectify(archive, "-o", tmp_path / "plain", "--motion", motion) == 0
+    assert results(tmp_path / "out") == results(tmp_path / "plain")
+    assert rectify(archive, "-o", tmp_path / "no", "--motion", motion, "--timeout", "0.01") == 1
+    told = capsys.readouterr().err
+    assert "given up after 0.01 s" in told and "Traceback" not in told
+    assert results(tmp_path / "no") == {} and leftovers(tmp_path / "no") == []
+
+
+@pytest.mark.parametrize("wrong", [["--timeout", "0"], ["--timeout", "nan"], ["--timeout", "5", "--scheduler", "x"]])
+def test_time_limits_that_cannot_be(wrong: list, archive: Path, tmp_path: Path, capsys) -> None:
+    assert rectify(archive, "-o", tmp_path / "out", *wrong) == 2
+    assert "--timeout" in capsys.readouterr().err

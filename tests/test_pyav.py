@@ -1,0 +1,39 @@
+"""What PyAV 18 and 19 do differently, on whichever is installed, and what each of them is asked for."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from support import clips
+from unshutter.frames import pyav
+
+
+@pytest.fixture
+def film(tmp_path):
+    path = clips.write(tmp_path / "film.mp4", [clips.wall()] * 2, turn=90, tags={"artist": "Jose!"})
+    path.write_bytes(path.read_bytes().replace(b"Jose!", b"Jos\xe9!"))  # Latin-1
+    return path
+
+
+def test_a_film_with_tags_that_are_no_utf8_is_read_and_its_tags_can_be_shown(film):
+    with pyav.open_to_read(str(film)) as container:
+        shown = pyav.tags(container)["artist"]
+    assert shown == "Jos\ufffd!"
+    shown.encode()
+
+
+def test_side_data_has_ffmpegs_names(film):
+    with pyav.open_to_read(str(film)) as container:
+        frame = next(container.decode(video=0))
+    found = pyav.side_data(frame)
+    assert len(found["DISPLAYMATRIX"]) == 36
+    assert all(isinstance(data, bytes) for data in found.values())
+
+
+@pytest.mark.parametrize(
+    ("version", "asked"), [("18.1.0", {"metadata_errors": "replace"}), ("19.0.2", {}), ("20.0", {})]
+)
+def test_only_pyav_18_takes_a_rule_for_tags(monkeypatch, version, asked):
+    library = SimpleNamespace(__version__=version, open=lambda source, **arguments: (source, arguments))
+    monkeypatch.setattr(pyav, "av", lambda: library)
+    assert pyav.open_to_read("film.mp4", options={}) == ("film.mp4", {"options": {}, **asked})
