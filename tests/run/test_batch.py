@@ -210,6 +210,9 @@ def test_leftovers_of_killed_runs_go_and_those_at_work_stay(archive: Path, motio
         assert sorted(leftovers(out)) == sorted([part.name, ".unshutter-mine.part.jpg"])
         part.write_bytes(b"whole")
     assert (out / "trip" / "elsewhere.jpg").read_bytes() == b"whole"
+    (out / "trip" / ".unshutter-0123456789abcdef.part.jpg").write_bytes(b"half")
+    assert rectify(archive, "-o", out, "--motion", motion) == 0  # everything is finished already
+    assert leftovers(out) == [".unshutter-mine.part.jpg"]
 
 
 def test_the_manifest_may_lie_elsewhere(tmp_path: Path) -> None:

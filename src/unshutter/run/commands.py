@@ -50,6 +50,8 @@ def _carried_out(plan: Plan, manifest: Manifest | None) -> int:
         here["lookahead"] = Lookahead(sources, request.find_alone, run.max_pixels, request.undo)
     with Report(plan) as report:
         report.begin("" if ratio is None else f"unshutter: readout ratio {ratio}")
+        # what a killed run left beside a finished result goes, too
+        plan.files.prepare(target for job in (*plan.to_do, *plan.finished) for target in job.outputs)
         with _workers_for(run) as workers:
             work = partial(do_job, request=request, motion=plan.motion, **here)
             Batch(work, workers, manifest, report, plan.files).run(plan.to_do)

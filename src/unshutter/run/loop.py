@@ -70,7 +70,6 @@ class Batch:
     def run(self, jobs: Iterable[Job]) -> None:
         """Runs all jobs."""
         waiting = deque(jobs)
-        self.files.prepare(target for job in waiting for target in job.outputs)
         try:
             while waiting or self._running:
                 starting: list[Job] = []
