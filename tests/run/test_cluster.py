@@ -23,7 +23,7 @@ PHOTOS = 60
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator:
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as made:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as made:
         yield made
 
 
