@@ -1,13 +1,14 @@
 # The two commands: `make demo` and `make test`. Each sets up what it needs:
-# .venv has the versions of constraints.txt, .venv-newest what pip resolves today, .venv-lowest the oldest ones allowed.
-# A Python that is named has its own: `make test PYTHON=python3.13` sets up .venv-3.13.
+# .venv-dev has the versions of constraints.txt, .venv-newest what pip resolves today, .venv-lowest the oldest ones allowed.
+# A Python that is named has its own: `make test PYTHON=python3.13` sets up .venv-3.13. Nothing here touches .venv, the
+# environment that README.md tells users to create.
 # Nothing is compiled in advance, which halves the time of an installation: Python compiles what it imports, and keeps it.
 unexport PYTHONDONTWRITEBYTECODE
 PYTHON ?= python3
 TESTS ?= tests lab/tests
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 NAMED := $(if $(filter file,$(origin PYTHON)),,-$(VERSION))
-ENV := .venv$(NAMED)
+ENV := .venv$(or $(NAMED),-dev)
 NEWEST := .venv-newest$(NAMED)
 LOWEST := .venv-lowest$(NAMED)
 BIN := $(ENV)/bin
@@ -100,4 +101,4 @@ $(LOWEST)/dev: $(LOWEST)/python pyproject.toml lab/pyproject.toml constraints.tx
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-* site dist build .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv-* site dist build .pytest_cache .ruff_cache .hypothesis
