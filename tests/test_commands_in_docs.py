@@ -128,8 +128,9 @@ _WRITTEN = ("-o", "--save-motion", "--masks", "--json-log", "--plot", "--preview
 
 def _prepare(command: str) -> None:
     """Makes what a command reads, where it is not there, and removes a file that it writes: pages show alternatives."""
-    for path in Path().rglob("*.rectified.*"):
-        path.unlink()
+    for pattern in ("*.rectified.*", "unshutter-manifest.jsonl"):
+        for path in Path().rglob(pattern):
+            path.unlink()
     words = shlex.split(command.partition(" > ")[0])[2:] if command.startswith("unshutter ") else []
     written = {words[k + 1] for k, word in enumerate(words[:-1]) if word in _WRITTEN}
     for word in words:

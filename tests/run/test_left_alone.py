@@ -4,12 +4,16 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from support.batches import make_photos, rectify
+from support.camera_files import dng, linear
+from support.rich_files import heic
 from support.sure_estimator import Sure
 from unshutter.motion import Motion, RowMotion
 from unshutter.photo import Photo
+from unshutter.run.inputs import find_photos
 from unshutter.single.estimator import View
 
 PHOTOS = ["clear.jpg", "dark.png", "slight.jpg", "unsure.jpg"]
@@ -62,8 +66,8 @@ def test_each_photo_is_told_of_and_all_are_counted(folder: Path, capsys) -> None
     counted = "1 changed, 3 left unchanged (1 nothing to go by, 1 no motion, 1 not sure)"
     assert told[-1] == f"unshutter: {counted}"
     for name in PHOTOS:
-        copied = out / f"{Path(name).stem}.rectified{Path(name).suffix}"
-        assert same(folder / name, copied) == (name != "clear.jpg")
+        assert name == "clear.jpg" or same(folder / name, out / name)
+    assert not (out / "clear.jpg").exists() and len(list(out.glob("*.[jp]*g"))) == 4
 
     events = {Path(event.get("photo", "end")).stem: event for event in map(json.loads, log.read_text().splitlines())}
     assert (events["clear"]["changed"], events["clear"]["confidence"]) == (True, 0.9)
@@ -93,16 +97,77 @@ def test_only_changed_photos_are_written_and_none_is_done_twice(folder: Path, ca
 def test_copies_of_a_run_before_go_where_only_changed_photos_are_wanted(folder: Path) -> None:
     out = folder.parent / "out"
     assert found(folder, "-o", out) == 0
-    (out / "slight.rectified.jpg").write_bytes(b"edited since")
-    assert found(folder, "-o", out, "--only-changed") == 1  # what was edited is in the way, and stays
-    assert sorted(path.name for path in out.glob("*.[jp]*g")) == ["clear.rectified.jpg", "slight.rectified.jpg"]
+    (out / "slight.jpg").write_bytes(b"edited since")
+    assert found(folder, "-o", out, "--only-changed") == 0
+    assert sorted(path.name for path in out.glob("*.[jp]*g")) == ["clear.rectified.jpg", "slight.jpg"]
+    assert (out / "slight.jpg").read_bytes() == b"edited since"
+
+
+def test_a_copy_goes_when_its_photo_changes_and_comes_back(folder: Path) -> None:
+    out, pictures = folder.parent / "out", "*.[jp]*g"
+    words = [folder, "-o", out, "--masks", out / "masks"]
+    for least, unsure in ((0.5, "unsure.jpg"), (0.2, "unsure.rectified.jpg"), (0.5, "unsure.jpg")):
+        assert found(*words, "--min-confidence", least) == 0
+        expected = ["clear.rectified.jpg", "dark.png", "slight.jpg", unsure]
+        assert sorted(path.name for path in out.glob(pictures)) == expected
+        assert sorted(path.name for path in (out / "masks").iterdir()) == [f"{name}.png" for name in expected]
+    assert same(folder / "unsure.jpg", out / "unsure.jpg")
+
+
+def test_next_to_the_photos_nothing_is_written_for_those_that_stay(folder: Path) -> None:
+    before = {path.name for path in folder.iterdir()}
+    for words in ([folder], [folder, "-o", folder, "--overwrite"], [folder / "unsure.jpg", "--format", "png"]):
+        assert found(*words) == 0
+        new = {path.name for path in folder.iterdir()} - before - {"unshutter-manifest.jsonl"}
+        assert new == {"clear.rectified.jpg"}
+
+
+def test_a_copy_never_replaces_another_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = folder.parent / "out"
+    out.mkdir()
+    (out / "slight.jpg").write_bytes(b"somebody's")
+    (out / "unsure.jpg").write_bytes((folder / "unsure.jpg").read_bytes())  # a copy already
+    (out / "clear.jpg").write_bytes(b"somebody's")  # not in the way of clear.rectified.jpg
+    assert found(folder, "-o", out) == 1
+    assert "slight.jpg exists already" in capsys.readouterr().err
+    assert (out / "slight.jpg").read_bytes() == (out / "clear.jpg").read_bytes() == b"somebody's"
+    assert found(folder, "-o", out) == 1
+    assert "3 finished already" in capsys.readouterr().err
+    assert found(folder, "-o", out, "--overwrite") == 0
+    assert same(folder / "slight.jpg", out / "slight.jpg")
+    assert (out / "clear.jpg").read_bytes() == b"somebody's"
+
+
+def test_formats_that_are_only_read_are_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("unshutter.run.work.load", lambda name: ByName(None))
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "unsure.HEIC").write_bytes(heic(np.full((80, 90, 3), 128, np.uint8)))
+    (tmp_path / "in" / "unsure.DNG").write_bytes(dng(linear(np.full((80, 90, 3), 128, np.uint8))))
+    out = tmp_path / "out"
+    assert found(tmp_path / "in", "-o", out) == 0
+    assert all(same(tmp_path / "in" / name, out / name) for name in ("unsure.HEIC", "unsure.DNG"))
+    assert found(tmp_path / "in", "-o", out, "--format", "jpeg", "--only-changed") == 0
+    assert found(tmp_path / "in", "-o", out, "--format", "jpeg") == 0
+    assert {path.name for path in out.glob("*.jpg")} == {"unsure.HEIC.jpg", "unsure.DNG.jpg"}
+
+
+def test_a_result_is_rectified_once_more_under_the_next_number(folder: Path) -> None:
+    first = folder / "clear.rectified.jpg"
+    for name in ("clear", "clear.rectified", "clear.rectified-2"):
+        assert found(folder / f"{name}.jpg", "--edges", "keep") == 0
+    assert found(first, "-o", folder.parent / "out", "--format", "png") == 0
+    assert {path.name for path in folder.glob("clear*")} == {
+        "clear.jpg", "clear.rectified.jpg", "clear.rectified-2.jpg", "clear.rectified-3.jpg",
+    }  # fmt: skip
+    assert (folder.parent / "out" / "clear.rectified-2.png").exists()
+    assert len(find_photos([folder]).photos) == len(PHOTOS)  # results are not taken, whatever their number
 
 
 def test_another_format_is_encoded_and_that_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = folder.parent / "out"
     assert found(folder / "unsure.jpg", "-o", out, "--format", "png") == 0
     assert capsys.readouterr().err.endswith("px; encoded as PNG)\n")
-    assert (Photo.open(out / "unsure.jpg.rectified.png").pixels == Photo.open(folder / "unsure.jpg").pixels).all()
+    assert (Photo.open(out / "unsure.jpg.png").pixels == Photo.open(folder / "unsure.jpg").pixels).all()
     assert found(folder / "dark.png", "-o", folder.parent / "dark.png") == 0
     assert "encoded as" not in capsys.readouterr().err
 
@@ -118,7 +183,7 @@ def test_other_processes_copy_as_well(folder: Path, tmp_path: Path) -> None:
     for jobs in ([], ["--jobs", 2]):
         out = tmp_path / f"out{len(jobs)}"
         assert found(folder, "-o", out, "--estimator", "none", *jobs) == 0
-        assert all(same(folder / name, out / f"{Path(name).stem}.rectified{Path(name).suffix}") for name in PHOTOS[1:])
+        assert all(same(folder / name, out / name) for name in PHOTOS[1:])
 
 
 # ---- edges -----------------------------------------------------------------------------------------------

@@ -219,4 +219,4 @@ def test_a_motion_that_is_known_is_not_estimated(
     known = RowMotion(photo.width, np.linspace(0, 40, photo.height), np.zeros(photo.height)).to_json()
     monkeypatch.setattr(work, "load", lambda name: pytest.fail("the estimator was loaded"))
     job = Job(photos[0], tmp_path / "saved.jpg", None, overwrite=False, max_pixels=10**9)
-    assert finish_job(job, Rectify(), known).is_written
+    assert finish_job(job, Rectify(), known).picture == job.target

@@ -72,9 +72,9 @@ def test_nothing_is_read_to_be_skipped(job: Job, monkeypatch: pytest.MonkeyPatch
 def test_what_an_earlier_run_left_is_known_by_its_digest(job: Job) -> None:
     assert known(job).compared(job)[1] == job
     done(opened(job), job)
-    assert known(job, "others").compared(job)[1] == replace(job, left=(digest(job.target), None, None))
+    assert known(job, "others").compared(job)[1] == replace(job, left=(digest(job.target), *[None] * 4))
     job.target.write_bytes(b"edited, and longer")
-    assert known(job, "others").compared(job)[1].left == (None, None, None)
+    assert known(job, "others").compared(job)[1].left == (None,) * 5
 
 
 def test_what_was_begun_may_have_been_written(job: Job) -> None:
@@ -101,7 +101,7 @@ def test_records_of_runs_without_digests(job: Job) -> None:
     records = [json.loads(line) for line in path.read_text().splitlines()]
     path.write_text("".join(json.dumps({**record, "digests": {}}) + "\n" for record in records))
     assert known(job).compared(job)[0] == "finished"
-    assert known(job, "others").compared(job)[1].left == (None, None, None)
+    assert known(job, "others").compared(job)[1].left == (None,) * 5
 
 
 def test_a_result_that_was_edited_to_the_same_size(motion: Path, tmp_path: Path, capsys) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from support.batches import HEIGHT, WIDTH, make_photos, rectify, results
+from unshutter.cli import main
 from unshutter.motion import Motion
 from unshutter.motion.warp import validity_mask
 from unshutter.photo import Photo
@@ -128,3 +129,20 @@ def test_small_photos_are_many(tmp_path: Path, motion: Path, monkeypatch: pytest
     words = ("-o", tmp_path / "out", "--motion", motion, "--preview", tmp_path / "sheet.png")
     assert rectify(tmp_path / "in", *words) == 0
     assert "the first 2 photos; 1 more are not in it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["sheet.jpg", "sheet.png", "sheet.webp", "sheet.tif", "sheet.avif"])
+def test_a_preview_is_not_taken_for_a_photo(name: str, motion: Path, tmp_path: Path, capsys) -> None:
+    make_photos(tmp_path / "in", ["a.jpg", "z.jpg"])
+    sheet, out = tmp_path / "in" / name, tmp_path / "out"
+    words = [tmp_path / "in", "-o", out, "--motion", motion]
+    assert rectify(*words, "--preview", sheet) == 0
+    for more in ([], ["--jobs", 2], ["--overwrite"]):
+        capsys.readouterr()
+        assert rectify(*words, *more) == 0
+        assert "not taken: 1 made by unshutter" in capsys.readouterr().err
+    assert sorted(path.name for path in out.glob("*.*g*")) == ["a.rectified.jpg", "z.rectified.jpg"]
+    assert main(["estimate", str(tmp_path / "in"), "-o", str(tmp_path / "motions"), "--estimator", "none"]) == 0
+    assert "not taken: 1 made by unshutter" in capsys.readouterr().err
+    assert rectify(sheet, "--motion", motion) == 1
+    assert f"{name}: it is a preview that unshutter made, not a photo" in capsys.readouterr().err

@@ -40,9 +40,9 @@ def test_of_a_folder(archive: Path, tmp_path: Path, motion: Path, capsys: pytest
     assert [times_of(tmp_path / "out" / name) for name in RESULTS] == EXPECTED
 
 
-def test_of_one_photo_while_a_motion_is_looked_for(archive: Path) -> None:
-    assert rectify(archive / "a.jpg", "--estimator", "none", "--keep-times") == 0
-    assert times_of(archive / "a.rectified.jpg") == EXPECTED[0]
+def test_of_one_photo_while_a_motion_is_looked_for(archive: Path, tmp_path: Path) -> None:
+    assert rectify(archive / "a.jpg", "--estimator", "none", "--keep-times", "-o", tmp_path / "out") == 0
+    assert times_of(tmp_path / "out" / "a.jpg") == EXPECTED[0]
 
 
 def test_of_what_an_earlier_run_did_not_finish(archive: Path, tmp_path: Path, motion: Path) -> None:

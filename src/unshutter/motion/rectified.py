@@ -15,7 +15,7 @@ from unshutter.options import Camera, Edges, PictureFormat, Save, Subsampling, U
 from unshutter.options.fields import errors_in_python, from_keywords
 from unshutter.photo import Photo
 from unshutter.photo.formats import of_target
-from unshutter.photo.formats.picture_format import WrittenFormat
+from unshutter.photo.formats.picture_format import Format, WrittenFormat
 from unshutter.photo.photo import check_size
 from unshutter.photo.saving import Encoded, write_photo
 from unshutter.storage.files import check_target, written_whole
@@ -106,16 +106,20 @@ class Result:
         return Encoded(copied.data(), ())
 
 
-def write_result(result: Result, target: Place, format: WrittenFormat, save: Save, overwrite: bool) -> tuple[str, ...]:
+def write_result(result: Result, target: Place, format: Format, save: Save, overwrite: bool) -> tuple[str, ...]:
     """Writes a picture as :meth:`Result.save` does, without checking the target first; it may also be behind a URL."""
-    if not isinstance(target, Path):
-        file = result.encode(format.name, save.quality, save.subsampling)
-        write_place(file.data, target, overwrite)
-        return file.left_out
     photo = result.photo
     copied = photo.file_as(format.name, save)
     if copied is None:
-        return write_photo(photo, target, format, save, overwrite)
+        assert isinstance(format, WrittenFormat)
+        if isinstance(target, Path):
+            return write_photo(photo, target, format, save, overwrite)
+        file = photo.encode(format.name, save.quality, save.subsampling)
+        write_place(file.data, target, overwrite)
+        return file.left_out
+    if not isinstance(target, Path):
+        write_place(copied.data(), target, overwrite)
+        return ()
     times_ns = photo.times_ns if save.keep_times else None
     with written_whole(target, overwrite, mode_of=result.original.path, times_ns=times_ns) as part:
         copied.copy_to(part)

@@ -191,7 +191,9 @@ class Save:
         None, "Colour at full (4:4:4) or half (4:2:0) resolution in JPEG and AVIF. Default: same as the original."
     )
     keep_times: bool = option(False, "Give each result the access and modification times of its photo.", page=False)
-    only_changed: bool = option(False, "Write only photos that change. Default: copy the others.", page=False)
+    only_changed: bool = option(
+        False, "Write only photos that change. Default: into a folder, copy the others, too.", page=False
+    )
     keep_names: bool = option(
         False, "Keep the photos' file names for the results, in the folder set by --output.", page=False
     )

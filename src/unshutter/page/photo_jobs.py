@@ -68,7 +68,7 @@ def saved(open_file: OpenFile, target: Path, options: PhotoOptions) -> dict[str,
     """Writes the rectified photo exactly as `unshutter rectify` does, and returns the verdict and a note as JSON."""
     with errors_of(open_file, {target: target.name, **neighbour_names(options.neighbours)}):
         asked, motion = _with_known_motion(open_file, options)
-        job = Job(open_file.path, target, None, overwrite=False, max_pixels=open_file.max_pixels)
+        job = Job(open_file.path, target, None, False, open_file.max_pixels, unchanged=target)
         outcome = finish_job(job, asked, motion)
     verdict = outcome.verdict.as_json() if outcome.verdict else {}
     return {**verdict, "note": outcome.note} if outcome.note else verdict

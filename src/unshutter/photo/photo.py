@@ -106,12 +106,13 @@ class Photo(FileOutput):
         )
 
     @classmethod
-    def from_array(cls, array: np.ndarray, exposure_s: float | None = None) -> Photo:
+    def from_array(cls, array: np.ndarray, exposure_s: float | None = None, *, software: str = "") -> Photo:
         """Creates a photo from a copy of pixels [H, W] or [H, W, 1..4] (grey, RGB, each with or without alpha).
 
         Args:
             array: the pixels, uint8 or uint16.
             exposure_s: exposure time [s] for EXIF; None: no EXIF.
+            software: name of the program for EXIF instead, in ASCII, if the picture is drawn.
 
         Raises:
             UnshutterError: the shape or type is unsupported, or there are no pixels.
@@ -124,6 +125,8 @@ class Photo(FileOutput):
             from unshutter.photo import exposure
 
             metadata = Metadata(exif=exposure.blob_of(exposure_s))
+        elif software:
+            metadata = Metadata(exif=exif.of_software(software))
         return cls("array", height, width, bands, 1, None, None, Coding(), metadata, pixels)
 
     def with_pixels(self, pixels: np.ndarray) -> Photo:
@@ -278,6 +281,11 @@ class Photo(FileOutput):
         from unshutter.photo import exposure  # imported here, as below, so that decoding can start first
 
         return exposure.time_s(self._metadata.exif)
+
+    @property
+    def software(self) -> str:
+        """The program that wrote the file, from EXIF; empty if unknown."""
+        return exif.software(self._metadata.exif)
 
     def taken(self) -> datetime | None:
         """Returns the time at which the photo was taken, from EXIF, in the camera's time zone; None if unknown."""

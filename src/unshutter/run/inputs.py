@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -19,12 +20,14 @@ PHOTO_SUFFIXES = {suffix for format in FORMATS.values() for suffix in format.suf
 FILM_SUFFIXES = {".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".3g2"}
 FILM_SUFFIXES |= {".ts", ".mts", ".m2ts", ".mpg", ".mpeg", ".wmv", ".flv"}
 RECTIFIED = ".rectified"
+_RESULT = re.compile(rf"(.+){re.escape(RECTIFIED)}(?:-(\d+))?")  # stem of a result
+MADE_BY_US = "made by unshutter"
 _OURS = "unshutter-manifest"
 _NO_PHOTOS = "no photos"
 # reasons for skipping files in a folder, as counted in logs
 _REASONS: dict[str, Callable[[PurePosixPath], bool]] = {
     "hidden": lambda name: any(part.startswith(".") for part in name.parts),
-    "made by unshutter": lambda name: name.stem.endswith(RECTIFIED) or name.parts[0].startswith(_OURS),
+    MADE_BY_US: lambda name: _RESULT.fullmatch(name.stem) is not None or name.parts[0].startswith(_OURS),
     "with several pictures in one file": lambda name: name.suffix.lower() == SEVERAL_PICTURES,
     "films": lambda name: name.suffix.lower() in FILM_SUFFIXES,
     _NO_PHOTOS: lambda name: name.suffix.lower() not in PHOTO_SUFFIXES,
@@ -50,6 +53,10 @@ class Inputs:
             *self.photos,
             *(film for photo in self.photos if isinstance(photo, Path) for film in films_beside(photo)),
         ]
+
+    def pass_over(self, reason: str, suffix: str) -> None:
+        """Counts a file as skipped."""
+        self.passed_over.setdefault(reason, Counter())[suffix.lower()] += 1
 
     def counts(self) -> dict[str, int]:
         """Returns the number of skipped files by reason."""
@@ -84,7 +91,7 @@ def find_photos(sources: Iterable[str | os.PathLike[str]], leave_out: Place | No
         for name, reason in names_below(source, leave_out, inputs.unreadable):
             reason = reason or next((why for why, applies in _REASONS.items() if applies(name)), "")
             if reason:
-                inputs.passed_over.setdefault(reason, Counter())[name.suffix.lower()] += 1
+                inputs.pass_over(reason, name.suffix)
             else:
                 inputs.photos.setdefault(source / name, name.parent)
                 is_empty = False
@@ -118,21 +125,40 @@ def picture_name(photo: Place, format: str | None = None, keep: bool = False) ->
 
     A result in another format keeps the whole name, ``a.heic`` -> ``a.heic.rectified.avif``, because cameras write
     ``a.jpg`` next to it; a name that is kept changes its extension, ``a.heic`` -> ``a.avif``. Read-only formats have an
-    output format by default.
+    output format by default. A photo that is itself a result gets a number: ``a.rectified-2.jpg``.
     """
     own = of_suffix(photo.suffix)
     kind = format or (own.written_as if own else "")
     same = not kind or (own and kind == own.name)
+    suffix = photo.suffix if same else WRITTEN[kind].suffixes[0]
     if keep:
-        return photo.name if same else f"{photo.stem}{WRITTEN[kind].suffixes[0]}"
-    if same:
-        return fitting(f"{photo.stem}{RECTIFIED}{photo.suffix}")
-    return fitting(f"{photo.name}{RECTIFIED}{WRITTEN[kind].suffixes[0]}")
+        return photo.name if same else f"{photo.stem}{suffix}"
+    return _marked(photo, photo.stem if same else photo.name, suffix)
+
+
+def unchanged_name(photo: Place, format: str | None = None, keep: bool = False) -> str:
+    """Returns the name of a photo that is left unchanged: its own, unless another format is requested.
+
+    Then the whole name is kept, ``a.heic`` -> ``a.heic.jpg``, or only the stem, as by :func:`picture_name`.
+    """
+    own = of_suffix(photo.suffix)
+    if format is None or (own is not None and own.name == format):
+        return photo.name
+    suffix = WRITTEN[format].suffixes[0]
+    return _cut(photo.stem if keep else photo.name, MOST_BYTES - len(suffix)) + suffix
 
 
 def film_name(film: PurePath) -> str:
     """Returns the name of a film's result: ``walk.mp4`` -> ``walk.rectified.mp4``."""
-    return fitting(f"{film.stem}{RECTIFIED}{film.suffix}")
+    return _marked(film, film.stem, film.suffix)
+
+
+def _marked(source: Place | PurePath, stem: str, suffix: str) -> str:
+    """Returns a result's name; if the source is a result itself, it gets the next number instead of a second mark."""
+    earlier = _RESULT.fullmatch(source.stem)
+    if earlier is None:
+        return fitting(f"{stem}{RECTIFIED}{suffix}")
+    return fitting(f"{earlier[1]}{RECTIFIED}{suffix}", f"-{int(earlier[2] or 1) + 1}")
 
 
 def motion_name(stem: str) -> str:

@@ -44,15 +44,17 @@ class InThisProcess(Executor):
 
 
 Work = Callable[[Job], Outcome]
+_IF_UNCHANGED = 3  # the first of a job's targets that are for photos left unchanged
 
 
 def check_outputs(job: Job, files: RunFiles, new_folders: bool = False) -> None:
     """Checks that a job may write its outputs, as far as a quick check can tell; new folders will be created."""
-    for target, left in zip(job.targets, job.left, strict=True):
+    for k, (target, left) in enumerate(zip(job.targets, job.left, strict=True)):
         if target is not None and not (new_folders and isinstance(target, Path) and not target.parent.is_dir()):
             files.check(target)
-            # the worker checks the digest of what an earlier run may have written
-            check_place(target, job.overwrite or job.may_repeat or left is not None)
+            # the worker checks the digest of what an earlier run may have written, and whether the file at the place of
+            # a copy is such a copy
+            check_place(target, job.overwrite or job.may_repeat or left is not None or k >= _IF_UNCHANGED)
 
 
 @dataclass
@@ -173,6 +175,8 @@ class Batch:
     def _report_on(self, job: Job, outcome: Outcome) -> None:
         if not outcome.error:
             self.report.done(job, outcome)
+        elif outcome.is_preview and self.report.total > 1:
+            self.report.not_taken(job)
         elif self.report.total == 1:
             unknown = UnknownRatioError if outcome.unknown_ratio else UnshutterError
             raise (UsageError if outcome.usage else unknown)(outcome.error)

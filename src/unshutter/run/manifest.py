@@ -126,7 +126,9 @@ class Manifest:
         same = (entry.get("source_is"), entry.get("options")) == (source_is, self._options) and source_is is not None
         # a result is unmodified by its size and time, or, if it was copied, by its digest
         is_whole = all(
-            recorded.get(key) == found or (left.get(target) is not None and locations.digest(target) == left[target])
+            recorded.get(key) == found
+            or (key in recorded and recorded[key] is None)  # it was not written, so this is somebody else's
+            or (left.get(target) is not None and locations.digest(target) == left[target])
             for target, key, found in zip(job.outputs, keys, now, strict=True)
         )
         return "finished" if entry["state"] == "done" and same and is_whole else "open", known

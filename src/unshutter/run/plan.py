@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from functools import cached_property, partial
@@ -17,9 +18,9 @@ from typing import TYPE_CHECKING
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError
 from unshutter.options import Rectify, Run, model_for
 from unshutter.photo.formats import WRITTEN, of_suffix, of_target
-from unshutter.run.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES, Inputs, motion_name, picture_name
+from unshutter.run.inputs import FILM_SUFFIXES, PHOTO_SUFFIXES, Inputs, motion_name, picture_name, unchanged_name
 from unshutter.run.manifest import NAME, Manifest
-from unshutter.run.work import SHEET_PX, Job, open_photo
+from unshutter.run.work import SHEET_PX, Job, PreviewError, open_photo
 from unshutter.single.register import check_name, weights_file
 from unshutter.storage.files import check_motion_name, check_target, remove_leftovers
 from unshutter.storage.locations import Place, RunFiles, absolute, place
@@ -122,7 +123,7 @@ def planned(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> Plan:
     if home is not None:
         files.writes("the manifest", home / f"{NAME}.jsonl")
         files.check(home / f"{NAME}.jsonl")
-    purposes = ("the picture", "its motion", "its mask")
+    purposes = ("the picture", "its motion", "its mask", "the picture", "its mask")
     for what, targets in zip(purposes, zip(*(job.targets for job in jobs), strict=True), strict=True):
         files.writes(what, *targets)
     for job in jobs[:1]:  # those of several photos are named here
@@ -164,14 +165,23 @@ def _checked(request: Rectify, inputs: Inputs, into: Outputs, run: Run) -> Recti
 def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list[Job]:
     """Creates a job for each photo."""
     rectified = partial(picture_name, format=request.save.format, keep=request.save.keep_names)
+    unchanged: dict[Place, Place] = {}
     if into.pictures is not None:
         targets = _plan_targets(inputs, into.pictures, rectified)
-    else:
+        own_name = partial(unchanged_name, format=request.save.format, keep=request.save.keep_names)
+        unchanged = _plan_targets(inputs, into.pictures, own_name)
+        unchanged = {photo: copy for photo, copy in unchanged.items() if not _is_same(photo, copy)}
+    else:  # next to the photos, only what changes is written
         targets = _all_different({photo: photo.with_name(rectified(photo)) for photo in inputs.photos})
     motions = motion_targets(inputs, into.motions) if into.motions else {}
     if into.masks:
         into.masks.must_be_folder("masks need")
     where = absolute if run.scheduler is not None else lambda path: path  # other machines: other working folders
+
+    def mask(photo: Place, picture: Place) -> Place | None:
+        """The picture's whole name plus ``.png``, as COLMAP expects."""
+        return where(into.masks.place / inputs.photos[photo] / f"{picture.name}.png") if into.masks else None
+
     preview_px = 0 if len(targets) == 1 else SHEET_PX
     for file in (file for pair in targets.items() for file in pair if request.save.keep_times):
         if not isinstance(file, Path):  # only the store sets times of objects
@@ -181,8 +191,9 @@ def _jobs_for(inputs: Inputs, into: Outputs, request: Rectify, run: Run) -> list
             source=where(photo),
             target=where(target),
             motion_target=where(motions[photo]) if motions else None,
-            # the picture's whole name plus ``.png``, as COLMAP expects
-            mask_target=where(into.masks.place / inputs.photos[photo] / f"{target.name}.png") if into.masks else None,
+            mask_target=mask(photo, target),
+            unchanged=where(unchanged[photo]) if photo in unchanged else None,
+            unchanged_mask=mask(photo, unchanged.get(photo, target)),
             overwrite=run.overwrite,
             max_pixels=run.max_pixels,
             preview_px=preview_px if run.preview is not None else None,
@@ -197,6 +208,13 @@ def _plan_targets(inputs: Inputs, goal: Goal, name: Callable[[Place], str]) -> d
         return {next(iter(inputs.photos)): goal.place}
     goal.must_be_folder("several photos need")
     return _all_different({photo: goal.place / (inside / name(photo)) for photo, inside in inputs.photos.items()})
+
+
+def _is_same(photo: Place, copy: Place) -> bool:
+    """Whether the place of a copy is the photo itself, because results go to the folder of the photos."""
+    with suppress(OSError):
+        return copy.samefile(photo) if isinstance(copy, Path) and isinstance(photo, Path) else copy == photo
+    return False
 
 
 def _all_different(targets: dict[Place, Place]) -> dict[Place, Place]:
@@ -292,6 +310,8 @@ def _grey_frames(
         try:
             photo = open_photo(where, max_pixels)
             frame = finder.look(photo)
+        except PreviewError:  # not a frame: its neighbours are each other's
+            continue
         except UnshutterError:
             last = None
             yield None

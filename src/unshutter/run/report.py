@@ -15,8 +15,8 @@ from unshutter.errors import UnshutterError, errors_in_one_line
 from unshutter.photo import Photo
 from unshutter.progress import Progress, rate
 from unshutter.reasons import Cause, Code, pixels
-from unshutter.run.inputs import Inputs
-from unshutter.run.work import Job, Outcome, open_photo
+from unshutter.run.inputs import MADE_BY_US, Inputs
+from unshutter.run.work import PREVIEW, Job, Outcome, PreviewError, open_photo
 from unshutter.storage.files import JsonLog
 from unshutter.storage.locations import Place, fingerprint
 
@@ -81,7 +81,7 @@ class Report:
         self._count(
             "done",
             job.source,
-            target=str(job.target) if outcome.is_written else None,
+            target=None if outcome.picture is None else str(outcome.picture),
             **(verdict.as_json() if verdict else {}),
             seconds=round(outcome.seconds, 3),
             **extras,
@@ -115,6 +115,12 @@ class Report:
         """Writes the preview, if there is one, and reports it."""
         if self._preview is not None:
             self.tell(self._preview.save())
+
+    def not_taken(self, job: Job) -> None:
+        """Counts a file that turned out not to be a photo."""
+        self._inputs.pass_over(MADE_BY_US, job.source.suffix)
+        self.total -= 1
+        self._bar.advance()
 
     def failed(self, photo: str | Place, error: str, seconds: float = 0.0) -> None:
         """Reports a photo that failed."""
@@ -172,6 +178,9 @@ def each_photo(inputs: Inputs, one: Callable[[Place, Tell], None]) -> int:
             except UnshutterError as error:
                 if len(files) == 1:
                     raise
+                if isinstance(error, PreviewError):
+                    inputs.pass_over(MADE_BY_US, photo.suffix)
+                    continue
                 failed += 1
                 bar.tell(f"unshutter: {error}")
             bar.advance()
@@ -248,7 +257,7 @@ class Preview:
         """Writes the picture; returns a line about it."""
         if not self._pairs:
             return f"no photo was done: {self._path} was not written"
-        Photo.from_array(_sheet(self._pairs)).save(self._path, quality=90, overwrite=self._overwrite)
+        Photo.from_array(_sheet(self._pairs), software=PREVIEW).save(self._path, quality=90, overwrite=self._overwrite)
         more = f" (the first {MOST_PHOTOS} photos; {self._left_out} more are not in it)" if self._left_out else ""
         return f"before and after: {self._path}{more}"
 

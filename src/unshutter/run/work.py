@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from unshutter.errors import UnknownRatioError, UnshutterError, UsageError, WeightsError, errors_in_one_line
 from unshutter.options import MAX_PIXELS, Camera, Find, Rectify, Save, Undo
 from unshutter.photo import Photo
-from unshutter.photo.formats import of_target
+from unshutter.photo.formats import FORMATS, of_suffix, of_target
 from unshutter.photo.libvips import libvips
 from unshutter.photo.saving import not_written
 from unshutter.single.register import load, method
@@ -27,12 +27,17 @@ if TYPE_CHECKING:
     from unshutter.frames.sequence import FrameMotion
     from unshutter.frames.sequence_rectification import RectifiedFrame
     from unshutter.motion import Motion
-    from unshutter.motion.rectified import Rectified
+    from unshutter.motion.rectified import Rectified, Result
     from unshutter.motion.verdict import Verdict
     from unshutter.single.estimator import Estimator
 
 
 SHEET_PX = 320  # long side of each picture of a sheet
+PREVIEW = "unshutter --preview"  # the program that previews name in EXIF
+
+
+class PreviewError(UnshutterError):
+    """A file is not a photo but a preview that unshutter made."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +45,15 @@ class Job:
     """One photo and the places for its results."""
 
     source: Place  # the photo
-    target: Place  # its rectified picture
+    target: Place  # its rectified picture, if it changes
     motion_target: Place | None  # its motion file; None: not written
     overwrite: bool  # whether outputs may replace existing files
     max_pixels: int  # pixel limit for photos that are read
     # whether an earlier attempt may have written outputs before its worker died or its run was killed; existing files
     # with identical bytes are then kept
     may_repeat: bool = False
-    # digests of picture, motion file and mask that an earlier run wrote for this photo; files that still have these
-    # digests may be replaced
-    left: tuple[str | None, ...] = (None, None, None)
+    # digests of the targets that an earlier run wrote for this photo; files that still have them may be replaced
+    left: tuple[str | None, ...] = (None,) * 5
     recorded: bool = False  # whether the manifest needs digests of the outputs
     # its motion, found from its neighbours in a sequence; None: estimated, or shared by all photos. before, after:
     # its neighbours in a sequence.
@@ -57,17 +61,20 @@ class Job:
     before: Place | None = None
     after: Place | None = None
     mask_target: Place | None = None  # the mask of its valid pixels; None: not written
+    # the same two for a photo that is left unchanged: usually a copy of its file under its own name
+    unchanged: Place | None = None
+    unchanged_mask: Place | None = None
     preview_px: int | None = None  # long side [px] of the before and after pictures, 0 for full size; None: no preview
 
     @property
-    def targets(self) -> tuple[Place, Place | None, Place | None]:
-        """Picture, motion file and mask; None for those that are not written."""
-        return self.target, self.motion_target, self.mask_target
+    def targets(self) -> tuple[Place | None, ...]:
+        """Picture, motion file and mask, then picture and mask if it is left unchanged; None: not written."""
+        return self.target, self.motion_target, self.mask_target, self.unchanged, self.unchanged_mask
 
     @property
     def outputs(self) -> list[Place]:
-        """The targets that are to be written."""
-        return [target for target in self.targets if target is not None]
+        """The targets that may be written, each once."""
+        return list(dict.fromkeys(target for target in self.targets if target is not None))
 
 
 @dataclass(frozen=True)
@@ -76,21 +83,17 @@ class Outcome:
 
     error: str = ""  # one line; empty on success
     usage: bool = False  # whether the error concerns the request rather than the photo
+    is_preview: bool = False  # whether the file is no photo but a preview from an earlier run
     unknown_ratio: bool = False  # whether the frames do not show their camera's readout ratio
     note: str = ""  # further information for the user
     model: str = ""  # motion model used for a photo with neighbours (frames/sequence_rectification.py); otherwise empty
     verdict: Verdict | None = None  # whether the photo was changed, and why not
     seconds: float = 0.0  # duration of the job
     source_is: str | None = None  # fingerprint of the photo that was read
-    # fingerprints of the job's outputs; None for a picture that was not written
-    outputs_are: tuple[str | None, ...] = ()
+    picture: Place | None = None  # the picture that was written; for an unchanged photo there may be none
+    outputs_are: tuple[str | None, ...] = ()  # fingerprints of the job's outputs; None for those that were not written
     digests: tuple[str | None, ...] = ()  # digests of the outputs, if they are recorded
     preview: tuple[np.ndarray, np.ndarray] | None = None  # the before and after pictures for a preview
-
-    @property
-    def is_written(self) -> bool:
-        """Whether a picture was written; for an unchanged photo there may be none."""
-        return self.outputs_are[:1] != (None,)
 
 
 # ---- photos ahead of their turn ----------------------------------------------------------------------------------
@@ -198,8 +201,17 @@ class PhotoAhead:
 
 
 def open_photo(place: Place, max_pixels: int = MAX_PIXELS) -> Photo:
-    """Opens the photo of a place, a file or an object behind a URL; errors are those of ``Photo.open``."""
-    return Photo.open(place, max_pixels) if isinstance(place, Path) else Photo.from_bytes(read_place(place), max_pixels)
+    """Opens the photo of a place, a file or an object behind a URL; errors are those of ``Photo.open``.
+
+    Raises PreviewError for previews, which otherwise would be taken for photos by the next run over their folder.
+    """
+    if isinstance(place, Path):
+        photo = Photo.open(place, max_pixels)
+    else:
+        photo = Photo.from_bytes(read_place(place), max_pixels)
+    if photo.software == PREVIEW:
+        raise PreviewError("it is a preview that unshutter made, not a photo")
+    return photo
 
 
 # ---- the job -----------------------------------------------------------------------------------------------------
@@ -216,16 +228,13 @@ def do_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Loo
         with errors_in_one_line(job.source):
             outcome = finish_job(job, request, motion, lookahead)
     except UnshutterError as error:
-        usage, unknown_ratio = isinstance(error, UsageError), isinstance(error, UnknownRatioError)
-        return Outcome(str(error), usage, unknown_ratio, seconds=time.perf_counter() - start)
+        usage, preview, ratio = (isinstance(error, kind) for kind in (UsageError, PreviewError, UnknownRatioError))
+        return Outcome(str(error), usage, preview, ratio, seconds=time.perf_counter() - start)
     return replace(outcome, seconds=time.perf_counter() - start)
 
 
 def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead: Lookahead | None = None) -> Outcome:
     """Runs the job."""
-    over_picture, over_motion, over_mask = (
-        _may_replace(job, *output) for output in zip(job.targets, job.left, strict=True)
-    )
     source_is = fingerprint(job.source)  # taken before reading: a photo that is modified later counts as changed
     if lookahead is None:
         find = None if motion is not None else request.find_alone
@@ -238,21 +247,27 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead:
         model = result.model
     else:
         result = _alone(ahead, request, motion)
-    if job.motion_target is not None and result.motion is not None:
-        write_place(f"{result.motion.to_json()}\n".encode(), job.motion_target, over_motion, mode_of=job.source)
-    if job.mask_target is not None:
+    picture, mask_target = (job.target, job.mask_target) if result.changed else (job.unchanged, job.unchanged_mask)
+    picture = picture if result.changed or not request.save.only_changed else None
+    motion_target = job.motion_target if result.motion is not None else None
+    left = dict(zip(job.targets, job.left, strict=True))
+    written = {target for target in (picture, motion_target, mask_target) if target is not None}
+    may_replace = {target: _may_replace(job, target, left[target]) for target in written}
+    about = _about_edges(result)
+    if picture is not None:
+        as_written = _save_picture(result, job.source, picture, may_replace[picture], request.save)
+        about = "; ".join(filter(None, (about, as_written)))
+    if motion_target is not None:
+        assert result.motion is not None
+        text = f"{result.motion.to_json()}\n".encode()
+        write_place(text, motion_target, may_replace[motion_target], mode_of=job.source)
+    if mask_target is not None:
         mask = Photo.from_array(result.valid.astype("uint8") * 255).to_bytes("png")  # 255: the photo shows the scene
-        write_place(mask, job.mask_target, over_mask, mode_of=job.source)
-    written = result.changed or not request.save.only_changed
-    if written:
-        about = "; ".join(
-            filter(None, (_about_edges(result), _save_picture(result, job.target, over_picture, request.save)))
-        )
-    else:
-        about = ""
-        if job.left[0] is not None and digest(job.target) == job.left[0]:
-            remove(job.target)  # left by a run with other options
-    outputs = [target if written or target is not job.target else None for target in job.outputs]
+        write_place(mask, mask_target, may_replace[mask_target], mode_of=job.source)
+    for target in job.outputs:
+        if target not in written and left[target] is not None and digest(target) == left[target]:
+            remove(target)  # left by a run with other options
+    outputs = [target if target in written else None for target in job.outputs]
     preview = None
     if job.preview_px is not None:
         before = result.original.upright(job.preview_px)
@@ -262,6 +277,7 @@ def finish_job(job: Job, request: Rectify, motion: str | None = None, lookahead:
         note=about,
         model=model,
         source_is=source_is,
+        picture=picture,
         outputs_are=tuple(fingerprint(target) if target else None for target in outputs),
         digests=tuple(digest(target) if job.recorded and target else None for target in outputs),
         preview=preview,
@@ -316,9 +332,9 @@ def _about_edges(result: Rectified | RectifiedFrame) -> str:
     return f"black corners kept: --edges crop would leave {share}"
 
 
-def _may_replace(job: Job, target: Place | None, left: str | None) -> bool:
+def _may_replace(job: Job, target: Place, left: str | None) -> bool:
     """Whether an output may replace an existing file, because the user allows it or an earlier run wrote it."""
-    if target is None or job.overwrite or left is None:
+    if job.overwrite or left is None:
         return job.overwrite
     if digest(target) == left:
         return True
@@ -335,12 +351,18 @@ def _parsed(text: str) -> Motion:
     return Motion.from_json(text)
 
 
-def _save_picture(result: Rectified | RectifiedFrame, target: Place, overwrite: bool, save: Save) -> str:
-    """Writes a job's result in the format of its name; returns what the user should know of it, usually nothing."""
+def _save_picture(result: Result, source: Place, target: Place, overwrite: bool, save: Save) -> str:
+    """Writes a job's result in the format of its name; returns what the user should know of it, usually nothing.
+
+    A photo that is left unchanged is copied, whatever the quality, unless its name asks for another format.
+    """
     from unshutter.motion.rectified import write_result
 
+    own = FORMATS[result.original.format]
+    if not result.changed and (target.suffix == source.suffix or of_suffix(target.suffix) is own):
+        write_result(result, target, own, Save(keep_times=save.keep_times), overwrite)
+        return ""
     format = of_target(Path(target.name))
-    encoded = not result.changed and result.photo.file_as(format.name, save) is None
     left_out = write_result(result, target, format, save, overwrite)
-    anew = f"encoded as {format.name.upper()}" if encoded else ""
+    anew = "" if result.changed else f"encoded as {format.name.upper()}"
     return "; ".join(filter(None, (anew, not_written(left_out))))
