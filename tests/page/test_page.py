@@ -126,15 +126,30 @@ def test_bad_files_and_many(page: Page, photo: Path, tmp_path: Path) -> None:
     expect(page.locator("#thumbnails li:nth-child(4) .thumbnail")).to_have_attribute("data-state", "alone")
     with page.expect_download() as download:
         page.get_by_role("button", name="Save all (zip)").click()
+        expect(page.get_by_role("dialog")).to_contain_text("2 of 3 were straightened.")
+        expect(page.get_by_role("button", name="Only straightened ones")).to_be_focused()
+        page.get_by_role("button", name="All, unchanged ones as they are").click()
     packed = zipfile.ZipFile(download.value.path())
-    assert packed.namelist() == ["street.rectified.jpg", "large.rectified.jpg", "other.rectified.jpg"]
-    assert packed.read("other.rectified.jpg") == other.read_bytes()
+    assert packed.namelist() == ["street.rectified.jpg", "large.rectified.jpg", "other.jpg"]
+    assert packed.read("other.jpg") == other.read_bytes()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save all (zip)").click()
+        page.keyboard.press("Enter")
+    assert zipfile.ZipFile(download.value.path()).namelist() == ["street.rectified.jpg", "large.rectified.jpg"]
+    page.get_by_role("button", name="Straightened 2").click()
+    with page.expect_download() as download:  # all that the filter shows are changed: there is nothing to ask
+        page.get_by_role("button", name="Save these 2 (zip)").click()
+    assert zipfile.ZipFile(download.value.path()).namelist() == ["street.rectified.jpg", "large.rectified.jpg"]
     page.evaluate("""() => new MutationObserver((_, observer) => {
         const box = document.getElementById('saving');
         if (!box.hidden) { observer.disconnect(); document.getElementById('saving-stop').click(); }
     }).observe(document.getElementById('saving'), { attributes: true })""")
-    page.get_by_role("button", name="Save all (zip)").click()
+    page.get_by_role("button", name="Save these 2 (zip)").click()
     expect(page.locator("#notice")).to_contain_text("Cancelled")
+    page.get_by_role("button", name="All 4").click()
+    page.get_by_role("button", name="Save all (zip)").click()
+    page.get_by_role("dialog").get_by_role("button", name="Cancel").click()
+    expect(page.locator("#saving")).to_be_hidden()
     page.get_by_role("button", name="Close bad.jpg").click()
     expect(page.locator("#thumbnails li")).to_have_count(3)
 

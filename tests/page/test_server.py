@@ -6,8 +6,11 @@ import zipfile
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 
+from support import clips
+from support.camera_files import heic
 from support.frame_pairs import Scene
 from support.page_server import events, opened, run_command
 from unshutter.photo import Photo
@@ -30,9 +33,9 @@ def test_a_picture_is_the_command_lines_to_the_byte(
         assert saved.content == expected.read_bytes()
         client.get(f"/api/photos/{id}/after", params=options)  # whose motion is then used again
     assert json.loads(saved.headers["unshutter-result"])["changed"] == (options.get("strength") != "0")
-    assert json.loads(saved.headers["unshutter-name"]) == (
-        "street.jpg.rectified.png" if "format" in options else "street.rectified.jpg"
-    )
+    changed_name = "street.jpg.rectified.png" if "format" in options else "street.rectified.jpg"
+    name = "street.jpg" if options.get("strength") == "0" else changed_name
+    assert json.loads(saved.headers["unshutter-name"]) == name
 
 
 def test_a_motion_is_the_command_lines(client: httpx.Client, photo: Path, tmp_path: Path) -> None:
@@ -97,6 +100,28 @@ def test_a_zip_file_of_all(client: httpx.Client, photo: Path, tmp_path: Path) ->
     assert packed.namelist() == ["street.rectified.jpg", "street.rectified-2.jpg"]
     run_command("rectify", photo, "-o", tmp_path / "half.jpg", "--strength", "0.5")
     assert packed.read("street.rectified-2.jpg") == (tmp_path / "half.jpg").read_bytes()
+
+
+@pytest.mark.parametrize("only_changed", [True, False])
+def test_unchanged_ones_keep_their_names_or_are_left_out(
+    client: httpx.Client, photo: Path, tmp_path: Path, only_changed: bool
+) -> None:
+    still = clips.write(tmp_path / "still.mp4", [clips.moving(2)[1][0]] * 8)
+    film = client.post("/api/clips", content=still.read_bytes(), headers={"Unshutter-Name": "still.mp4"}).json()["id"]
+    iphones = {"Unshutter-Name": "IMG_1.HEIC"}
+    grey = heic(np.full((300, 400, 3), 128, np.uint8))
+    ids = [client.post("/api/photos", content=grey, headers=iphones).json()["id"] for _ in range(2)]
+    photos = [{"id": each} for each in (*ids, opened(client, photo))]
+    items = [*photos, {"id": film, "options": {"readout-ratio": "0.6"}}]
+    body = {"to": "zip", "photos": items, "only_changed": only_changed}
+    saving = client.post("/api/saves", json=body).json()
+    told = list(events(client, saving["id"]))[-1]
+    packed = zipfile.ZipFile(io.BytesIO(client.get(f"/api/saves/{saving['id']}/file").content))
+    unchanged = [] if only_changed else ["IMG_1.HEIC", "IMG_1-2.HEIC"]
+    assert packed.namelist() == [*unchanged, "street.rectified.jpg", *([] if only_changed else ["still.mp4"])]
+    assert [each.get("result") for each in told["done"]].count(None) == (3 if only_changed else 0)
+    assert all(packed.read(name) == grey for name in unchanged)
+    assert only_changed or packed.read("still.mp4") == still.read_bytes()
 
 
 def test_a_photo_that_cannot_be_saved_does_not_spoil_the_others(

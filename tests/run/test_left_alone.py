@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from support.batches import make_photos, rectify
-from support.camera_files import dng, linear
-from support.rich_files import heic
+from support.camera_files import dng, heic, linear
 from support.sure_estimator import Sure
 from unshutter.motion import Motion, RowMotion
 from unshutter.photo import Photo

@@ -29,7 +29,7 @@ from unshutter.options.clip_options import RectifyClip
 from unshutter.page import clip_jobs, photo_jobs
 from unshutter.page.guard import Guard, Limits
 from unshutter.page.opened import Kind
-from unshutter.page.saves import Item, Saving, Savings, To, photo_result
+from unshutter.page.saves import Item, Saving, Savings, To, photo_result, unchanged_photo
 from unshutter.page.settings import PhotoOptions, page_module, read, read_clip
 from unshutter.page.store import Busy, Desk, Full, Missing, OpenFile, Urgency
 from unshutter.run.inputs import motion_name
@@ -162,9 +162,15 @@ async def _segments(request: Request) -> Response:
 async def _picture(request: Request) -> Response:
     """The rectified photo as a file, exactly as the command line would write it."""
     open_file, options = _open_file(request), _photo_options(request)
-    name = photo_result(open_file.name, options.save.format)
-    target = open_file.path.with_name(f"result-{secrets.token_hex(6)}{PurePosixPath(name).suffix}")
-    report = await _do(request, Urgency.NOW, photo_jobs.saved, target, options)
+    names = [name(open_file.name, options.save.format) for name in (photo_result, unchanged_photo)]
+    token = secrets.token_hex(6)
+    targets = [
+        open_file.path.with_name(f"{what}-{token}{PurePosixPath(name).suffix}")
+        for what, name in zip(("result", "copy"), names, strict=True)
+    ]
+    report = await _do(request, Urgency.NOW, photo_jobs.saved, *targets, options)
+    target = open_file.path.with_name(report.pop("result"))
+    name = names[[each.name for each in targets].index(target.name)]
     headers = {"unshutter-result": _header(report), "unshutter-name": _header(name)}
     clean_up = BackgroundTask(target.unlink, missing_ok=True)
     return FileResponse(target, filename=name, headers=headers, background=clean_up)
@@ -213,8 +219,10 @@ async def _readout(request: Request) -> Response:
 
 async def _save(request: Request) -> Response:
     """Starts to save photos and clips with their options, and responds with the id of the task."""
-    to, items = _wishes(_desk(request), await _json(request))
-    return JSONResponse(request.app.state.savings.begin(to, items).as_json(), 202)
+    body = await _json(request)
+    to, items = _wishes(_desk(request), body)
+    only_changed = to == "zip" and body.get("only_changed") is True
+    return JSONResponse(request.app.state.savings.begin(to, items, only_changed).as_json(), 202)
 
 
 async def _json(request: Request) -> dict[str, Any]:

@@ -64,14 +64,19 @@ def estimated(open_file: OpenFile, options: PhotoOptions) -> str:
         return motion.rereferenced(undo.reference or "first").to_json() + "\n"
 
 
-def saved(open_file: OpenFile, target: Path, options: PhotoOptions) -> dict[str, Any]:
-    """Writes the rectified photo exactly as `unshutter rectify` does, and returns the verdict and a note as JSON."""
-    with errors_of(open_file, {target: target.name, **neighbour_names(options.neighbours)}):
+def saved(open_file: OpenFile, target: Path, unchanged: Path | None, options: PhotoOptions) -> dict[str, Any]:
+    """Writes the rectified photo exactly as `unshutter rectify` does, and returns the verdict and a note as JSON.
+
+    A photo that is left unchanged is written to ``unchanged``, or not at all; ``result`` is the name of the file.
+    """
+    names = {path: path.name for path in (target, unchanged) if path is not None}
+    with errors_of(open_file, {**names, **neighbour_names(options.neighbours)}):
         asked, motion = _with_known_motion(open_file, options)
-        job = Job(open_file.path, target, None, False, open_file.max_pixels, unchanged=target)
+        job = Job(open_file.path, target, None, False, open_file.max_pixels, unchanged=unchanged)
         outcome = finish_job(job, asked, motion)
-    verdict = outcome.verdict.as_json() if outcome.verdict else {}
-    return {**verdict, "note": outcome.note} if outcome.note else verdict
+    report = outcome.verdict.as_json() if outcome.verdict else {}
+    report |= {"result": outcome.picture.name} if outcome.picture is not None else {}
+    return {**report, "note": outcome.note} if outcome.note else report
 
 
 def candidates(open_file: OpenFile, options: PhotoOptions) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ import unicodedata
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal, TypeAlias
 
@@ -21,7 +21,7 @@ from unshutter.page.opened import ProgressFile, neighbour_names
 from unshutter.page.settings import PhotoOptions
 from unshutter.page.store import Busy, Desk, Missing, OpenFile, Urgency
 from unshutter.photo.formats import of_suffix
-from unshutter.run.inputs import MOST_BYTES, film_name, fitting, picture_name
+from unshutter.run.inputs import MOST_BYTES, film_name, fitting, picture_name, unchanged_name
 
 To: TypeAlias = Literal["file", "zip"]
 Item: TypeAlias = tuple[OpenFile, PhotoOptions | RectifyClip]  # an open photo or clip, and its options
@@ -40,6 +40,7 @@ class Saving:
     to: To  # destination; ``file`` is for a single photo or clip
     folder: Path  # temporary folder for the results
     items: list[Item]  # the photos and clips, with the options of each
+    only_changed: bool = False  # whether those that are left unchanged are left out
     kept: ExitStack = field(default_factory=ExitStack)  # keeps the files of the items until the task ends
     # reports on the items that are finished: each with the name of its ``result``, or an ``error`` of one line
     done: list[dict[str, Any]] = field(default_factory=list)
@@ -97,17 +98,33 @@ class Saving:
         try:
             if isinstance(options, RectifyClip):
                 target = self._free_name(clip_result(open_file.name))
+                options = replace(options, only_changed=self.only_changed)
                 report = await self._clip(desk, open_file, target, options)
+                is_whole = options.start is options.end is options.steadiness.stabilize is None
+                is_unchanged = self.to == "zip" and is_whole and not report["rectified"]
+                report |= await asyncio.to_thread(self._clip_result, target, open_file if is_unchanged else None)
             else:
-                target = self._free_name(photo_result(open_file.name, options.save.format))
-                report = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, open_file, target, options)
+                name, format = open_file.name, options.save.format
+                unchanged = None if self.only_changed else self._free_name(unchanged_photo(name, format))
+                places = self._free_name(photo_result(name, format)), unchanged
+                report = await desk.lanes.do(Urgency.LATER, photo_jobs.saved, open_file, *places, options)
         except UnshutterError as error:
             return {"error": str(error)}
         except OSError as error:
             return {"error": f"cannot write it: {error.strerror}"}
-        if self.to == "zip":
-            await asyncio.to_thread(_move_into_zip, target, self.folder / _ZIP_NAME)
-        return {"result": target.name, **report}
+        if self.to == "zip" and "result" in report:
+            await asyncio.to_thread(_move_into_zip, self.folder / report["result"], self.folder / _ZIP_NAME)
+        return report
+
+    def _clip_result(self, target: Path, unchanged: OpenFile | None) -> dict[str, str]:
+        """Replaces the result of an unchanged clip by a copy under its own name; returns the name, if there is one."""
+        if not target.exists():
+            return {}
+        if unchanged is not None:
+            target.unlink()
+            target = self._free_name(unchanged.name)
+            shutil.copyfile(unchanged.path, target)
+        return {"result": target.name}
 
     def _free_name(self, name: str) -> Path:
         return free_name(self.folder, name, [report.get("result", "") for report in self.done])
@@ -146,13 +163,13 @@ class Savings:
         self._desk = desk
         self._savings: dict[str, Saving] = {}
 
-    def begin(self, to: To, items: list[Item]) -> Saving:
+    def begin(self, to: To, items: list[Item], only_changed: bool = False) -> Saving:
         """Starts a new task. The files of its items may be closed at once."""
         self._make_room()
         id = secrets.token_urlsafe(9)
         folder = self._desk.store.folder / f"saving-{id}"
         folder.mkdir()
-        saving = self._savings[id] = Saving(id, to, folder, items)
+        saving = self._savings[id] = Saving(id, to, folder, items, only_changed)
         saving.kept.enter_context(self._desk.store.used([file for item in items for file in self._files(item)]))
         saving.task = asyncio.create_task(saving.run(self._desk))
         return saving
@@ -198,6 +215,11 @@ def photo_result(name: str, format: str | None) -> str:
     if of_suffix(pure.suffix) is None and format is None:
         raise UsageError(f"the name '{name}' does not say the picture's format: choose one for the result")
     return picture_name(pure, format)  # pyright: ignore[reportArgumentType]
+
+
+def unchanged_photo(name: str, format: str | None) -> str:
+    """Returns the name of a photo that is left unchanged: its own, or of another format if that is requested."""
+    return unchanged_name(PurePosixPath(name), format)  # pyright: ignore[reportArgumentType]
 
 
 def clip_result(name: str) -> str:

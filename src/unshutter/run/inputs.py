@@ -172,6 +172,8 @@ def fitting(result: str, number: str = "", most: int = MOST_BYTES) -> str:
     Whole characters are cut, until the name has at most ``most`` bytes in UTF-8.
     """
     stem, mark, ending = result.rpartition(RECTIFIED)
+    if not mark:  # the name of a photo that is left unchanged
+        stem, ending = PurePath(result).stem, PurePath(result).suffix
     tail = f"{mark}{number}{ending}"
     return _cut(stem, most - _size(tail)) + tail
 

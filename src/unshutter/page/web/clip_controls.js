@@ -58,7 +58,8 @@ export class ClipControls {
     this.readoutSource.textContent = { motion: () => words.readoutEstimated(readout),
       "table of cameras": () => words.readoutListed(readout), "usual value": () => words.readoutListed(readout),
       "the clip's file": () => words.readoutInFile(readout.ms) }[readout?.found_by]?.() ?? "";
-    this.save.disabled = asking || state === "failed" || !clip.facts;
+    this.save.disabled = asking || state === "failed" || !clip.facts || !readout;
+    this.save.title = this.save.disabled ? words.clipNotYet : "";
     this.said.replaceChildren(...sentences(clip).map((line) => make("p", {}, line)));
   }
 

@@ -6,7 +6,7 @@ import { shared } from "./controls.js";
 import { watch } from "./incoming.js";
 import { by, fill } from "./nodes.js";
 import { Photo } from "./photo.js";
-import { saveMany } from "./saving.js";
+import { saveAll } from "./saving.js";
 import { Strip } from "./strip.js";
 import { View } from "./view.js";
 import { words } from "./words.js";
@@ -19,7 +19,7 @@ let settings = { max_bytes: Infinity, max_clip_bytes: Infinity, clips: true };
 let background = 0;
 
 fill(document, words);
-const strip = new Strip(by("thumbnails"), by("strip-bar"), { pick: show, close });
+const strip = new Strip(by("thumbnails"), by("strip-bar"), { pick: show, close, filtered });
 const view = new View({ notice, toAll });
 
 // ---- photos come and go ----
@@ -65,6 +65,11 @@ function step(by) {
   const shown = photos.filter((photo) => photo === view.current || strip.shown.includes(photo));
   const next = shown[shown.indexOf(view.current) + by];
   if (next) show(next);
+}
+
+// Only those that the filter shows are saved.
+function filtered(shown) {
+  by("save-all").textContent = shown === photos.length ? words.saveAll : words.saveShown(shown);
 }
 
 function arrange() {
@@ -144,7 +149,7 @@ addEventListener("keydown", (event) => {
     event.preventDefault();
     return view.undo();
   }
-  if (!view.current || typing || event.ctrlKey || event.metaKey || event.altKey || !(key in keys)) return;
+  if (!view.current || typing || by("save-which").open || event.ctrlKey || event.metaKey || event.altKey || !(key in keys)) return;
   event.preventDefault();
   keys[key]();
 });
@@ -158,7 +163,7 @@ for (const name of ["pointerdown", "pointerup", "pointercancel", "pointerleave"]
 }
 by("zoom").title = words.zoomHelp;
 by("original").title = words.originalHelp;
-by("save-all").addEventListener("click", () => saveMany(photos, "zip", notice));
+by("save-all").addEventListener("click", () => saveAll(strip.shown, notice));
 addEventListener("beforeunload", (event) => photos.some((photo) => photo.unsaved) && event.preventDefault());
 addEventListener("pagehide", () => photos.forEach((photo) => photo.forget()));
 watch(take);

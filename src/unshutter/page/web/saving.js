@@ -23,9 +23,28 @@ export async function saveMotion(photo, notice) {
   }
 }
 
+const canBeSaved = (photo) => photo.id !== null && !["failed", "asking"].includes(photo.state);
+
+// Saves all as a zip file; if some are left unchanged, or may be, the user chooses whether they are wanted, too.
+export async function saveAll(photos, notice) {
+  const savable = photos.filter(canBeSaved);
+  const changed = savable.filter(({ state, result }) => state === "done" && result.changed).length;
+  const which = changed < savable.length ? await choice(changed, savable.length) : "all";
+  if (which) await saveMany(savable, "zip", notice, which === "changed");
+}
+
+function choice(changed, total) {
+  const dialog = by("save-which");
+  by("save-which-words").textContent = words.saveWhich(changed, total);
+  dialog.returnValue = ""; // which Escape leaves
+  dialog.showModal();
+  by("save-changed").focus();
+  return new Promise((done) => dialog.addEventListener("close", () => done(dialog.returnValue), { once: true }));
+}
+
 // Saves one or many: to = "file" or "zip".
-export async function saveMany(photos, to, notice) {
-  const savable = photos.filter((photo) => photo.id !== null && !["failed", "asking"].includes(photo.state));
+async function saveMany(photos, to, notice, onlyChanged = false) {
+  const savable = photos.filter(canBeSaved);
   if (!savable.length) return notice(words.nothingToSave);
   const [box, stop] = [by("saving"), by("saving-stop")];
   let saving = null;
@@ -34,7 +53,7 @@ export async function saveMany(photos, to, notice) {
   try {
     const wishes = savable.map((photo) => photo.wishes);
     const asked = await Promise.all(savable.map(async (photo) => ({ id: photo.id, options: await photo.asked() })));
-    const body = JSON.stringify({ to, photos: asked });
+    const body = JSON.stringify({ to, photos: asked, only_changed: onlyChanged });
     saving = await (await ask("/api/saves", { method: "POST", body })).json();
     let stopped = false;
     stop.onclick = () => {
@@ -68,7 +87,7 @@ function showHowFar({ done, total, now }) {
 
 async function ended(saving, notice) {
   const failed = saving.done.filter((each) => each.error);
-  const count = saving.done.length - failed.length;
+  const count = saving.done.filter((each) => each.result).length;
   if (saving.state === "cancelled") return notice(words.cancelled);
   if (saving.state !== "finished") return notice(saving.error);
   if (count) {
@@ -76,5 +95,6 @@ async function ended(saving, notice) {
     await download(await ask(`/api/saves/${saving.id}/file`));
   }
   const clip = saving.total === 1 && count === 1 && saving.done[0].frames !== undefined;
+  if (!count && !failed.length) return notice(words.noneChanged);
   notice(clip ? words.clipSaved(saving.done[0]) : words.saved(count, failed));
 }

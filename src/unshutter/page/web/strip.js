@@ -17,7 +17,8 @@ const FILTERS = {
 export class Strip {
   #items = new Map();
 
-  // list, bar: where thumbnails, and filter and progress, go; on: {pick(photo), close(photo)}.
+  // list, bar: where thumbnails, and filter and progress, go; on: {pick(photo), close(photo),
+  // filtered(count of those that are shown)}.
   constructor(list, bar, on) {
     this.list = list;
     this.on = on;
@@ -50,6 +51,7 @@ export class Strip {
       this.buttons[k].setAttribute("aria-pressed", name === this.filter);
     });
     for (const [photo, { item }] of this.#items) item.hidden = !FILTERS[this.filter](photo);
+    this.on.filtered(this.shown.length);
     const done = photos.filter(({ state }) => !AT_WORK.includes(state)).length;
     this.progress.hidden = done === photos.length;
     Object.assign(this.progress, { max: Math.max(photos.length, 1), value: done });

@@ -14,6 +14,10 @@ const touch = matchMedia("(pointer: coarse)").matches;
 export const words = {
   add: "Add photos or clips…",
   saveAll: "Save all (zip)",
+  saveShown: (n) => `Save these ${n} (zip)`,
+  saveWhich: (changed, total) => `${changed} of ${total} were straightened. Which ones do you want to save?`,
+  saveChanged: "Only straightened ones",
+  saveUnchanged: "All, unchanged ones as they are",
   cancel: "Cancel",
   emptyTitle: touch ? "Choose photos or clips" : "Drop photos or clips here",
   emptyWords: "Photos taken from a train, a car or a moving hand lean and bend, since a camera reads its picture row by "
@@ -238,6 +242,7 @@ export const words = {
   playAt: "Place in the film",
   filming: "Making a short film of the seconds around this moment…",
   saveClip: "Save this clip",
+  clipNotYet: "There is nothing to save until the readout time of the clip is known.",
   clipMoved: (px) => `At this moment, some places moved by up to ${pixels(px)}.`,
   clipAlone: (reason) => `This moment is left unchanged${reason ? `: ${reason}` : ""}.`,
   clipStrength0: "The clip is left unchanged, as you asked.",
@@ -291,6 +296,7 @@ export const words = {
     + (failed.length ? `; not saved: ${failed.map((each) => `${each.name} (${each.error})`).join(", ")}` : "."),
   cancelled: "Cancelled.",
   nothingToSave: "There is nothing to save yet.",
+  noneChanged: "Nothing was saved: none of them was straightened.",
 
   // what goes wrong
   tooLarge: (name, mb) => `${name} is larger than ${mb} MB, the limit set by --max-mb.`,
